@@ -42,10 +42,16 @@ print(best(lambda: fft(2 * n)), best(lambda: fft(2 * n)[:lags]), best(dots))
 fn numpy() -> Option<[f64; 3]> {
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
     let python = std::env::var_os("DEADTIME_PYTHON").map_or(own, Into::into);
-    let values = [("SAMPLES", SAMPLES.to_string()), ("LAGS", LAGS.to_string()), ("RUNS", RUNS.to_string())];
-    let script = values.iter().fold(NUMPY.to_owned(), |text, (name, value)| text.replace(name, value));
+    let values =
+        [("SAMPLES", SAMPLES.to_string()), ("LAGS", LAGS.to_string()), ("RUNS", RUNS.to_string())];
+    let script =
+        values.iter().fold(NUMPY.to_owned(), |text, (name, value)| text.replace(name, value));
     let output = Command::new(python).args(["-c", &script]).output().ok()?;
-    let times: Vec<f64> = String::from_utf8(output.stdout).ok()?.split_whitespace().filter_map(|t| t.parse().ok()).collect();
+    let times: Vec<f64> = String::from_utf8(output.stdout)
+        .ok()?
+        .split_whitespace()
+        .filter_map(|t| t.parse().ok())
+        .collect();
     times.try_into().ok()
 }
 
@@ -65,21 +71,32 @@ fn benches() {
     let (a, b) = (signal(), signal());
     let last = isize::try_from(SAMPLES).unwrap_or(isize::MAX) - 1;
     // Planned once: numpy keeps its plans too.
-    let (all_lags, few_lags) = (Correlator::new([SAMPLES; 2], -last..=last), Correlator::new([SAMPLES; 2], 0..=LAGS - 1));
+    let (all_lags, few_lags) =
+        (Correlator::new([SAMPLES; 2], -last..=last), Correlator::new([SAMPLES; 2], 0..=LAGS - 1));
     let all = || all_lags.correlate(&a, &b);
     let few = || few_lags.correlate(&a, &b);
-    let mut criterion = Criterion::default().measurement_time(Duration::from_secs(2)).sample_size(10).configure_from_args();
+    let mut criterion = Criterion::default()
+        .measurement_time(Duration::from_secs(2))
+        .sample_size(10)
+        .configure_from_args();
     let mut group = criterion.benchmark_group("correlation");
     group.bench_function("all_lags", |b| b.iter(all));
     group.bench_function("36_lags", |b| b.iter(few));
     group.finish();
     let (of_all, of_few) = (best(all), best(few));
     let Some([fft, fft_few, dots]) = numpy() else {
-        println!("no Python with numpy (DEADTIME_PYTHON, .venv/bin/python): nothing to compare with");
+        println!(
+            "no Python with numpy (DEADTIME_PYTHON, .venv/bin/python): nothing to compare with"
+        );
         return;
     };
     let ms = |s: f64| s * 1e3;
-    println!("2^20 samples, all lags: {:.1} ms, numpy by FFT {:.1} ms: {:.2} times as fast", ms(of_all), ms(fft), fft / of_all);
+    println!(
+        "2^20 samples, all lags: {:.1} ms, numpy by FFT {:.1} ms: {:.2} times as fast",
+        ms(of_all),
+        ms(fft),
+        fft / of_all
+    );
     println!(
         "2^20 samples, {LAGS} lags: {:.1} ms, numpy by FFT {:.1} ms and by dot products {:.1} ms: {:.2} and {:.2} times as fast",
         ms(of_few),

@@ -28,7 +28,15 @@ fn equations(criterion: &mut Criterion) -> Result<(), Box<dyn std::error::Error>
         let mut jacobian = vec![0.0; 16];
         group.bench_function(format!("jacobian by states/{name}"), |b| {
             b.iter(|| {
-                model.derivatives_jacobian(Wrt::States, 0.0, black_box(&x), &[1.0], &p, &mut workspace, &mut jacobian);
+                model.derivatives_jacobian(
+                    Wrt::States,
+                    0.0,
+                    black_box(&x),
+                    &[1.0],
+                    &p,
+                    &mut workspace,
+                    &mut jacobian,
+                );
                 jacobian[5]
             });
         });

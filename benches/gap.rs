@@ -24,7 +24,10 @@ const EQUATIONS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/support/tw
 fn log(document: &ModelDocument, seed: u64) -> Result<Log, deadtime::Error> {
     let system = System::new(document, |_| Ok(0.0))?;
     let input = document.inputs()[0].clone();
-    let lag = Applied { values: vec![0.08], ..Applied::nominal(&system, find("actuator_lag")?, &input.name)? };
+    let lag = Applied {
+        values: vec![0.08],
+        ..Applied::nominal(&system, find("actuator_lag")?, &input.name)?
+    };
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let time_s: Vec<f64> = (0..SAMPLES).map(|k| k as f64 * 0.01).collect();
     let mut level = 0.0;
@@ -36,11 +39,16 @@ fn log(document: &ModelDocument, seed: u64) -> Result<Log, deadtime::Error> {
     });
     let inputs = [held.collect::<Vec<f64>>()];
     let plan = Applied::plan(&system, &[lag], Chance::Mean)?;
-    let y = system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &system.initial, None)?.y;
+    let y = system
+        .simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &system.initial, None)?
+        .y;
     let mut channels = vec![Channel::new(&input.name, input.unit.as_deref(), inputs[0].clone())];
     for (port, column) in document.outputs().iter().zip(y.column_iter()) {
         let spread = column.variance().sqrt();
-        let values = column.iter().map(|v| v + 0.03 * spread * rng.sample::<f64, _>(StandardNormal)).collect();
+        let values = column
+            .iter()
+            .map(|v| v + 0.03 * spread * rng.sample::<f64, _>(StandardNormal))
+            .collect();
         channels.push(Channel::new(&port.name, port.unit.as_deref(), values));
     }
     Ok(Log::new(format!("log{seed}"), time_s, channels)?)
@@ -53,7 +61,13 @@ fn diagnoses(criterion: &mut Criterion) -> Result<(), deadtime::Error> {
         let mut group = criterion.benchmark_group("gap");
         group.sample_size(10);
         if let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(2).build() {
-            group.bench_function(name, |b| b.iter(|| pool.install(|| diagnose(&document, &logs, &[], &GapOptions::default(), &|_| ()))));
+            group.bench_function(name, |b| {
+                b.iter(|| {
+                    pool.install(|| {
+                        diagnose(&document, &logs, &[], &GapOptions::default(), &|_| ())
+                    })
+                })
+            });
         }
     }
     Ok(())

@@ -18,7 +18,9 @@ fn methods(criterion: &mut Criterion) {
             support::pace(&mut group, samples);
             let study = Common { trials: 1, samples, ..Common::default() };
             // Only for benches that criterion's filter picks.
-            let experiment = LazyCell::new(|| study.experiment(method.reference, 0).expect("the plant and its record are valid").0);
+            let experiment = LazyCell::new(|| {
+                study.experiment(method.reference, 0).expect("the plant and its record are valid").0
+            });
             group.bench_function(samples.to_string(), |b| {
                 let experiment = &*experiment;
                 b.iter(|| black_box(estimator.estimate(experiment, &Search::default())));

@@ -39,7 +39,9 @@ fn benches() {
             b.iter(|| one.install(|| black_box(arx_scan(black_box(&records), 10, 5, DELAYS - 1))));
         });
         let oe = OutputError { nb: 1, nf: 2, initial: Initial::Zero };
-        group.bench_function(format!("oe(2,1)/{name}"), |b| b.iter(|| one.install(|| black_box(oe.scan(black_box(&records), DELAYS - 1)))));
+        group.bench_function(format!("oe(2,1)/{name}"), |b| {
+            b.iter(|| one.install(|| black_box(oe.scan(black_box(&records), DELAYS - 1))))
+        });
     }
 }
 

@@ -14,7 +14,8 @@ const SAMPLES: usize = 1500;
 
 /// y(t) = 0.9·y(t−1) + 0.1·u(t−6), a command that jumps every few samples, noise that repeats.
 fn flight(samples: usize) -> Vec<(f64, f64)> {
-    let u: Vec<f64> = (0..samples).map(|k| if (k / 7 * 7919) % 23 < 11 { -1.0 } else { 1.0 }).collect();
+    let u: Vec<f64> =
+        (0..samples).map(|k| if (k / 7 * 7919) % 23 < 11 { -1.0 } else { 1.0 }).collect();
     let mut y = 0.0;
     let one = |k: usize| {
         y = 0.9 * y + 0.1 * u[k.saturating_sub(6)];

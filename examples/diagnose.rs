@@ -16,13 +16,18 @@ fn run(folder: &Path, name: &str) -> deadtime::Result<Log> {
     let logged = log::read(&folder.join(name))?;
     let voltage = Channel::new("voltage", Some("V"), logged.input("voltage")?.to_vec());
     let speed = logged.input("speed")?.iter().map(|rpm| rpm * 2.0 * PI / 60.0).collect();
-    Ok(Log::new(name, logged.time_s().to_vec(), vec![voltage, Channel::new("speed", Some("rad/s"), speed)])?)
+    Ok(Log::new(
+        name,
+        logged.time_s().to_vec(),
+        vec![voltage, Channel::new("speed", Some("rad/s"), speed)],
+    )?)
 }
 
 fn main() -> deadtime::Result<()> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
     let model = ModelDocument::read(&folder.join("drive.toml"))?;
-    let (learnt_from, held_out) = (run(&folder, "drive_run_1.csv")?, run(&folder, "drive_run_2.csv")?);
+    let (learnt_from, held_out) =
+        (run(&folder, "drive_run_1.csv")?, run(&folder, "drive_run_2.csv")?);
 
     let found = diagnose(&model, &[learnt_from], &[held_out], &GapOptions::default(), &|_| ())?;
     println!("{}", summary(&found));

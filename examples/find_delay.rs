@@ -23,14 +23,25 @@ fn main() -> deadtime::Result<()> {
     let experiment = Experiment::siso(SampleTime::new(0.01)?, &command, &response)?;
     let search = Search { max_delay: 20, ..Search::default() };
     let answer = Oestruc::default().estimate(&experiment, &search)?;
-    println!("{}: {:?} s, 95 % interval {:?} s", answer.outcome.name(), answer.delay_s, answer.ci95_s);
+    println!(
+        "{}: {:?} s, 95 % interval {:?} s",
+        answer.outcome.name(),
+        answer.delay_s,
+        answer.ci95_s
+    );
 
     // A log: every method on every pair, what the record shows, and what to believe.
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/two_inputs.csv");
-    let job = Job { max_delay_s: Some(1.5), ..Job::new(vec![log::read(&file)?], ["heater", "fan"], ["temperature"]) };
+    let job = Job {
+        max_delay_s: Some(1.5),
+        ..Job::new(vec![log::read(&file)?], ["heater", "fan"], ["temperature"])
+    };
     let report = job.run()?;
     for pair in &report.pairs {
-        println!("{} to {}: {:?} s. {}", pair.input, pair.output, pair.verdict.delay_s, pair.verdict.why);
+        println!(
+            "{} to {}: {:?} s. {}",
+            pair.input, pair.output, pair.verdict.delay_s, pair.verdict.why
+        );
     }
     println!("\n{}", deadtime::report::terminal::short(&report).plain().trim_end());
     Ok(())

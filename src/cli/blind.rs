@@ -85,34 +85,55 @@ impl Blind {
 impl RunCases {
     fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let existing = if self.fresh { Existing::Redo } else { Existing::Keep };
-        let gap = GapOptions { seed: self.seed, criteria: self.thresholds.criteria()?, ..GapOptions::default() };
-        let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis);
+        let gap = GapOptions {
+            seed: self.seed,
+            criteria: self.thresholds.criteria()?,
+            ..GapOptions::default()
+        };
+        let diagnose = |case: &CaseFiles| {
+            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis)
+        };
         let bar = Bar::new(to);
         let progress = |id: &str, outcome: &Outcome| {
             bar.say(&match outcome {
                 Outcome::Done { time_s, damage: None } => format!("{}: {time_s:.1} s", shown(id)),
-                Outcome::Done { time_s, damage: Some(why) } => format!("{}: {time_s:.1} s, made again: {why}", shown(id)),
+                Outcome::Done { time_s, damage: Some(why) } => {
+                    format!("{}: {time_s:.1} s, made again: {why}", shown(id))
+                }
                 Outcome::Kept => format!("{}: done before", shown(id)),
                 Outcome::Failed(error) => format!("{}: {}", shown(id), message(&error.to_string())),
             });
         };
-        let options = RunOptions { jobs: self.jobs, existing, far: bar.far().clone(), ..RunOptions::default() };
+        let options = RunOptions {
+            jobs: self.jobs,
+            existing,
+            far: bar.far().clone(),
+            ..RunOptions::default()
+        };
         let summary = run(&self.cases, &self.out, &options, &diagnose, &progress)?;
         drop(bar);
-        let failed: Vec<String> = summary.failed().map(|(id, error)| format!("{id}: {error}")).collect();
+        let failed: Vec<String> =
+            summary.failed().map(|(id, error)| format!("{id}: {error}")).collect();
         let done = summary.cases.len() - failed.len();
-        to.json(&serde_json::json!({ "cases": summary.cases.len(), "done": done, "failed": failed }))?;
+        to.json(
+            &serde_json::json!({ "cases": summary.cases.len(), "done": done, "failed": failed }),
+        )?;
         if failed.is_empty() {
             say!(to, "{done} cases diagnosed; verdicts in {}", self.out.display());
             return Ok(());
         }
-        bail!("{done} of {} cases were diagnosed; these were not:\n{}", summary.cases.len(), failed.join("\n"))
+        bail!(
+            "{done} of {} cases were diagnosed; these were not:\n{}",
+            summary.cases.len(),
+            failed.join("\n")
+        )
     }
 }
 
 impl ScoreVerdicts {
     fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
-        let limits: Vec<Limit> = self.require.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
+        let limits: Vec<Limit> =
+            self.require.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
         let scores = score(&load(&self.verdicts, &self.labels, self.cases.as_deref())?);
         to.json(&scores)?;
         if let Some(path) = &self.markdown {

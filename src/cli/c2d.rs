@@ -49,7 +49,8 @@ impl C2d {
                 self.model.display()
             );
         }
-        let conversion = find(CONVERSIONS, "conversion", &self.method)?.with(options(self.set.iter().map(String::as_str))?)?;
+        let conversion = find(CONVERSIONS, "conversion", &self.method)?
+            .with(options(self.set.iter().map(String::as_str))?)?;
         let about = || self.model.display().to_string();
         let pair = match (&self.input, &self.output) {
             (None, None) => None,
@@ -58,7 +59,8 @@ impl C2d {
                 Some((position("output", &file.outputs, output.as_deref())?, input))
             }
         };
-        let result = file.c2d(&*conversion, SampleTime::new(self.sample_time)?, pair).with_context(about)?;
+        let result =
+            file.c2d(&*conversion, SampleTime::new(self.sample_time)?, pair).with_context(about)?;
         to.json(&result)?;
         match &self.out {
             Some(path) => {
@@ -76,7 +78,10 @@ impl C2d {
                 );
                 Ok(())
             }
-            None => std::io::stdout().lock().write_all(result.to_toml()?.as_bytes()).context("standard output"),
+            None => std::io::stdout()
+                .lock()
+                .write_all(result.to_toml()?.as_bytes())
+                .context("standard output"),
         }
     }
 }

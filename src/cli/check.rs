@@ -21,7 +21,12 @@ use deadtime_signal::stop::Stop;
   deadtime check --model model.toml --log a.csv --log b.csv --json checks.json")]
 pub(super) struct Check {
     /// The model, deadtime/model@1; or give --simulator
-    #[arg(long, value_name = "MODEL", required_unless_present = "simulator", conflicts_with = "simulator")]
+    #[arg(
+        long,
+        value_name = "MODEL",
+        required_unless_present = "simulator",
+        conflicts_with = "simulator"
+    )]
     model: Option<PathBuf>,
     #[command(flatten)]
     simulator: SimulatorArgs,
@@ -42,7 +47,13 @@ impl Check {
         let mut logs: Vec<Log> = Vec::new();
         let mut seen = Vec::new();
         for path in &self.log {
-            logs.extend(subject.read(to, &self.reading, path, false, &mut |recording, wanted| seen.push(clocks(recording, wanted)))?);
+            logs.extend(subject.read(
+                to,
+                &self.reading,
+                path,
+                false,
+                &mut |recording, wanted| seen.push(clocks(recording, wanted)),
+            )?);
         }
         let bar = Bar::new(to);
         let mut found = inspect(&subject, &logs, &Stop::default(), bar.far())?;

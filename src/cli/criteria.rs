@@ -20,8 +20,11 @@ impl Thresholds {
     /// The program's own thresholds, with those of the file in their place.
     pub(super) fn criteria(&self) -> anyhow::Result<Criteria> {
         let Some(path) = &self.criteria else { return Ok(Criteria::default()) };
-        let read: Criteria = toml::from_str(&read_text(path)?).with_context(|| format!("{}: no thresholds", path.display()))?;
-        let Value::Object(all) = serde_json::to_value(read)? else { bail!("{}: no thresholds", path.display()) };
+        let read: Criteria = toml::from_str(&read_text(path)?)
+            .with_context(|| format!("{}: no thresholds", path.display()))?;
+        let Value::Object(all) = serde_json::to_value(read)? else {
+            bail!("{}: no thresholds", path.display())
+        };
         let positive = |value: &Value| value.as_f64().is_some_and(|v| v > 0.0);
         for (name, value) in &all {
             if !value.as_array().map_or_else(|| positive(value), |each| each.iter().all(positive)) {

@@ -56,7 +56,10 @@ impl Demo {
             "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy/ (the study), diagnosis.json, report.html, model_with_effects.toml.",
             self.out.display()
         );
-        say!(to, "Next, your own log:  deadtime estimate LOG.csv --input COMMAND --output RESPONSE");
+        say!(
+            to,
+            "Next, your own log:  deadtime estimate LOG.csv --input COMMAND --output RESPONSE"
+        );
         say!(to, "     and simulator:  deadtime gap --model MODEL.toml --log LOG.csv --out DIR");
         Ok(())
     }
@@ -82,7 +85,10 @@ impl Demo {
             to,
             "\n   The truth is {TRUTH_S} s, six samples and a half. Methods that count samples can only come to within one; the one that knows the"
         );
-        say!(to, "   dynamics and sees the states resolves the half sample. Their intervals say so.");
+        say!(
+            to,
+            "   dynamics and sees the states resolves the half sample. Their intervals say so."
+        );
         Ok(())
     }
 
@@ -91,7 +97,10 @@ impl Demo {
             to,
             "\n2. Which method may be trusted to say so? The same vehicle again, {TRIALS} records for each of four delays that are injected and"
         );
-        say!(to, "   so are known; output p, 600 samples, the same noise; of each class of methods the one that is trusted most.\n");
+        say!(
+            to,
+            "   so are known; output p, 600 samples, the same noise; of each class of methods the one that is trusted most.\n"
+        );
         let mut plan = Plan::parse("demo", PLAN, &self.out)?;
         plan.seed = self.seed;
         plan.grids.iter_mut().for_each(|g| {
@@ -103,7 +112,10 @@ impl Demo {
         let (_, accuracy) = cells(&study, &plan.name);
         say!(to, "{}", accuracy.to_string().trim_end_matches('\n'));
         save_study(&study, &plan, &folder)?;
-        say!(to, "\n   Errors are in samples of 0.02 s, over the records that got an answer. A method to trust has a small error, and");
+        say!(
+            to,
+            "\n   Errors are in samples of 0.02 s, over the records that got an answer. A method to trust has a small error, and"
+        );
         say!(to, "   an interval that holds the truth about as often as it promises.");
         Ok(())
     }
@@ -116,7 +128,13 @@ impl Demo {
         say!(to, "   catalogue on every channel, the last 30 % of the flight held back.\n");
         let logs = [log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?];
         let document = ModelDocument::read(&self.out.join("uav_lateral_stabilised.toml"))?;
-        let found = diagnose(&document, &logs, &[], &GapOptions { seed: self.seed, ..GapOptions::default() }, &|_| ())?;
+        let found = diagnose(
+            &document,
+            &logs,
+            &[],
+            &GapOptions { seed: self.seed, ..GapOptions::default() },
+            &|_| (),
+        )?;
         for line in summary(&found).lines() {
             say!(to, "   {line}");
         }
@@ -128,5 +146,7 @@ impl Demo {
 
 /// The most trusted method of every class that looks at commands and responses.
 fn most_trusted() -> impl Iterator<Item = &'static Method> {
-    Class::ALL.iter().filter_map(|class| METHODS.iter().find(|m| m.class == *class && m.scope != Scope::Events))
+    Class::ALL
+        .iter()
+        .filter_map(|class| METHODS.iter().find(|m| m.class == *class && m.scope != Scope::Events))
 }

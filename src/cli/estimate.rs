@@ -57,7 +57,13 @@ pub(super) struct Estimate {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["input", "events", "frf", "records", "from", "to", "degree_bias"])]
     step_table: Option<PathBuf>,
     /// Height of the step that a --step-table answers
-    #[arg(long, value_name = "H", default_value_t = 1.0, requires = "step_table", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "H",
+        default_value_t = 1.0,
+        requires = "step_table",
+        allow_negative_numbers = true
+    )]
     step_size: f64,
     /// Time of the step that a --step-table answers; default: 0, where the table holds it, or else its first row
     #[arg(long, value_name = "S", requires = "step_table", allow_negative_numbers = true)]
@@ -107,7 +113,8 @@ impl Estimate {
             (Some(path), _) => (self.of_response(path)?, None),
             (None, Some(columns)) => (self.of_events(columns)?, None),
             (None, None) => {
-                let mut job = if self.step_table.is_some() { self.job_of_step(to)? } else { self.job(to)? };
+                let mut job =
+                    if self.step_table.is_some() { self.job_of_step(to)? } else { self.job(to)? };
                 let bar = Bar::new(to);
                 job.far = bar.far().clone();
                 (job.run()?.worded(option), Some(job))
@@ -119,7 +126,8 @@ impl Estimate {
             draw(job, &report, path)?;
         }
         if let Some(path) = &self.html {
-            let evidence = job.as_ref().map(|job| job.evidence(&report)).transpose()?.unwrap_or_default();
+            let evidence =
+                job.as_ref().map(|job| job.evidence(&report)).transpose()?.unwrap_or_default();
             let logs = job.as_ref().map(|job| job.logs.as_slice()).unwrap_or_default();
             let text = page::estimate(&report, logs, &evidence);
             write_atomic(path, |out| out.write_all(text.as_bytes()))?;
@@ -133,7 +141,10 @@ impl Estimate {
 
     /// The log; there is one wherever no frequency response is.
     fn log(&self) -> anyhow::Result<&Path> {
-        self.step_table.as_deref().or(self.log.as_deref()).context("LOG is missing: the log to read")
+        self.step_table
+            .as_deref()
+            .or(self.log.as_deref())
+            .context("LOG is missing: the log to read")
     }
 
     fn of_response(&self, path: &Path) -> anyhow::Result<Report> {
@@ -148,7 +159,8 @@ impl Estimate {
     }
 
     fn job(&self, to: &Out<'_>) -> anyhow::Result<Job> {
-        let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
+        let scopes: &[Scope] =
+            if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
         let needed = Needed { inputs: &self.input, outputs: &self.output, required: true };
         Ok(Job {
             name: self.log()?.display().to_string(),
@@ -169,10 +181,20 @@ impl Estimate {
         let needed = Needed { inputs: &[], outputs: &self.output, required: true };
         let read = self.reading.read(to, table, &needed)?;
         let Some(first) = read.first() else { bail!("{}: no rows", table.display()) };
-        let log = Log::of_step(first, self.output.first().map(String::as_str), self.step_size, self.step_time)?;
-        let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
+        let log = Log::of_step(
+            first,
+            self.output.first().map(String::as_str),
+            self.step_size,
+            self.step_time,
+        )?;
+        let scopes: &[Scope] =
+            if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
         let all = self.method.iter().any(|m| m == "all");
-        let methods: Vec<String> = if all { STEP_METHODS.iter().map(|m| (*m).to_owned()).collect() } else { self.method.clone() };
+        let methods: Vec<String> = if all {
+            STEP_METHODS.iter().map(|m| (*m).to_owned()).collect()
+        } else {
+            self.method.clone()
+        };
         let output: Vec<String> = log.names().filter(|n| *n != STEP).map(str::to_owned).collect();
         let quarter_s = 0.25 * log.duration_s();
         Ok(Job {
@@ -188,13 +210,19 @@ impl Estimate {
 
     fn of_events(&self, columns: &str) -> anyhow::Result<Report> {
         let methods = chosen(&self.method, &options(&self.set)?, &[Scope::Events])?;
-        let Some((a, b)) =
-            columns.split_once(',').map(|(a, b)| (a.trim(), b.trim())).filter(|(a, b)| !a.is_empty() && !b.is_empty() && a != b)
+        let Some((a, b)) = columns
+            .split_once(',')
+            .map(|(a, b)| (a.trim(), b.trim()))
+            .filter(|(a, b)| !a.is_empty() && !b.is_empty() && a != b)
         else {
             bail!("--events {columns}: write the two columns as A,B");
         };
         let events = self.reading.events(self.log()?, [a, b])?;
-        let job = EventsJob { methods, max_delay_s: self.max_delay, ..EventsJob::new(self.log()?.display().to_string(), [a, b], events) };
+        let job = EventsJob {
+            methods,
+            max_delay_s: self.max_delay,
+            ..EventsJob::new(self.log()?.display().to_string(), [a, b], events)
+        };
         Ok(job.run()?.worded(option))
     }
 }
@@ -208,13 +236,21 @@ pub(super) fn options(set: &[String]) -> anyhow::Result<BTreeMap<String, Value>>
         };
         texts.entry(method).or_default().push(option);
     }
-    texts.into_iter().map(|(method, options)| Ok((method.to_owned(), registry::options(options)?))).collect()
+    texts
+        .into_iter()
+        .map(|(method, options)| Ok((method.to_owned(), registry::options(options)?)))
+        .collect()
 }
 
 /// Writes the picture of a report: answers, and impulse responses where the inputs allow them.
 pub(super) fn draw(job: &Job, report: &Report, path: &Path) -> anyhow::Result<()> {
     let responses = job.responses(report)?;
-    let pairs: Vec<Shown<'_>> = report.pairs.iter().zip(&responses).map(|(pair, r)| Shown { pair, response: r.as_ref() }).collect();
+    let pairs: Vec<Shown<'_>> = report
+        .pairs
+        .iter()
+        .zip(&responses)
+        .map(|(pair, r)| Shown { pair, response: r.as_ref() })
+        .collect();
     let text = svg(&pairs, report.sample_time_s);
     Ok(write_atomic(path, |out| out.write_all(text.as_bytes()))?)
 }

@@ -58,7 +58,8 @@ impl Excite {
             "options": given, "out": self.out
         }))?;
         let Some(path) = &self.out else {
-            return write_csv(&mut std::io::stdout().lock(), &self.channel, sample_time, &u).context("standard output");
+            return write_csv(&mut std::io::stdout().lock(), &self.channel, sample_time, &u)
+                .context("standard output");
         };
         write_atomic(path, |file| write_csv(file, &self.channel, sample_time, &u))?;
         say!(
@@ -87,7 +88,12 @@ fn in_force(mut defaults: Value, given: Value) -> Value {
 }
 
 /// Header `time,<channel>`, then a row a sample; every number is the shortest that reads back to the same value.
-fn write_csv(out: &mut dyn Write, channel: &str, sample_time: SampleTime, u: &[f64]) -> std::io::Result<()> {
+fn write_csv(
+    out: &mut dyn Write,
+    channel: &str,
+    sample_time: SampleTime,
+    u: &[f64],
+) -> std::io::Result<()> {
     let mut csv = csv::Writer::from_writer(out);
     // The csv crate's own conversion hides what kind of error it was, a closed pipe too.
     let plain = |e: csv::Error| match e.into_kind() {
@@ -96,7 +102,8 @@ fn write_csv(out: &mut dyn Write, channel: &str, sample_time: SampleTime, u: &[f
     };
     csv.write_record(["time", channel]).map_err(plain)?;
     for (k, v) in u.iter().enumerate() {
-        csv.write_record([sample_time.to_seconds(k as f64).to_string(), v.to_string()]).map_err(plain)?;
+        csv.write_record([sample_time.to_seconds(k as f64).to_string(), v.to_string()])
+            .map_err(plain)?;
     }
     csv.flush()
 }
@@ -126,7 +133,11 @@ mod tests {
     fn file_holds_time_and_signal() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("u.csv");
-        let text = run("step --samples 4 --sample-time 0.1 --set at=2 --set amplitude=0.25 --channel delta", &path).unwrap();
+        let text = run(
+            "step --samples 4 --sample-time 0.1 --set at=2 --set amplitude=0.25 --channel delta",
+            &path,
+        )
+        .unwrap();
         assert_eq!(text, "time,delta\n0,0\n0.1,0\n0.2,0.25\n0.30000000000000004,0.25\n");
     }
 
@@ -137,7 +148,12 @@ mod tests {
         let call = "multisine --samples 151 --sample-time 0.037 --set phase=random --seed";
         let seven = run(&format!("{call} 7"), &path).unwrap();
         let options = serde_json::json!({ "phase": "random" });
-        let u = by_name("multisine").unwrap().with(options).unwrap().generate(151, &mut ChaCha8Rng::seed_from_u64(7)).unwrap();
+        let u = by_name("multisine")
+            .unwrap()
+            .with(options)
+            .unwrap()
+            .generate(151, &mut ChaCha8Rng::seed_from_u64(7))
+            .unwrap();
         for (k, (row, v)) in seven.lines().skip(1).zip(&u).enumerate() {
             let (time, value) = row.split_once(',').unwrap();
             assert_eq!(time.parse::<f64>().unwrap(), k as f64 * 0.037);
@@ -168,7 +184,10 @@ mod tests {
 
     #[test]
     fn options_in_force_are_the_defaults_and_what_was_given() {
-        let all = in_force(serde_json::json!({ "amplitude": 1.0, "at": 10 }), serde_json::json!({ "at": 3 }));
+        let all = in_force(
+            serde_json::json!({ "amplitude": 1.0, "at": 10 }),
+            serde_json::json!({ "at": 3 }),
+        );
         assert_eq!(all, serde_json::json!({ "amplitude": 1.0, "at": 3 }));
     }
 }

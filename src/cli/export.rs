@@ -57,12 +57,25 @@ enum SyntaxName {
 
 impl Export {
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
-        let file = if self.diagnosis.is_dir() { self.diagnosis.join("diagnosis.json") } else { self.diagnosis.clone() };
+        let file = if self.diagnosis.is_dir() {
+            self.diagnosis.join("diagnosis.json")
+        } else {
+            self.diagnosis.clone()
+        };
         let diagnosis = Diagnosis::read(&file)?;
         let beside = file.with_file_name("model_with_effects.toml");
-        let model = self.model.as_deref().or_else(|| beside.is_file().then_some(beside.as_path())).map(ModelDocument::read).transpose()?;
-        let source =
-            Source { diagnosis: &diagnosis, model: model.as_ref(), deviations: &self.deviations(to, &diagnosis)?, widen: self.widen };
+        let model = self
+            .model
+            .as_deref()
+            .or_else(|| beside.is_file().then_some(beside.as_path()))
+            .map(ModelDocument::read)
+            .transpose()?;
+        let source = Source {
+            diagnosis: &diagnosis,
+            model: model.as_ref(),
+            deviations: &self.deviations(to, &diagnosis)?,
+            widen: self.widen,
+        };
         let made = export(&source, &self.to, options(self.set.iter().map(String::as_str))?)?;
         to.json(&made)?;
         let text = match self.syntax() {
@@ -80,7 +93,10 @@ impl Export {
     }
 
     fn syntax(&self) -> Syntax {
-        let yaml = |path: &Path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("yaml") || e.eq_ignore_ascii_case("yml"));
+        let yaml = |path: &Path| {
+            path.extension()
+                .is_some_and(|e| e.eq_ignore_ascii_case("yaml") || e.eq_ignore_ascii_case("yml"))
+        };
         match self.syntax {
             Some(SyntaxName::Json) => Syntax::Json,
             Some(SyntaxName::Yaml) => Syntax::Yaml,
@@ -90,18 +106,30 @@ impl Export {
     }
 
     /// Standard deviations of the outputs over the logs that were given.
-    fn deviations(&self, to: &Out<'_>, diagnosis: &Diagnosis) -> anyhow::Result<Vec<(String, f64)>> {
+    fn deviations(
+        &self,
+        to: &Out<'_>,
+        diagnosis: &Diagnosis,
+    ) -> anyhow::Result<Vec<(String, f64)>> {
         let outputs: Vec<String> = diagnosis.gap.outputs.iter().map(|o| o.name.clone()).collect();
         let mut values = vec![Vec::new(); outputs.len()];
         let reading = Reading::whole(self.map.clone(), self.clock.clone());
         for path in &self.log {
-            for log in reading.read(to, path, &Needed { inputs: &[], outputs: &outputs, required: true })? {
+            for log in reading.read(
+                to,
+                path,
+                &Needed { inputs: &[], outputs: &outputs, required: true },
+            )? {
                 for (name, values) in outputs.iter().zip(&mut values) {
                     let output = log.output(name)?;
                     values.extend((0..log.len()).filter_map(|k| output.get(k)));
                 }
             }
         }
-        Ok(outputs.into_iter().zip(values).filter_map(|(name, values)| Some((name, stats::deviation(&values)?))).collect())
+        Ok(outputs
+            .into_iter()
+            .zip(values)
+            .filter_map(|(name, values)| Some((name, stats::deviation(&values)?)))
+            .collect())
     }
 }

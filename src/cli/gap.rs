@@ -27,7 +27,12 @@ use deadtime_model::CandidateEntry;
   deadtime gap --simulator ./servo_model --input u --output angle --parameter damping=0.06 --log run.csv --out gap")]
 pub(super) struct Gap {
     /// The model, deadtime/model@1; or give --simulator
-    #[arg(long, value_name = "MODEL", required_unless_present = "simulator", conflicts_with = "simulator")]
+    #[arg(
+        long,
+        value_name = "MODEL",
+        required_unless_present = "simulator",
+        conflicts_with = "simulator"
+    )]
     model: Option<PathBuf>,
     #[command(flatten)]
     simulator: SimulatorArgs,
@@ -114,14 +119,17 @@ impl Gap {
         };
         let Some(out) = self.out.as_deref().filter(|_| !self.isolability) else {
             let bar = Bar::new(to);
-            let found = isolability(&subject, &logs, &options, bar.far()).map_err(|e| self.in_file(e))?;
+            let found =
+                isolability(&subject, &logs, &options, bar.far()).map_err(|e| self.in_file(e))?;
             drop(bar);
             to.json(&found)?;
             say!(to, "{}", isolability_text(&found).trim_end());
             return Ok(());
         };
         let bar = Bar::new(to);
-        let found = diagnose(&subject, &logs, &holdout, &options, &|stage| bar.far().at(stage.begins_at(), &stage));
+        let found = diagnose(&subject, &logs, &holdout, &options, &|stage| {
+            bar.far().at(stage.begins_at(), &stage)
+        });
         drop(bar);
         let found = found.map_err(|e| self.in_file(e))?;
         let written = save(&found, out)?;
@@ -145,7 +153,9 @@ impl Gap {
     fn in_file(&self, error: deadtime_gap::Error) -> anyhow::Error {
         let error = Error::from(error);
         match (&error, &self.model) {
-            (Error::Gap(GapError::Nuisance { .. }), Some(path)) => anyhow::Error::from(error).context(path.display().to_string()),
+            (Error::Gap(GapError::Nuisance { .. }), Some(path)) => {
+                anyhow::Error::from(error).context(path.display().to_string())
+            }
             _ => error.into(),
         }
     }

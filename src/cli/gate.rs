@@ -65,13 +65,17 @@ impl Gate {
 
     fn speed(&self, timings: &Path, to: &Out<'_>) -> anyhow::Result<()> {
         let gate = SpeedGate { alpha: self.alpha, margin: self.margin };
-        let report = gate.judge(&Timings::read(timings)?).with_context(|| timings.display().to_string())?;
+        let report =
+            gate.judge(&Timings::read(timings)?).with_context(|| timings.display().to_string())?;
         to.json(&report)?;
         self.write(&speed::junit(&report), &speed::markdown(&report))?;
         say!(to, "{}", speed::text(&report).trim_end());
         match report.of(Speed::Slower).count() {
             0 => Ok(()),
-            slower => Err(LimitNotMet(format!("{slower} of {} benches are slower", report.benches.len())).into()),
+            slower => {
+                Err(LimitNotMet(format!("{slower} of {} benches are slower", report.benches.len()))
+                    .into())
+            }
         }
     }
 
@@ -88,11 +92,21 @@ impl Gate {
         let results = Study::read(from)?;
         if self.update {
             results.write_baseline(kept)?;
-            say!(to, "{}: {} cells are the baseline now, in {}", results.plan, results.cells.len(), kept.display());
+            say!(
+                to,
+                "{}: {} cells are the baseline now, in {}",
+                results.plan,
+                results.cells.len(),
+                kept.display()
+            );
             return Ok(());
         }
         if !kept.exists() {
-            bail!("{}: there is no baseline yet; --update makes one of {}", kept.display(), from.display());
+            bail!(
+                "{}: there is no baseline yet; --update makes one of {}",
+                kept.display(),
+                from.display()
+            );
         }
         let baseline = Study::read(kept)?;
         let Self { alpha, margin, margin_samples, margin_share, .. } = *self;
@@ -105,6 +119,7 @@ impl Gate {
         if report.worse.is_empty() {
             return Ok(());
         }
-        Err(LimitNotMet(format!("worse than {} in {} places", kept.display(), report.worse.len())).into())
+        Err(LimitNotMet(format!("worse than {} in {} places", kept.display(), report.worse.len()))
+            .into())
     }
 }

@@ -76,18 +76,39 @@ impl List {
             What::Targets => TARGETS.iter().map(describe).collect(),
             What::Dynamics => Dynamics::ALL
                 .map(|d| {
-                    let names = |list: &[(&str, &str)]| list.iter().map(|(n, u)| format!("{n} [{u}]")).collect::<Vec<_>>().join(", ");
-                    format!("{}\n    states {}; input {}; outputs {}\n", d.name(), names(d.states()), d.input(), names(d.outputs()))
+                    let names = |list: &[(&str, &str)]| {
+                        list.iter()
+                            .map(|(n, u)| format!("{n} [{u}]"))
+                            .collect::<Vec<_>>()
+                            .join(", ")
+                    };
+                    format!(
+                        "{}\n    states {}; input {}; outputs {}\n",
+                        d.name(),
+                        names(d.states()),
+                        d.input(),
+                        names(d.outputs())
+                    )
                 })
                 .concat(),
-            What::Plants => PLANTS.iter().map(|p| format!("{}\n    {}\n", p.name, p.summary)).collect(),
-            What::Identifiers => IDENTIFIERS.iter().map(|i| format!("{}    needs {}\n", describe(&i.entry), i.needs)).collect(),
+            What::Plants => {
+                PLANTS.iter().map(|p| format!("{}\n    {}\n", p.name, p.summary)).collect()
+            }
+            What::Identifiers => IDENTIFIERS
+                .iter()
+                .map(|i| format!("{}    needs {}\n", describe(&i.entry), i.needs))
+                .collect(),
             What::Responses => RESPONSES.iter().map(describe).collect(),
             What::Criteria => toml::to_string(&Criteria::default()).context("thresholds")?,
-            What::Plans => plans()?.iter().map(|p| format!("{}\n    {}\n", p.name, p.about)).collect(),
-            What::Readers => {
-                READERS.iter().map(|r| format!("{}\n    {}\n    .{}\n", r.name, r.summary, r.extensions.join(", ."))).collect()
+            What::Plans => {
+                plans()?.iter().map(|p| format!("{}\n    {}\n", p.name, p.about)).collect()
             }
+            What::Readers => READERS
+                .iter()
+                .map(|r| {
+                    format!("{}\n    {}\n    .{}\n", r.name, r.summary, r.extensions.join(", ."))
+                })
+                .collect(),
         };
         print(&text)
     }

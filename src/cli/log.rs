@@ -33,7 +33,9 @@ impl Log {
         drop(bar);
         listing.notes = listing.notes.worded(option);
         if !self.topic.is_empty() {
-            listing.topics.retain(|topic| self.topic.iter().any(|part| topic.name.contains(part.as_str())));
+            listing
+                .topics
+                .retain(|topic| self.topic.iter().any(|part| topic.name.contains(part.as_str())));
         }
         to.json(&listing)?;
         say!(to, "{}", text(&listing).trim_end());

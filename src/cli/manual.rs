@@ -56,9 +56,18 @@ impl Man {
 }
 
 /// The page of a command and those of its own commands; each is named with its parents' names before its own.
-fn collect(command: &clap::Command, name: &str, pages: &mut Vec<(String, Vec<u8>)>) -> anyhow::Result<()> {
+fn collect(
+    command: &clap::Command,
+    name: &str,
+    pages: &mut Vec<(String, Vec<u8>)>,
+) -> anyhow::Result<()> {
     let mut page = Vec::new();
-    clap_mangen::Man::new(command.clone().display_name(name)).render(&mut page).context("man page")?;
+    clap_mangen::Man::new(command.clone().display_name(name))
+        .render(&mut page)
+        .context("man page")?;
     pages.push((format!("{name}.1"), page));
-    command.get_subcommands().filter(|c| c.get_name() != "help").try_for_each(|c| collect(c, &format!("{name}-{}", c.get_name()), pages))
+    command
+        .get_subcommands()
+        .filter(|c| c.get_name() != "help")
+        .try_for_each(|c| collect(c, &format!("{name}-{}", c.get_name()), pages))
 }

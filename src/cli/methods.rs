@@ -35,7 +35,11 @@ impl Methods {
     /// Prints the errors and times; as JSON they are the rows of the study.
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         if self.trials == 0 || self.samples < LEAST {
-            bail!("--trials {} --samples {}: give at least 1 record of at least {LEAST} samples", self.trials, self.samples);
+            bail!(
+                "--trials {} --samples {}: give at least 1 record of at least {LEAST} samples",
+                self.trials,
+                self.samples
+            );
         }
         let study = Common { trials: self.trials, samples: self.samples, seed: self.seed };
         let bar = Bar::new(to);

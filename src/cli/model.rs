@@ -64,7 +64,11 @@ impl Model {
         let text = new.text()?;
         new.write(&text)?;
         to.json(&serde_json::json!({ "out": new.out, "inputs": new.names(true), "outputs": new.names(false) }))?;
-        say!(to, "{}: fill in the numbers, then `deadtime simulate` or `deadtime gap` take it", new.out.display());
+        say!(
+            to,
+            "{}: fill in the numbers, then `deadtime simulate` or `deadtime gap` take it",
+            new.out.display()
+        );
         Ok(())
     }
 }
@@ -97,9 +101,12 @@ fn column(log: &Log, own: &str, also: &[&str]) -> Option<String> {
     if log.names().any(|name| name == own) {
         return Some(own.to_owned());
     }
-    let plain = |name: &str| name.chars().filter(|c| c.is_alphanumeric()).collect::<String>().to_lowercase();
+    let plain = |name: &str| {
+        name.chars().filter(|c| c.is_alphanumeric()).collect::<String>().to_lowercase()
+    };
     let known = |name: &str| also.contains(&plain(name).as_str()) || plain(name) == plain(own);
-    let mut found = log.names().filter(|name| known(name) || name.rsplit(['.', '/']).next().is_some_and(known));
+    let mut found =
+        log.names().filter(|name| known(name) || name.rsplit(['.', '/']).next().is_some_and(known));
     found.next().filter(|_| found.next().is_none()).map(str::to_owned)
 }
 
@@ -110,8 +117,12 @@ fn renamed(text: &str, own: &str, name: &str) -> String {
     for line in text.lines() {
         section = if line.starts_with('[') { line } else { section };
         let of_channel = |line: &str| {
-            let line = line.replace(&format!("{{ name = \"{own}\""), &format!("{{ name = {}", quoted(name)));
-            line.replace(&format!("derivative_of = \"{own}\""), &format!("derivative_of = {}", quoted(name)))
+            let line = line
+                .replace(&format!("{{ name = \"{own}\""), &format!("{{ name = {}", quoted(name)));
+            line.replace(
+                &format!("derivative_of = \"{own}\""),
+                &format!("derivative_of = {}", quoted(name)),
+            )
         };
         lines.push(match section {
             "" => of_channel(line),
@@ -136,10 +147,14 @@ fn quoted(text: &str) -> String {
 impl New {
     fn write(&self, text: &str) -> anyhow::Result<()> {
         // What is written must be read again.
-        ModelDocument::from_toml(text, &self.out)
-            .context("these channel names cannot stand in such a file; rename them (--map when it is used)")?;
+        ModelDocument::from_toml(text, &self.out).context(
+            "these channel names cannot stand in such a file; rename them (--map when it is used)",
+        )?;
         if self.out.extension().and_then(|e| e.to_str()) != Some("toml") {
-            bail!("--out {}: templates carry comments, which only TOML has; name it .toml", self.out.display());
+            bail!(
+                "--out {}: templates carry comments, which only TOML has; name it .toml",
+                self.out.display()
+            );
         }
         Ok(write_atomic(&self.out, |out| out.write_all(text.as_bytes()))?)
     }
@@ -147,26 +162,36 @@ impl New {
     /// The shipped quadrotor with the log's names where they are known; the states keep theirs.
     fn quadrotor(&self, to: &Out<'_>) -> anyhow::Result<()> {
         if !self.input.is_empty() || !self.output.is_empty() {
-            bail!("a quadrotor has its own channels: give --log alone, and --map for what is named otherwise when the model is used");
+            bail!(
+                "a quadrotor has its own channels: give --log alone, and --map for what is named otherwise when the model is used"
+            );
         }
         let log = self.log.as_deref().map(read).transpose()?;
-        let found: Vec<(&str, Option<String>)> =
-            CHANNELS.iter().map(|(own, also)| (*own, log.as_ref().and_then(|l| column(l, own, also)))).collect();
+        let found: Vec<(&str, Option<String>)> = CHANNELS
+            .iter()
+            .map(|(own, also)| (*own, log.as_ref().and_then(|l| column(l, own, also))))
+            .collect();
         let mut text = QUADROTOR.to_owned();
         for (own, name) in &found {
             if let Some(name) = name.as_deref().filter(|name| name != own) {
                 text = renamed(&text, own, name);
             }
         }
-        let stem = self.out.file_stem().map_or_else(|| "model".to_owned(), |s| s.to_string_lossy().into_owned());
+        let stem = self
+            .out
+            .file_stem()
+            .map_or_else(|| "model".to_owned(), |s| s.to_string_lossy().into_owned());
         let text = text.replacen("name = \"quadrotor\"", &format!("name = {}", quoted(&stem)), 1);
         self.write(&format!(
             "# docs/models.md explains every key. Mass, inertias, arm and coefficients are of one machine: put in your own.\n{text}"
         ))?;
-        let missing: Vec<&str> = found.iter().filter(|(_, name)| name.is_none()).map(|(own, _)| *own).collect();
+        let missing: Vec<&str> =
+            found.iter().filter(|(_, name)| name.is_none()).map(|(own, _)| *own).collect();
         let matched: std::collections::BTreeMap<&str, &String> =
             found.iter().filter_map(|(own, name)| Some((*own, name.as_ref()?))).collect();
-        to.json(&serde_json::json!({ "out": self.out, "channels": matched, "not_found": missing }))?;
+        to.json(
+            &serde_json::json!({ "out": self.out, "channels": matched, "not_found": missing }),
+        )?;
         say!(
             to,
             "{}: put in your machine's mass, inertias, arm and coefficients, then `deadtime check` looks at it beside a log",
@@ -175,7 +200,11 @@ impl New {
         if let Some(log) = &log {
             say!(to, "{} of {} channels are in {}", matched.len(), found.len(), log.source());
             if !missing.is_empty() {
-                say!(to, "not found: {}; give their columns by --map NAME=COLUMN when the model is used", missing.join(", "));
+                say!(
+                    to,
+                    "not found: {}; give their columns by --map NAME=COLUMN when the model is used",
+                    missing.join(", ")
+                );
             }
         }
         Ok(())
@@ -202,14 +231,19 @@ impl New {
             }
         }
         let (inputs, outputs) = (self.names(true), self.names(false));
-        let stem = self.out.file_stem().map_or_else(|| "model".to_owned(), |s| s.to_string_lossy().into_owned());
+        let stem = self
+            .out
+            .file_stem()
+            .map_or_else(|| "model".to_owned(), |s| s.to_string_lossy().into_owned());
         let kind = match self.kind {
             Kind::Linear => "lti",
             Kind::Process => "tf",
             Kind::Equations | Kind::Quadrotor => "equations",
         };
-        let mut text =
-            format!("# docs/models.md explains every key.\nformat = \"deadtime/model@1\"\nname = {}\nkind = \"{kind}\"\n", quoted(&stem));
+        let mut text = format!(
+            "# docs/models.md explains every key.\nformat = \"deadtime/model@1\"\nname = {}\nkind = \"{kind}\"\n",
+            quoted(&stem)
+        );
         if self.kind != Kind::Equations {
             text += "# Seconds between samples; 0: continuous time.\nsample_time_s = 0.0\n";
         }
@@ -218,7 +252,8 @@ impl New {
             text += "# operating = NUMBER or \"mean\": the point that the model is linear about, in the channel's unit.\n";
         }
         for (key, names) in [("inputs ", &inputs), ("outputs", &outputs)] {
-            let channels: Vec<String> = names.iter().map(|name| self.channel(name, log.as_ref())).collect();
+            let channels: Vec<String> =
+                names.iter().map(|name| self.channel(name, log.as_ref())).collect();
             writeln!(text, "{key} = [{}]", channels.join(", "))?;
         }
         let none = vec!["0.0"; inputs.len()].join(", ");
@@ -232,7 +267,9 @@ impl New {
     }
 
     fn channel(&self, name: &str, log: Option<&Log>) -> String {
-        let unit = log.and_then(|log| log.unit(name)).map_or_else(String::new, |unit| format!(", unit = {}", quoted(unit)));
+        let unit = log
+            .and_then(|log| log.unit(name))
+            .map_or_else(String::new, |unit| format!(", unit = {}", quoted(unit)));
         let operating = if self.kind == Kind::Equations { "" } else { ", operating = 0.0" };
         format!("{{ name = {}{unit}{operating} }}", quoted(name))
     }
@@ -240,12 +277,23 @@ impl New {
 
 fn linear(text: &mut String, inputs: usize, outputs: usize) -> std::fmt::Result {
     let row = |value: &str, n: usize| format!("[{}]", vec![value; n].join(", "));
-    writeln!(text, "# One line per state: dx/dt = A x + B u, y = C x + D u. These numbers are one lag of 1 s.")?;
+    writeln!(
+        text,
+        "# One line per state: dx/dt = A x + B u, y = C x + D u. These numbers are one lag of 1 s."
+    )?;
     writeln!(text, "states = [{{ name = \"x1\" }}]")?;
     writeln!(text, "# initial = [0.0]        # state when a log starts")?;
-    writeln!(text, "# initial_std = [0.0]    # how far it is trusted; without it the start is unknown")?;
+    writeln!(
+        text,
+        "# initial_std = [0.0]    # how far it is trusted; without it the start is unknown"
+    )?;
     writeln!(text, "A = [[-1.0]]\nB = [{}]", row("1.0", inputs))?;
-    writeln!(text, "C = [{}]\nD = [{}]", vec!["[1.0]"; outputs].join(", "), vec![row("0.0", inputs); outputs].join(", "))
+    writeln!(
+        text,
+        "C = [{}]\nD = [{}]",
+        vec!["[1.0]"; outputs].join(", "),
+        vec![row("0.0", inputs); outputs].join(", ")
+    )
 }
 
 fn process(text: &mut String, inputs: &[String], outputs: &[String]) -> std::fmt::Result {
@@ -263,8 +311,18 @@ fn process(text: &mut String, inputs: &[String], outputs: &[String]) -> std::fmt
 }
 
 fn equations(text: &mut String, inputs: &[String], outputs: &[String]) -> std::fmt::Result {
-    writeln!(text, "[states]\n# initial: when a log starts; initial_std: how far it is trusted (without it the start is unknown).")?;
-    writeln!(text, "x1 = {{ initial = 0.0 }}\n[parameters]\ngain = {{ value = 1.0 }}\ntime_constant = {{ value = 1.0, unit = \"s\" }}")?;
-    writeln!(text, "[derivatives]\nx1 = {}\n[output_equations]", quoted(&format!("(gain*({}) - x1)/time_constant", inputs.join(" + "))))?;
+    writeln!(
+        text,
+        "[states]\n# initial: when a log starts; initial_std: how far it is trusted (without it the start is unknown)."
+    )?;
+    writeln!(
+        text,
+        "x1 = {{ initial = 0.0 }}\n[parameters]\ngain = {{ value = 1.0 }}\ntime_constant = {{ value = 1.0, unit = \"s\" }}"
+    )?;
+    writeln!(
+        text,
+        "[derivatives]\nx1 = {}\n[output_equations]",
+        quoted(&format!("(gain*({}) - x1)/time_constant", inputs.join(" + ")))
+    )?;
     outputs.iter().try_for_each(|output| writeln!(text, "{} = \"x1\"", quoted(output)))
 }

@@ -6,13 +6,14 @@ use clap::builder::{PathBufValueParser, TypedValueParser};
 
 /// Extensions of pictures and documents that no program would read as SVG.
 const OTHERS: [&str; 21] = [
-    "apng", "avif", "bmp", "emf", "eps", "gif", "heic", "htm", "html", "ico", "jfif", "jpeg", "jpg", "pdf", "png", "ps", "svgz", "tif",
-    "tiff", "webp", "wmf",
+    "apng", "avif", "bmp", "emf", "eps", "gif", "heic", "htm", "html", "ico", "jfif", "jpeg",
+    "jpg", "pdf", "png", "ps", "svgz", "tif", "tiff", "webp", "wmf",
 ];
 
 /// Reads the value of an option that writes SVG; every such option uses it.
 pub(super) fn picture() -> impl TypedValueParser<Value = PathBuf> {
-    PathBufValueParser::new().try_map(|path| if let Some(why) = refusal(&path) { Err(why) } else { Ok(path) })
+    PathBufValueParser::new()
+        .try_map(|path| if let Some(why) = refusal(&path) { Err(why) } else { Ok(path) })
 }
 
 /// Why a name cannot be that of an SVG picture.
@@ -20,7 +21,11 @@ fn refusal(path: &Path) -> Option<String> {
     let extension = path.extension()?.to_str()?;
     let other = OTHERS.iter().any(|other| extension.eq_ignore_ascii_case(other));
     other.then(|| {
-        format!("the picture is written as SVG, not as {}: name it {}", extension.to_uppercase(), path.with_extension("svg").display())
+        format!(
+            "the picture is written as SVG, not as {}: name it {}",
+            extension.to_uppercase(),
+            path.with_extension("svg").display()
+        )
     })
 }
 

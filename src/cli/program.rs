@@ -2,8 +2,8 @@
 
 use super::show::{Color, Out};
 use super::{
-    blind, c2d, check, compare, demo, estimate, excite, export, gap, gate, identify, list, log, manual, methods, model, response, simulate,
-    simulator, study, watch, words,
+    blind, c2d, check, compare, demo, estimate, excite, export, gap, gate, identify, list, log,
+    manual, methods, model, response, simulate, simulator, study, watch, words,
 };
 use clap::Parser;
 use deadtime_signal::text::{message, printed};
@@ -137,7 +137,8 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> u8 {
         }
     };
     let closed = |c: &(dyn std::error::Error + 'static)| {
-        c.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+        c.downcast_ref::<std::io::Error>()
+            .is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
     };
     match ran {
         Ok(()) => 0,
@@ -184,15 +185,31 @@ mod tests {
     fn every_option_that_writes_svg_refuses_the_name_of_another_kind() {
         let mut commands = Vec::new();
         all(&Cli::command(), &mut commands);
-        let writes = |a: &&clap::Arg| a.get_help().is_some_and(|help| help.to_string().contains("as SVG"));
+        let writes =
+            |a: &&clap::Arg| a.get_help().is_some_and(|help| help.to_string().contains("as SVG"));
         let mut found = 0;
         for command in &commands {
             for option in command.get_arguments().filter(writes).filter_map(clap::Arg::get_long) {
                 found += 1;
-                for (name, refused) in [("a.png", true), ("b/c.PDF", true), ("d.jpeg", true), ("e.svg", false), ("f", false)] {
-                    let told = Cli::try_parse_from(["deadtime", command.get_name(), &format!("--{option}={name}")]);
+                for (name, refused) in [
+                    ("a.png", true),
+                    ("b/c.PDF", true),
+                    ("d.jpeg", true),
+                    ("e.svg", false),
+                    ("f", false),
+                ] {
+                    let told = Cli::try_parse_from([
+                        "deadtime",
+                        command.get_name(),
+                        &format!("--{option}={name}"),
+                    ]);
                     let why = told.err().map(|e| e.to_string()).unwrap_or_default();
-                    assert_eq!(why.contains("name it ") && why.contains(".svg"), refused, "{} {name}: {why}", command.get_name());
+                    assert_eq!(
+                        why.contains("name it ") && why.contains(".svg"),
+                        refused,
+                        "{} {name}: {why}",
+                        command.get_name()
+                    );
                 }
             }
         }
@@ -207,14 +224,23 @@ mod tests {
         assert!(commands.len() > 18);
         for command in commands {
             let told = command.get_after_help().map(ToString::to_string).unwrap_or_default();
-            let examples: Vec<&str> = told.lines().filter_map(|l| l.strip_prefix("  deadtime ")).collect();
-            assert!(told.starts_with("Examples:\n") && !examples.is_empty(), "{} has no examples", command.get_name());
+            let examples: Vec<&str> =
+                told.lines().filter_map(|l| l.strip_prefix("  deadtime ")).collect();
+            assert!(
+                told.starts_with("Examples:\n") && !examples.is_empty(),
+                "{} has no examples",
+                command.get_name()
+            );
             for example in examples {
                 // What stands between quotes is one word, as a shell has it.
                 let parts = example.split(" > ").next().unwrap_or_default().split('\'').enumerate();
-                let words = parts.flat_map(|(at, part)| if at % 2 == 1 { vec![part] } else { part.split_whitespace().collect() });
+                let words = parts.flat_map(|(at, part)| {
+                    if at % 2 == 1 { vec![part] } else { part.split_whitespace().collect() }
+                });
                 let parsed = Cli::try_parse_from(std::iter::once("deadtime").chain(words));
-                let fine = parsed.as_ref().map_or_else(|e| e.kind() == clap::error::ErrorKind::DisplayHelp, |_| true);
+                let fine = parsed
+                    .as_ref()
+                    .map_or_else(|e| e.kind() == clap::error::ErrorKind::DisplayHelp, |_| true);
                 assert!(fine, "{example}: {}", parsed.unwrap_err());
             }
         }

@@ -35,7 +35,11 @@ impl Bar {
             let mut drawn = false;
             while ended.recv_timeout(EVERY) == Err(RecvTimeoutError::Timeout) {
                 if let Some((share, what)) = shared.told() {
-                    let _ = write!(stderr().lock(), "\r\x1b[K{}", bar(share, &shown(&what), began.elapsed().as_secs()));
+                    let _ = write!(
+                        stderr().lock(),
+                        "\r\x1b[K{}",
+                        bar(share, &shown(&what), began.elapsed().as_secs())
+                    );
                     drawn = true;
                 }
             }
@@ -43,7 +47,11 @@ impl Bar {
                 let _ = write!(stderr().lock(), "\r\x1b[K");
             }
         };
-        Self { far, quiet, drawing: std::thread::Builder::new().spawn(draw).ok().map(|thread| (end, thread)) }
+        Self {
+            far,
+            quiet,
+            drawing: std::thread::Builder::new().spawn(draw).ok().map(|thread| (end, thread)),
+        }
     }
 
     /// A line that stays, in the place of the bar until it is drawn anew; nothing where nothing is to be said.
@@ -72,7 +80,12 @@ impl Drop for Bar {
 
 fn bar(share: f64, what: &str, seconds: u64) -> String {
     let (done, cells) = ((share.clamp(0.0, 1.0) * CELLS).round() as usize, CELLS as usize);
-    format!("[{}{}] {:3.0} % {what}, {seconds} s", "#".repeat(done), "-".repeat(cells - done), 100.0 * share)
+    format!(
+        "[{}{}] {:3.0} % {what}, {seconds} s",
+        "#".repeat(done),
+        "-".repeat(cells - done),
+        100.0 * share
+    )
 }
 
 #[cfg(test)]

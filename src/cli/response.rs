@@ -52,13 +52,25 @@ impl Response {
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let held: Vec<String> = self.input.iter().chain(&self.reference).cloned().collect();
         let needed = Needed { inputs: &held, outputs: &self.output, required: true };
-        let read = self.logs.iter().map(|path| self.reading.read(to, path, &needed)).collect::<anyhow::Result<Vec<_>>>()?;
+        let read = self
+            .logs
+            .iter()
+            .map(|path| self.reading.read(to, path, &needed))
+            .collect::<anyhow::Result<Vec<_>>>()?;
         let logs: Vec<Log> = read.into_iter().flatten().collect();
         let options = registry::options(self.set.iter().map(String::as_str))?;
         let bar = Bar::new(to);
-        let found = frequency_responses(&logs, (&self.input, &self.output, &self.reference), &self.method, options)?;
+        let found = frequency_responses(
+            &logs,
+            (&self.input, &self.output, &self.reference),
+            &self.method,
+            options,
+        )?;
         drop(bar);
-        let report = Report { logs: self.logs.iter().map(|p| p.display().to_string()).collect(), responses: &found };
+        let report = Report {
+            logs: self.logs.iter().map(|p| p.display().to_string()).collect(),
+            responses: &found,
+        };
         let mut written = Vec::new();
         for (input, output) in report.pairs() {
             let Some(out) = &self.out else { break };

@@ -28,7 +28,11 @@ impl Color {
             Self::Always => true,
             Self::Never => false,
             // https://no-color.org; a dumb terminal shows the codes instead of obeying them.
-            Self::Auto => !set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|t| t != "dumb") && stdout().is_terminal(),
+            Self::Auto => {
+                !set("NO_COLOR")
+                    && std::env::var_os("TERM").is_none_or(|t| t != "dumb")
+                    && stdout().is_terminal()
+            }
         }
     }
 }
@@ -55,13 +59,21 @@ impl<'a> Out<'a> {
 
     /// A line on standard output, unless nothing is to be said; a closed pipe is an error, control characters are shown instead of sent.
     pub(super) fn line(&self, text: &str) -> anyhow::Result<()> {
-        if self.quiet { Ok(()) } else { writeln!(stdout().lock(), "{}", printed(text)).context("standard output") }
+        if self.quiet {
+            Ok(())
+        } else {
+            writeln!(stdout().lock(), "{}", printed(text)).context("standard output")
+        }
     }
 
     /// The same of a text that has colours.
     pub(super) fn styled(&self, text: &Styled) -> anyhow::Result<()> {
         let text = if self.colour { text.coloured() } else { text.plain() };
-        if self.quiet { Ok(()) } else { stdout().lock().write_all(text.as_bytes()).context("standard output") }
+        if self.quiet {
+            Ok(())
+        } else {
+            stdout().lock().write_all(text.as_bytes()).context("standard output")
+        }
     }
 
     /// Somebody waits for words on standard error while a command works.

@@ -54,44 +54,78 @@ impl Simulate {
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let model = ModelDocument::read(&self.model)?;
         let inputs: Vec<String> = model.inputs().iter().map(|c| c.name.clone()).collect();
-        let logs = self.source.reading.read_for(to, &self.source.log, &model, false, &mut |_, _| {})?;
+        let logs =
+            self.source.reading.read_for(to, &self.source.log, &model, false, &mut |_, _| {})?;
         let [log] = logs.as_slice() else {
-            bail!("{}: simulate takes one record at a time; cut it out with --from and --to", self.source.log.display());
+            bail!(
+                "{}: simulate takes one record at a time; cut it out with --from and --to",
+                self.source.log.display()
+            );
         };
         check_units(&model, log)?;
-        let mut simulation = OnLog::new(&model, log).with_context(|| self.model.display().to_string())?;
+        let mut simulation =
+            OnLog::new(&model, log).with_context(|| self.model.display().to_string())?;
         simulation.seed = self.seed;
         simulation.hold = match self.hold {
             HoldName::Zero => Hold::Zero,
             HoldName::Linear => Hold::Linear,
         };
         if model.is_sampled() && !self.delay.is_empty() {
-            bail!("--delay needs a continuous model; {} is sampled: write whole samples into its input_delay_s", model.name());
+            bail!(
+                "--delay needs a continuous model; {} is sampled: write whole samples into its input_delay_s",
+                model.name()
+            );
         }
         for text in &self.delay {
-            let known = |(name, seconds): (&str, &str)| Some((inputs.iter().find(|input| *input == name)?.clone(), seconds.parse().ok()?));
+            let known = |(name, seconds): (&str, &str)| {
+                Some((inputs.iter().find(|input| *input == name)?.clone(), seconds.parse().ok()?))
+            };
             let Some((input, seconds)) = text.split_once('=').and_then(known) else {
-                bail!("--delay {text}: write it as INPUT=SECONDS with an input of the model ({})", inputs.join(", "));
+                bail!(
+                    "--delay {text}: write it as INPUT=SECONDS with an input of the model ({})",
+                    inputs.join(", ")
+                );
             };
             simulation.delay(&input, seconds).with_context(|| format!("--delay {text}"))?;
         }
         let bar = Bar::new(to);
         simulation.far = bar.far().clone();
-        let response = simulation.response().with_context(|| format!("model {} and log {}", self.model.display(), log.source()))?;
+        let response = simulation
+            .response()
+            .with_context(|| format!("model {} and log {}", self.model.display(), log.source()))?;
         let comparison = simulation.nrmse(&response)?;
-        simulation.to_log(&response, &self.out.display().to_string(), self.states, self.snr)?.write_csv(&self.out)?;
+        simulation
+            .to_log(&response, &self.out.display().to_string(), self.states, self.snr)?
+            .write_csv(&self.out)?;
         drop(bar);
-        let errors: serde_json::Map<_, _> =
-            comparison.iter().map(|(name, nrmse)| ((*name).to_owned(), serde_json::json!(nrmse.ok()))).collect();
+        let errors: serde_json::Map<_, _> = comparison
+            .iter()
+            .map(|(name, nrmse)| ((*name).to_owned(), serde_json::json!(nrmse.ok())))
+            .collect();
         to.json(
             &serde_json::json!({ "model": model.name(), "log": log.source(), "out": self.out, "samples": log.len(), "nrmse": errors }),
         )?;
-        say!(to, "{} on {}: {} samples written to {}", model.name(), log.source(), log.len(), self.out.display());
+        say!(
+            to,
+            "{} on {}: {} samples written to {}",
+            model.name(),
+            log.source(),
+            log.len(),
+            self.out.display()
+        );
         for (name, nrmse) in comparison {
             match nrmse {
-                Ok(v) => say!(to, "  {name}: nrmse {v:.4} (rms of measured minus simulated over the measured standard deviation)"),
-                Err(Still::Stands) => say!(to, "  {name}: the measured channel stands still, so it has no nrmse"),
-                Err(Still::Empty) => say!(to, "  {name}: the log has this channel but no sample of it, so there is nothing to compare"),
+                Ok(v) => say!(
+                    to,
+                    "  {name}: nrmse {v:.4} (rms of measured minus simulated over the measured standard deviation)"
+                ),
+                Err(Still::Stands) => {
+                    say!(to, "  {name}: the measured channel stands still, so it has no nrmse")
+                }
+                Err(Still::Empty) => say!(
+                    to,
+                    "  {name}: the log has this channel but no sample of it, so there is nothing to compare"
+                ),
             }
         }
         Ok(())

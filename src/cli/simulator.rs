@@ -39,11 +39,21 @@ pub(super) struct SimulatorArgs {
     #[arg(long, value_name = "NAME=VALUE [UNIT]", requires = "simulator")]
     parameter: Vec<String>,
     /// A state whose start the program takes, and the standard deviation of that (left out: unknown); may be repeated
-    #[arg(long, value_name = "NAME=VALUE[,STD]", requires = "simulator", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "NAME=VALUE[,STD]",
+        requires = "simulator",
+        allow_hyphen_values = true
+    )]
     start: Vec<String>,
     /// The log's channels of the program's states, for a program whose free run says nothing, as that of an unstable machine: it is started again and again from
     /// there, STD being the standard deviation of what the log says (left out: as far as the state moves)
-    #[arg(long, value_name = "STATE=CHANNEL[:STD],…", requires = "simulator", value_delimiter = ',')]
+    #[arg(
+        long,
+        value_name = "STATE=CHANNEL[:STD],…",
+        requires = "simulator",
+        value_delimiter = ','
+    )]
     states: Vec<String>,
     /// Seconds between two starts; default: as long as a push grows no more than tenfold
     #[arg(long, value_name = "S", requires = "states")]
@@ -75,38 +85,61 @@ fn number(option: &str, text: &str, value: &str) -> anyhow::Result<f64> {
 impl SimulatorArgs {
     fn face(&self, command: &str) -> anyhow::Result<Face> {
         let parameters = self.parameter.iter().map(|text| {
-            let Some((name, rest)) = text.split_once('=') else { bail!("--parameter {text}: write it as NAME=VALUE") };
-            let (value, unit) = match rest.trim().strip_suffix(']').and_then(|t| t.split_once('[')) {
+            let Some((name, rest)) = text.split_once('=') else {
+                bail!("--parameter {text}: write it as NAME=VALUE")
+            };
+            let (value, unit) = match rest.trim().strip_suffix(']').and_then(|t| t.split_once('['))
+            {
                 Some((value, unit)) => (value, Some(unit.trim().to_owned())),
                 None => (rest, None),
             };
             Ok((Port { name: name.trim().to_owned(), unit }, number("parameter", text, value)?))
         });
         let states = self.start.iter().map(|text| {
-            let Some((name, rest)) = text.split_once('=') else { bail!("--start {text}: write it as NAME=VALUE,STD") };
-            let (initial, std) = rest.split_once(',').map_or((rest, None), |(initial, std)| (initial, Some(std)));
+            let Some((name, rest)) = text.split_once('=') else {
+                bail!("--start {text}: write it as NAME=VALUE,STD")
+            };
+            let (initial, std) =
+                rest.split_once(',').map_or((rest, None), |(initial, std)| (initial, Some(std)));
             let std = std.map(|std| number("start", text, std)).transpose()?;
-            Ok(Start { port: Port { name: name.trim().to_owned(), unit: None }, initial: number("start", text, initial)?, std })
+            Ok(Start {
+                port: Port { name: name.trim().to_owned(), unit: None },
+                initial: number("start", text, initial)?,
+                std,
+            })
         });
         let mut states = states.collect::<anyhow::Result<Vec<_>>>()?;
         let mut channels: Vec<Option<String>> = vec![None; states.len()];
         for text in &self.states {
-            let Some((name, channel)) = text.split_once('=') else { bail!("--states {text}: write it as STATE=CHANNEL") };
+            let Some((name, channel)) = text.split_once('=') else {
+                bail!("--states {text}: write it as STATE=CHANNEL")
+            };
             // Names of topics may hold a colon; what stands behind the last one is a number or belongs to the name.
-            let (channel, std) = match channel.rsplit_once(':').map(|(channel, std)| (channel, std.trim().parse::<f64>())) {
+            let (channel, std) = match channel
+                .rsplit_once(':')
+                .map(|(channel, std)| (channel, std.trim().parse::<f64>()))
+            {
                 Some((channel, Ok(std))) => (channel, Some(std)),
                 _ => (channel, None),
             };
             if channel.trim().is_empty() {
                 bail!("--states {text}: write it as STATE=CHANNEL");
             }
-            states.push(Start { port: Port { name: name.trim().to_owned(), unit: None }, initial: 0.0, std });
+            states.push(Start {
+                port: Port { name: name.trim().to_owned(), unit: None },
+                initial: 0.0,
+                std,
+            });
             channels.push(Some(channel.trim().to_owned()));
         }
         if self.restart_every.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
-            bail!("--restart-every {}: give seconds above 0", self.restart_every.unwrap_or_default());
+            bail!(
+                "--restart-every {}: give seconds above 0",
+                self.restart_every.unwrap_or_default()
+            );
         }
-        let restart = (!self.states.is_empty()).then_some(Restart { channels, every_s: self.restart_every });
+        let restart =
+            (!self.states.is_empty()).then_some(Restart { channels, every_s: self.restart_every });
         Ok(Face {
             name: called(command),
             inputs: self.input.iter().map(|t| port(t)).collect::<Result<_, _>>()?,
@@ -123,15 +156,25 @@ impl SimulatorArgs {
         }
         let face = self.face(command)?;
         let talk = if self.persistent { Talk::Lines } else { Talk::EachRun };
-        let program = Program { command: command.to_owned(), talk, timeout: Duration::from_secs_f64(self.timeout), folder: None };
+        let program = Program {
+            command: command.to_owned(),
+            talk,
+            timeout: Duration::from_secs_f64(self.timeout),
+            folder: None,
+        };
         Ok(System::black_box(program.simulator(&face, &RUNNING), face)?)
     }
 }
 
 /// A program by its file, one that runs a script by the script.
 fn called(command: &str) -> String {
-    const RUN_SCRIPTS: [&str; 12] = ["bash", "bun", "deno", "env", "julia", "node", "octave", "perl", "python", "rscript", "ruby", "sh"];
-    let stem = |word: &str| Path::new(word).file_stem().map_or(word.to_owned(), |s| s.to_string_lossy().into_owned());
+    const RUN_SCRIPTS: [&str; 12] = [
+        "bash", "bun", "deno", "env", "julia", "node", "octave", "perl", "python", "rscript",
+        "ruby", "sh",
+    ];
+    let stem = |word: &str| {
+        Path::new(word).file_stem().map_or(word.to_owned(), |s| s.to_string_lossy().into_owned())
+    };
     let mut words = command.split_whitespace();
     let first = stem(words.next().unwrap_or("simulator"));
     let runs = first.to_lowercase();
@@ -139,7 +182,9 @@ fn called(command: &str) -> String {
     if !RUN_SCRIPTS.contains(&runs.trim_end_matches(|c: char| c.is_ascii_digit() || c == '.')) {
         return first;
     }
-    words.find(|word| !word.starts_with('-') && Path::new(word).extension().is_some()).map_or(first, stem)
+    words
+        .find(|word| !word.starts_with('-') && Path::new(word).extension().is_some())
+        .map_or(first, stem)
 }
 
 /// What is held against the logs: a model file, or a program.
@@ -162,16 +207,26 @@ impl Simulated {
     pub(super) fn suspect(&mut self, candidate: CandidateEntry) -> anyhow::Result<()> {
         match self {
             Self::Model(document) => Ok(document.suspect(candidate)?),
-            Self::Program(_) => bail!("a program's equations cannot be changed: --candidate needs --model"),
+            Self::Program(_) => {
+                bail!("a program's equations cannot be changed: --candidate needs --model")
+            }
         }
     }
 
     /// The records of a log with its channels.
-    pub(super) fn read(&self, to: &Out<'_>, reading: &Reading, log: &Path, required: bool, see: See<'_>) -> anyhow::Result<Vec<Log>> {
+    pub(super) fn read(
+        &self,
+        to: &Out<'_>,
+        reading: &Reading,
+        log: &Path,
+        required: bool,
+        see: See<'_>,
+    ) -> anyhow::Result<Vec<Log>> {
         match self {
             Self::Model(document) => reading.read_for(to, log, document, required, see),
             Self::Program(system) => {
-                let names = |ports: &[Port]| ports.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
+                let names =
+                    |ports: &[Port]| ports.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
                 let mut outputs = names(&system.outputs);
                 // The states that it is started from come from the log as well.
                 for channel in system.restart.iter().flat_map(|r| r.channels.iter().flatten()) {
@@ -179,7 +234,12 @@ impl Simulated {
                         outputs.push(channel.clone());
                     }
                 }
-                reading.read_seeing(to, log, &Needed { inputs: &names(&system.inputs), outputs: &outputs, required }, see)
+                reading.read_seeing(
+                    to,
+                    log,
+                    &Needed { inputs: &names(&system.inputs), outputs: &outputs, required },
+                    see,
+                )
             }
         }
     }

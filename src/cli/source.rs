@@ -7,7 +7,10 @@ use anyhow::bail;
 
 use super::progress::Bar;
 use super::show::Out;
-use deadtime_log::{EventTimes, Log, ReadOptions, Recording, Stamps, TimeUnit, Wanted, csv, open, read_events, reader};
+use deadtime_log::{
+    EventTimes, Log, ReadOptions, Recording, Stamps, TimeUnit, Wanted, csv, open, read_events,
+    reader,
+};
 use deadtime_model::{Derived, ModelDocument};
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::time::SampleTime;
@@ -131,9 +134,14 @@ fn sources_there(derived: &Derived, log: &Log, needed: &Needed<'_>) -> bool {
 impl Reading {
     /// Two columns of event times; what cuts, renames or resamples a log of samples means nothing there.
     pub(super) fn events(&self, log: &Path, columns: [&str; 2]) -> anyhow::Result<[EventTimes; 2]> {
-        let cut = self.records.is_some() || self.from.is_some() || self.to.is_some() || self.resample.is_some();
+        let cut = self.records.is_some()
+            || self.from.is_some()
+            || self.to.is_some()
+            || self.resample.is_some();
         if cut || !self.map.is_empty() || !self.channel.is_empty() {
-            bail!("--events reads whole columns of event times: leave out --records, --from, --to, --resample, --map and --channel");
+            bail!(
+                "--events reads whole columns of event times: leave out --records, --from, --to, --resample, --map and --channel"
+            );
         }
         if reader(log)?.name != "csv" {
             bail!("{}: --events reads columns of text files only", log.display());
@@ -143,7 +151,15 @@ impl Reading {
 
     /// Whole logs, of a command in which `--to` means something else.
     pub(super) fn whole(map: Vec<String>, clock: Clock) -> Self {
-        Self { records: None, from: None, to: None, resample: None, map, channel: Vec::new(), clock }
+        Self {
+            records: None,
+            from: None,
+            to: None,
+            resample: None,
+            map,
+            channel: Vec::new(),
+            clock,
+        }
     }
 
     /// The records of one log with the channels of a model, and the slopes that its inputs ask for.
@@ -155,19 +171,40 @@ impl Reading {
         required: bool,
         see: See<'_>,
     ) -> anyhow::Result<Vec<Log>> {
-        let inputs: Vec<String> = model.inputs().iter().filter(|c| c.derivative_of.is_none()).map(|c| c.name.clone()).collect();
+        let inputs: Vec<String> = model
+            .inputs()
+            .iter()
+            .filter(|c| c.derivative_of.is_none())
+            .map(|c| c.name.clone())
+            .collect();
         let outputs: Vec<String> = model.outputs().iter().map(|c| c.name.clone()).collect();
-        let logs = self.read_seeing(to, log, &Needed { inputs: &inputs, outputs: &outputs, required }, see)?;
+        let logs = self.read_seeing(
+            to,
+            log,
+            &Needed { inputs: &inputs, outputs: &outputs, required },
+            see,
+        )?;
         Ok(logs.into_iter().map(|log| model.complete(log)).collect::<Result<_, _>>()?)
     }
 
     /// The records of one log.
-    pub(super) fn read(&self, to: &Out<'_>, log: &Path, needed: &Needed<'_>) -> anyhow::Result<Vec<Log>> {
+    pub(super) fn read(
+        &self,
+        to: &Out<'_>,
+        log: &Path,
+        needed: &Needed<'_>,
+    ) -> anyhow::Result<Vec<Log>> {
         self.read_seeing(to, log, needed, &mut |_, _| {})
     }
 
     /// The same; what the file holds, and what of it is wanted, is shown before channels of several topics come onto one grid. Records of a file are of one topic.
-    pub(super) fn read_seeing(&self, to: &Out<'_>, log: &Path, needed: &Needed<'_>, see: See<'_>) -> anyhow::Result<Vec<Log>> {
+    pub(super) fn read_seeing(
+        &self,
+        to: &Out<'_>,
+        log: &Path,
+        needed: &Needed<'_>,
+        see: See<'_>,
+    ) -> anyhow::Result<Vec<Log>> {
         let mut map = Vec::with_capacity(self.map.len());
         for text in &self.map {
             let Some((name, column)) = text.split_once('=') else {
@@ -175,22 +212,39 @@ impl Reading {
             };
             map.push((name.to_owned(), column.to_owned()));
         }
-        let derived = self.channel.iter().map(|text| Derived::parse(text)).collect::<Result<Vec<_>, _>>()?;
+        let derived =
+            self.channel.iter().map(|text| Derived::parse(text)).collect::<Result<Vec<_>, _>>()?;
         let bar = Bar::new(to);
         let options = self.clock.options(bar.far());
         let grid = self.resample.map(SampleTime::new).transpose()?;
         let mut even = false;
         let (logs, notes) = match &self.records {
-            Some(_) if reader(log)?.name != "csv" => bail!("{}: --records splits text files only", log.display()),
+            Some(_) if reader(log)?.name != "csv" => {
+                bail!("{}: --records splits text files only", log.display())
+            }
             Some(column) => csv::records(log, column, &options)?,
             None => {
                 let mut recording = open(log, &options)?;
                 let mut notes = std::mem::take(&mut recording.notes);
-                let column = |name: &String| map.iter().find(|(new, _)| new == name).map_or(name, |(_, column)| column).clone();
-                let input = |name: &String| Wanted { name: column(name), held: true, required: needed.required };
-                let output = |name: &String| Wanted { name: column(name), held: false, required: needed.required };
+                let column = |name: &String| {
+                    map.iter()
+                        .find(|(new, _)| new == name)
+                        .map_or(name, |(_, column)| column)
+                        .clone()
+                };
+                let input = |name: &String| Wanted {
+                    name: column(name),
+                    held: true,
+                    required: needed.required,
+                };
+                let output = |name: &String| Wanted {
+                    name: column(name),
+                    held: false,
+                    required: needed.required,
+                };
                 let mut wanted: Vec<Wanted> = Vec::new();
-                for one in needed.inputs.iter().map(input).chain(needed.outputs.iter().map(output)) {
+                for one in needed.inputs.iter().map(input).chain(needed.outputs.iter().map(output))
+                {
                     for one in of_the_file(one, &derived) {
                         if wanted.iter().all(|w| w.name != one.name) {
                             wanted.push(one);
@@ -200,7 +254,11 @@ impl Reading {
                 see(&recording, &wanted);
                 even = recording.topics.iter().any(|topic| !topic.name.is_empty());
                 // A file without topics is used as it is: a long one is not held twice.
-                let (log, more) = if even { recording.together(&wanted, grid)? } else { (recording.into_log()?, Vec::new()) };
+                let (log, more) = if even {
+                    recording.together(&wanted, grid)?
+                } else {
+                    (recording.into_log()?, Vec::new())
+                };
                 notes.extend(more);
                 (vec![log], notes)
             }
@@ -212,8 +270,9 @@ impl Reading {
         let held: Vec<&str> = needed.inputs.iter().map(String::as_str).collect();
         logs.into_iter()
             .map(|log| {
-                let mut log =
-                    derived.iter().try_fold(log, |log, one| if sources_there(one, &log, needed) { one.add_to(log) } else { Ok(log) })?;
+                let mut log = derived.iter().try_fold(log, |log, one| {
+                    if sources_there(one, &log, needed) { one.add_to(log) } else { Ok(log) }
+                })?;
                 log = log.rename(&map)?;
                 if self.from.is_some() || self.to.is_some() {
                     log = log.window(self.from, self.to)?;

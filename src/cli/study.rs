@@ -70,8 +70,14 @@ impl Study {
             plan.grids.iter_mut().for_each(|g| g.trials = trials);
         }
         plan.seed = self.seed.unwrap_or(plan.seed);
-        let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(component(&format!("study-{}", plan.name))));
-        let runner = Runner::within(&plan, &Budget { memory_gb: self.max_memory_gb, disk_gb: self.max_disk_gb })?;
+        let folder = self
+            .out
+            .clone()
+            .unwrap_or_else(|| PathBuf::from(component(&format!("study-{}", plan.name))));
+        let runner = Runner::within(
+            &plan,
+            &Budget { memory_gb: self.max_memory_gb, disk_gb: self.max_disk_gb },
+        )?;
         let stop = Stop::default();
         let begun = runner.begin(&folder, self.resume, &stop)?;
         for damaged in begun.damaged() {
@@ -86,13 +92,22 @@ impl Study {
         save_study(&study, &plan, &folder)?;
         if let Some(path) = &self.plot {
             let drawing = bounds::svg(&study, &plan);
-            let drawing = drawing
-                .ok_or_else(|| anyhow::anyhow!("--plot: no grid of {} lays out `over_bound: snr` or `over_bound: samples`", plan.name))?;
+            let drawing = drawing.ok_or_else(|| {
+                anyhow::anyhow!(
+                    "--plot: no grid of {} lays out `over_bound: snr` or `over_bound: samples`",
+                    plan.name
+                )
+            })?;
             write_atomic(path, |out| out.write_all(drawing.as_bytes()))?;
         }
         let told = if self.full { full(&study, Some(&plan)) } else { text(&study, Some(&plan)) };
         say!(to, "{}", told.trim_end());
-        say!(to, "\n{} estimates. Written to {}: study.json, estimates.csv, tables.md, report.html.", runner.estimates(), folder.display());
+        say!(
+            to,
+            "\n{} estimates. Written to {}: study.json, estimates.csv, tables.md, report.html.",
+            runner.estimates(),
+            folder.display()
+        );
         Ok(())
     }
 }

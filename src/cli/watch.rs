@@ -101,10 +101,18 @@ impl Watch {
         let every = seconds("--every", self.every)?;
         let idle = self.until_idle.map(|s| seconds("--until-idle", s)).transpose()?;
         if self.max_delay.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
-            bail!("--max-delay {}: give a finite number of seconds above 0", self.max_delay.unwrap_or_default());
+            bail!(
+                "--max-delay {}: give a finite number of seconds above 0",
+                self.max_delay.unwrap_or_default()
+            );
         }
-        if reader(&self.log)?.name != "csv" || self.log.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz")) {
-            bail!("{}: only plain text can be watched while it grows; `deadtime estimate --track` reads whole logs", self.log.display());
+        if reader(&self.log)?.name != "csv"
+            || self.log.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"))
+        {
+            bail!(
+                "{}: only plain text can be watched while it grows; `deadtime estimate --track` reads whole logs",
+                self.log.display()
+            );
         }
         let gap = match &self.model {
             Some(path) => {
@@ -121,13 +129,30 @@ impl Watch {
             columns.extend(at.is_none().then(|| name.clone()));
         }
         let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
-        let mut follower = Follower::open(&self.log, &columns, &self.clock.options(&HowFar::default()))?;
-        let tracker = TrackerOptions { bias: self.degree_bias, learn: self.learn, alarm: self.alarm, ..TrackerOptions::default() };
+        let mut follower =
+            Follower::open(&self.log, &columns, &self.clock.options(&HowFar::default()))?;
+        let tracker = TrackerOptions {
+            bias: self.degree_bias,
+            learn: self.learn,
+            alarm: self.alarm,
+            ..TrackerOptions::default()
+        };
         let live = Live::new(LiveOptions { max_delay_s: self.max_delay, tracker });
         let mut watched = Watched { live, gap, places };
-        let mut out = Said { to, json: to.json_file().map(lines).transpose()?, log: self.log.display().to_string(), rows: 0, skipped: 0 };
+        let mut out = Said {
+            to,
+            json: to.json_file().map(lines).transpose()?,
+            log: self.log.display().to_string(),
+            rows: 0,
+            skipped: 0,
+        };
         let log = out.log.clone();
-        out.line(&Line::Started { format: "deadtime/watch@1", log: &log, input: &self.input, output: &self.output })?;
+        out.line(&Line::Started {
+            format: "deadtime/watch@1",
+            log: &log,
+            input: &self.input,
+            output: &self.output,
+        })?;
         let mut grew = Instant::now();
         loop {
             let polled = follower.poll()?;
@@ -179,7 +204,8 @@ impl Said<'_> {
                     self.line(&told)?;
                     self.to.line(&said(&told))?;
                 }
-                let of_model: Vec<Option<f64>> = watched.places.iter().map(|at| value(*at)).collect();
+                let of_model: Vec<Option<f64>> =
+                    watched.places.iter().map(|at| value(*at)).collect();
                 let told = match &mut watched.gap {
                     Some(gap) => gap.push(time_s, &of_model)?,
                     None => None,
@@ -194,19 +220,29 @@ impl Said<'_> {
                     eprintln!("{}; skipped", deadtime_signal::text::message(&why));
                 }
                 if self.skipped == NAMED {
-                    eprintln!("{}: more rows that are skipped are counted, not named", deadtime_signal::text::shown(&self.log));
+                    eprintln!(
+                        "{}: more rows that are skipped are counted, not named",
+                        deadtime_signal::text::shown(&self.log)
+                    );
                 }
             }
-            News::Note(note) => eprintln!("{}", deadtime_signal::text::message(&format!("{}: {}", self.log, note.worded(option)))),
+            News::Note(note) => eprintln!(
+                "{}",
+                deadtime_signal::text::message(&format!("{}: {}", self.log, note.worded(option)))
+            ),
             News::Replaced => {
                 self.line(&Line::Replaced {})?;
-                eprintln!("{}: cut, or another file stands in its place: read from its beginning", deadtime_signal::text::shown(&self.log));
+                eprintln!(
+                    "{}: cut, or another file stands in its place: read from its beginning",
+                    deadtime_signal::text::shown(&self.log)
+                );
             }
             News::TimeBegins { row } => {
                 watched.live.restart();
                 watched.gap.iter_mut().for_each(GapWatch::restart);
                 self.line(&Line::TimeBegins { row })?;
-                self.to.line(&format!("row {row}: time begins anew, learning the response anew"))?;
+                self.to
+                    .line(&format!("row {row}: time begins anew, learning the response anew"))?;
             }
         }
         Ok(())
@@ -222,16 +258,23 @@ impl Said<'_> {
         gap_said(&told).map_or(Ok(()), |text| self.to.line(&text))
     }
 
-    fn end(&mut self, Watched { live, gap, .. }: &mut Watched, unfinished_row: Option<usize>) -> anyhow::Result<()> {
+    fn end(
+        &mut self,
+        Watched { live, gap, .. }: &mut Watched,
+        unfinished_row: Option<usize>,
+    ) -> anyhow::Result<()> {
         let told = match gap {
             Some(gap) => gap.finish()?,
             None => None,
         };
         self.gap(told)?;
-        let (rows, skipped, between, learnt) = (self.rows, self.skipped, live.extra(), live.has_learnt());
+        let (rows, skipped, between, learnt) =
+            (self.rows, self.skipped, live.extra(), live.has_learnt());
         self.line(&Line::Ended { rows, skipped, between, unfinished_row, learnt })?;
         let mut text = format!("{rows} rows read");
-        for (count, what) in [(skipped, "skipped"), (between, "left out between two samples of the even grid")] {
+        for (count, what) in
+            [(skipped, "skipped"), (between, "left out between two samples of the even grid")]
+        {
             if count > 0 {
                 text += &format!(", {count} {what}");
             }
@@ -240,7 +283,8 @@ impl Said<'_> {
             text += &format!("; row {row} has no end yet and was left out");
         }
         if !learnt {
-            text += "; the response is not learnt yet: more rows in which the input moves are needed";
+            text +=
+                "; the response is not learnt yet: more rows in which the input moves are needed";
         }
         self.to.line(&text)
     }
@@ -251,8 +295,11 @@ fn gap_said(told: &GapTold) -> Option<String> {
     match told {
         GapTold::Gap { changed: false, .. } => None,
         GapTold::Gap { from_s, to_s, error, floor, verdict, effects, .. } => {
-            let per_cent = |v: &Option<f64>| v.map_or_else(|| "not known".to_owned(), |v| format!("{:.1} %", 100.0 * v));
-            let number = |p: &FoundParameter| p.value.map(|v| format!("{} {v:.4}{}", p.name, unit(&p.unit)));
+            let per_cent = |v: &Option<f64>| {
+                v.map_or_else(|| "not known".to_owned(), |v| format!("{:.1} %", 100.0 * v))
+            };
+            let number =
+                |p: &FoundParameter| p.value.map(|v| format!("{} {v:.4}{}", p.name, unit(&p.unit)));
             let one = |e: &ActingEffect| {
                 let numbers: Vec<String> = e.parameters.iter().filter_map(number).collect();
                 format!("{} on {} ({})", e.effect, e.channel, numbers.join(", "))
@@ -261,9 +308,15 @@ fn gap_said(told: &GapTold) -> Option<String> {
                 [] => format!("nothing is named ({verdict})"),
                 effects => effects.iter().map(one).collect::<Vec<_>>().join("; "),
             };
-            Some(format!("{from_s:.3} to {to_s:.3} s: gap {}, floor {}: {acting}", per_cent(error), per_cent(floor)))
+            Some(format!(
+                "{from_s:.3} to {to_s:.3} s: gap {}, floor {}: {acting}",
+                per_cent(error),
+                per_cent(floor)
+            ))
         }
-        GapTold::GapNotTold { from_s, to_s, why } => Some(format!("{from_s:.3} to {to_s:.3} s: no diagnosis: {why}")),
+        GapTold::GapNotTold { from_s, to_s, why } => {
+            Some(format!("{from_s:.3} to {to_s:.3} s: no diagnosis: {why}"))
+        }
     }
 }
 
@@ -273,23 +326,35 @@ fn unit(unit: &str) -> String {
 
 /// What is new, in words.
 fn said(told: &Told) -> String {
-    let since = |since_s: &Option<f64>| since_s.map_or_else(|| "long ago".to_owned(), |s| format!("{s:.3} s"));
+    let since = |since_s: &Option<f64>| {
+        since_s.map_or_else(|| "long ago".to_owned(), |s| format!("{s:.3} s"))
+    };
     match told {
         Told::Learning { time_s, sample_time_s, max_delay_s } => {
             let ts = format!("{sample_time_s:.4e}").parse().unwrap_or(*sample_time_s);
-            format!("{time_s:.3} s: a sample every {ts} s, dead times up to {max_delay_s:.4} s; learning the response")
+            format!(
+                "{time_s:.3} s: a sample every {ts} s, dead times up to {max_delay_s:.4} s; learning the response"
+            )
         }
         Told::Delay { time_s, delay_s, ci95_s: [low, high] } => {
             format!("{time_s:.3} s: dead time {delay_s:.4} s ({:.4} to {high:.4})", low.max(0.0))
         }
         Told::DelayChanged { time_s, from_s, to_s, since_s } => {
-            format!("{time_s:.3} s: dead time changed from {from_s:.4} s to {to_s:.4} s, since {}", since(since_s))
+            format!(
+                "{time_s:.3} s: dead time changed from {from_s:.4} s to {to_s:.4} s, since {}",
+                since(since_s)
+            )
         }
         Told::DelayMoved { time_s, from_s, delay_s, ci95_s: [low, high] } => {
-            format!("{time_s:.3} s: dead time moved from {from_s:.4} s to {delay_s:.4} s ({low:.4} to {high:.4})")
+            format!(
+                "{time_s:.3} s: dead time moved from {from_s:.4} s to {delay_s:.4} s ({low:.4} to {high:.4})"
+            )
         }
         Told::ResponseChanged { time_s, since_s } => {
-            format!("{time_s:.3} s: the response changed, since {}; learning it anew", since(since_s))
+            format!(
+                "{time_s:.3} s: the response changed, since {}; learning it anew",
+                since(since_s)
+            )
         }
         Told::RowsMissing { from_s, to_s } => format!("{to_s:.3} s: no rows since {from_s:.3} s"),
     }

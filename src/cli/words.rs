@@ -74,8 +74,13 @@ mod tests {
     fn a_remedy_names_the_option_that_is_typed() {
         let window = DelayError::MaxDelay { seconds: 9.0, step_s: 0.1, samples: 50 };
         assert!(worded(&window).starts_with("--max-delay 9 s: give"), "{window}");
-        let uneven =
-            LogError::UnevenTime { file: "a.csv".into(), place: Place::Row(7), time_s: 0.5, deviation_samples: 0.3, suggested_s: 0.125 };
+        let uneven = LogError::UnevenTime {
+            file: "a.csv".into(),
+            place: Place::Row(7),
+            time_s: 0.5,
+            deviation_samples: 0.3,
+            suggested_s: 0.125,
+        };
         let text = worded(&crate::Error::from(uneven));
         assert!(text.ends_with("with `--resample TS`, for instance `--resample 0.125`"), "{text}");
         assert_eq!(Message::from(Remedy::ClosedLoop).worded(option), "--loop closed");

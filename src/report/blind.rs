@@ -6,10 +6,20 @@ use super::text::Table;
 use deadtime_study::blind::{BlindScore, Reliability, SCORES, Score};
 
 /// The scores that tables of parts show.
-const COLUMNS: [&str; 9] =
-    ["right", "top1", "top1_class", "top3_class", "missed", "needless_unknown", "parameter_error", "coverage", "of_oracle"];
+const COLUMNS: [&str; 9] = [
+    "right",
+    "top1",
+    "top1_class",
+    "top3_class",
+    "missed",
+    "needless_unknown",
+    "parameter_error",
+    "coverage",
+    "of_oracle",
+];
 /// What parts are called in a heading.
-const PARTS: [(&str, &str); 4] = [("effect", "true effect"), ("plant", "plant"), ("strength", "strength"), ("loop", "loop")];
+const PARTS: [(&str, &str); 4] =
+    [("effect", "true effect"), ("plant", "plant"), ("strength", "strength"), ("loop", "loop")];
 
 /// For a terminal.
 #[must_use]
@@ -27,13 +37,20 @@ pub fn text(scores: &BlindScore) -> String {
 pub fn markdown(scores: &BlindScore) -> String {
     let mut text = format!("# Withheld effects\n\n{}\n", headline(scores));
     for (title, table) in tables(scores) {
-        let _ = write!(text, "\n## {}{}\n\n{}", title[..1].to_uppercase(), &title[1..], table.markdown());
+        let _ = write!(
+            text,
+            "\n## {}{}\n\n{}",
+            title[..1].to_uppercase(),
+            &title[1..],
+            table.markdown()
+        );
     }
     text
 }
 
 pub(super) fn headline(scores: &BlindScore) -> String {
-    let groups: Vec<String> = scores.groups.iter().filter(|(_, n)| **n > 0).map(|(g, n)| format!("{n} {g}")).collect();
+    let groups: Vec<String> =
+        scores.groups.iter().filter(|(_, n)| **n > 0).map(|(g, n)| format!("{n} {g}")).collect();
     format!("{} cases ({}); every label matches its commitment", scores.cases, groups.join(", "))
 }
 
@@ -44,7 +61,8 @@ pub(super) fn tables(scores: &BlindScore) -> Vec<(String, Table)> {
         let mut table = Table::new(&[&[title, "cases"][..], &COLUMNS[..]].concat(), &[0]);
         let mut some = false;
         for part in parts {
-            let value = |name: &&str| part.scores.iter().find(|s| s.name == *name).and_then(|s| s.value);
+            let value =
+                |name: &&str| part.scores.iter().find(|s| s.name == *name).and_then(|s| s.value);
             let mut row = vec![part.value.clone(), part.cases.to_string()];
             row.extend(COLUMNS.iter().map(|c| number(value(c))));
             table.row(row);
@@ -67,7 +85,13 @@ pub(super) fn tables(scores: &BlindScore) -> Vec<(String, Table)> {
 fn overall(scores: &BlindScore) -> Table {
     let mut table = Table::new(&["score", "value", "95 % interval", "of", "what it says"], &[0, 4]);
     for (definition, score) in SCORES.iter().zip(&scores.scores) {
-        table.row(vec![score.name.into(), number(score.value), interval(score), score.count.to_string(), definition.summary.into()]);
+        table.row(vec![
+            score.name.into(),
+            number(score.value),
+            interval(score),
+            score.count.to_string(),
+            definition.summary.into(),
+        ]);
     }
     table
 }
@@ -91,7 +115,8 @@ fn confusion(scores: &BlindScore) -> Table {
 }
 
 fn reliability(bins: &[Reliability], [what, so]: [&str; 2]) -> Table {
-    let mut table = Table::new(&["probability", what, "mean probability", so, "95 % interval"], &[0]);
+    let mut table =
+        Table::new(&["probability", what, "mean probability", so, "95 % interval"], &[0]);
     for bin in bins {
         table.row(vec![
             format!("{:.1} to {:.1}", bin.from, bin.to),
@@ -109,7 +134,10 @@ fn interval(score: &Score) -> String {
 }
 
 pub(super) fn ends(ci95: Option<[f64; 2]>) -> String {
-    ci95.map_or_else(|| "–".to_owned(), |[low, high]| format!("{} … {}", number(Some(low)), number(Some(high))))
+    ci95.map_or_else(
+        || "–".to_owned(),
+        |[low, high]| format!("{} … {}", number(Some(low)), number(Some(high))),
+    )
 }
 
 /// Three decimals; large numbers with fewer, small ones in powers of ten.

@@ -12,7 +12,11 @@ pub(super) struct Panel {
 impl Panel {
     /// Numbers that are all equal get a range around them.
     pub(super) fn new(top: f64, height: f64, lowest: f64, highest: f64) -> Self {
-        let margin = if highest > lowest { 0.04 * (highest - lowest) } else { 0.5 * highest.abs().max(1e-9) };
+        let margin = if highest > lowest {
+            0.04 * (highest - lowest)
+        } else {
+            0.5 * highest.abs().max(1e-9)
+        };
         Self { top, height, lowest: lowest - margin, highest: highest + margin }
     }
 
@@ -31,7 +35,11 @@ pub(super) fn ticks(lowest: f64, highest: f64, about: f64) -> Vec<(f64, String)>
     }
     let rough = width / about.max(1.0);
     let power = 10_f64.powf(rough.log10().floor());
-    let step = [1.0, 2.0, 5.0].into_iter().map(|s| s * power).find(|s| *s >= 0.999 * rough).unwrap_or(10.0 * power);
+    let step = [1.0, 2.0, 5.0]
+        .into_iter()
+        .map(|s| s * power)
+        .find(|s| *s >= 0.999 * rough)
+        .unwrap_or(10.0 * power);
     let first = (lowest / step).ceil();
     let count = ((highest / step).floor() - first).clamp(-1.0, 50.0) + 1.0;
     let decimals = (-step.log10().floor()).clamp(0.0, 12.0) as usize;

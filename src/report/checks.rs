@@ -9,7 +9,9 @@ use deadtime_gap::{Check, Inspection};
 pub fn text(found: &Inspection) -> String {
     let mut text = String::new();
     for log in &found.logs {
-        let every = log.sample_time_s.map_or_else(|| "unevenly sampled".to_owned(), |ts| format!("one every {ts} s"));
+        let every = log
+            .sample_time_s
+            .map_or_else(|| "unevenly sampled".to_owned(), |ts| format!("one every {ts} s"));
         let usable = log.channels.iter().filter(|c| c.ok).count();
         let _ = writeln!(
             text,
@@ -20,17 +22,23 @@ pub fn text(found: &Inspection) -> String {
             log.channels.len(),
             found.model
         );
-        for finding in log.time.iter().chain(log.channels.iter().filter_map(|c| c.finding.as_ref())) {
+        for finding in log.time.iter().chain(log.channels.iter().filter_map(|c| c.finding.as_ref()))
+        {
             let _ = writeln!(text, "  {finding}");
         }
         for c in log.channels.iter().filter(|c| c.ok && c.missing > 0) {
             let percent = 100.0 * c.missing as f64 / log.samples.max(1) as f64;
-            let _ = writeln!(text, "  `{}` misses {} samples ({percent:.1} %)", c.channel, c.missing);
+            let _ =
+                writeln!(text, "  `{}` misses {} samples ({percent:.1} %)", c.channel, c.missing);
         }
     }
     for clocks in &found.clocks {
         for topic in &clocks.topics {
-            let name = if topic.topic.is_empty() { clocks.log.clone() } else { format!("{}, {}", clocks.log, topic.topic) };
+            let name = if topic.topic.is_empty() {
+                clocks.log.clone()
+            } else {
+                format!("{}, {}", clocks.log, topic.topic)
+            };
             if let (Some([low, middle, high]), Some(longest)) = (topic.steps_s, topic.longest_s)
                 && (!topic.topic.is_empty() || low < 0.95 * middle || longest > 1.05 * middle)
             {
@@ -42,7 +50,8 @@ pub fn text(found: &Inspection) -> String {
             }
         }
         for offset in &clocks.offsets {
-            let _ = writeln!(text, "  `{}` and `{}`: {}", offset.first, offset.second, offset.finding);
+            let _ =
+                writeln!(text, "  `{}` and `{}`: {}", offset.first, offset.second, offset.finding);
         }
     }
     if let Some(why) = &found.not_run {
@@ -59,7 +68,10 @@ pub fn lines(checks: &[Check]) -> String {
         // What cannot be told for one reason is one line, whatever the number of checks.
         let mut said: Vec<(Vec<String>, &str)> = Vec::new();
         for check in checks.iter().filter(|c| c.ok == ok) {
-            let name = serde_json::to_value(check.check).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default();
+            let name = serde_json::to_value(check.check)
+                .ok()
+                .and_then(|v| v.as_str().map(str::to_owned))
+                .unwrap_or_default();
             match said.iter_mut().find(|(_, finding)| ok.is_none() && *finding == check.finding) {
                 Some((names, _)) => names.push(name),
                 None => said.push((vec![name], &check.finding)),

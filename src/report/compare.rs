@@ -39,20 +39,34 @@ pub fn findings(found: &Diagnoses) -> Vec<String> {
             .causes
             .iter()
             .filter(|c| c.parts.iter().any(Option::is_none))
-            .map(|c| format!("`{}` in {} of {}", c.cause, c.parts.iter().flatten().count(), c.parts.len()))
+            .map(|c| {
+                format!(
+                    "`{}` in {} of {}",
+                    c.cause,
+                    c.parts.iter().flatten().count(),
+                    c.parts.len()
+                )
+            })
             .collect();
         if !some.is_empty() {
             said.push(format!("Not in all: {}.", listed(some.into_iter())));
         }
     }
-    let differ: Vec<&ParameterRow> = found.parameters.iter().filter(|p| p.agree == Some(false)).collect();
+    let differ: Vec<&ParameterRow> =
+        found.parameters.iter().filter(|p| p.agree == Some(false)).collect();
     let agree = found.parameters.iter().filter(|p| p.agree == Some(true)).count();
     if !differ.is_empty() {
-        let each = differ.iter().map(|p| format!("{} of `{}` ({})", p.parameter, p.cause, chance(p.p_value)));
+        let each = differ
+            .iter()
+            .map(|p| format!("{} of `{}` ({})", p.parameter, p.cause, chance(p.p_value)));
         said.push(format!("They differ by more than chance in {}.", listed(each)));
     }
     if agree > 0 {
-        let what = if agree == 1 { "One number agrees".to_owned() } else { format!("{agree} numbers agree") };
+        let what = if agree == 1 {
+            "One number agrees".to_owned()
+        } else {
+            format!("{agree} numbers agree")
+        };
         said.push(format!("{what} within the intervals."));
     }
     said
@@ -62,7 +76,10 @@ pub fn findings(found: &Diagnoses) -> Vec<String> {
 fn listed(names: impl Iterator<Item = String>) -> String {
     let names: Vec<String> = names.collect();
     match names.len().checked_sub(NAMED).filter(|more| *more > 0) {
-        Some(more) => format!("{}, and {more} more", names.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ")),
+        Some(more) => format!(
+            "{}, and {more} more",
+            names.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ")
+        ),
         None => names.join(", "),
     }
 }
@@ -78,7 +95,8 @@ pub(super) fn chance(p: Option<f64>) -> String {
 /// For a terminal: the sentences, how each stands, the shares of the causes, the numbers.
 #[must_use]
 pub fn diagnoses(found: &Diagnoses) -> String {
-    let mut text: String = findings(found).iter().map(|s| wrapped(s, WIDTH, 2).join("\n") + "\n").collect();
+    let mut text: String =
+        findings(found).iter().map(|s| wrapped(s, WIDTH, 2).join("\n") + "\n").collect();
     let tables = [
         ("How each stands, held out (nrmse)", standings(found)),
         ("Causes, and their shares of the gap", shares(found)),
@@ -95,7 +113,10 @@ pub fn diagnoses(found: &Diagnoses) -> String {
 /// The errors and verdicts; `None` without any.
 #[must_use]
 pub fn standings(found: &Diagnoses) -> Option<Table> {
-    let mut table = Table::new(&["diagnosis", "verdict", "before", "after", "noise", "shrink", "95 %"], &[0, 1]);
+    let mut table = Table::new(
+        &["diagnosis", "verdict", "before", "after", "noise", "shrink", "95 %"],
+        &[0, 1],
+    );
     for (name, d) in found.names.iter().zip(&found.diagnoses) {
         let mode = match d.mode {
             Mode::Simulation => "",
@@ -103,8 +124,19 @@ pub fn standings(found: &Diagnoses) -> Option<Table> {
             Mode::Horizon => " (horizon)",
         };
         let part = |v: Option<f64>| v.map_or_else(|| "–".to_owned(), percent);
-        let ends = d.ci95.map_or_else(|| "–".to_owned(), |[low, high]| format!("{} to {}", percent(low), percent(high)));
-        table.row(vec![name.clone(), format!("{}{mode}", d.verdict), part(d.before), part(d.after), part(d.floor), part(d.fraction), ends]);
+        let ends = d.ci95.map_or_else(
+            || "–".to_owned(),
+            |[low, high]| format!("{} to {}", percent(low), percent(high)),
+        );
+        table.row(vec![
+            name.clone(),
+            format!("{}{mode}", d.verdict),
+            part(d.before),
+            part(d.after),
+            part(d.floor),
+            part(d.fraction),
+            ends,
+        ]);
     }
     (!found.names.is_empty()).then_some(table)
 }
@@ -117,7 +149,9 @@ pub fn shares(found: &Diagnoses) -> Option<Table> {
     let mut table = Table::new(&headings, &[0]);
     for row in &found.causes {
         let mut cells = vec![row.cause.clone()];
-        cells.extend(row.parts.iter().map(|part| part.as_ref().map_or_else(|| "–".to_owned(), part_text)));
+        cells.extend(
+            row.parts.iter().map(|part| part.as_ref().map_or_else(|| "–".to_owned(), part_text)),
+        );
         table.row(cells);
     }
     (!found.causes.is_empty()).then_some(table)
@@ -139,7 +173,9 @@ pub fn values(found: &Diagnoses) -> Option<Table> {
     let mut table = Table::new(&headings, &[0, 1]);
     for row in &found.parameters {
         let mut cells = vec![format!("{} {}", row.cause, row.parameter), row.unit.clone()];
-        cells.extend(row.values.iter().map(|v| v.as_ref().map_or_else(|| "–".to_owned(), value_text)));
+        cells.extend(
+            row.values.iter().map(|v| v.as_ref().map_or_else(|| "–".to_owned(), value_text)),
+        );
         cells.extend([agreement(row), mean_text(row), number(row.spread)]);
         table.row(cells);
     }
@@ -163,7 +199,8 @@ pub(super) fn agreement(row: &ParameterRow) -> String {
 }
 
 pub(super) fn mean_text(row: &ParameterRow) -> String {
-    row.mean.map_or_else(|| "–".to_owned(), |value| value_text(&Value { value, ci95: row.mean_ci95 }))
+    row.mean
+        .map_or_else(|| "–".to_owned(), |value| value_text(&Value { value, ci95: row.mean_ci95 }))
 }
 
 /// What studies are compared on, a sentence.
@@ -204,10 +241,22 @@ pub(super) struct Measure {
 }
 
 pub(super) const MEASURES: [Measure; 5] = [
-    Measure { name: "RMS error (samples)", of: |m| &m.rms_samples, text: number, log: true, from: None },
+    Measure {
+        name: "RMS error (samples)",
+        of: |m| &m.rms_samples,
+        text: number,
+        log: true,
+        from: None,
+    },
     Measure { name: "no answer", of: |m| &m.no_answer, text: share, log: false, from: None },
     Measure { name: "wrong, unflagged", of: |m| &m.wrong, text: share, log: false, from: None },
-    Measure { name: "truth in the 95 % interval", of: |m| &m.coverage95, text: share, log: false, from: Some(0.95) },
+    Measure {
+        name: "truth in the 95 % interval",
+        of: |m| &m.coverage95,
+        text: share,
+        log: false,
+        from: Some(0.95),
+    },
     Measure { name: "time per estimate", of: |m| &m.time_s, text: time, log: true, from: None },
 ];
 
@@ -216,7 +265,8 @@ pub(super) fn by_method(found: &Studies, measure: &Measure) -> Option<Table> {
     let mut headings = vec!["method", "cells"];
     headings.extend(found.names.iter().map(String::as_str));
     let mut table = Table::new(&headings, &[0]);
-    let some: Vec<&MethodRow> = found.methods.iter().filter(|m| (measure.of)(m).iter().any(Option::is_some)).collect();
+    let some: Vec<&MethodRow> =
+        found.methods.iter().filter(|m| (measure.of)(m).iter().any(Option::is_some)).collect();
     for method in &some {
         let mut cells = vec![method.method.clone(), method.cells.to_string()];
         cells.extend((measure.of)(method).iter().map(|v| (measure.text)(*v)));

@@ -38,9 +38,11 @@ pub struct Row {
 /// The table of all effects, in Markdown.
 #[must_use]
 pub fn lines_text(lines: &[Line]) -> String {
-    let mut table = Table::new(&["acts on", "effect", "channel", "parameters", "what it is"], &[0, 1, 2, 3, 4]);
+    let mut table =
+        Table::new(&["acts on", "effect", "channel", "parameters", "what it is"], &[0, 1, 2, 3, 4]);
     for line in lines {
-        let parameters: Vec<String> = line.parameters.iter().map(|p| format!("{} ({})", p.name, p.unit)).collect();
+        let parameters: Vec<String> =
+            line.parameters.iter().map(|p| format!("{} ({})", p.name, p.unit)).collect();
         table.marked_up_row(vec![
             line.site.name().to_owned(),
             format!("`{}`", line.effect),
@@ -56,7 +58,8 @@ pub fn lines_text(lines: &[Line]) -> String {
 #[must_use]
 pub fn lines_data(lines: &[Line]) -> Vec<Value> {
     let line = |line: &Line| {
-        let parameters: Vec<Value> = line.parameters.iter().map(|p| json!({ "name": p.name, "unit": p.unit })).collect();
+        let parameters: Vec<Value> =
+            line.parameters.iter().map(|p| json!({ "name": p.name, "unit": p.unit })).collect();
         json!({ "site": line.site, "effect": line.effect, "channels": line.channels, "parameters": parameters, "summary": line.summary })
     };
     lines.iter().map(line).collect()
@@ -65,7 +68,10 @@ pub fn lines_data(lines: &[Line]) -> Vec<Value> {
 /// The channels of a model on which each effect can act.
 #[must_use]
 pub fn menu_text(system: &System, menu: &[Applied]) -> String {
-    let mut table = Table::new(&["acts on", "effect", "channel", "parameters and where they do nothing"], &[0, 1, 2, 3]);
+    let mut table = Table::new(
+        &["acts on", "effect", "channel", "parameters and where they do nothing"],
+        &[0, 1, 2, 3],
+    );
     for applied in menu {
         let value = |p: &Parameter| match (p.nominal.is_finite(), p.unit.as_str()) {
             (false, unit) => format!("{} none [{unit}]", p.name),

@@ -15,18 +15,29 @@ pub(super) fn single_events(jitter: &Jitter, step_s: f64) -> String {
             [Some(low), Some(high)] => {
                 let (value, ends) = delay(q.delay_s, Some([low, high]), step_s);
                 // The interval of a quantile need not be even about it.
-                let ends = ends.map_or_else(String::new, |_| format!("{} to {} s", seconds(low, step_s), seconds(high, step_s)));
+                let ends = ends.map_or_else(String::new, |_| {
+                    format!("{} to {} s", seconds(low, step_s), seconds(high, step_s))
+                });
                 (value, ends)
             }
-            [Some(low), None] => (seconds(q.delay_s, step_s), format!("{} s or more", seconds(low, step_s))),
-            [None, Some(high)] => (seconds(q.delay_s, step_s), format!("{} s or less", seconds(high, step_s))),
-            [None, None] => (seconds(q.delay_s, step_s), "too few events for an interval".to_owned()),
+            [Some(low), None] => {
+                (seconds(q.delay_s, step_s), format!("{} s or more", seconds(low, step_s)))
+            }
+            [None, Some(high)] => {
+                (seconds(q.delay_s, step_s), format!("{} s or less", seconds(high, step_s)))
+            }
+            [None, None] => {
+                (seconds(q.delay_s, step_s), "too few events for an interval".to_owned())
+            }
         };
         format!("{percent} % take {value} s or less ({ends})")
     };
     let quantiles: Vec<String> = jitter.quantiles.iter().map(one).collect();
     let seen = jitter.longest_s.map_or_else(String::new, |longest| {
-        format!("; some were missed, and a delay above {} s could not be seen", seconds(longest, step_s))
+        format!(
+            "; some were missed, and a delay above {} s could not be seen",
+            seconds(longest, step_s)
+        )
     });
     format!("Of {} events {}{seen}", jitter.events, quantiles.join(", "))
 }
@@ -37,17 +48,31 @@ pub fn preamble(report: &Report) -> String {
     let (name, until) = (&report.log, report.max_delay_s);
     match &report.searched {
         Searched::Samples { samples, records, bias, early_s } => {
-            let records = if *records > 1 { format!(" in {records} records") } else { String::new() };
+            let records =
+                if *records > 1 { format!(" in {records} records") } else { String::new() };
             let bias = match bias {
-                Bias::Assumed => "assumed relative degree 1 (a strictly proper plant behind a zero-order hold)".to_owned(),
-                Bias::Model(model) => format!("relative degrees of {model} behind a zero-order hold"),
+                Bias::Assumed => {
+                    "assumed relative degree 1 (a strictly proper plant behind a zero-order hold)"
+                        .to_owned()
+                }
+                Bias::Model(model) => {
+                    format!("relative degrees of {model} behind a zero-order hold")
+                }
                 Bias::Given(degree) => format!("relative degree {degree} as given"),
             };
-            let held = "; outputs were interpolated and inputs held, which makes a response look up to";
-            let early =
-                || format!("{held} {} s too early: a verdict's interval ends that much later", seconds(*early_s, report.sample_time_s));
+            let held =
+                "; outputs were interpolated and inputs held, which makes a response look up to";
+            let early = || {
+                format!(
+                    "{held} {} s too early: a verdict's interval ends that much later",
+                    seconds(*early_s, report.sample_time_s)
+                )
+            };
             let caveat = if *early_s > 0.0 { early() } else { String::new() };
-            format!("{name}: {samples} samples{records}, one every {} s; searched 0 to {until:.4} s; {bias}{caveat}", report.sample_time_s)
+            format!(
+                "{name}: {samples} samples{records}, one every {} s; searched 0 to {until:.4} s; {bias}{caveat}",
+                report.sample_time_s
+            )
         }
         Searched::Events { counts, interval_s } => {
             let [a, b] = report.pairs.first().map_or(["", ""], |p| [&p.input, &p.output]);
@@ -63,7 +88,9 @@ pub fn preamble(report: &Report) -> String {
             } else {
                 String::new()
             };
-            format!("{name}: {count} frequencies from {from:.4} to {to:.4} Hz; searched 0 to {until:.4} s{beyond}{notes}")
+            format!(
+                "{name}: {count} frequencies from {from:.4} to {to:.4} Hz; searched 0 to {until:.4} s{beyond}{notes}"
+            )
         }
     }
 }
@@ -76,7 +103,11 @@ pub fn full(report: &Report) -> String {
         let arrow = if pair.output == "*" { "the states".to_owned() } else { pair.output.clone() };
         let _ = writeln!(text, "\n{} → {arrow}", pair.input);
         if !pair.findings.is_empty() {
-            let shown: Vec<String> = pair.findings.iter().map(|f| format!("{} ({})", f.condition.words(), f.evidence)).collect();
+            let shown: Vec<String> = pair
+                .findings
+                .iter()
+                .map(|f| format!("{} ({})", f.condition.words(), f.evidence))
+                .collect();
             let _ = writeln!(text, "The record shows {}.", shown.join("; "));
         }
         let shown = Shown::of(pair);
@@ -132,11 +163,14 @@ fn table(report: &Report, shown: &Shown<'_>) -> Table {
         }
         let [value, interval] = delay_cells(e.delay_s, e.ci95_s, step);
         let [raw, _] = delay_cells(e.raw_delay_s, e.ci95_s, step);
-        let bias = if e.delay_s.is_some() { e.degree_bias_samples.to_string() } else { "–".to_owned() };
+        let bias =
+            if e.delay_s.is_some() { e.degree_bias_samples.to_string() } else { "–".to_owned() };
         let counts = match (e.outcome, e.distrust.as_slice()) {
             (Outcome::Found, []) if e.contradicted => "no: contradicted".to_owned(),
             (Outcome::Found, []) => "yes".to_owned(),
-            (Outcome::Found, reasons) => format!("no: {}", reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(", ")),
+            (Outcome::Found, reasons) => {
+                format!("no: {}", reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(", "))
+            }
             _ => "–".to_owned(),
         };
         table.row(vec![
@@ -164,8 +198,14 @@ fn track_table(track: &Tracked, step_s: f64) -> Table {
     let count = track.time_s.len();
     for line in 0..TRACK_LINES.min(count) {
         let i = if count <= TRACK_LINES { line } else { line * (count - 1) / (TRACK_LINES - 1) };
-        let [value, band] = delay_cells(Some(track.delay_s[i]), Some([track.low_s[i], track.high_s[i]]), step_s);
-        table.row(vec![(track.record[i] + 1).to_string(), seconds(track.time_s[i], step_s), value, band]);
+        let [value, band] =
+            delay_cells(Some(track.delay_s[i]), Some([track.low_s[i], track.high_s[i]]), step_s);
+        table.row(vec![
+            (track.record[i] + 1).to_string(),
+            seconds(track.time_s[i], step_s),
+            value,
+            band,
+        ]);
     }
     table
 }
@@ -185,7 +225,10 @@ pub fn warning(pair: &Pair, sample_time_s: f64) -> Option<String> {
         )
     };
     let warnings: Vec<String> =
-        [pair.poor_std_s.map(poor), (pair.standing_off > 0).then(|| off(pair.standing_off))].into_iter().flatten().collect();
+        [pair.poor_std_s.map(poor), (pair.standing_off > 0).then(|| off(pair.standing_off))]
+            .into_iter()
+            .flatten()
+            .collect();
     (!warnings.is_empty()).then(|| warnings.join("; "))
 }
 

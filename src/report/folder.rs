@@ -30,6 +30,10 @@ pub fn save(found: &Diagnosed, folder: &Path) -> Result<Vec<&'static str>> {
 /// # Errors
 /// Of files that cannot be written.
 pub fn save_study(found: &Study, plan: &Plan, folder: &Path) -> Result<()> {
-    write_atomic(&folder.join("tables.md"), |out| out.write_all(study::page(found, plan).as_bytes()))?;
-    Ok(write_atomic(&folder.join("report.html"), |out| out.write_all(page::study(found, Some(plan)).as_bytes()))?)
+    write_atomic(&folder.join("tables.md"), |out| {
+        out.write_all(study::page(found, plan).as_bytes())
+    })?;
+    Ok(write_atomic(&folder.join("report.html"), |out| {
+        out.write_all(page::study(found, Some(plan)).as_bytes())
+    })?)
 }

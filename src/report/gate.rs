@@ -11,11 +11,28 @@ const WIDE: usize = 100;
 /// One sentence: what was compared, and whether anything is worse.
 #[must_use]
 pub fn headline(report: &GateReport) -> String {
-    let GateReport { plan, seeds: [before, after], alpha, cells, exact_cells, tests, worse, better, new_cells, groups, .. } = report;
-    let mut methods: Vec<&str> = groups.iter().filter(|g| !g.new).map(|g| g.method.as_str()).collect();
+    let GateReport {
+        plan,
+        seeds: [before, after],
+        alpha,
+        cells,
+        exact_cells,
+        tests,
+        worse,
+        better,
+        new_cells,
+        groups,
+        ..
+    } = report;
+    let mut methods: Vec<&str> =
+        groups.iter().filter(|g| !g.new).map(|g| g.method.as_str()).collect();
     methods.sort_unstable();
     methods.dedup();
-    let seeds = if before == after { format!("seed {before}") } else { format!("seeds {before} and {after}") };
+    let seeds = if before == after {
+        format!("seed {before}")
+    } else {
+        format!("seeds {before} and {after}")
+    };
     let standing = match (worse.len(), better.len()) {
         (0, 0) => "nothing is worse".to_owned(),
         (0, b) => format!("nothing is worse, {b} better"),
@@ -44,7 +61,9 @@ fn value(measured: Measured, value: Option<f64>) -> String {
 }
 
 fn with_interval(measured: Measured, of: Option<f64>, ci95: Option<[f64; 2]>) -> String {
-    let interval = ci95.map_or_else(String::new, |[low, high]| format!(" ({} … {})", number(Some(low)), number(Some(high))));
+    let interval = ci95.map_or_else(String::new, |[low, high]| {
+        format!(" ({} … {})", number(Some(low)), number(Some(high)))
+    });
     value(measured, of) + &interval
 }
 
@@ -53,11 +72,13 @@ fn with_interval(measured: Measured, of: Option<f64>, ci95: Option<[f64; 2]>) ->
 pub fn line(finding: &Finding) -> String {
     let Finding { measured, before, after, before_count, after_count, p_value, .. } = finding;
     if *measured == Measured::Cells {
-        let what = if finding.cell.is_none() { "the method is gone" } else { "the cell is missing" };
+        let what =
+            if finding.cell.is_none() { "the method is gone" } else { "the cell is missing" };
         return format!("{}: {what}", place(finding));
     }
-    let [before, after] = [(before, finding.before_ci95, before_count), (after, finding.after_ci95, after_count)]
-        .map(|(v, ci95, count)| format!("{} of {count}", with_interval(*measured, *v, ci95)));
+    let [before, after] =
+        [(before, finding.before_ci95, before_count), (after, finding.after_ci95, after_count)]
+            .map(|(v, ci95, count)| format!("{} of {count}", with_interval(*measured, *v, ci95)));
     let sure = p_value.map_or_else(|| "exactly".to_owned(), |p| format!("p = {}", chance(p)));
     format!("{}: {} {before} → {after}, {sure}", place(finding), measured.words())
 }
@@ -74,7 +95,12 @@ pub fn text(report: &GateReport) -> String {
         [] => String::new(),
         some => format!("\n{word}\n{}", changes(some).fit(WIDE)),
     };
-    format!("{}\n{}{}", wrapped(&headline(report), WIDE, 0).join("\n"), list("worse", &report.worse), list("better", &report.better))
+    format!(
+        "{}\n{}{}",
+        wrapped(&headline(report), WIDE, 0).join("\n"),
+        list("worse", &report.worse),
+        list("better", &report.better)
+    )
 }
 
 /// A page: the sentence, what changed, every method.
@@ -86,7 +112,10 @@ pub fn markdown(report: &GateReport) -> String {
             text += &format!("\n## {title}\n\n{}", changes(findings).markdown());
         }
     }
-    text + &format!("\n## Methods\n\nMeans over the cells, before → after.\n\n{}", methods(&report.groups).markdown())
+    text + &format!(
+        "\n## Methods\n\nMeans over the cells, before → after.\n\n{}",
+        methods(&report.groups).markdown()
+    )
 }
 
 fn changes(findings: &[Finding]) -> Table {
@@ -106,15 +135,22 @@ fn changes(findings: &[Finding]) -> Table {
 }
 
 fn methods(groups: &[GateGroup]) -> Table {
-    let measured: Vec<Measured> = groups.first().map(|g| g.means.iter().map(|m| m.0).collect()).unwrap_or_default();
-    let headings: Vec<&str> = ["grid", "from", "method", "cells"].into_iter().chain(measured.iter().map(|m| m.words())).collect();
+    let measured: Vec<Measured> =
+        groups.first().map(|g| g.means.iter().map(|m| m.0).collect()).unwrap_or_default();
+    let headings: Vec<&str> = ["grid", "from", "method", "cells"]
+        .into_iter()
+        .chain(measured.iter().map(|m| m.words()))
+        .collect();
     let mut table = Table::new(&headings, &[0, 1, 2]);
     for group in groups {
         let name = if group.new { format!("{} (new)", group.method) } else { group.method.clone() };
-        let mut row = vec![group.grid.clone(), group.place.name().to_owned(), name, group.cells.to_string()];
-        row.extend(group.means.iter().map(|(m, before, after)| match (value(*m, *before), value(*m, *after)) {
-            (before, after) if before == after => before,
-            (before, after) => format!("{before} → {after}"),
+        let mut row =
+            vec![group.grid.clone(), group.place.name().to_owned(), name, group.cells.to_string()];
+        row.extend(group.means.iter().map(|(m, before, after)| {
+            match (value(*m, *before), value(*m, *after)) {
+                (before, after) if before == after => before,
+                (before, after) => format!("{before} → {after}"),
+            }
         }));
         table.row(row);
     }

@@ -35,7 +35,9 @@ impl Report<'_> {
     pub fn data(&self) -> Result<Value, deadtime_model::ModelError> {
         let m = self.model;
         let responses: Vec<Response> = m.responses(self.delays, FREQUENCIES)?;
-        let rows = |m: &nalgebra::DMatrix<f64>| m.row_iter().map(|r| r.iter().copied().collect::<Vec<_>>()).collect::<Vec<_>>();
+        let rows = |m: &nalgebra::DMatrix<f64>| {
+            m.row_iter().map(|r| r.iter().copied().collect::<Vec<_>>()).collect::<Vec<_>>()
+        };
         let mut data = json!({
             "format": "deadtime/identify@1", "logs": self.logs, "method": m.method, "sample_time_s": m.sample_time.seconds(),
             "inputs": m.inputs, "outputs": m.outputs, "past": m.past, "rows": m.rows, "order": m.order,
@@ -74,7 +76,11 @@ impl Report<'_> {
             seconds(m.sample_time.seconds())
         );
         for (input, delay) in m.inputs.iter().zip(self.delays) {
-            text += &format!("  {}: dead time {} taken out first\n", input.name, seconds(m.sample_time.to_seconds(*delay as f64)));
+            text += &format!(
+                "  {}: dead time {} taken out first\n",
+                input.name,
+                seconds(m.sample_time.to_seconds(*delay as f64))
+            );
         }
         for note in self.delay_notes.iter().chain(&m.notes) {
             text += &format!("  note: {note}\n");
@@ -84,8 +90,14 @@ impl Report<'_> {
             order.by_schwarz, order.by_akaike, order.by_gap
         );
         text += &format!("{}\n", self.orders());
-        text += &format!("poles (z plane, standard deviations in brackets)\n{}\n", poles(&m.poles()));
-        text += &format!("on held-out data ({}, {} samples)\n{}", self.held_out, self.held_out_samples, self.fits());
+        text +=
+            &format!("poles (z plane, standard deviations in brackets)\n{}\n", poles(&m.poles()));
+        text += &format!(
+            "on held-out data ({}, {} samples)\n{}",
+            self.held_out,
+            self.held_out_samples,
+            self.fits()
+        );
         text += &self.about_fits();
         text
     }
@@ -93,7 +105,13 @@ impl Report<'_> {
     /// For a terminal, of a model whose structure was given.
     fn text_of(&self, p: &Parametric) -> String {
         let m = self.model;
-        let mut text = format!("{}: {}\n  {} rows, sample time {}\n", m.method, p.structure, m.rows, seconds(m.sample_time.seconds()));
+        let mut text = format!(
+            "{}: {}\n  {} rows, sample time {}\n",
+            m.method,
+            p.structure,
+            m.rows,
+            seconds(m.sample_time.seconds())
+        );
         for note in self.delay_notes.iter().chain(&m.notes) {
             text += &format!("  note: {note}\n");
         }
@@ -103,9 +121,17 @@ impl Report<'_> {
         }
         // The lags of a process model are among its numbers.
         if p.continuous.is_none() {
-            text += &format!("poles (z plane, standard deviations in brackets)\n{}\n", poles(&m.poles()));
+            text += &format!(
+                "poles (z plane, standard deviations in brackets)\n{}\n",
+                poles(&m.poles())
+            );
         }
-        text += &format!("on held-out data ({}, {} samples)\n{}", self.held_out, self.held_out_samples, self.fits());
+        text += &format!(
+            "on held-out data ({}, {} samples)\n{}",
+            self.held_out,
+            self.held_out_samples,
+            self.fits()
+        );
         text += &self.about_fits();
         text
     }
@@ -113,16 +139,33 @@ impl Report<'_> {
     pub(super) fn orders(&self) -> Table {
         let mut table = Table::new(&["order", "singular value", "Schwarz", "weight"], &[]);
         for c in &self.model.order.candidates {
-            let schwarz = c.schwarz.map_or_else(|| "no stable predictor".to_owned(), |s| format!("{s:.2}"));
-            table.row(vec![c.order.to_string(), format!("{:.4}", c.singular_value), schwarz, format!("{:.3}", c.weight)]);
+            let schwarz =
+                c.schwarz.map_or_else(|| "no stable predictor".to_owned(), |s| format!("{s:.2}"));
+            table.row(vec![
+                c.order.to_string(),
+                format!("{:.4}", c.singular_value),
+                schwarz,
+                format!("{:.3}", c.weight),
+            ]);
         }
         table
     }
 
     pub(super) fn fits(&self) -> Table {
-        let mut table =
-            Table::new(&["output", "one-step fit %", "simulation fit %", "VAF %", "nrmse", "white, p", "inputs, least p"], &[0]);
-        let percent = |f: Option<Fit>| f.map_or_else(|| "-".to_owned(), |f| format!("{:.1}", f.fit_percent));
+        let mut table = Table::new(
+            &[
+                "output",
+                "one-step fit %",
+                "simulation fit %",
+                "VAF %",
+                "nrmse",
+                "white, p",
+                "inputs, least p",
+            ],
+            &[0],
+        );
+        let percent =
+            |f: Option<Fit>| f.map_or_else(|| "-".to_owned(), |f| format!("{:.1}", f.fit_percent));
         let p = |t: Option<Test>| t.map_or_else(|| "-".to_owned(), |t| format!("{:.3}", t.p));
         for c in &self.checks {
             let whole = c.simulation.or(c.one_step);
@@ -143,8 +186,14 @@ impl Report<'_> {
     /// What the numbers of the table of fits mean.
     pub(super) fn about_fits(&self) -> String {
         let unstable = self.checks.iter().all(|c| c.simulation.is_none());
-        let note = if unstable { "VAF and nrmse are those of one-step predictions: there is no free run to compare.\n" } else { "" };
-        format!("{note}A p below 0.01 says that the one-step errors still contain something that a larger model could explain.\n")
+        let note = if unstable {
+            "VAF and nrmse are those of one-step predictions: there is no free run to compare.\n"
+        } else {
+            ""
+        };
+        format!(
+            "{note}A p below 0.01 says that the one-step errors still contain something that a larger model could explain.\n"
+        )
     }
 }
 
@@ -153,9 +202,11 @@ pub(super) fn parameters(p: &Parametric) -> Table {
     let mut table = Table::new(&["parameter", "value", "std", "95 % from", "to", "unit"], &[0, 5]);
     let number = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), digits);
     for q in &p.parameters {
-        let name = q.input.as_ref().map_or_else(|| q.name.clone(), |input| format!("{} {input}", q.name));
+        let name =
+            q.input.as_ref().map_or_else(|| q.name.clone(), |input| format!("{} {input}", q.name));
         let unit = q.unit.clone().unwrap_or_default();
-        let (value, ends) = q.ci95.map_or_else(|| (digits(q.value), None), |ends| estimate(q.value, Some(ends)));
+        let (value, ends) =
+            q.ci95.map_or_else(|| (digits(q.value), None), |ends| estimate(q.value, Some(ends)));
         let [from, to] = ends.unwrap_or_else(|| ["-".to_owned(), "-".to_owned()]);
         table.row(vec![name, value, number(q.std), from, to, unit]);
     }
@@ -185,11 +236,18 @@ pub(super) fn poles(roots: &[Root]) -> Table {
     let mut table = Table::new(&["pole", "size", "time constant", "frequency", "damping"], &[0]);
     let deviation = |s: Option<f64>| s.map_or_else(String::new, |s| format!(" ({s:.2e})"));
     for r in roots.iter().filter(|r| r.im >= 0.0) {
-        let imaginary = if r.im == 0.0 { String::new() } else { format!(" ± {:.5}{} i", r.im, deviation(r.std_im)) };
+        let imaginary = if r.im == 0.0 {
+            String::new()
+        } else {
+            format!(" ± {:.5}{} i", r.im, deviation(r.std_im))
+        };
         table.row(vec![
             format!("{:.5}{}{imaginary}", r.re, deviation(r.std_re)),
             format!("{:.5}", r.re.hypot(r.im)),
-            r.time_constant_s.map_or_else(|| "-".to_owned(), |t| format!("{}{}", signed(t), deviation(r.time_constant_std_s))),
+            r.time_constant_s.map_or_else(
+                || "-".to_owned(),
+                |t| format!("{}{}", signed(t), deviation(r.time_constant_std_s)),
+            ),
             r.frequency_hz.map_or_else(|| "-".to_owned(), |f| format!("{f:.4} Hz")),
             r.damping.map_or_else(|| "-".to_owned(), |d| format!("{d:.3}")),
         ]);
@@ -206,5 +264,9 @@ pub(super) fn seconds(value_s: f64) -> String {
 
 /// Seconds; of a growing pole the time in which it grows e-fold.
 fn signed(time_constant_s: f64) -> String {
-    if time_constant_s < 0.0 { format!("grows in {}", seconds(-time_constant_s)) } else { seconds(time_constant_s) }
+    if time_constant_s < 0.0 {
+        format!("grows in {}", seconds(-time_constant_s))
+    } else {
+        seconds(time_constant_s)
+    }
 }

@@ -8,10 +8,14 @@ use deadtime_gap::{Isolability, Size};
 #[must_use]
 pub fn text(found: &Isolability) -> String {
     let mode = found.prediction.words();
-    let mut table = Table::new(&["effect", "channel", "seen from", "closest rival", "cosine"], &[0, 1, 2, 3]);
+    let mut table =
+        Table::new(&["effect", "channel", "seen from", "closest rival", "cosine"], &[0, 1, 2, 3]);
     for e in &found.effects {
         let seen = e.smallest.as_ref().map_or_else(|| "not visible".to_owned(), size);
-        let (rival, cosine) = e.rival.as_ref().map_or_else(Default::default, |r| (r.name.clone(), format!("{:.3}", r.cosine)));
+        let (rival, cosine) = e
+            .rival
+            .as_ref()
+            .map_or_else(Default::default, |r| (r.name.clone(), format!("{:.3}", r.cosine)));
         table.row(vec![e.effect.clone(), e.channel.clone(), seen, rival, cosine]);
     }
     let visible = found.effects.iter().filter(|e| e.visible).count();
@@ -30,7 +34,8 @@ pub fn text(found: &Isolability) -> String {
         text += &format!("These logs cannot tell apart (cosine {} or more):\n", found.alike_from);
     }
     for class in &found.classes {
-        let (members, next) = (format!("  {}", class.members.join(", ")), format!("    {}", class.next_experiment));
+        let (members, next) =
+            (format!("  {}", class.members.join(", ")), format!("    {}", class.next_experiment));
         text += &format!("{}\n{}\n", lines(&members, 4), lines(&next, 4));
     }
     text
@@ -42,6 +47,8 @@ fn size(s: &Size) -> String {
     match s.nominal {
         None => format!("{} {:.3e}{unit} and tighter", s.parameter, s.value),
         Some(0.0) => format!("{} {:.2e}{unit}", s.parameter, s.value.abs()),
-        Some(nominal) => format!("{} {nominal:.4} ± {:.2e}{unit}", s.parameter, (s.value - nominal).abs()),
+        Some(nominal) => {
+            format!("{} {nominal:.4} ± {:.2e}{unit}", s.parameter, (s.value - nominal).abs())
+        }
     }
 }

@@ -23,20 +23,34 @@ pub fn xml(report: &GateReport) -> String {
     let all: Vec<(usize, &GateGroup)> = report.groups.iter().enumerate().collect();
     let (tests, failures, _) = counts(&all);
     let mut text = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n".to_owned();
-    text +=
-        &format!("<testsuites name=\"deadtime gate: {}\" tests=\"{tests}\" failures=\"{failures}\" errors=\"0\">\n", escaped(&report.plan));
+    text += &format!(
+        "<testsuites name=\"deadtime gate: {}\" tests=\"{tests}\" failures=\"{failures}\" errors=\"0\">\n",
+        escaped(&report.plan)
+    );
     for (name, groups) in suites {
         let (tests, failures, skipped) = counts(&groups);
         let suite = escaped(&name);
-        text += &format!("  <testsuite name=\"{suite}\" tests=\"{tests}\" failures=\"{failures}\" errors=\"0\" skipped=\"{skipped}\">\n");
+        text += &format!(
+            "  <testsuite name=\"{suite}\" tests=\"{tests}\" failures=\"{failures}\" errors=\"0\" skipped=\"{skipped}\">\n"
+        );
         for (at, group) in groups {
-            let head = format!("    <testcase classname=\"{}.{suite}\" name=\"{}\"", escaped(&report.plan), escaped(&group.method));
+            let head = format!(
+                "    <testcase classname=\"{}.{suite}\" name=\"{}\"",
+                escaped(&report.plan),
+                escaped(&group.method)
+            );
             let worse = of(at);
             text += &match (group.new, worse.first()) {
-                (true, _) => format!("{head}>\n      <skipped message=\"new: the baseline does not have it\"/>\n    </testcase>\n"),
+                (true, _) => format!(
+                    "{head}>\n      <skipped message=\"new: the baseline does not have it\"/>\n    </testcase>\n"
+                ),
                 (false, None) => format!("{head}/>\n"),
                 (false, Some(first)) => {
-                    let more = if worse.len() > 1 { format!(" (and {} more)", worse.len() - 1) } else { String::new() };
+                    let more = if worse.len() > 1 {
+                        format!(" (and {} more)", worse.len() - 1)
+                    } else {
+                        String::new()
+                    };
                     let lines: String = worse.iter().map(|f| line(f) + "\n").collect();
                     format!(
                         "{head}>\n      <failure type=\"worse\" message=\"{}\">{}</failure>\n    </testcase>\n",
@@ -48,7 +62,10 @@ pub fn xml(report: &GateReport) -> String {
         }
         text += "  </testsuite>\n";
     }
-    text + &format!("  <!-- {} -->\n</testsuites>\n", escaped(&headline(report)).replace("--", "- -"))
+    text + &format!(
+        "  <!-- {} -->\n</testsuites>\n",
+        escaped(&headline(report)).replace("--", "- -")
+    )
 }
 
 /// Text as it may stand in XML 1.0, in an attribute too; what may not stand there at all becomes U+FFFD.
@@ -75,6 +92,9 @@ mod tests {
 
     #[test]
     fn what_xml_may_not_hold_does_not_get_there() {
-        assert_eq!(escaped("a<b & \"c\" '\u{1}\u{8}d\u{ffff}>\n"), "a&lt;b &amp; &quot;c&quot; &apos;\u{fffd}\u{fffd}d\u{fffd}&gt;\n");
+        assert_eq!(
+            escaped("a<b & \"c\" '\u{1}\u{8}d\u{ffff}>\n"),
+            "a&lt;b &amp; &quot;c&quot; &apos;\u{fffd}\u{fffd}d\u{fffd}&gt;\n"
+        );
     }
 }

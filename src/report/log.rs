@@ -11,7 +11,11 @@ const BLOCKS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█
 pub fn text(listing: &Listing) -> String {
     let channels: usize = listing.topics.iter().map(|t| t.channels.len()).sum();
     let topics = listing.topics.iter().filter(|t| !t.name.is_empty()).count();
-    let held = if topics > 0 { format!("{topics} topics, {channels} channels") } else { format!("{channels} channels") };
+    let held = if topics > 0 {
+        format!("{topics} topics, {channels} channels")
+    } else {
+        format!("{channels} channels")
+    };
     let mut text = format!("{}: {}, {held}\n", listing.file, listing.reader);
     for note in listing.notes.iter() {
         text += &format!("note: {note}\n");
@@ -27,25 +31,41 @@ pub fn text(listing: &Listing) -> String {
 
 fn about(topic: &TopicListing) -> String {
     let name = if topic.name.is_empty() { String::new() } else { format!("{}: ", topic.name) };
-    let mut text = format!("{name}{} samples, {} s to {} s", topic.samples, number(topic.from_s), number(topic.to_s));
+    let mut text = format!(
+        "{name}{} samples, {} s to {} s",
+        topic.samples,
+        number(topic.from_s),
+        number(topic.to_s)
+    );
     if let (Some(step_s), Some(jitter_s)) = (topic.step_s, topic.jitter_s) {
         text += &format!(
             ", {} Hz (median step {} s, {})",
             number(1.0 / step_s),
             number(step_s),
-            if topic.even { "even".to_owned() } else { format!("uneven by {} s", number(jitter_s)) }
+            if topic.even {
+                "even".to_owned()
+            } else {
+                format!("uneven by {} s", number(jitter_s))
+            }
         );
     }
-    let longest = topic.gaps.iter().max_by(|a, b| (a.to_s - a.from_s).total_cmp(&(b.to_s - b.from_s)));
+    let longest =
+        topic.gaps.iter().max_by(|a, b| (a.to_s - a.from_s).total_cmp(&(b.to_s - b.from_s)));
     if let Some(gap) = longest {
         let s = if topic.gap_count == 1 { "" } else { "s" };
-        text += &format!(", {} gap{s} (for instance {} s at {} s)", topic.gap_count, number(gap.to_s - gap.from_s), number(gap.from_s));
+        text += &format!(
+            ", {} gap{s} (for instance {} s at {} s)",
+            topic.gap_count,
+            number(gap.to_s - gap.from_s),
+            number(gap.from_s)
+        );
     }
     text
 }
 
 fn table(topic: &TopicListing) -> String {
-    let mut table = Table::new(&["channel", "unit", "min", "max", "mean", "missing", "course"], &[0, 1, 6]);
+    let mut table =
+        Table::new(&["channel", "unit", "min", "max", "mean", "missing", "course"], &[0, 1, 6]);
     for channel in &topic.channels {
         let shown = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), number);
         table.row(vec![
@@ -64,7 +84,8 @@ fn table(topic: &TopicListing) -> String {
 /// The course of a channel between its smallest and its largest part; a blank where nothing was logged.
 fn course(channel: &ChannelListing) -> String {
     let there = || channel.course.iter().flatten().copied();
-    let (low, high) = (there().fold(f64::INFINITY, f64::min), there().fold(f64::NEG_INFINITY, f64::max));
+    let (low, high) =
+        (there().fold(f64::INFINITY, f64::min), there().fold(f64::NEG_INFINITY, f64::max));
     let block = |x: f64| {
         // Halves, as the difference of the largest numbers has no room in f64.
         let share = if high > low { (x / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0) } else { 0.0 };

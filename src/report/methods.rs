@@ -10,17 +10,38 @@ use deadtime_study::{Common, CommonScore as Score, MethodRow};
 /// Errors and times, class by class.
 #[must_use]
 pub fn errors(rows: &[MethodRow]) -> Table {
-    let headings = ["method", "made for", "error", "held", "none", "lag: error", "held", "none", "loop: error", "held", "none", "time"];
+    let headings = [
+        "method",
+        "made for",
+        "error",
+        "held",
+        "none",
+        "lag: error",
+        "held",
+        "none",
+        "loop: error",
+        "held",
+        "none",
+        "time",
+    ];
     let mut table = Table::new(&headings, &[0, 1]);
     let cells = |score: Option<&Score>| match score {
         None => ["", "", ""].map(str::to_owned),
         Some(s) => {
-            let share = |v: Option<f64>| v.map_or_else(|| "–".to_owned(), |v| format!("{:.0} %", 100.0 * v));
+            let share = |v: Option<f64>| {
+                v.map_or_else(|| "–".to_owned(), |v| format!("{:.0} %", 100.0 * v))
+            };
             let none = s.trials - s.found;
-            [s.rms_samples.map_or_else(|| "–".to_owned(), |v| format!("{v:.2}")), share(s.coverage95), none.to_string()]
+            [
+                s.rms_samples.map_or_else(|| "–".to_owned(), |v| format!("{v:.2}")),
+                share(s.coverage95),
+                none.to_string(),
+            ]
         }
     };
-    let reference = |name: &str| METHODS.iter().find(|m| m.entry.name == name).map_or("", |m| made_for(m.reference));
+    let reference = |name: &str| {
+        METHODS.iter().find(|m| m.entry.name == name).map_or("", |m| made_for(m.reference))
+    };
     for class in Class::ALL {
         for row in rows.iter().filter(|r| r.class == *class) {
             let mut line = vec![row.method.to_owned(), reference(row.method).to_owned()];
@@ -48,9 +69,13 @@ fn made_for(reference: ReferenceExperiment) -> &'static str {
 
 /// What each method is, needs, cannot see and withstands.
 fn needs(class: Class) -> Table {
-    let mut table = Table::new(&["method", "what it does", "needs", "cannot see", "withstands", "does not promise"], &[0, 1, 2, 3, 4, 5]);
+    let mut table = Table::new(
+        &["method", "what it does", "needs", "cannot see", "withstands", "does not promise"],
+        &[0, 1, 2, 3, 4, 5],
+    );
     for m in METHODS.iter().filter(|m| m.class == class) {
-        let list = |names: Vec<&str>| if names.is_empty() { "–".to_owned() } else { names.join(", ") };
+        let list =
+            |names: Vec<&str>| if names.is_empty() { "–".to_owned() } else { names.join(", ") };
         table.row(vec![
             format!("`{}`", m.entry.name),
             m.entry.summary.to_owned(),
@@ -90,7 +115,13 @@ pub fn page(study: &Common, rows: &[MethodRow]) -> String {
     text.push_str("## What each needs, and what it cannot see\n\n");
     for class in Class::ALL.iter().filter(|c| METHODS.iter().any(|m| m.class == **c)) {
         let title = class.title();
-        let _ = writeln!(text, "### {}{}\n\n{}", title[..1].to_uppercase(), &title[1..], needs(*class).markdown());
+        let _ = writeln!(
+            text,
+            "### {}{}\n\n{}",
+            title[..1].to_uppercase(),
+            &title[1..],
+            needs(*class).markdown()
+        );
     }
     let _ = writeln!(
         text,

@@ -62,7 +62,11 @@ struct Axis {
 impl Axis {
     fn new(pair: &Pair, sample_time_s: f64) -> Self {
         let reach = |e: &&Estimate| Some(e.ci95_s?[1].max(e.raw_delay_s?));
-        let longest = shown(pair).iter().filter(|e| e.counts()).filter_map(reach).fold(4.0 * sample_time_s, f64::max);
+        let longest = shown(pair)
+            .iter()
+            .filter(|e| e.counts())
+            .filter_map(reach)
+            .fold(4.0 * sample_time_s, f64::max);
         Self { from_s: -0.05 * longest, to_s: 2.5 * longest }
     }
 
@@ -86,14 +90,30 @@ fn shown(pair: &Pair) -> Vec<&Estimate> {
 /// Caption, frame and time axis of a plot.
 fn frame(svg: &mut String, caption: &str, axis: Axis, (top, height): (f64, f64)) {
     let (middle, bottom, width) = (0.5 * WIDTH, top + height, WIDTH - LEFT - RIGHT);
-    let _ = writeln!(svg, "<text class=\"caption\" x=\"{middle}\" y=\"{}\" text-anchor=\"middle\">{caption}</text>", top - 12.0);
-    let _ = writeln!(svg, "<rect class=\"frame\" x=\"{LEFT}\" y=\"{top}\" width=\"{width}\" height=\"{height}\"/>");
+    let _ = writeln!(
+        svg,
+        "<text class=\"caption\" x=\"{middle}\" y=\"{}\" text-anchor=\"middle\">{caption}</text>",
+        top - 12.0
+    );
+    let _ = writeln!(
+        svg,
+        "<rect class=\"frame\" x=\"{LEFT}\" y=\"{top}\" width=\"{width}\" height=\"{height}\"/>"
+    );
     for (time_s, label) in ticks(axis.from_s, axis.to_s, 8.0) {
         let x = axis.x(time_s);
         let _ = writeln!(svg, "<path class=\"tick\" d=\"M{x:.1} {bottom}v5\"/>");
-        let _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{label}</text>", bottom + 19.0);
+        let _ = writeln!(
+            svg,
+            "<text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{label}</text>",
+            bottom + 19.0
+        );
     }
-    let _ = writeln!(svg, "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">seconds</text>", LEFT + 0.5 * width, bottom + 37.0);
+    let _ = writeln!(
+        svg,
+        "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">seconds</text>",
+        LEFT + 0.5 * width,
+        bottom + 37.0
+    );
 }
 
 /// One line per method: the interval as a bar, the dead time as a dot; the verdict as a band behind them. The height that all of it ends at.
@@ -104,54 +124,107 @@ fn answers(svg: &mut String, pair: &Pair, axis: Axis, above: f64) -> f64 {
     if let (Some(delay), Some([from, to])) = (pair.verdict.delay_s, pair.verdict.ci95_s) {
         let (left, right, x) = (axis.x(from), axis.x(to), axis.x(delay));
         let width = (right - left).max(0.5);
-        let _ = writeln!(svg, "<rect class=\"verdict\" x=\"{left:.1}\" y=\"{top}\" width=\"{width:.1}\" height=\"{height}\"/>");
+        let _ = writeln!(
+            svg,
+            "<rect class=\"verdict\" x=\"{left:.1}\" y=\"{top}\" width=\"{width:.1}\" height=\"{height}\"/>"
+        );
         let _ = writeln!(svg, "<path class=\"believed\" d=\"M{x:.1} {top}v{height}\"/>");
     }
-    let caption = format!("{} to {}: dead time by method, 95 % intervals (grey: not counted)", escape(&pair.input), escape(target));
+    let caption = format!(
+        "{} to {}: dead time by method, 95 % intervals (grey: not counted)",
+        escape(&pair.input),
+        escape(target)
+    );
     frame(svg, &caption, axis, (top, height));
     for (i, estimate) in estimates.iter().enumerate() {
         let y = top + ROW * (i as f64 + 0.5);
         let text = y + 5.0;
-        let _ = writeln!(svg, "<text x=\"{}\" y=\"{text}\" text-anchor=\"end\">{}</text>", LEFT - 8.0, escape(&estimate.method));
+        let _ = writeln!(
+            svg,
+            "<text x=\"{}\" y=\"{text}\" text-anchor=\"end\">{}</text>",
+            LEFT - 8.0,
+            escape(&estimate.method)
+        );
         let (Some(delay), Some([from, to])) = (estimate.delay_s, estimate.ci95_s) else {
             let outcome = estimate.outcome.name().replace('_', " ");
-            let _ = writeln!(svg, "<text class=\"aside\" x=\"{}\" y=\"{text}\">{outcome}</text>", LEFT + 8.0);
+            let _ = writeln!(
+                svg,
+                "<text class=\"aside\" x=\"{}\" y=\"{text}\">{outcome}</text>",
+                LEFT + 8.0
+            );
             continue;
         };
         let aside = if estimate.counts() { "" } else { " aside" };
-        let _ = writeln!(svg, "<path class=\"bar{aside}\" d=\"M{:.1} {y}H{:.1}\"/>", axis.x(from), axis.x(to));
+        let _ = writeln!(
+            svg,
+            "<path class=\"bar{aside}\" d=\"M{:.1} {y}H{:.1}\"/>",
+            axis.x(from),
+            axis.x(to)
+        );
         if axis.holds(delay) {
-            let _ = writeln!(svg, "<circle class=\"dot{aside}\" cx=\"{:.1}\" cy=\"{y}\" r=\"5\"/>", axis.x(delay));
+            let _ = writeln!(
+                svg,
+                "<circle class=\"dot{aside}\" cx=\"{:.1}\" cy=\"{y}\" r=\"5\"/>",
+                axis.x(delay)
+            );
         }
     }
     top + height + AXIS
 }
 
 /// The coefficients as stems, their threshold as a band. The height that all of it ends at.
-fn impulse(svg: &mut String, response: &Response, axis: Axis, sample_time_s: f64, above: f64) -> f64 {
+fn impulse(
+    svg: &mut String,
+    response: &Response,
+    axis: Axis,
+    sample_time_s: f64,
+    above: f64,
+) -> f64 {
     let at = |i: usize| i as f64 * sample_time_s;
     let shown: Vec<usize> = (0..response.values.len()).filter(|&i| at(i) <= axis.to_s).collect();
     let band = |i: usize| BAND * response.std[i];
-    let reach = shown.iter().map(|&i| response.values[i].abs().max(band(i))).fold(f64::MIN_POSITIVE, f64::max);
+    let reach = shown
+        .iter()
+        .map(|&i| response.values[i].abs().max(band(i)))
+        .fold(f64::MIN_POSITIVE, f64::max);
     let panel = Panel::new(above + CAPTION, RESPONSE, -reach, reach);
     let point = |i: usize, value: f64| format!("{:.1} {:.1}", axis.x(at(i)), panel.y(value));
-    let edge: Vec<String> = shown.iter().map(|&i| point(i, band(i))).chain(shown.iter().rev().map(|&i| point(i, -band(i)))).collect();
+    let edge: Vec<String> = shown
+        .iter()
+        .map(|&i| point(i, band(i)))
+        .chain(shown.iter().rev().map(|&i| point(i, -band(i))))
+        .collect();
     if !edge.is_empty() {
         let _ = writeln!(svg, "<path class=\"band\" d=\"M{}Z\"/>", edge.join("L"));
     }
     for (value, label) in ticks(panel.lowest, panel.highest, 5.0) {
         let y = panel.y(value);
         let _ = writeln!(svg, "<path class=\"grid\" d=\"M{LEFT} {y:.1}H{}\"/>", WIDTH - RIGHT);
-        let _ = writeln!(svg, "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{label}</text>", LEFT - 8.0, y + 5.0);
+        let _ = writeln!(
+            svg,
+            "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{label}</text>",
+            LEFT - 8.0,
+            y + 5.0
+        );
     }
-    let caption =
-        format!("estimated impulse response; grey: {BAND} standard deviations (the dead time ends before the first stem outside)");
+    let caption = format!(
+        "estimated impulse response; grey: {BAND} standard deviations (the dead time ends before the first stem outside)"
+    );
     frame(svg, &caption, axis, (panel.top, panel.height));
     for &i in &shown {
         let (x, h) = (axis.x(at(i)), response.values[i]);
         let out = if h.abs() > band(i) { " out" } else { "" };
-        let _ = writeln!(svg, "<path class=\"stem{out}\" d=\"M{x:.1} {:.1}V{:.1}\"/>", panel.y(0.0), panel.y(h));
-        let _ = writeln!(svg, "<circle class=\"tip{out}\" cx=\"{x:.1}\" cy=\"{:.1}\" r=\"3\"/>", panel.y(h));
+        let _ = writeln!(
+            svg,
+            "<path class=\"stem{out}\" d=\"M{x:.1} {:.1}V{:.1}\"/>",
+            panel.y(0.0),
+            panel.y(h)
+        );
+        let _ = writeln!(
+            svg,
+            "<circle class=\"tip{out}\" cx=\"{x:.1}\" cy=\"{:.1}\" r=\"3\"/>",
+            panel.y(h)
+        );
     }
     panel.top + panel.height + AXIS
 }
@@ -180,7 +253,9 @@ mod tests {
             estimates: ["oestruc", "arxstruc"]
                 .iter()
                 .zip([&found, &none])
-                .map(|(name, e)| Estimate::new(deadtime_delay::method(name).unwrap(), e, None, 0.0, &[]))
+                .map(|(name, e)| {
+                    Estimate::new(deadtime_delay::method(name).unwrap(), e, None, 0.0, &[])
+                })
                 .collect(),
             verdict: Verdict {
                 delay_s: Some(0.2),
@@ -194,8 +269,16 @@ mod tests {
             track: None,
         };
         let response = Response { values: vec![0.0, 0.0, 1.0], std: vec![0.01; 3] };
-        let text = svg(&[Shown { pair: &pair, response: Some(&response) }, Shown { pair: &pair, response: None }], 0.1);
-        for part in ["oestruc", "arxstruc", "not rich enough", "u&lt;1&gt;", "impulse response", "</svg>"] {
+        let text = svg(
+            &[
+                Shown { pair: &pair, response: Some(&response) },
+                Shown { pair: &pair, response: None },
+            ],
+            0.1,
+        );
+        for part in
+            ["oestruc", "arxstruc", "not rich enough", "u&lt;1&gt;", "impulse response", "</svg>"]
+        {
             assert!(text.contains(part), "{part}");
         }
     }

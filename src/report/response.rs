@@ -45,7 +45,8 @@ impl Report<'_> {
     /// Every input with every output.
     pub fn pairs(&self) -> impl Iterator<Item = (usize, usize)> {
         let outputs = self.responses.outputs.len();
-        (0..self.responses.inputs.len()).flat_map(move |input| (0..outputs).map(move |output| (input, output)))
+        (0..self.responses.inputs.len())
+            .flat_map(move |input| (0..outputs).map(move |output| (input, output)))
     }
 
     /// For a terminal.
@@ -58,7 +59,13 @@ impl Report<'_> {
         }
         for (input, output) in self.pairs() {
             let points = r.pair(output, input);
-            let _ = write!(text, "\n{} → {}\n{}", r.inputs[input].name, r.outputs[output].name, table(&points));
+            let _ = write!(
+                text,
+                "\n{} → {}\n{}",
+                r.inputs[input].name,
+                r.outputs[output].name,
+                table(&points)
+            );
         }
         text + "\nBrackets hold 95 %. The response is that of samples: a zero-order hold at the input adds half a sample of delay.\n"
     }
@@ -68,9 +75,18 @@ impl Report<'_> {
         let loops = if r.references.is_empty() {
             String::new()
         } else {
-            format!(", by way of {}", r.references.iter().map(|n| n.name.as_str()).collect::<Vec<_>>().join(", "))
+            format!(
+                ", by way of {}",
+                r.references.iter().map(|n| n.name.as_str()).collect::<Vec<_>>().join(", ")
+            )
         };
-        format!("{}: {} frequencies from {} samples of {}{loops}", r.method, r.lines.len(), r.samples, seconds(r.sample_time.seconds()))
+        format!(
+            "{}: {} frequencies from {} samples of {}{loops}",
+            r.method,
+            r.lines.len(),
+            r.samples,
+            seconds(r.sample_time.seconds())
+        )
     }
 }
 
@@ -80,7 +96,8 @@ fn hz(p: &Point) -> f64 {
 
 /// Some of the points, evenly in the logarithm of the frequency.
 pub(super) fn table(points: &[Point]) -> Table {
-    let mut table = Table::new(&["frequency (Hz)", "gain", "95 %", "phase (°)", "95 %", "coherence"], &[]);
+    let mut table =
+        Table::new(&["frequency (Hz)", "gain", "95 %", "phase (°)", "95 %", "coherence"], &[]);
     let (Some(first), Some(last)) = (points.first(), points.last()) else { return table };
     let ratio = last.omega_rad_s / first.omega_rad_s;
     let mut before = None;
@@ -90,9 +107,10 @@ pub(super) fn table(points: &[Point]) -> Table {
         let Some(p) = points.get(at).filter(|_| before != Some(at)) else { continue };
         before = Some(at);
         let [low, high] = p.gain_ci95();
-        let phase = p
-            .phase_ci95_rad()
-            .map_or_else(|| "[not known]".to_owned(), |ends| format!("[{:.1}, {:.1}]", ends[0].to_degrees(), ends[1].to_degrees()));
+        let phase = p.phase_ci95_rad().map_or_else(
+            || "[not known]".to_owned(),
+            |ends| format!("[{:.1}, {:.1}]", ends[0].to_degrees(), ends[1].to_degrees()),
+        );
         table.row(vec![
             format!("{:.4}", hz(p)),
             format!("{:.4e}", p.gain()),

@@ -26,8 +26,18 @@ pub fn headline(report: &SpeedReport) -> String {
 /// A bench in a line.
 #[must_use]
 pub fn line(bench: &Timed) -> String {
-    let Timed { bench: name, pairs, minimum_s: [b, a], median_s: [mb, ma], ratio, beyond: [longer, shorter], p_value, speed } = bench;
-    let (count, p) = if *speed == Speed::Faster { (shorter, p_value[1]) } else { (longer, p_value[0]) };
+    let Timed {
+        bench: name,
+        pairs,
+        minimum_s: [b, a],
+        median_s: [mb, ma],
+        ratio,
+        beyond: [longer, shorter],
+        p_value,
+        speed,
+    } = bench;
+    let (count, p) =
+        if *speed == Speed::Faster { (shorter, p_value[1]) } else { (longer, p_value[0]) };
     format!(
         "{name}: {} → {} (medians {} → {}), {} times, beyond the margin in {count} of {pairs} pairs, p = {}",
         time(Some(*b)),
@@ -42,14 +52,35 @@ pub fn line(bench: &Timed) -> String {
 /// For a terminal: the sentence, and a line for each bench that is not the same.
 #[must_use]
 pub fn text(report: &SpeedReport) -> String {
-    let list = |word: &str, speed| report.of(speed).map(|b| format!("  {word}: {}\n", line(b))).collect::<String>();
-    format!("{}\n{}{}", headline(report), list("slower", Speed::Slower), list("faster", Speed::Faster))
+    let list = |word: &str, speed| {
+        report.of(speed).map(|b| format!("  {word}: {}\n", line(b))).collect::<String>()
+    };
+    format!(
+        "{}\n{}{}",
+        headline(report),
+        list("slower", Speed::Slower),
+        list("faster", Speed::Faster)
+    )
 }
 
 /// A page: the sentence, every bench, the worst first.
 #[must_use]
 pub fn markdown(report: &SpeedReport) -> String {
-    let mut table = Table::new(&["bench", "", "shortest before", "now", "median before", "now", "ratio", "beyond", "of", "p"], &[0, 1]);
+    let mut table = Table::new(
+        &[
+            "bench",
+            "",
+            "shortest before",
+            "now",
+            "median before",
+            "now",
+            "ratio",
+            "beyond",
+            "of",
+            "p",
+        ],
+        &[0, 1],
+    );
     let mut benches: Vec<&Timed> = report.benches.iter().collect();
     benches.sort_by(|a, b| b.ratio.total_cmp(&a.ratio));
     for b in benches {
@@ -60,7 +91,12 @@ pub fn markdown(report: &SpeedReport) -> String {
         };
         let mut row = vec![b.bench.clone(), word.to_owned()];
         row.extend(b.minimum_s.iter().chain(&b.median_s).map(|s| time(Some(*s))));
-        row.extend([number(Some(b.ratio)), b.beyond[0].to_string(), b.pairs.to_string(), number(Some(b.p_value[0]))]);
+        row.extend([
+            number(Some(b.ratio)),
+            b.beyond[0].to_string(),
+            b.pairs.to_string(),
+            number(Some(b.p_value[0])),
+        ]);
         table.row(row);
     }
     format!(
@@ -81,11 +117,17 @@ pub fn junit(report: &SpeedReport) -> String {
     for bench in &report.benches {
         let head = format!("    <testcase classname=\"speed\" name=\"{}\"", escaped(&bench.bench));
         text += &match bench.speed {
-            Speed::Slower => format!("{head}>\n      <failure type=\"slower\" message=\"{}\"/>\n    </testcase>\n", escaped(&line(bench))),
+            Speed::Slower => format!(
+                "{head}>\n      <failure type=\"slower\" message=\"{}\"/>\n    </testcase>\n",
+                escaped(&line(bench))
+            ),
             Speed::Faster | Speed::Same => format!("{head}/>\n"),
         };
     }
-    text + &format!("  </testsuite>\n  <!-- {} -->\n</testsuites>\n", escaped(&headline(report)).replace("--", "- -"))
+    text + &format!(
+        "  </testsuite>\n  <!-- {} -->\n</testsuites>\n",
+        escaped(&headline(report)).replace("--", "- -")
+    )
 }
 
 #[cfg(test)]
@@ -95,7 +137,11 @@ mod tests {
 
     #[test]
     fn every_format_names_the_slower_bench_with_its_numbers() {
-        let pair = |bench: &str, after_s: f64| TimedPair { bench: bench.to_owned(), before_s: 1e-6, after_s };
+        let pair = |bench: &str, after_s: f64| TimedPair {
+            bench: bench.to_owned(),
+            before_s: 1e-6,
+            after_s,
+        };
         let pairs = (0..12).flat_map(|_| [pair("a<b|c", 2e-6), pair("same", 1.01e-6)]).collect();
         let report = SpeedGate::default().judge(&Timings { pairs }).unwrap();
         assert!(
@@ -106,10 +152,17 @@ mod tests {
         );
         assert!(!text(&report).contains("same"));
         let page = markdown(&report);
-        assert!(page.contains("a\\<b\\|c") && page.contains("| same") && page.contains("1 slower, 0 faster"), "{page}");
+        assert!(
+            page.contains("a\\<b\\|c")
+                && page.contains("| same")
+                && page.contains("1 slower, 0 faster"),
+            "{page}"
+        );
         let xml = junit(&report);
         assert!(
-            xml.contains("tests=\"2\" failures=\"1\"") && xml.contains("name=\"a&lt;b|c\">") && xml.contains("name=\"same\"/>"),
+            xml.contains("tests=\"2\" failures=\"1\"")
+                && xml.contains("name=\"a&lt;b|c\">")
+                && xml.contains("name=\"same\"/>"),
             "{xml}"
         );
     }

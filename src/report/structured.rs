@@ -6,7 +6,8 @@ use deadtime_signal::stats::NORMAL_95;
 
 /// Horizons that a table shows.
 fn shown(horizon: usize) -> Vec<usize> {
-    let mut list: Vec<usize> = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].into_iter().filter(|h| *h < horizon).collect();
+    let mut list: Vec<usize> =
+        [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].into_iter().filter(|h| *h < horizon).collect();
     list.push(horizon);
     list
 }
@@ -22,12 +23,17 @@ pub fn scores(name: &str, lists: &[&[GroupScore]]) -> String {
     let mut table = Table::new(&headings, &[0]);
     for (i, group) in lists.first().copied().unwrap_or(&[]).iter().enumerate() {
         let cell = |f: &dyn Fn(&GroupScore) -> f64| {
-            let each: Vec<String> = lists.iter().filter_map(|l| l.get(i)).map(|g| number(f(g))).collect();
+            let each: Vec<String> =
+                lists.iter().filter_map(|l| l.get(i)).map(|g| number(f(g))).collect();
             each.join(" → ")
         };
         let unit = group.unit.as_ref().map_or(String::new(), |u| format!(" [{u}]"));
         let mut row = vec![format!("{}{unit}", group.group)];
-        row.extend(shown(horizon).iter().map(|&h| cell(&|g| g.mean_absolute.get(h - 1).copied().unwrap_or(f64::NAN))));
+        row.extend(
+            shown(horizon)
+                .iter()
+                .map(|&h| cell(&|g| g.mean_absolute.get(h - 1).copied().unwrap_or(f64::NAN))),
+        );
         row.push(cell(&|g| g.sum));
         table.row(row);
     }
@@ -36,7 +42,11 @@ pub fn scores(name: &str, lists: &[&[GroupScore]]) -> String {
 
 fn number(value: f64) -> String {
     let size = value.abs();
-    if size == 0.0 || (1e-3..1e4).contains(&size) { format!("{value:.4}") } else { format!("{value:.3e}") }
+    if size == 0.0 || (1e-3..1e4).contains(&size) {
+        format!("{value:.4}")
+    } else {
+        format!("{value:.3e}")
+    }
 }
 
 /// Four digits, whatever the size.
@@ -45,7 +55,11 @@ pub(super) fn digits(value: f64) -> String {
         return "0".to_owned();
     }
     let exponent = value.abs().log10().floor();
-    if (-4.0..5.0).contains(&exponent) { format!("{value:.*}", (3.0 - exponent).max(0.0) as usize) } else { format!("{value:.3e}") }
+    if (-4.0..5.0).contains(&exponent) {
+        format!("{value:.*}", (3.0 - exponent).max(0.0) as usize)
+    } else {
+        format!("{value:.3e}")
+    }
 }
 
 /// A value and the ends of its interval with the digits that the interval allows.
@@ -62,7 +76,9 @@ pub(super) fn meaning(found: &StructuredFit, standing: Standing) -> Option<&'sta
         Standing::Surrogate => {
             "surrogate: it predicts, but it is not the physics: one step and many steps ahead ask for values that differ twofold, or a nominal value moved tenfold."
         }
-        Standing::Open => "open: these logs do not fix it: its interval holds 0, or another parameter trades with it.",
+        Standing::Open => {
+            "open: these logs do not fix it: its interval holds 0, or another parameter trades with it."
+        }
         Standing::Unchecked if found.parameters.iter().any(|p| p.one_step.is_some()) => {
             "unchecked: nothing speaks against it, but what single steps ask for is too vague to agree."
         }
@@ -97,7 +113,10 @@ pub fn text(found: &StructuredFit) -> String {
         found.shrinkage,
         if found.converged { "" } else { "; the search did not end at a minimum" }
     );
-    let mut table = Table::new(&["parameter", "unit", "file", "found", "95 % interval", "one step ahead", "standing"], &[0, 1, 6]);
+    let mut table = Table::new(
+        &["parameter", "unit", "file", "found", "95 % interval", "one step ahead", "standing"],
+        &[0, 1, 6],
+    );
     for p in &found.parameters {
         let (value, ends) = fitted(p.value, Some(p.interval));
         table.row(vec![
@@ -106,12 +125,17 @@ pub fn text(found: &StructuredFit) -> String {
             digits(p.nominal),
             value,
             ends.map_or_else(|| "-".to_owned(), |ends| ends.join(" to ")),
-            p.one_step.map_or(String::new(), |[v, s]| format!("{} ± {}", digits(v), digits(NORMAL_95 * s))),
+            p.one_step.map_or(String::new(), |[v, s]| {
+                format!("{} ± {}", digits(v), digits(NORMAL_95 * s))
+            }),
             standing(p.standing).to_owned(),
         ]);
     }
     text += &table.to_string();
-    for said in [Standing::Surrogate, Standing::Open, Standing::Unchecked].into_iter().filter_map(|s| meaning(found, s)) {
+    for said in [Standing::Surrogate, Standing::Open, Standing::Unchecked]
+        .into_iter()
+        .filter_map(|s| meaning(found, s))
+    {
         text += &format!("\n{said}\n");
     }
     text += &not_had(&found.unseen, &found.trades);
@@ -134,7 +158,11 @@ pub fn text(found: &StructuredFit) -> String {
 pub(super) fn not_had(unseen: &[Unseen], trades: &[String]) -> String {
     let mut text = String::new();
     for unseen in unseen {
-        text += &format!("\nCannot be had: {} (standard deviation {}).", unseen.words, how_unseen(unseen.std));
+        text += &format!(
+            "\nCannot be had: {} (standard deviation {}).",
+            unseen.words,
+            how_unseen(unseen.std)
+        );
     }
     for trade in trades {
         text += &format!("\n{trade}.");

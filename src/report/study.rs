@@ -6,7 +6,9 @@ use super::styled::wrapped;
 use super::text::Table;
 use deadtime_signal::stats;
 use deadtime_signal::text::markdown;
-use deadtime_study::{Cell, Delay, Grid, Layout, Measure, Plan, Score, Shown, Standing, Statistic, Study, Which};
+use deadtime_study::{
+    Cell, Delay, Grid, Layout, Measure, Plan, Score, Shown, Standing, Statistic, Study, Which,
+};
 
 /// How one number of a table is shown.
 pub(super) fn number(value: Option<f64>) -> String {
@@ -27,7 +29,10 @@ fn significant(value: f64, digits: i32) -> String {
 }
 
 fn between(ends: Option<[f64; 2]>) -> String {
-    ends.map_or_else(|| "–".to_owned(), |[a, b]| format!("{} … {}", significant(a, 3), significant(b, 3)))
+    ends.map_or_else(
+        || "–".to_owned(),
+        |[a, b]| format!("{} … {}", significant(a, 3), significant(b, 3)),
+    )
 }
 
 pub(super) fn share(value: Option<f64>) -> String {
@@ -51,7 +56,12 @@ pub(super) fn groups(study: &Study) -> Vec<Vec<&Cell>> {
     let mut groups: Vec<Vec<&Cell>> = Vec::new();
     for cell in &study.cells {
         let same = |g: &&mut Vec<&Cell>| {
-            g.first().is_some_and(|c| c.grid == cell.grid && c.place == cell.place && c.method == cell.method && c.options == cell.options)
+            g.first().is_some_and(|c| {
+                c.grid == cell.grid
+                    && c.place == cell.place
+                    && c.method == cell.method
+                    && c.options == cell.options
+            })
         };
         match groups.iter_mut().find(same) {
             Some(group) => group.push(cell),
@@ -92,7 +102,8 @@ const SHORT: [&str; 10] = [
 /// One row per grid, place and method: means over the cells of their root mean square errors and biases, medians of their bounds, and shares of all estimates.
 #[must_use]
 pub fn summary(study: &Study) -> Table {
-    let headings: Vec<&str> = ["grid", "from", "method", "cells"].into_iter().chain(HEADINGS).collect();
+    let headings: Vec<&str> =
+        ["grid", "from", "method", "cells"].into_iter().chain(HEADINGS).collect();
     let mut table = Table::new(&headings, &[0, 1, 2]);
     for group in groups(study) {
         let Some(first) = group.first() else { continue };
@@ -104,9 +115,13 @@ pub fn summary(study: &Study) -> Table {
                 && s.kept_percent >= 100.0
         });
         let trials: usize = group.iter().map(|c| c.trials).sum();
-        let of_all =
-            |count: &dyn Fn(&Cell) -> usize| share(Some(group.iter().map(|c| count(c)).sum::<usize>() as f64 / trials.max(1) as f64));
-        let total = group.iter().map(|c| c.time_per_estimate_s.unwrap_or(0.0) * c.trials as f64).sum::<f64>();
+        let of_all = |count: &dyn Fn(&Cell) -> usize| {
+            share(Some(group.iter().map(|c| count(c)).sum::<usize>() as f64 / trials.max(1) as f64))
+        };
+        let total = group
+            .iter()
+            .map(|c| c.time_per_estimate_s.unwrap_or(0.0) * c.trials as f64)
+            .sum::<f64>();
         table.row(vec![
             first.grid.clone(),
             first.place.name().to_owned(),
@@ -131,7 +146,11 @@ pub fn summary(study: &Study) -> Table {
 /// A table that a plan asks for with `by`.
 #[must_use]
 pub fn by(study: &Study, grid: &str, layout: &Layout) -> Table {
-    let of = |key: &str, cell: &Cell| match KEYS.iter().find(|(_, name, _)| *name == key).map(|(_, _, of)| of(cell)) {
+    let of = |key: &str, cell: &Cell| match KEYS
+        .iter()
+        .find(|(_, name, _)| *name == key)
+        .map(|(_, _, of)| of(cell))
+    {
         Some(value) if !value.is_empty() => value,
         _ => "none".to_owned(),
     };
@@ -139,18 +158,31 @@ pub fn by(study: &Study, grid: &str, layout: &Layout) -> Table {
     let (mut columns, mut rows): (Vec<String>, Vec<Vec<String>>) = (Vec::new(), Vec::new());
     let mut groups: BTreeMap<(usize, usize), Vec<&Cell>> = BTreeMap::new();
     for cell in study.cells.iter().filter(|c| c.grid == grid) {
-        let row: Vec<String> = keys.iter().map(|k| of(k, cell)).chain([cell.method_text()]).collect();
-        groups.entry((place(&mut rows, row), place(&mut columns, of(column, cell)))).or_default().push(cell);
+        let row: Vec<String> =
+            keys.iter().map(|k| of(k, cell)).chain([cell.method_text()]).collect();
+        groups
+            .entry((place(&mut rows, row), place(&mut columns, of(column, cell))))
+            .or_default()
+            .push(cell);
     }
-    let headings: Vec<&str> = keys.iter().map(String::as_str).chain(["method"]).chain(columns.iter().map(String::as_str)).collect();
+    let headings: Vec<&str> = keys
+        .iter()
+        .map(String::as_str)
+        .chain(["method"])
+        .chain(columns.iter().map(String::as_str))
+        .collect();
     let mut table = Table::new(&headings, &(0..=keys.len()).collect::<Vec<_>>());
     // Rows with equal leading keys stand together.
     let mut order: Vec<usize> = (0..rows.len()).collect();
-    let first = |r: usize| rows.iter().position(|other| other[..keys.len()] == rows[r][..keys.len()]);
+    let first =
+        |r: usize| rows.iter().position(|other| other[..keys.len()] == rows[r][..keys.len()]);
     order.sort_by_key(|&r| (first(r), r));
     for at in order {
-        let texts: Vec<String> =
-            (0..columns.len()).map(|c| groups.get(&(at, c)).map_or_else(|| "–".to_owned(), |g| shown(layout.shown, g))).collect();
+        let texts: Vec<String> = (0..columns.len())
+            .map(|c| {
+                groups.get(&(at, c)).map_or_else(|| "–".to_owned(), |g| shown(layout.shown, g))
+            })
+            .collect();
         // What no method of this name has, such as a bound, makes no row.
         if layout.shown == Shown::Rms || texts.iter().any(|t| t != "–") {
             table.row(rows[at].iter().cloned().chain(texts).collect());
@@ -181,7 +213,9 @@ fn shown(what: Shown, cells: &[&Cell]) -> String {
     // Rounding is not an error of a method.
     let settled = |v: f64| if v.abs() < 1e-6 { 0.0 } else { v };
     let trials: usize = cells.iter().map(|c| c.trials).sum();
-    let of_all = |count: fn(&Cell) -> usize| 100.0 * cells.iter().map(|c| count(c)).sum::<usize>() as f64 / trials.max(1) as f64;
+    let of_all = |count: fn(&Cell) -> usize| {
+        100.0 * cells.iter().map(|c| count(c)).sum::<usize>() as f64 / trials.max(1) as f64
+    };
     match what {
         Shown::Rms => {
             let rms = number(mean(cells, |c| c.rms_samples).map(settled));
@@ -199,7 +233,8 @@ fn shown(what: Shown, cells: &[&Cell]) -> String {
 
 /// How far the errors are from the bound; `None` where fewer than half of the records have an answer: what a method leaves out is not what it can do.
 pub(super) fn over_bound(cells: &[&Cell]) -> Option<f64> {
-    let (trials, flagged): (usize, usize) = cells.iter().fold((0, 0), |s, c| (s.0 + c.trials, s.1 + c.flagged));
+    let (trials, flagged): (usize, usize) =
+        cells.iter().fold((0, 0), |s, c| (s.0 + c.trials, s.1 + c.flagged));
     let rms = mean(cells, |c| c.rms_samples).filter(|_| 2 * flagged <= trials)?;
     Some(rms / median(cells, |c| c.bound_rms_samples)?)
 }
@@ -219,11 +254,19 @@ fn slope(cells: &[&Cell]) -> Option<f64> {
 #[must_use]
 pub fn cells(study: &Study, grid: &str) -> (String, Table) {
     let members: Vec<&Cell> = study.cells.iter().filter(|c| c.grid == grid).collect();
-    let columns: Vec<(&str, Vec<String>)> = KEYS.iter().map(|(name, _, of)| (*name, members.iter().map(|c| of(c)).collect())).collect();
-    let (varying, fixed): (Vec<_>, Vec<_>) = columns.into_iter().partition(|(_, values)| values.iter().any(|v| Some(v) != values.first()));
-    let told: Vec<String> =
-        fixed.iter().filter_map(|(name, values)| values.first().filter(|v| !v.is_empty()).map(|v| format!("{name} {v}"))).collect();
-    let headings: Vec<&str> = varying.iter().map(|(n, _)| *n).chain(HEADINGS[1..10].iter().copied()).collect();
+    let columns: Vec<(&str, Vec<String>)> =
+        KEYS.iter().map(|(name, _, of)| (*name, members.iter().map(|c| of(c)).collect())).collect();
+    let (varying, fixed): (Vec<_>, Vec<_>) = columns
+        .into_iter()
+        .partition(|(_, values)| values.iter().any(|v| Some(v) != values.first()));
+    let told: Vec<String> = fixed
+        .iter()
+        .filter_map(|(name, values)| {
+            values.first().filter(|v| !v.is_empty()).map(|v| format!("{name} {v}"))
+        })
+        .collect();
+    let headings: Vec<&str> =
+        varying.iter().map(|(n, _)| *n).chain(HEADINGS[1..10].iter().copied()).collect();
     let left: Vec<usize> = (0..varying.len()).collect();
     let mut table = Table::new(&headings, &left);
     for (at, cell) in members.iter().enumerate() {
@@ -271,7 +314,8 @@ pub(super) const KEYS: &[(&str, &str, KeyText)] = &[
 /// Every published number of a plan beside ours; `None` where the plan has none.
 #[must_use]
 pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
-    let mut table = Table::new(&["source", "cells", "what", "published", "ours", ""], &[0, 1, 2, 5]);
+    let mut table =
+        Table::new(&["source", "cells", "what", "published", "ours", ""], &[0, 1, 2, 5]);
     let mut any = false;
     for p in &plan.published {
         let Some(beside) = p.beside(study) else { continue };
@@ -284,19 +328,33 @@ pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
         };
         let (theirs, ours) = match p.statistic {
             Statistic::Failed => ("always".to_owned(), share(beside.ours)),
-            _ => (number(p.value), beside.ours.map_or_else(|| "no answer".to_owned(), |v| number(Some(v)))),
+            _ => (
+                number(p.value),
+                beside.ours.map_or_else(|| "no answer".to_owned(), |v| number(Some(v))),
+            ),
         };
         let standing = match beside.standing {
             Standing::Matching => "matching".to_owned(),
             Standing::Differing => match (p.statistic, beside.ours.zip(p.value)) {
-                (Statistic::RmsSamples, Some((ours, theirs))) => format!("differing, {}", if ours < theirs { "lower" } else { "higher" }),
+                (Statistic::RmsSamples, Some((ours, theirs))) => {
+                    format!("differing, {}", if ours < theirs { "lower" } else { "higher" })
+                }
                 _ => "differing".to_owned(),
             },
-            Standing::NotReproducible => format!("not reproducible: {}", p.not_reproducible.as_deref().unwrap_or("")),
+            Standing::NotReproducible => {
+                format!("not reproducible: {}", p.not_reproducible.as_deref().unwrap_or(""))
+            }
         };
         // A grid that is named as the source says nothing more.
         let grid = p.cells.grid.clone().filter(|g| *g != p.source);
-        table.row(vec![p.source.clone(), Which { grid, ..p.cells.clone() }.to_string(), what, theirs, ours, standing]);
+        table.row(vec![
+            p.source.clone(),
+            Which { grid, ..p.cells.clone() }.to_string(),
+            what,
+            theirs,
+            ours,
+            standing,
+        ]);
     }
     any.then_some(table)
 }
@@ -304,7 +362,8 @@ pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
 /// How many of a plan's published numbers stand how beside ours.
 #[must_use]
 pub fn standings(study: &Study, plan: &Plan) -> String {
-    let all: Vec<Standing> = plan.published.iter().filter_map(|p| p.beside(study)).map(|b| b.standing).collect();
+    let all: Vec<Standing> =
+        plan.published.iter().filter_map(|p| p.beside(study)).map(|b| b.standing).collect();
     let count = |standing: Standing| all.iter().filter(|s| **s == standing).count();
     format!(
         "{} matching, {} differing, {} not reproducible",
@@ -322,7 +381,9 @@ const WIDE: usize = 100;
 pub fn text(study: &Study, plan: Option<&Plan>) -> String {
     let about = wrapped(&format!("{}: {}", study.plan, study.about), WIDE, 2).join("\n");
     let first = format!("{about}\n\n{}", summary(study).only(&SHORT).fit(WIDE));
-    with_tables(first, study, plan, &|told| wrapped(told, WIDE, 0).join("\n"), &|table| table.fit(WIDE))
+    with_tables(first, study, plan, &|told| wrapped(told, WIDE, 0).join("\n"), &|table| {
+        table.fit(WIDE)
+    })
 }
 
 /// The same with every column, as wide as it comes.
@@ -332,9 +393,16 @@ pub fn full(study: &Study, plan: Option<&Plan>) -> String {
 }
 
 /// Beneath the summary, published numbers, the plan's own tables, scores and aims.
-fn with_tables(first: String, study: &Study, plan: Option<&Plan>, say: &dyn Fn(&str) -> String, show: &dyn Fn(&Table) -> String) -> String {
+fn with_tables(
+    first: String,
+    study: &Study,
+    plan: Option<&Plan>,
+    say: &dyn Fn(&str) -> String,
+    show: &dyn Fn(&Table) -> String,
+) -> String {
     let mut text = first;
-    let mut add = |told: &str, table: &Table| text += &format!("\n{}\n\n{}", say(told), show(table));
+    let mut add =
+        |told: &str, table: &Table| text += &format!("\n{}\n\n{}", say(told), show(table));
     if let Some((plan, table)) = plan.and_then(|p| Some((p, published(study, p)?))) {
         add(&format!("Beside published numbers, {}:", standings(study, plan)), &table);
     }
@@ -360,12 +428,21 @@ pub fn headline(study: &Study) -> String {
 #[must_use]
 pub fn page(study: &Study, plan: &Plan) -> String {
     let mut text = format!("# {}\n\n{}\n\n", markdown(&plan.name), markdown(&plan.about));
-    text += &format!("Seed {}; {}.\n\n## Methods\n\n{}\n", study.seed, study.program, summary(study).markdown());
+    text += &format!(
+        "Seed {}; {}.\n\n## Methods\n\n{}\n",
+        study.seed,
+        study.program,
+        summary(study).markdown()
+    );
     if let Some(table) = aims(study, plan) {
         text += &format!("## Aims\n\n{}\n", table.markdown());
     }
     if let Some(table) = published(study, plan) {
-        text += &format!("## Beside published numbers\n\n{}.\n\n{}\n", standings(study, plan), table.markdown());
+        text += &format!(
+            "## Beside published numbers\n\n{}.\n\n{}\n",
+            standings(study, plan),
+            table.markdown()
+        );
     }
     let tables = layouts(study, plan);
     if !tables.is_empty() {
@@ -375,14 +452,20 @@ pub fn page(study: &Study, plan: &Plan) -> String {
         text += &format!("{told}.\n\n{}\n", table.markdown());
     }
     if let Some(table) = scores(study) {
-        text += &format!("## Mean RMS error with the worst answers left out\n\n{}\n", table.markdown());
+        text +=
+            &format!("## Mean RMS error with the worst answers left out\n\n{}\n", table.markdown());
     }
     if let Some(table) = growth(study) {
         text += &format!("## Growth of the time\n\n{}\n", table.markdown());
     }
     for grid in &plan.grids {
         let (told, table) = cells(study, &grid.name);
-        text += &format!("## Cells of {}\n\nIn all of them: {}.\n\n{}\n", markdown(&grid.name), markdown(&told), table.markdown());
+        text += &format!(
+            "## Cells of {}\n\nIn all of them: {}.\n\n{}\n",
+            markdown(&grid.name),
+            markdown(&told),
+            table.markdown()
+        );
     }
     text
 }
@@ -392,26 +475,40 @@ pub fn page(study: &Study, plan: &Plan) -> String {
 pub fn layouts(study: &Study, plan: &Plan) -> Vec<(String, Table)> {
     let told = |grid: &Grid, layout: &Layout| {
         let what = match layout.shown {
-            Shown::Rms => "RMS error (samples), mean over the cells; in brackets the share of records without an answer",
+            Shown::Rms => {
+                "RMS error (samples), mean over the cells; in brackets the share of records without an answer"
+            }
             Shown::Wrong => {
                 "share of records with an answer that is off by more than `wrong_samples` and whose interval leaves out the truth"
             }
             Shown::Bias => "mean error (samples)",
-            Shown::Slope => "growth of the mean answer with the injected delay: 1 follows it, 0 is a constant",
+            Shown::Slope => {
+                "growth of the mean answer with the injected delay: 1 follows it, 0 is a constant"
+            }
             Shown::Bound => "Cramér-Rao bound (samples), median over the cells",
-            Shown::OverBound => "RMS error over the Cramér-Rao bound, where half of the records have an answer at least",
-            Shown::Predicted => "standard deviation predicted before estimating (samples), median over the cells",
+            Shown::OverBound => {
+                "RMS error over the Cramér-Rao bound, where half of the records have an answer at least"
+            }
+            Shown::Predicted => {
+                "standard deviation predicted before estimating (samples), median over the cells"
+            }
         };
         format!("{} by {}: {what}", grid.name, layout.keys.join(", "))
     };
-    plan.grids.iter().flat_map(|g| g.by.iter().map(move |l| (told(g, l), by(study, &g.name, l)))).collect()
+    plan.grids
+        .iter()
+        .flat_map(|g| g.by.iter().map(move |l| (told(g, l), by(study, &g.name, l))))
+        .collect()
 }
 
 /// How the time of an estimate grows: the exponent p of its power law in the samples of a record and in the delays searched, least squares of logarithms over the cells
 /// of a grid in which one of them varies; `None` where none does.
 #[must_use]
 pub fn growth(study: &Study) -> Option<Table> {
-    let mut table = Table::new(&["grid", "method", "grows with", "from", "time", "to", "time", "exponent"], &[0, 1, 2]);
+    let mut table = Table::new(
+        &["grid", "method", "grows with", "from", "time", "to", "time", "exponent"],
+        &[0, 1, 2],
+    );
     let mut any = false;
     for group in groups(study) {
         let Some(first) = group.first() else { continue };
@@ -424,9 +521,17 @@ pub fn growth(study: &Study) -> Option<Table> {
             if from == to {
                 continue;
             }
-            let points: Vec<[f64; 2]> =
-                group.iter().filter_map(|c| Some([(of(c) as f64).ln(), c.time_per_estimate_s.filter(|t| *t > 0.0)?.ln()])).collect();
-            let times = |which: usize| time(stats::mean(group.iter().filter(|c| of(c) == which).filter_map(|c| c.time_per_estimate_s)));
+            let points: Vec<[f64; 2]> = group
+                .iter()
+                .filter_map(|c| {
+                    Some([(of(c) as f64).ln(), c.time_per_estimate_s.filter(|t| *t > 0.0)?.ln()])
+                })
+                .collect();
+            let times = |which: usize| {
+                time(stats::mean(
+                    group.iter().filter(|c| of(c) == which).filter_map(|c| c.time_per_estimate_s),
+                ))
+            };
             any = true;
             table.row(vec![
                 first.grid.clone(),
@@ -455,7 +560,8 @@ fn inclination(points: &[[f64; 2]]) -> Option<f64> {
 /// Every aim of a plan beside what was reached; `None` where the plan has none of these cells.
 #[must_use]
 pub fn aims(study: &Study, plan: &Plan) -> Option<Table> {
-    let mut table = Table::new(&["aim", "method", "wanted", "ours", "furthest off", ""], &[0, 1, 4, 5]);
+    let mut table =
+        Table::new(&["aim", "method", "wanted", "ours", "furthest off", ""], &[0, 1, 4, 5]);
     let mut any = false;
     for aim in &plan.aims {
         let shown = |v: f64| match aim.measure {
@@ -499,13 +605,18 @@ pub fn scores(study: &Study) -> Option<Table> {
         }
     }
     let names: Vec<String> = shares.iter().map(|s| format!("{s} % kept")).collect();
-    let headings: Vec<&str> = ["grid", "from", "method"].into_iter().chain(names.iter().map(String::as_str)).collect();
+    let headings: Vec<&str> =
+        ["grid", "from", "method"].into_iter().chain(names.iter().map(String::as_str)).collect();
     let mut table = Table::new(&headings, &[0, 1, 2]);
-    let same = |a: &Score, b: &Score| a.grid == b.grid && a.place == b.place && a.method == b.method && a.options == b.options;
+    let same = |a: &Score, b: &Score| {
+        a.grid == b.grid && a.place == b.place && a.method == b.method && a.options == b.options
+    };
     for of_one in study.scores.chunk_by(same) {
         let Some(first) = of_one.first() else { continue };
         let mut row = vec![first.grid.clone(), first.place.name().to_owned(), first.method_text()];
-        row.extend(shares.iter().map(|&s| number(of_one.iter().find(|k| k.kept_percent == s).and_then(|k| k.mean_rms_samples))));
+        row.extend(shares.iter().map(|&s| {
+            number(of_one.iter().find(|k| k.kept_percent == s).and_then(|k| k.mean_rms_samples))
+        }));
         table.row(row);
     }
     (shares.len() > 1).then_some(table)

@@ -52,7 +52,13 @@ impl Styled {
     }
 
     /// Adds a sentence of at most `width` columns a line behind its label; further lines stand `indent` columns in.
-    pub fn sentence(&mut self, label: (Role, &str), text: &str, width: usize, indent: usize) -> &mut Self {
+    pub fn sentence(
+        &mut self,
+        label: (Role, &str),
+        text: &str,
+        width: usize,
+        indent: usize,
+    ) -> &mut Self {
         let whole = format!("{}{text}", label.1);
         for (at, line) in wrapped(&whole, width, indent).into_iter().enumerate() {
             // A label that is wrapped itself has no colour.
@@ -123,7 +129,8 @@ fn split(text: &str, width: usize) -> (&str, &str) {
 fn words(text: &str) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
-        let unit = ["%", "s", "ms", "Hz"].contains(&word.trim_end_matches([',', ';', ':', '.', ')']));
+        let unit =
+            ["%", "s", "ms", "Hz"].contains(&word.trim_end_matches([',', ';', ':', '.', ')']));
         match words.last_mut().filter(|last| unit && last.ends_with(|c: char| c.is_ascii_digit())) {
             Some(last) => *last += &format!(" {word}"),
             None => words.push(word.to_owned()),
@@ -179,7 +186,11 @@ mod tests {
         let mut text = Styled::default();
         text.sentence((Role::Label, "Cause: "), "a deadband\u{1b}[2J on `u` of the machine", 20, 2);
         assert_eq!(text.plain(), "Cause: a\n  deadband\\u{1b}[2J\n  on `u` of the\n  machine\n");
-        assert!(text.coloured().starts_with("\u{1b}[1;36mCause: \u{1b}[0ma\n"), "{:?}", text.coloured());
+        assert!(
+            text.coloured().starts_with("\u{1b}[1;36mCause: \u{1b}[0ma\n"),
+            "{:?}",
+            text.coloured()
+        );
     }
 
     #[test]
@@ -189,7 +200,10 @@ mod tests {
 
     #[test]
     fn cells_have_their_width_whatever_the_script() {
-        assert_eq!([cell("ab", 4, false), cell("ab", 4, true), cell("abcdef", 4, false)], ["ab  ", "  ab", "abc…"]);
+        assert_eq!(
+            [cell("ab", 4, false), cell("ab", 4, true), cell("abcdef", 4, false)],
+            ["ab  ", "  ab", "abc…"]
+        );
         assert_eq!((columns("温度"), cell("温度計", 5, false).as_str()), (4, "温度…"));
     }
 

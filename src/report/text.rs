@@ -19,7 +19,11 @@ impl Table {
     /// A table with these headings; columns in `left` are flush left.
     #[must_use]
     pub fn new(headings: &[&str], left: &[usize]) -> Self {
-        Self { rows: vec![headings.iter().map(|h| (*h).to_owned()).collect()], left: left.to_vec(), marked_up: Vec::new() }
+        Self {
+            rows: vec![headings.iter().map(|h| (*h).to_owned()).collect()],
+            left: left.to_vec(),
+            marked_up: Vec::new(),
+        }
     }
 
     /// Rows, the headings first, and which columns are flush left.
@@ -42,35 +46,66 @@ impl Table {
     #[must_use]
     pub(super) fn only(&self, headings: &[&str]) -> Self {
         let Some(first) = self.rows.first() else { return self.clone() };
-        let same =
-            |c: usize| self.rows.len() > 2 && self.left.contains(&c) && self.rows[1..].iter().all(|r| r.get(c) == self.rows[1].get(c));
-        let kept: Vec<usize> = (0..first.len()).filter(|&c| headings.contains(&first[c].as_str()) && !same(c)).collect();
-        let left = kept.iter().enumerate().filter(|(_, c)| self.left.contains(c)).map(|(at, _)| at).collect();
+        let same = |c: usize| {
+            self.rows.len() > 2
+                && self.left.contains(&c)
+                && self.rows[1..].iter().all(|r| r.get(c) == self.rows[1].get(c))
+        };
+        let kept: Vec<usize> = (0..first.len())
+            .filter(|&c| headings.contains(&first[c].as_str()) && !same(c))
+            .collect();
+        let left = kept
+            .iter()
+            .enumerate()
+            .filter(|(_, c)| self.left.contains(c))
+            .map(|(at, _)| at)
+            .collect();
         let row = |r: &Vec<String>| kept.iter().filter_map(|&c| r.get(c).cloned()).collect();
         Self { rows: self.rows.iter().map(row).collect(), left, marked_up: self.marked_up.clone() }
     }
 
     fn widths(&self) -> Vec<usize> {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
-        (0..columns).map(|c| self.rows.iter().filter_map(|r| r.get(c)).map(|s| s.chars().count()).max().unwrap_or(0)).collect()
+        (0..columns)
+            .map(|c| {
+                self.rows
+                    .iter()
+                    .filter_map(|r| r.get(c))
+                    .map(|s| s.chars().count())
+                    .max()
+                    .unwrap_or(0)
+            })
+            .collect()
     }
 
     /// The same table in lines of at most `width` columns: words are wrapped inside their columns, and columns that still find no room stand in further tables below,
     /// beside the leading columns of words.
     #[must_use]
     pub fn fit(&self, width: usize) -> String {
-        let rows: Vec<Vec<String>> = self.rows.iter().map(|r| r.iter().map(|c| shown(c)).collect()).collect();
+        let rows: Vec<Vec<String>> =
+            self.rows.iter().map(|r| r.iter().map(|c| shown(c)).collect()).collect();
         let count = rows.iter().map(Vec::len).max().unwrap_or(0);
         // What a column must have: its numbers, and the longest word of what is wrapped.
         let longest = |text: &str| text.split_whitespace().map(columns).max().unwrap_or(0);
-        let cells = |c: usize| rows.iter().enumerate().filter_map(move |(r, row)| Some((r, row.get(c)?)));
+        let cells =
+            |c: usize| rows.iter().enumerate().filter_map(move |(r, row)| Some((r, row.get(c)?)));
         let least = |c: usize| {
-            let of = |(r, text): (usize, &String)| if r == 0 || self.left.contains(&c) { longest(text) } else { columns(text) };
+            let of = |(r, text): (usize, &String)| {
+                if r == 0 || self.left.contains(&c) { longest(text) } else { columns(text) }
+            };
             cells(c).map(of).max().unwrap_or(0).min(width / 2)
         };
-        let whole = |c: usize| cells(c).filter(|(r, _)| *r > 0 || self.left.contains(&c)).map(|(_, text)| columns(text)).max().unwrap_or(0);
-        let (least, whole): (Vec<usize>, Vec<usize>) = (0..count).map(|c| (least(c), whole(c).max(least(c)))).unzip();
-        let lead = (0..count).take_while(|c| self.left.contains(c)).count().min(count.saturating_sub(1));
+        let whole = |c: usize| {
+            cells(c)
+                .filter(|(r, _)| *r > 0 || self.left.contains(&c))
+                .map(|(_, text)| columns(text))
+                .max()
+                .unwrap_or(0)
+        };
+        let (least, whole): (Vec<usize>, Vec<usize>) =
+            (0..count).map(|c| (least(c), whole(c).max(least(c)))).unzip();
+        let lead =
+            (0..count).take_while(|c| self.left.contains(c)).count().min(count.saturating_sub(1));
         let taken = |parts: &[usize]| parts.iter().map(|c| 2 + least[*c]).sum::<usize>();
         let mut blocks: Vec<Vec<usize>> = vec![(0..lead).collect()];
         for (c, room) in least.iter().enumerate().skip(lead) {
@@ -98,15 +133,21 @@ impl Table {
                 *widest -= 1;
             }
             let lines = |row: &Vec<String>| {
-                let of = |(at, c): (usize, &usize)| wrapped(row.get(*c).map_or("", String::as_str), widths[at].max(1), 0);
+                let of = |(at, c): (usize, &usize)| {
+                    wrapped(row.get(*c).map_or("", String::as_str), widths[at].max(1), 0)
+                };
                 let parts: Vec<Vec<String>> = block.iter().enumerate().map(of).collect();
                 let high = parts.iter().map(Vec::len).max().unwrap_or(0);
                 let line = |at: usize| {
-                    let cells = parts
-                        .iter()
-                        .enumerate()
-                        .map(|(i, lines)| cell(lines.get(at).map_or("", String::as_str), widths[i], !self.left.contains(&block[i])));
-                    format!("  {}", cells.collect::<Vec<_>>().join("  ")).trim_end().to_owned() + "\n"
+                    let cells = parts.iter().enumerate().map(|(i, lines)| {
+                        cell(
+                            lines.get(at).map_or("", String::as_str),
+                            widths[i],
+                            !self.left.contains(&block[i]),
+                        )
+                    });
+                    format!("  {}", cells.collect::<Vec<_>>().join("  ")).trim_end().to_owned()
+                        + "\n"
                 };
                 (0..high).map(line).collect::<String>()
             };
@@ -136,16 +177,24 @@ impl Table {
         // A cell that is code as a whole is ours.
         let is_code = |cell: &str| {
             let inside = cell.strip_prefix('`').and_then(|c| c.strip_suffix('`'));
-            inside.is_some_and(|c| c.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '=' | '.' | ' ')))
+            inside.is_some_and(|c| {
+                c.chars()
+                    .all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '=' | '.' | ' '))
+            })
         };
         let safe = |cell: &String| if is_code(cell) { cell.clone() } else { markdown(cell) };
         let line = |(number, row): (usize, &Vec<String>)| {
-            let cells: Vec<String> = if self.marked_up.contains(&number) { row.clone() } else { row.iter().map(safe).collect() };
+            let cells: Vec<String> = if self.marked_up.contains(&number) {
+                row.clone()
+            } else {
+                row.iter().map(safe).collect()
+            };
             format!("| {} |", cells.join(" | "))
         };
         let mut lines: Vec<String> = self.rows.iter().enumerate().map(line).collect();
         let columns = self.rows.first().map_or(0, Vec::len);
-        let rule: Vec<&str> = (0..columns).map(|c| if self.left.contains(&c) { "---" } else { "---:" }).collect();
+        let rule: Vec<&str> =
+            (0..columns).map(|c| if self.left.contains(&c) { "---" } else { "---:" }).collect();
         lines.insert(1.min(lines.len()), format!("| {} |", rule.join(" | ")));
         lines.join("\n") + "\n"
     }
@@ -165,7 +214,11 @@ impl fmt::Display for Table {
                 .enumerate()
                 .map(|(c, cell)| {
                     let gap = " ".repeat(widths[c] - cell.chars().count());
-                    if self.left.contains(&c) { format!("{cell}{gap}") } else { format!("{gap}{cell}") }
+                    if self.left.contains(&c) {
+                        format!("{cell}{gap}")
+                    } else {
+                        format!("{gap}{cell}")
+                    }
                 })
                 .collect();
             writeln!(f, "  {}", cells.join("  ").trim_end())?;
@@ -178,7 +231,8 @@ impl fmt::Display for Table {
 #[must_use]
 pub fn seconds(value_s: f64, step_s: f64) -> String {
     // Two digits below the step: 0.08 s shows 0.1600.
-    let decimals = if step_s > 0.0 { (2.0 - step_s.log10().floor()).clamp(0.0, 9.0) as usize } else { 6 };
+    let decimals =
+        if step_s > 0.0 { (2.0 - step_s.log10().floor()).clamp(0.0, 9.0) as usize } else { 6 };
     format!("{value_s:.decimals$}")
 }
 
@@ -186,11 +240,16 @@ pub fn seconds(value_s: f64, step_s: f64) -> String {
 /// too many decimals.
 #[must_use]
 pub(super) fn estimate(value: f64, ci95: Option<[f64; 2]>) -> (String, Option<[String; 2]>) {
-    let finest = ci95.map(|[lower, upper]| 0.5 * (upper - lower)).filter(|half| *half > 0.0).unwrap_or(0.1 * value.abs());
+    let finest = ci95
+        .map(|[lower, upper]| 0.5 * (upper - lower))
+        .filter(|half| *half > 0.0)
+        .unwrap_or(0.1 * value.abs());
     let place = |v: f64| if v > 0.0 && v.is_finite() { v.log10().floor() } else { 0.0 };
     let digits = |count: f64| count.clamp(0.0, 15.0) as usize;
-    let (fixed, mantissa) = (digits(1.0 - place(finest)), digits(1.0 + place(value.abs()) - place(finest)));
-    let text = |v: f64| if fixed <= 8 { format!("{v:.fixed$}") } else { format!("{v:.mantissa$e}") };
+    let (fixed, mantissa) =
+        (digits(1.0 - place(finest)), digits(1.0 + place(value.abs()) - place(finest)));
+    let text =
+        |v: f64| if fixed <= 8 { format!("{v:.fixed$}") } else { format!("{v:.mantissa$e}") };
     (text(value), ci95.map(|ends| ends.map(text)))
 }
 
@@ -199,7 +258,11 @@ const FINEST: f64 = 1e-3;
 
 /// A delay and the ends of its interval, s, with the digits that the interval allows; without an interval those that the sample time deserves.
 #[must_use]
-pub(super) fn delay(value_s: f64, ci95_s: Option<[f64; 2]>, step_s: f64) -> (String, Option<[String; 2]>) {
+pub(super) fn delay(
+    value_s: f64,
+    ci95_s: Option<[f64; 2]>,
+    step_s: f64,
+) -> (String, Option<[String; 2]>) {
     let Some([from, to]) = ci95_s else { return (seconds(value_s, step_s), None) };
     let half = (0.5 * (to - from)).max(FINEST * step_s);
     // The digits of an interval of that width, for all three.
@@ -209,8 +272,13 @@ pub(super) fn delay(value_s: f64, ci95_s: Option<[f64; 2]>, step_s: f64) -> (Str
 
 /// The same as it stands in the columns of a table: value and interval, `–` where there is none.
 #[must_use]
-pub(super) fn delay_cells(value_s: Option<f64>, ci95_s: Option<[f64; 2]>, step_s: f64) -> [String; 2] {
-    let (value, ends) = value_s.map_or_else(|| ("–".to_owned(), None), |v| delay(v, ci95_s, step_s));
+pub(super) fn delay_cells(
+    value_s: Option<f64>,
+    ci95_s: Option<[f64; 2]>,
+    step_s: f64,
+) -> [String; 2] {
+    let (value, ends) =
+        value_s.map_or_else(|| ("–".to_owned(), None), |v| delay(v, ci95_s, step_s));
     [value, ends.map_or_else(|| "–".to_owned(), |ends| ends.join(" … "))]
 }
 
@@ -236,7 +304,10 @@ mod tests {
         assert_eq!(shown(2.1166e-8, 2.1142e-8, 2.119e-8), "2.1166e-8 (2.1142e-8 to 2.1190e-8)");
         assert_eq!(shown(-3e-12, -5e-12, -1e-12), "-3.0e-12 (-5.0e-12 to -1.0e-12)");
         assert_eq!(shown(1234.4, 1200.0, 1270.0), "1234 (1200 to 1270)");
-        assert_eq!([estimate(0.5, None).0, estimate(2e-10, None).0, estimate(0.0, None).0], ["0.500", "2.00e-10", "0.0"]);
+        assert_eq!(
+            [estimate(0.5, None).0, estimate(2e-10, None).0, estimate(0.0, None).0],
+            ["0.500", "2.00e-10", "0.0"]
+        );
     }
 
     #[test]
@@ -246,24 +317,57 @@ mod tests {
         table.row(vec!["long ".repeat(60)]);
         let text = table.to_string();
         assert!(text.contains("`x`\\u{1b}[2J\\n# c\n") && text.contains("long …"), "{text}");
-        assert!(text.lines().count() == 3 && text.lines().all(|l| l.chars().count() < 210), "{text}");
-        assert!(table.markdown().contains("| a\\|b \\<script> \\`x\\`\\\\u{1b}[2J\\\\n# c |"), "{}", table.markdown());
+        assert!(
+            text.lines().count() == 3 && text.lines().all(|l| l.chars().count() < 210),
+            "{text}"
+        );
+        assert!(
+            table.markdown().contains("| a\\|b \\<script> \\`x\\`\\\\u{1b}[2J\\\\n# c |"),
+            "{}",
+            table.markdown()
+        );
     }
 
     #[test]
     fn a_delay_shows_the_digits_of_its_interval_to_a_thousandth_of_a_sample_at_most() {
-        assert_eq!(delay_cells(Some(0.145), Some([0.0, 0.203]), 0.1), ["0.14", "0.00 … 0.20"].map(str::to_owned));
-        assert_eq!(delay_cells(Some(0.6178), Some([0.6152, 0.6203]), 0.1), ["0.6178", "0.6152 … 0.6203"].map(str::to_owned));
-        assert_eq!(delay_cells(Some(0.3), Some([0.3, 0.3]), 0.1), ["0.300000", "0.300000 … 0.300000"].map(str::to_owned));
+        assert_eq!(
+            delay_cells(Some(0.145), Some([0.0, 0.203]), 0.1),
+            ["0.14", "0.00 … 0.20"].map(str::to_owned)
+        );
+        assert_eq!(
+            delay_cells(Some(0.6178), Some([0.6152, 0.6203]), 0.1),
+            ["0.6178", "0.6152 … 0.6203"].map(str::to_owned)
+        );
+        assert_eq!(
+            delay_cells(Some(0.3), Some([0.3, 0.3]), 0.1),
+            ["0.300000", "0.300000 … 0.300000"].map(str::to_owned)
+        );
         assert_eq!(delay_cells(Some(0.3), None, 0.1), ["0.300", "–"].map(str::to_owned));
         assert_eq!(delay_cells(None, None, 0.1), ["–", "–"].map(str::to_owned));
-        assert_eq!([deviation(Some(0.012_96)), deviation(Some(1.01)), deviation(None)], ["0.013", "1.0", "–"].map(str::to_owned));
+        assert_eq!(
+            [deviation(Some(0.012_96)), deviation(Some(1.01)), deviation(None)],
+            ["0.013", "1.0", "–"].map(str::to_owned)
+        );
     }
 
     #[test]
     fn a_table_keeps_to_a_width_and_loses_nothing() {
-        let mut table = Table::new(&["grid", "method", "RMS error (samples)", "truth in interval", "a", "b"], &[0, 1]);
-        table.row(["first order", "oestruc nf=3 of many words", "0.123", "95.0 %", "1234567.0", "7654321.0"].map(str::to_owned).to_vec());
+        let mut table = Table::new(
+            &["grid", "method", "RMS error (samples)", "truth in interval", "a", "b"],
+            &[0, 1],
+        );
+        table.row(
+            [
+                "first order",
+                "oestruc nf=3 of many words",
+                "0.123",
+                "95.0 %",
+                "1234567.0",
+                "7654321.0",
+            ]
+            .map(str::to_owned)
+            .to_vec(),
+        );
         for width in [30, 40, 60, 120] {
             let text = table.fit(width);
             assert!(text.lines().all(|l| columns(l) <= width), "{width}:\n{text}");
@@ -271,7 +375,12 @@ mod tests {
                 assert!(text.contains(part), "{part}, {width}:\n{text}");
             }
         }
-        assert_eq!(table.fit(120).lines().next().map(|l| l.trim_end().ends_with("a          b")), Some(true), "{}", table.fit(120));
+        assert_eq!(
+            table.fit(120).lines().next().map(|l| l.trim_end().ends_with("a          b")),
+            Some(true),
+            "{}",
+            table.fit(120)
+        );
         assert_eq!(Table::new(&[], &[]).fit(80), "");
     }
 
@@ -281,7 +390,10 @@ mod tests {
         table.row(vec!["oestruc".into(), "0.16".into()]);
         table.row(vec!["a".into(), "10.16".into()]);
         assert_eq!(table.to_string(), "  method   delay\n  oestruc   0.16\n  a        10.16\n");
-        assert_eq!(table.markdown(), "| method | delay |\n| --- | ---: |\n| oestruc | 0.16 |\n| a | 10.16 |\n");
+        assert_eq!(
+            table.markdown(),
+            "| method | delay |\n| --- | ---: |\n| oestruc | 0.16 |\n| a | 10.16 |\n"
+        );
         assert!(table.html().contains("<td style=\"text-align:right\">10.16</td>"));
     }
 

@@ -57,8 +57,11 @@ fn ride(late: usize, seed: u64) -> Log {
         }
     }
     let time = (0..2000).map(|k| 0.02 * f64::from(k)).collect();
-    let channels =
-        vec![Channel::new("turn", Some("rad/s"), u), Channel::new("heading", Some("rad"), h), Channel::new("rate", Some("rad/s"), r)];
+    let channels = vec![
+        Channel::new("turn", Some("rad/s"), u),
+        Channel::new("heading", Some("rad"), h),
+        Channel::new("rate", Some("rad/s"), r),
+    ];
     Log::new(format!("ride {seed}"), time, channels).unwrap()
 }
 
@@ -66,18 +69,24 @@ fn ride(late: usize, seed: u64) -> Log {
 fn a_heading_that_wraps_is_no_gap_where_it_is_said_to_be_an_angle() {
     let logs = [ride(8, 1), ride(8, 2)];
     assert!(logs[0].whole_turns("heading", TAU) > 2);
-    let found = diagnose(&vehicle(ANGLE), &logs, &[ride(8, 3)], &GapOptions::default(), &|_| ()).unwrap();
+    let found =
+        diagnose(&vehicle(ANGLE), &logs, &[ride(8, 3)], &GapOptions::default(), &|_| ()).unwrap();
     assert!(!found.caveats.iter().any(|c| matches!(c, Caveat::WholeTurns { .. })));
     let cause = &found.diagnosis.cause;
     assert_eq!(cause.verdict, "input_delay");
     assert_eq!(cause.effects[0].effect, "input_delay");
-    assert!((cause.effects[0].parameters[0].value.unwrap() - 0.16).abs() < 0.01, "{:?}", cause.effects);
+    assert!(
+        (cause.effects[0].parameters[0].value.unwrap() - 0.16).abs() < 0.01,
+        "{:?}",
+        cause.effects
+    );
     // As an angle it is simulated as well as it was made.
     let machine = vehicle(ANGLE);
     let log = machine.complete(ride(0, 4)).unwrap();
     let simulation = OnLog::new(&machine, &log).unwrap();
     let response = simulation.response().unwrap();
-    let nrmse: Vec<f64> = simulation.nrmse(&response).unwrap().into_iter().map(|(_, e)| e.unwrap()).collect();
+    let nrmse: Vec<f64> =
+        simulation.nrmse(&response).unwrap().into_iter().map(|(_, e)| e.unwrap()).collect();
     assert!(nrmse.iter().all(|e| *e < 0.03), "{nrmse:?}");
 }
 
@@ -85,11 +94,19 @@ fn a_heading_that_wraps_is_no_gap_where_it_is_said_to_be_an_angle() {
 fn a_heading_that_wraps_is_what_is_said_first_where_nothing_says_that_it_is_an_angle() {
     let logs = [ride(8, 1)];
     let found = diagnose(&vehicle(PLAIN), &logs, &[], &GapOptions::default(), &|_| ()).unwrap();
-    let said: Vec<String> = found.caveats.iter().filter(|c| c.comes_first()).map(ToString::to_string).collect();
-    assert!(said.iter().any(|s| s.contains("`heading` jumps by a whole turn") && s.contains("kind = \"angle\"")), "{said:?}");
+    let said: Vec<String> =
+        found.caveats.iter().filter(|c| c.comes_first()).map(ToString::to_string).collect();
+    assert!(
+        said.iter().any(
+            |s| s.contains("`heading` jumps by a whole turn") && s.contains("kind = \"angle\"")
+        ),
+        "{said:?}"
+    );
     let checked = inspect(&vehicle(PLAIN), &logs, &Stop::default(), &HowFar::default()).unwrap();
     assert!(
-        checked.checks.iter().any(|c| c.ok == Some(false) && c.channel == "heading" && c.finding.contains("whole turn")),
+        checked.checks.iter().any(|c| c.ok == Some(false)
+            && c.channel == "heading"
+            && c.finding.contains("whole turn")),
         "{:?}",
         checked.checks
     );
@@ -101,9 +118,14 @@ fn a_heading_that_wraps_is_what_is_said_first_where_nothing_says_that_it_is_an_a
 fn an_angle_needs_a_unit_that_says_what_a_turn_is() {
     let text = vehicle(PLAIN).to_toml().unwrap().replacen("unit = \"rad\"", "kind = \"angle\"", 1);
     let wrong = ModelDocument::from_toml(&text, Path::new("vehicle.toml")).unwrap_err().to_string();
-    assert!(wrong.contains("vehicle.toml") && wrong.contains("`heading`") && wrong.contains("`deg`"), "{wrong}");
+    assert!(
+        wrong.contains("vehicle.toml") && wrong.contains("`heading`") && wrong.contains("`deg`"),
+        "{wrong}"
+    );
     // It is written as it was read.
-    let again = ModelDocument::from_toml(&vehicle(ANGLE).to_toml().unwrap(), Path::new("again.toml")).unwrap();
+    let again =
+        ModelDocument::from_toml(&vehicle(ANGLE).to_toml().unwrap(), Path::new("again.toml"))
+            .unwrap();
     assert_eq!(again.outputs()[0].turn(), Some(TAU));
 }
 
@@ -137,12 +159,21 @@ attitude = { outputs = ["qx", "qy", "qz", "qw"], kind = "attitude" }
         half += 0.02 * spin(k) / 2.0;
     }
     let names = ["spin", "qx", "qy", "qz", "qw"];
-    let channels = names.iter().enumerate().map(|(i, name)| Channel::new(*name, None, rows.iter().map(|r| r[i]).collect())).collect();
+    let channels = names
+        .iter()
+        .enumerate()
+        .map(|(i, name)| Channel::new(*name, None, rows.iter().map(|r| r[i]).collect()))
+        .collect();
     let log = Log::new("top", (0..600).map(|k| 0.02 * f64::from(k)).collect(), channels).unwrap();
     let error = |log: &Log| {
         let simulation = OnLog::new(&model, log).unwrap();
         let response = simulation.response().unwrap();
-        simulation.nrmse(&response).unwrap().into_iter().filter_map(|(_, e)| e.ok()).fold(0.0, f64::max)
+        simulation
+            .nrmse(&response)
+            .unwrap()
+            .into_iter()
+            .filter_map(|(_, e)| e.ok())
+            .fold(0.0, f64::max)
     };
     assert!(error(&log) > 0.5, "as logged it jumps");
     assert!(error(&model.complete(log).unwrap()) < 1e-6);

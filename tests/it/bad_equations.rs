@@ -29,7 +29,13 @@ fn simulate(folder: &Folder, from: &str, to: &str, more: &[&str]) -> Run {
     let model = folder.write("servo.toml", &SERVO.replace(from, to));
     let log = folder.write("log.csv", LOG);
     let out = folder.path("out.csv");
-    let mut arguments = vec!["simulate", model.to_str().unwrap(), log.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    let mut arguments = vec![
+        "simulate",
+        model.to_str().unwrap(),
+        log.to_str().unwrap(),
+        "--out",
+        out.to_str().unwrap(),
+    ];
     arguments.extend(more);
     deadtime(&arguments)
 }
@@ -63,7 +69,13 @@ fn an_unknown_symbol_is_pointed_at_with_the_closest_name() {
     let says = refused(
         "viscous*speed",
         "visous*speed",
-        &["derivatives.speed, column 11", "`visous` is unknown", "did you mean `viscous`?", "inertia", "time"],
+        &[
+            "derivatives.speed, column 11",
+            "`visous` is unknown",
+            "did you mean `viscous`?",
+            "inertia",
+            "time",
+        ],
     );
     assert!(says.contains("  (torque - visous*speed)/inertia\n            ^^^^^^"), "{says}");
 }
@@ -73,8 +85,16 @@ fn an_expression_that_is_none_is_pointed_at() {
     refused("/inertia\"", "/inertia)\"", &["derivatives.speed", "closes nothing"]);
     refused("(torque", "((torque", &["derivatives.speed, column 1", "never closed"]);
     refused("\"speed\"", "\"\"", &["derivatives.angle", "empty"]);
-    refused("\"speed\"", "\"speed speed\"", &["derivatives.angle, column 7", "without an operator"]);
-    refused("angle = \"angle\"", "angle = \"atan2(angle)\"", &["output_equations.angle", "`atan2` takes 2 arguments, 1 given"]);
+    refused(
+        "\"speed\"",
+        "\"speed speed\"",
+        &["derivatives.angle, column 7", "without an operator"],
+    );
+    refused(
+        "angle = \"angle\"",
+        "angle = \"atan2(angle)\"",
+        &["output_equations.angle", "`atan2` takes 2 arguments, 1 given"],
+    );
     let deep = "(".repeat(200_000);
     refused("\"speed\"", &format!("\"{deep}\""), &["split the expression"]);
 }
@@ -84,9 +104,16 @@ fn a_division_by_zero_at_the_start_is_explained() {
     refused(
         "(torque - viscous*speed)/inertia",
         "(torque - viscous*speed)/angle",
-        &["derivatives.speed: (torque - viscous*speed)/angle divides by zero at t = 0 s", "initial"],
+        &[
+            "derivatives.speed: (torque - viscous*speed)/angle divides by zero at t = 0 s",
+            "initial",
+        ],
     );
-    refused("angle = \"angle\"", "angle = \"log(angle)\"", &["output_equations.angle: log(angle) takes the logarithm of 0"]);
+    refused(
+        "angle = \"angle\"",
+        "angle = \"log(angle)\"",
+        &["output_equations.angle: log(angle) takes the logarithm of 0"],
+    );
 }
 
 #[test]
@@ -102,9 +129,21 @@ fn a_domain_that_is_left_on_the_way_is_explained() {
 #[test]
 fn what_does_not_belong_together_is_named() {
     refused("angle = \"speed\"", "", &["the state `angle` has no derivative", "[derivatives]"]);
-    refused("angle = \"speed\"", "angle = \"speed\"\nfoo = \"1\"", &["the derivative `foo` belongs to no state"]);
-    refused("[output_equations]\nangle = \"angle\"", "[output_equations]", &["the output `angle` has no equation"]);
-    refused("angle = \"angle\"", "angle = \"angle\"\nrate = \"speed\"", &["the output equation `rate` belongs to no output"]);
+    refused(
+        "angle = \"speed\"",
+        "angle = \"speed\"\nfoo = \"1\"",
+        &["the derivative `foo` belongs to no state"],
+    );
+    refused(
+        "[output_equations]\nangle = \"angle\"",
+        "[output_equations]",
+        &["the output `angle` has no equation"],
+    );
+    refused(
+        "angle = \"angle\"",
+        "angle = \"angle\"\nrate = \"speed\"",
+        &["the output equation `rate` belongs to no output"],
+    );
     refused("[output_equations]\nangle = \"angle\"", "", &["output_equations"]);
 }
 
@@ -113,21 +152,49 @@ fn clashing_and_impossible_names_are_told() {
     refused("inertia = {", "speed = {", &["`speed` is a parameter and a state", "rename"]);
     refused("inertia = {", "time = {", &["`time` is a parameter and the time"]);
     refused("inertia = {", "sin = {", &["`sin` is a parameter and a function"]);
-    refused("inertia = {", "\"moment of inertia\" = {", &["the parameter `moment of inertia` cannot stand in an expression", "letter"]);
-    refused("{ name = \"angle\", unit = \"rad\" }", "{ name = \"angle\" }, { name = \"angle\" }", &["output `angle` is named twice"]);
+    refused(
+        "inertia = {",
+        "\"moment of inertia\" = {",
+        &["the parameter `moment of inertia` cannot stand in an expression", "letter"],
+    );
+    refused(
+        "{ name = \"angle\", unit = \"rad\" }",
+        "{ name = \"angle\" }, { name = \"angle\" }",
+        &["output `angle` is named twice"],
+    );
 }
 
 #[test]
 fn numbers_that_cannot_be_are_told() {
     refused("value = 0.02", "value = nan", &["parameters.inertia.value is NaN", "finite"]);
     refused("initial = 0.0", "initial = inf", &["states.angle.initial is inf"]);
-    refused("initial_std = 0.0", "initial_std = -1.0", &["states.angle.initial_std is -1", "not negative"]);
-    refused("kind = \"equations\"", "kind = \"equations\"\nsample_time_s = 0.1", &["sample_time_s holds 0.1", "continuous time"]);
-    refused("kind = \"equations\"", "kind = \"equations\"\ninput_delay_s = [-0.1]", &["input_delay_s holds -0.1"]);
-    refused("kind = \"equations\"", "kind = \"equations\"\ninput_delay_s = [0.1, 0.2]", &["input_delay_s: 2 given, 1 needed"]);
+    refused(
+        "initial_std = 0.0",
+        "initial_std = -1.0",
+        &["states.angle.initial_std is -1", "not negative"],
+    );
+    refused(
+        "kind = \"equations\"",
+        "kind = \"equations\"\nsample_time_s = 0.1",
+        &["sample_time_s holds 0.1", "continuous time"],
+    );
+    refused(
+        "kind = \"equations\"",
+        "kind = \"equations\"\ninput_delay_s = [-0.1]",
+        &["input_delay_s holds -0.1"],
+    );
+    refused(
+        "kind = \"equations\"",
+        "kind = \"equations\"\ninput_delay_s = [0.1, 0.2]",
+        &["input_delay_s: 2 given, 1 needed"],
+    );
     refused("unit = \"N m\" }", "operating = 1.0 }", &["operating holds 1", "linear"]);
     refused("{ unit = \"rad/s\" }", "{ unit = \"rad/s\", start = 1.0 }", &["start"]);
-    refused("kind = \"equations\"", "kind = \"magic\"", &["kind is `magic`", "lti, equations, tf and zpk"]);
+    refused(
+        "kind = \"equations\"",
+        "kind = \"magic\"",
+        &["kind is `magic`", "lti, equations, tf and zpk"],
+    );
 }
 
 #[test]

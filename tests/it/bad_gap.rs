@@ -32,7 +32,9 @@ fn log(header: &str, samples: usize, seed: u64, change: impl Fn(usize, &mut Row)
     let levels = [0.6, -0.9, 0.2, 0.9, -0.4, -0.1, 0.7, -0.7];
     for k in 0..samples {
         let mut draw = || {
-            noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            noise = noise
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             0.02 * ((noise >> 40) as f64 / (1_u64 << 24) as f64 - 0.5)
         };
         let (u, load) = (levels[(k / 20) % 8], levels[(k / 33) % 8]);
@@ -57,7 +59,9 @@ fn gap(model: &str, logs: &[(&str, &str)], arguments: &[&str]) -> Run {
     for (name, content) in logs {
         folder.write(name, content);
     }
-    all.extend(arguments.iter().map(|a| if a.ends_with(".csv") { text(&folder.path(a)).to_owned() } else { (*a).to_owned() }));
+    all.extend(arguments.iter().map(|a| {
+        if a.ends_with(".csv") { text(&folder.path(a)).to_owned() } else { (*a).to_owned() }
+    }));
     all.extend(["--out".into(), text(&folder.path("out")).into()]);
     let run = deadtime(&all.iter().map(String::as_str).collect::<Vec<_>>());
     assert_eq!(
@@ -75,29 +79,49 @@ fn one(model: &str, log: &str) -> Run {
 #[test]
 fn names_that_do_not_fit() {
     let wrong = log("time,command,load,y,z", 400, 1, as_is);
-    one(MODEL, &wrong).refused(&["a.csv", "no channel is called `u`", "`command`", "--map u=COLUMN"]);
+    one(MODEL, &wrong).refused(&[
+        "a.csv",
+        "no channel is called `u`",
+        "`command`",
+        "--map u=COLUMN",
+    ]);
     // The remedy is one.
     gap(MODEL, &[("a.csv", &wrong)], &["--log", "a.csv", "--map", "u=command"]).done();
     // Also where the operating point is asked for first, and in a held-out log.
-    let mean = MODEL.replace("unit = \"rad/s\" }, { name = \"z\"", "unit = \"rad/s\", operating = \"mean\" }, { name = \"z\"");
+    let mean = MODEL.replace(
+        "unit = \"rad/s\" }, { name = \"z\"",
+        "unit = \"rad/s\", operating = \"mean\" }, { name = \"z\"",
+    );
     assert_ne!(mean, MODEL);
-    one(&mean, &log("time,u,load,angle,z", 400, 1, as_is)).refused(&["no channel is called `y`", "--map y=COLUMN"]);
+    one(&mean, &log("time,u,load,angle,z", 400, 1, as_is))
+        .refused(&["no channel is called `y`", "--map y=COLUMN"]);
     let files = [("a.csv", log(HEADER, 400, 1, as_is)), ("b.csv", wrong)];
-    gap(MODEL, &files.each_ref().map(|(n, l)| (*n, l.as_str())), &["--log", "a.csv", "--holdout", "b.csv"])
-        .refused(&["b.csv", "--map u=COLUMN"]);
+    gap(
+        MODEL,
+        &files.each_ref().map(|(n, l)| (*n, l.as_str())),
+        &["--log", "a.csv", "--holdout", "b.csv"],
+    )
+    .refused(&["b.csv", "--map u=COLUMN"]);
 }
 
 #[test]
 fn units_that_do_not_fit() {
-    one(MODEL, &log("time,u [mV],load,y,z", 400, 1, as_is)).refused(&["a.csv", "`u` is in mV here and in V in the model", "convert"]);
-    one(MODEL, &log("time,u [V],load [N m],y [deg/s],z", 400, 1, as_is)).refused(&["`y` is in deg/s here and in rad/s"]);
+    one(MODEL, &log("time,u [mV],load,y,z", 400, 1, as_is)).refused(&[
+        "a.csv",
+        "`u` is in mV here and in V in the model",
+        "convert",
+    ]);
+    one(MODEL, &log("time,u [V],load [N m],y [deg/s],z", 400, 1, as_is))
+        .refused(&["`y` is in deg/s here and in rad/s"]);
     let fine = one(MODEL, &log("time,u [V],load [N m],y [rad/s],z [m]", 400, 1, as_is)).words();
     assert!(!fine.contains("Caveat"), "{fine}");
 }
 
 #[test]
 fn a_sampled_model_and_a_log_of_another_sample_time() {
-    let sampled = MODEL.replace("kind = \"lti\"", "kind = \"lti\"\nsample_time_s = 0.05").replace("A = [[-2.0]]", "A = [[0.9]]");
+    let sampled = MODEL
+        .replace("kind = \"lti\"", "kind = \"lti\"\nsample_time_s = 0.05")
+        .replace("A = [[-2.0]]", "A = [[0.9]]");
     one(&sampled, &log(HEADER, 400, 1, as_is)).refused(&["a.csv", "0.02 s", "0.05 s", "resample"]);
 }
 
@@ -115,7 +139,11 @@ fn an_output_without_samples() {
         }),
     )
     .words();
-    assert!(late.contains("Caveat: `y` has no sample in what is held out") && !late.contains("`z` has no sample"), "{late}");
+    assert!(
+        late.contains("Caveat: `y` has no sample in what is held out")
+            && !late.contains("`z` has no sample"),
+        "{late}"
+    );
     let early = one(
         MODEL,
         &log(HEADER, 400, 1, |k, row| {
@@ -144,9 +172,17 @@ fn an_input_without_a_sample_names_its_row() {
 #[test]
 fn a_constant_input() {
     let still = one(MODEL, &log(HEADER, 400, 1, |_, row| row[2] = "0.3".into())).words();
-    assert!(still.contains("Caveat: `load` never changes in what is learnt from") && !still.contains("`u` never changes"), "{still}");
+    assert!(
+        still.contains("Caveat: `load` never changes in what is learnt from")
+            && !still.contains("`u` never changes"),
+        "{still}"
+    );
     // One that only moves after what is learnt from is as blind.
-    let late = one(MODEL, &log(HEADER, 400, 1, |k, row| row[2] = if k < 350 { "0.3" } else { "0.7" }.into())).words();
+    let late = one(
+        MODEL,
+        &log(HEADER, 400, 1, |k, row| row[2] = if k < 350 { "0.3" } else { "0.7" }.into()),
+    )
+    .words();
     assert!(late.contains("Caveat: `load` never changes"), "{late}");
 }
 
@@ -154,10 +190,15 @@ fn a_constant_input() {
 fn a_model_that_explodes() {
     let unstable = MODEL.replace("A = [[-2.0]]", "A = [[40.0]]");
     let ordinary = log(HEADER, 400, 1, as_is);
-    let run = gap(&unstable, &[("a.csv", &ordinary)], &["--log", "a.csv", "--prediction", "simulation"]);
+    let run =
+        gap(&unstable, &[("a.csv", &ordinary)], &["--log", "a.csv", "--prediction", "simulation"]);
     run.refused(&["a.csv", "cannot be simulated", "`y` runs away", "prediction mode"]);
     // In finite time.
-    let run = gap(&equations(5.0, "x^3 + u", "x"), &[("a.csv", &ordinary)], &["--log", "a.csv", "--prediction", "simulation"]);
+    let run = gap(
+        &equations(5.0, "x^3 + u", "x"),
+        &[("a.csv", &ordinary)],
+        &["--log", "a.csv", "--prediction", "simulation"],
+    );
     run.refused(&["a.csv", "cannot be simulated"]);
     // A wrong unit is not an explosion, but a finding.
     let milli = MODEL.replace("C = [[1.0], [0.5]]", "C = [[1000.0], [0.5]]");
@@ -167,8 +208,17 @@ fn a_model_that_explodes() {
 #[test]
 fn an_expression_that_divides_by_zero() {
     let ordinary = log(HEADER, 400, 1, as_is);
-    one(&equations(0.0, "u/x", "x"), &ordinary).refused(&["a.csv", "derivatives.x", "divides by zero", "t = 0 s"]);
-    one(&equations(0.0, "a*u - a*x", "1/(x - x)"), &ordinary).refused(&["a.csv", "output_equations.y", "divides by zero"]);
+    one(&equations(0.0, "u/x", "x"), &ordinary).refused(&[
+        "a.csv",
+        "derivatives.x",
+        "divides by zero",
+        "t = 0 s",
+    ]);
+    one(&equations(0.0, "a*u - a*x", "1/(x - x)"), &ordinary).refused(&[
+        "a.csv",
+        "output_equations.y",
+        "divides by zero",
+    ]);
 }
 
 #[test]
@@ -186,19 +236,31 @@ fn logs_too_short_empty_or_no_numbers() {
     )
     .refused(&["a.csv, row 9", "`y`", "`inf`", "empty"]);
     let files = [("a.csv", log(HEADER, 400, 1, as_is)), ("b.csv", log(HEADER, 2, 2, as_is))];
-    gap(MODEL, &files.each_ref().map(|(n, l)| (*n, l.as_str())), &["--log", "a.csv", "--holdout", "b.csv"])
-        .refused(&["b.csv", "2 samples are too few"]);
+    gap(
+        MODEL,
+        &files.each_ref().map(|(n, l)| (*n, l.as_str())),
+        &["--log", "a.csv", "--holdout", "b.csv"],
+    )
+    .refused(&["b.csv", "2 samples are too few"]);
 }
 
 #[test]
 fn what_is_held_out_was_learnt_from() {
     let (first, other) = (log(HEADER, 400, 1, as_is), log(HEADER, 400, 2, as_is));
-    let files = [("a.csv", first.as_str()), ("renamed.csv", first.as_str()), ("other.csv", other.as_str())];
+    let files =
+        [("a.csv", first.as_str()), ("renamed.csv", first.as_str()), ("other.csv", other.as_str())];
     let caveat = "holds the same samples as";
     let said = gap(MODEL, &files, &["--log", "a.csv", "--holdout", "a.csv"]).words();
     assert!(said.contains(caveat) && said.contains("not measured on unseen data"), "{said}");
-    let said = gap(MODEL, &files, &["--log", "other.csv", "--log", "a.csv", "--holdout", "renamed.csv"]).words();
-    assert!(said.contains(caveat) && said.contains("renamed.csv") && said.contains("a.csv, which was learnt from"), "{said}");
+    let said =
+        gap(MODEL, &files, &["--log", "other.csv", "--log", "a.csv", "--holdout", "renamed.csv"])
+            .words();
+    assert!(
+        said.contains(caveat)
+            && said.contains("renamed.csv")
+            && said.contains("a.csv, which was learnt from"),
+        "{said}"
+    );
     let said = gap(MODEL, &files, &["--log", "a.csv", "--log", "renamed.csv"]).words();
     assert!(said.contains("they count twice"), "{said}");
     // The same commands with other noise are another log.
@@ -211,7 +273,8 @@ fn a_file_that_is_not_there_is_said_once() {
     let run = gap(MODEL, &[], &["--log", "nowhere.csv"]);
     run.refused(&["nowhere.csv"]);
     assert_eq!(run.stderr.matches("os error").count(), 1, "{}", run.stderr);
-    let run = deadtime(&["gap", "--model", "nowhere.toml", "--log", "nowhere.csv", "--out", "nowhere"]);
+    let run =
+        deadtime(&["gap", "--model", "nowhere.toml", "--log", "nowhere.csv", "--out", "nowhere"]);
     run.refused(&["nowhere.toml"]);
     assert_eq!(run.stderr.matches("os error").count(), 1, "{}", run.stderr);
 }
@@ -219,15 +282,31 @@ fn a_file_that_is_not_there_is_said_once() {
 #[test]
 fn other_thresholds_change_the_verdict_and_must_be_known_and_positive() {
     // The actuator has half the gain.
-    let logged = log(HEADER, 600, 1, |_, row| row[1] = (2.0 * row[1].parse::<f64>().unwrap()).to_string());
+    let logged =
+        log(HEADER, 600, 1, |_, row| row[1] = (2.0 * row[1].parse::<f64>().unwrap()).to_string());
     let folder = Folder::new();
-    let (model, csv, out) = (folder.write("model.toml", MODEL), folder.write("a.csv", &logged), folder.path("out"));
+    let (model, csv, out) =
+        (folder.write("model.toml", MODEL), folder.write("a.csv", &logged), folder.path("out"));
     let with = |thresholds: &str| {
         let file = folder.write("thresholds.toml", thresholds);
-        deadtime(&["gap", "--model", text(&model), "--log", text(&csv), "--out", text(&out), "--criteria", text(&file)])
+        deadtime(&[
+            "gap",
+            "--model",
+            text(&model),
+            "--log",
+            text(&csv),
+            "--out",
+            text(&out),
+            "--criteria",
+            text(&file),
+        ])
     };
     assert!(with("").done().contains("Cause: input_gain on `u`"));
-    assert!(!with("selection_penalty = 1e9\nadded_gains = 1e9\nweak_gains = 1e9").done().contains("Cause: input_gain"));
+    assert!(
+        !with("selection_penalty = 1e9\nadded_gains = 1e9\nweak_gains = 1e9")
+            .done()
+            .contains("Cause: input_gain")
+    );
     with("selection = 3.0").refused(&["thresholds.toml", "selection", "selection_penalty"]);
     with("equals = -1.0").refused(&["thresholds.toml", "equals is -1", "above 0"]);
     with("windows = [20, 60]").refused(&["thresholds.toml", "windows"]);

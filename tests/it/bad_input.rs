@@ -11,7 +11,8 @@ fn good(samples: usize) -> String {
     let mut text = String::from("time,u,y\n");
     let (mut state, mut recent, mut y) = (1_u64, [0.0_f64; 3], 0.0_f64);
     for k in 0..samples {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let u = if state >> 63 == 0 { 1.0 } else { -1.0 };
         let wobble = ((state >> 20) % 1000) as f64 / 1e5;
         y = 0.6 * y + recent[2];
@@ -23,7 +24,8 @@ fn good(samples: usize) -> String {
 
 /// The text with row `row` (as an editor counts) replaced.
 fn with_row(text: &str, row: usize, replacement: &str) -> String {
-    let lines = text.lines().enumerate().map(|(i, line)| if i + 1 == row { replacement } else { line });
+    let lines =
+        text.lines().enumerate().map(|(i, line)| if i + 1 == row { replacement } else { line });
     lines.collect::<Vec<_>>().join("\n") + "\n"
 }
 
@@ -39,7 +41,11 @@ fn refused(text: &str, more: &[&str], says: &[&str]) -> String {
     let log = folder.write("log.csv", text);
     let run = estimate(&log, more);
     run.refused(says);
-    assert!(run.stderr.contains("log.csv") || more.iter().any(|m| says.iter().any(|s| m.contains(s))), "which file? {}", run.stderr);
+    assert!(
+        run.stderr.contains("log.csv") || more.iter().any(|m| says.iter().any(|s| m.contains(s))),
+        "which file? {}",
+        run.stderr
+    );
     assert_eq!(folder.names(), ["log.csv"], "something was left behind");
     run.stderr
 }
@@ -61,7 +67,8 @@ fn a_missing_file_is_named() {
 fn a_folder_instead_of_a_file_is_named() {
     let folder = Folder::new();
     std::fs::create_dir(folder.path("logs.csv")).unwrap();
-    estimate(&folder.path("logs.csv"), &[]).refused(&["logs.csv", "a folder without files that end in .mcap or .db3"]);
+    estimate(&folder.path("logs.csv"), &[])
+        .refused(&["logs.csv", "a folder without files that end in .mcap or .db3"]);
 }
 
 #[test]
@@ -92,14 +99,22 @@ fn text_in_a_number_column_names_row_and_channel() {
 #[test]
 fn nan_and_infinity_name_row_and_channel() {
     for nothing in ["NaN", "nan", "-"] {
-        refused(&with_row(&good(400), 100, &format!("9.8,{nothing},1")), &[], &["row 100", "input `u`", "only outputs may miss"]);
+        refused(
+            &with_row(&good(400), 100, &format!("9.8,{nothing},1")),
+            &[],
+            &["row 100", "input `u`", "only outputs may miss"],
+        );
         refused(&with_row(&good(400), 100, &format!("{nothing},1,1")), &[], &["row 100", "`time`"]);
         let folder = Folder::new();
         let log = folder.write("log.csv", &with_row(&good(400), 100, &format!("9.8,1,{nothing}")));
         assert!(estimate(&log, &[]).words().contains("Believe a dead time of 0.20"), "{nothing}");
     }
     for bad in ["inf", "-inf", "Infinity", "1e999"] {
-        refused(&with_row(&good(400), 100, &format!("9.8,1,{bad}")), &[], &["row 100", "`y`", bad, "finite", "empty"]);
+        refused(
+            &with_row(&good(400), 100, &format!("9.8,1,{bad}")),
+            &[],
+            &["row 100", "`y`", bad, "finite", "empty"],
+        );
         refused(&with_row(&good(400), 100, &format!("9.8,{bad},1")), &[], &["row 100", "`u`", bad]);
         refused(&with_row(&good(400), 100, &format!("{bad},1,1")), &[], &["row 100", "`time`"]);
     }
@@ -107,12 +122,20 @@ fn nan_and_infinity_name_row_and_channel() {
 
 #[test]
 fn time_that_stands_still_names_the_row() {
-    refused(&with_row(&good(400), 60, "5.7,1,1"), &[], &["row 60", "stands still", "5.7", "delete the repeated row"]);
+    refused(
+        &with_row(&good(400), 60, "5.7,1,1"),
+        &[],
+        &["row 60", "stands still", "5.7", "delete the repeated row"],
+    );
 }
 
 #[test]
 fn time_that_runs_back_offers_records_and_the_offer_works() {
-    let says = refused(&with_row(&good(400), 60, "1.25,1,1"), &[], &["row 60", "runs back", "1.25", "--records COLUMN"]);
+    let says = refused(
+        &with_row(&good(400), 60, "1.25,1,1"),
+        &[],
+        &["row 60", "runs back", "1.25", "--records COLUMN"],
+    );
     assert!(says.contains("sort the rows"));
     let text = good(300);
     let mut two = String::from("run,time,u,y\n").replace("run,time", "time,run");
@@ -138,8 +161,16 @@ fn uneven_time_offers_resample_and_the_offer_works() {
         let time_s = k as f64 / 10.0 + if k % 7 == 3 { 0.02 } else { 0.0 };
         writeln!(text, "{time_s},{rest}").unwrap();
     }
-    let says = refused(&text, &[], &["row ", "uneven", "--resample TS", "for instance `--resample 0.1`"]);
-    let offered = says.split("for instance `--resample ").nth(1).unwrap().split('`').next().unwrap().to_owned();
+    let says =
+        refused(&text, &[], &["row ", "uneven", "--resample TS", "for instance `--resample 0.1`"]);
+    let offered = says
+        .split("for instance `--resample ")
+        .nth(1)
+        .unwrap()
+        .split('`')
+        .next()
+        .unwrap()
+        .to_owned();
     let folder = Folder::new();
     let log = folder.write("uneven.csv", &text);
     let out = estimate(&log, &["--resample", &offered]).words();
@@ -153,9 +184,17 @@ fn uneven_time_offers_resample_and_the_offer_works() {
 #[test]
 fn an_unknown_channel_lists_what_there_is_and_suggests() {
     let folder = Folder::new();
-    let log = folder.write("log.csv", &good(400).replacen("time,u,y", "time,throttle [1],speed [m/s]", 1));
-    let run = |input: &str, output: &str| deadtime(&["estimate", log.to_str().unwrap(), "--input", input, "--output", output]);
-    run("throtle", "speed").refused(&["log.csv", "`throtle`", "did you mean `throttle`", "`throttle`, `speed`"]);
+    let log = folder
+        .write("log.csv", &good(400).replacen("time,u,y", "time,throttle [1],speed [m/s]", 1));
+    let run = |input: &str, output: &str| {
+        deadtime(&["estimate", log.to_str().unwrap(), "--input", input, "--output", output])
+    };
+    run("throtle", "speed").refused(&[
+        "log.csv",
+        "`throtle`",
+        "did you mean `throttle`",
+        "`throttle`, `speed`",
+    ]);
     run("throttle", "Speed").refused(&["`Speed`", "did you mean `speed`"]);
     let far = run("zzzzzz", "speed");
     far.refused(&["`zzzzzz`", "`throttle`, `speed`"]);
@@ -168,7 +207,8 @@ fn a_constant_channel_is_named_with_its_value() {
         let rows = good(400);
         let row = |line: &str| {
             let mut cells: Vec<&str> = line.split(',').collect();
-            cells[column] = if cells[column].parse::<f64>().is_ok() { "3.5" } else { cells[column] };
+            cells[column] =
+                if cells[column].parse::<f64>().is_ok() { "3.5" } else { cells[column] };
             cells.join(",")
         };
         rows.lines().map(row).collect::<Vec<_>>().join("\n") + "\n"
@@ -185,7 +225,12 @@ fn a_log_too_short_for_some_methods_still_answers_by_the_others() {
     let log = folder.write("short.csv", &good(110));
     let out = estimate(&log, &["--full"]).words();
     // 71 taps need 143 samples.
-    assert!(out.contains("threshold needs at least 143 samples") && out.contains("has 110") && out.contains("--max-delay"), "{out}");
+    assert!(
+        out.contains("threshold needs at least 143 samples")
+            && out.contains("has 110")
+            && out.contains("--max-delay"),
+        "{out}"
+    );
     assert!(out.contains("Believe a dead time of 0.20"), "{out}");
     let tiny = folder.write("tiny.csv", &good(20));
     let short = estimate(&tiny, &["--max-delay", "1.8"]).words();
@@ -201,7 +246,11 @@ fn a_log_too_short_for_some_methods_still_answers_by_the_others() {
 
 #[test]
 fn missing_cells_are_refused_in_an_input_and_taken_in_an_output() {
-    refused(&with_row(&good(400), 31, "2.9,,0.4"), &[], &["row 31", "input `u`", "2.9", "only outputs may miss"]);
+    refused(
+        &with_row(&good(400), 31, "2.9,,0.4"),
+        &[],
+        &["row 31", "input `u`", "2.9", "only outputs may miss"],
+    );
     refused(&with_row(&good(400), 31, ",1,0.4"), &[], &["row 31", "`time` cell is empty"]);
     refused(&with_row(&good(400), 31, "2.9,1"), &[], &["row 31", "2 cells", "header has 3"]);
     let folder = Folder::new();
@@ -214,14 +263,16 @@ fn missing_cells_are_refused_in_an_input_and_taken_in_an_output() {
     let log = folder.write("gaps.csv", &text);
     let out = estimate(&log, &[]).words();
     assert!(out.contains("Believe a dead time of 0.20"), "{out}");
-    let rows: Vec<String> = good(300).lines().skip(1).map(|l| l.rsplit_once(',').unwrap().0.to_owned() + ",").collect();
+    let rows: Vec<String> =
+        good(300).lines().skip(1).map(|l| l.rsplit_once(',').unwrap().0.to_owned() + ",").collect();
     refused(&format!("time,u,y\n{}\n", rows.join("\n")), &[], &["`y`", "no sample in any row"]);
 }
 
 #[test]
 fn a_binary_file_and_a_damaged_gz_are_told_from_logs() {
     let folder = Folder::new();
-    let binary: Vec<u8> = (0..5000_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    let binary: Vec<u8> =
+        (0..5000_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
     let run = estimate(&folder.write_bytes("image.csv", &binary), &[]);
     run.refused(&["image.csv", "row 1"]);
     let mut compressed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
@@ -231,7 +282,11 @@ fn a_binary_file_and_a_damaged_gz_are_told_from_logs() {
     assert!(estimate(&fine, &[]).words().contains("Believe a dead time of 0.20"));
     let cut = folder.write_bytes("cut.csv.gz", &whole[..whole.len() / 2]);
     let run = estimate(&cut, &[]);
-    assert!(run.stderr.contains("cut off") && run.stderr.contains("read up to row"), "{}", run.stderr);
+    assert!(
+        run.stderr.contains("cut off") && run.stderr.contains("read up to row"),
+        "{}",
+        run.stderr
+    );
     assert!(run.words().contains("Believe a dead time of 0.20"));
     let mut damaged = whole.clone();
     damaged.iter_mut().rev().skip(7).take(1).for_each(|byte| *byte ^= 1);
@@ -292,14 +347,26 @@ fn a_model_of_unknown_kind_or_format_says_what_is_read() {
         folder.write(name, &text)
     };
     let with = |model: &Path| estimate(&log, &["--model", model.to_str().unwrap()]);
-    with(&model("kind.toml", "deadtime/model@1", "neural")).refused(&["kind.toml", "kind is `neural`", "lti"]);
-    with(&model("format.toml", "deadtime/model@9", "lti")).refused(&["format.toml", "format is `deadtime/model@9`", "deadtime/model@1"]);
-    with(&model("model.yaml", "deadtime/model@1", "lti")).refused(&["model.yaml", ".toml or .json"]);
+    with(&model("kind.toml", "deadtime/model@1", "neural")).refused(&[
+        "kind.toml",
+        "kind is `neural`",
+        "lti",
+    ]);
+    with(&model("format.toml", "deadtime/model@9", "lti")).refused(&[
+        "format.toml",
+        "format is `deadtime/model@9`",
+        "deadtime/model@1",
+    ]);
+    with(&model("model.yaml", "deadtime/model@1", "lti"))
+        .refused(&["model.yaml", ".toml or .json"]);
     with(&folder.path("none.toml")).refused(&["none.toml", "No such file"]);
-    with(&folder.write("broken.toml", "format = \"deadtime/model@1\"\nA = [[1.0\n")).refused(&["broken.toml", "line"]);
+    with(&folder.write("broken.toml", "format = \"deadtime/model@1\"\nA = [[1.0\n"))
+        .refused(&["broken.toml", "line"]);
     let ragged = folder.write(
         "ragged.toml",
-        &std::fs::read_to_string(model("m.toml", "deadtime/model@1", "lti")).unwrap().replace("[[-1.0]]", "[[-1.0, 2.0]]"),
+        &std::fs::read_to_string(model("m.toml", "deadtime/model@1", "lti"))
+            .unwrap()
+            .replace("[[-1.0]]", "[[-1.0, 2.0]]"),
     );
     with(&ragged).refused(&["ragged.toml", "matrix A", "1 by 2", "1 by 1"]);
     assert!(with(&folder.path("m.toml")).done().contains("state_least_squares"));
@@ -315,7 +382,8 @@ fn an_output_that_cannot_be_written_is_an_error_and_leaves_nothing() {
     assert_eq!(std::fs::read_to_string(folder.path("file")).unwrap(), "kept");
     // A folder of the name that the result should get.
     std::fs::create_dir(folder.path("taken.json")).unwrap();
-    estimate(&log, &["--json", folder.path("taken.json").to_str().unwrap()]).refused(&["taken.json"]);
+    estimate(&log, &["--json", folder.path("taken.json").to_str().unwrap()])
+        .refused(&["taken.json"]);
     assert_eq!(folder.names(), ["file", "log.csv", "taken.json"]);
 }
 
@@ -326,9 +394,34 @@ fn a_refused_job_leaves_an_earlier_result_as_it_was() {
     let json = folder.write("result.json", "earlier");
     estimate(&log, &["--json", json.to_str().unwrap()]).refused(&["row 99"]);
     let model = folder.write("model.toml", "kind = \"lti\"");
-    deadtime(&["simulate", model.to_str().unwrap(), log.to_str().unwrap(), "--out", json.to_str().unwrap()]).refused(&["model.toml"]);
-    deadtime(&["excite", "rbs", "--samples", "0", "--sample-time", "1", "--out", json.to_str().unwrap()]).refused(&["at least 1"]);
-    deadtime(&["c2d", model.to_str().unwrap(), "--sample-time", "1", "--out", json.to_str().unwrap()]).refused(&["model.toml"]);
+    deadtime(&[
+        "simulate",
+        model.to_str().unwrap(),
+        log.to_str().unwrap(),
+        "--out",
+        json.to_str().unwrap(),
+    ])
+    .refused(&["model.toml"]);
+    deadtime(&[
+        "excite",
+        "rbs",
+        "--samples",
+        "0",
+        "--sample-time",
+        "1",
+        "--out",
+        json.to_str().unwrap(),
+    ])
+    .refused(&["at least 1"]);
+    deadtime(&[
+        "c2d",
+        model.to_str().unwrap(),
+        "--sample-time",
+        "1",
+        "--out",
+        json.to_str().unwrap(),
+    ])
+    .refused(&["model.toml"]);
     assert_eq!(std::fs::read_to_string(&json).unwrap(), "earlier");
     assert_eq!(folder.names(), ["log.csv", "model.toml", "result.json"]);
 }
@@ -380,8 +473,16 @@ fn three_million_rows_are_answered() {
     long(&log, 3_000_000);
     let clock = std::time::Instant::now();
     let out = estimate(&log, &["--method", "arxstruc"]).words();
-    println!("3 million rows, {} MB: {:.1} s", std::fs::metadata(&log).unwrap().len() / 1_000_000, clock.elapsed().as_secs_f64());
-    assert!(out.contains("3000000 samples, one every 1 s") && out.contains("Believe a dead time of 3.00 s"), "{out}");
+    println!(
+        "3 million rows, {} MB: {:.1} s",
+        std::fs::metadata(&log).unwrap().len() / 1_000_000,
+        clock.elapsed().as_secs_f64()
+    );
+    assert!(
+        out.contains("3000000 samples, one every 1 s")
+            && out.contains("Believe a dead time of 3.00 s"),
+        "{out}"
+    );
 }
 
 #[test]
@@ -390,7 +491,11 @@ fn oestruc_says_how_much_of_a_long_log_it_used() {
     let log = folder.path("long.csv");
     long(&log, 3000);
     let out = estimate(&log, &["--method", "oestruc", "--set", "oestruc.max_samples=1000"]).words();
-    assert!(out.contains("used the first 1000 of 3000 samples") && out.contains("Believe a dead time of 3.00 s"), "{out}");
+    assert!(
+        out.contains("used the first 1000 of 3000 samples")
+            && out.contains("Believe a dead time of 3.00 s"),
+        "{out}"
+    );
     let all = estimate(&log, &["--method", "oestruc"]).words();
     assert!(!all.contains("used the first"), "{all}");
 }

@@ -1,6 +1,8 @@
 //! Intervals of identified models by a block bootstrap: beside the asymptotic ones, and how often they hold the truth.
 
-use deadtime::identify::subspace::{Identified, Identifier, N4sid, Named, Pbsidopt, Recordings, Settings, Stretch};
+use deadtime::identify::subspace::{
+    Identified, Identifier, N4sid, Named, Pbsidopt, Recordings, Settings, Stretch,
+};
 use deadtime::nalgebra::{Complex, DMatrix};
 use deadtime::progress::HowFar;
 use deadtime::time::SampleTime;
@@ -21,7 +23,12 @@ fn record(samples: usize, seed: u64) -> Recordings {
     let named = |name: &str| vec![Named { name: name.to_owned(), unit: None }];
     let row = |v: &[f64]| DMatrix::from_row_slice(1, samples, &v[2..]);
     let stretches = vec![Stretch { u: row(&u), y: row(&y) }];
-    Recordings { sample_time: SampleTime::new(0.1).unwrap(), inputs: named("u"), outputs: named("y"), stretches }
+    Recordings {
+        sample_time: SampleTime::new(0.1).unwrap(),
+        inputs: named("u"),
+        outputs: named("y"),
+        stretches,
+    }
 }
 
 fn truth(omega_rad_s: f64) -> Complex<f64> {
@@ -34,7 +41,13 @@ fn settings(bootstrap: usize) -> Settings {
 }
 
 fn sizes(found: &Identified) -> Vec<f64> {
-    let gains = found.responses(&[0], 8).unwrap().remove(0).bands.into_iter().map(|b| b.gain_std.unwrap() / b.gain);
+    let gains = found
+        .responses(&[0], 8)
+        .unwrap()
+        .remove(0)
+        .bands
+        .into_iter()
+        .map(|b| b.gain_std.unwrap() / b.gain);
     let poles = found.poles().into_iter().map(|p| p.std_re.unwrap());
     gains.chain(poles).collect()
 }
@@ -56,7 +69,8 @@ fn n4sid_has_intervals_by_a_bootstrap_that_hold_the_truth_about_as_often_as_they
     let (mut poles, mut gains) = ([0, 0], [0, 0]);
     let pole = Complex::new(0.75, (0.7_f64 - 0.75 * 0.75).sqrt());
     for seed in 0..60 {
-        let found = N4sid(settings(100)).identify(&record(1000, 100 + seed), &HowFar::default()).unwrap();
+        let found =
+            N4sid(settings(100)).identify(&record(1000, 100 + seed), &HowFar::default()).unwrap();
         let upper = found.poles().into_iter().find(|p| p.im > 0.0);
         poles[0] += usize::from(upper.is_some_and(|p| p.covers(pole) && p.ellipse95.is_some()));
         poles[1] += 1;
@@ -67,9 +81,18 @@ fn n4sid_has_intervals_by_a_bootstrap_that_hold_the_truth_about_as_often_as_they
         }
     }
     let share = |[held, all]: [usize; 2]| held as f64 / all as f64;
-    println!("bootstrap of n4sid: poles {:.3} of {}, gains {:.3} of {}", share(poles), poles[1], share(gains), gains[1]);
+    println!(
+        "bootstrap of n4sid: poles {:.3} of {}, gains {:.3} of {}",
+        share(poles),
+        poles[1],
+        share(gains),
+        gains[1]
+    );
     // 60 records: three binomial deviations of 95 % are 8.4 %; gains of one record err together.
-    assert!(share(poles) > 0.86 && share(gains) > 0.86 && share(gains) < 0.995, "{poles:?} {gains:?}");
+    assert!(
+        share(poles) > 0.86 && share(gains) > 0.86 && share(gains) < 0.995,
+        "{poles:?} {gains:?}"
+    );
 }
 
 #[test]

@@ -4,7 +4,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use deadtime::diagnose::{Caveat, Diagnosed, GapError, GapOptions, Mode, diagnose, inspect, isolability};
+use deadtime::diagnose::{
+    Caveat, Diagnosed, GapError, GapOptions, Mode, diagnose, inspect, isolability,
+};
 use deadtime::log::{Channel, Log};
 use deadtime::progress::HowFar;
 use deadtime::simulate::{Face, Port, Simulator, Start, System};
@@ -26,7 +28,9 @@ impl<F> std::fmt::Debug for Function<F> {
     }
 }
 
-impl<F: Fn(&DMatrix<f64>, &[f64], &[f64], &[f64]) -> Answer + Send + Sync> Simulator for Function<F> {
+impl<F: Fn(&DMatrix<f64>, &[f64], &[f64], &[f64]) -> Answer + Send + Sync> Simulator
+    for Function<F>
+{
     fn simulate(&self, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Answer {
         (self.0)(u, time_s, x0, parameters)
     }
@@ -37,7 +41,13 @@ const TS: f64 = 0.02;
 const NOISE: f64 = 0.03;
 
 /// A servo with Coulomb friction, angle and rate, by small explicit steps: commands as they hold at any time.
-fn servo(command: impl Fn(f64) -> f64, time_s: &[f64], x0: &[f64], stiffness: f64, gain: f64) -> DMatrix<f64> {
+fn servo(
+    command: impl Fn(f64) -> f64,
+    time_s: &[f64],
+    x0: &[f64],
+    stiffness: f64,
+    gain: f64,
+) -> DMatrix<f64> {
     let (mut x, mut v) = (x0[0], x0[1]);
     let mut y = DMatrix::zeros(time_s.len(), 2);
     for k in 0..time_s.len() {
@@ -69,7 +79,8 @@ fn port(name: &str, unit: &str) -> Port {
 }
 
 fn face() -> Face {
-    let start = |name: &str, unit: &str| Start { port: port(name, unit), initial: 0.0, std: Some(0.02) };
+    let start =
+        |name: &str, unit: &str| Start { port: port(name, unit), initial: 0.0, std: Some(0.02) };
     Face {
         name: "servo".to_owned(),
         inputs: vec![port("u", "V")],
@@ -99,7 +110,12 @@ fn commands(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
 }
 
 /// A log of what `real` makes of commands (signal, stamps, start), with noise.
-fn log(name: &str, samples: usize, seed: u64, real: impl Fn(&[f64], &[f64], &[f64]) -> DMatrix<f64>) -> Log {
+fn log(
+    name: &str,
+    samples: usize,
+    seed: u64,
+    real: impl Fn(&[f64], &[f64], &[f64]) -> DMatrix<f64>,
+) -> Log {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let time_s: Vec<f64> = (0..samples).map(|k| TS * k as f64).collect();
     let u = commands(samples, &mut rng);
@@ -109,7 +125,10 @@ fn log(name: &str, samples: usize, seed: u64, real: impl Fn(&[f64], &[f64], &[f6
     for (i, (name, unit)) in [("angle", "rad"), ("rate", "rad/s")].into_iter().enumerate() {
         let clean = y.column(i);
         let spread = clean.variance().sqrt();
-        let noisy = clean.iter().map(|v| v + NOISE * spread * rng.sample::<f64, _>(StandardNormal)).collect();
+        let noisy = clean
+            .iter()
+            .map(|v| v + NOISE * spread * rng.sample::<f64, _>(StandardNormal))
+            .collect();
         channels.push(Channel::new(name, Some(unit), noisy));
     }
     Log::new(name, time_s, channels).unwrap()
@@ -123,14 +142,27 @@ fn run(seed: u64, real: impl Fn(&[f64], &[f64], &[f64]) -> DMatrix<f64>) -> Diag
 
 fn value(found: &Diagnosed) -> (String, String, f64, [f64; 2]) {
     let e = &found.diagnosis.cause.effects[0];
-    (e.effect.clone(), e.channel.clone(), e.parameters[0].value.unwrap(), e.parameters[0].ci95.unwrap_or([f64::NAN; 2]))
+    (
+        e.effect.clone(),
+        e.channel.clone(),
+        e.parameters[0].value.unwrap(),
+        e.parameters[0].ci95.unwrap_or([f64::NAN; 2]),
+    )
 }
 
 /// What is found is named, or in a class with what is, near the value that went in.
 fn is_found(found: &Diagnosed, effect: &str, channel: &str, expected: f64, tolerance: f64) {
     let d = &found.diagnosis;
-    println!("{effect}: {:?} calls, {:?} {:?}", found.calls, d.cause.verdict, d.cause.indistinguishable);
-    assert_eq!((d.cause.verdict.as_str(), d.cause.channel.as_deref()), (effect, Some(channel)), "{:#?}", d.cause);
+    println!(
+        "{effect}: {:?} calls, {:?} {:?}",
+        found.calls, d.cause.verdict, d.cause.indistinguishable
+    );
+    assert_eq!(
+        (d.cause.verdict.as_str(), d.cause.channel.as_deref()),
+        (effect, Some(channel)),
+        "{:#?}",
+        d.cause
+    );
     let (_, _, got, ci95) = value(found);
     assert!((got - expected).abs() < tolerance, "{effect}: {got} instead of {expected}, {ci95:?}");
     assert!(d.shrink.of_explainable.unwrap() > 0.9, "{:?}", d.shrink);
@@ -181,7 +213,12 @@ fn a_perfect_black_box_has_no_cause_and_a_disturbance_that_no_effect_makes_is_un
     assert_eq!(none.diagnosis.cause.verdict, "none", "{:?}", none.diagnosis.cause.ranking.first());
     let gust = |t: f64| if (t * 0.7).sin() > 0.6 { 0.5 * (9.0 * t).sin() } else { 0.0 };
     let unknown = run(70, move |u, t, x0| servo(|at| held(t, u)(at) + gust(at), t, x0, 9.0, 1.0));
-    assert_eq!(unknown.diagnosis.cause.verdict, "unknown", "{:?}", unknown.diagnosis.cause.ranking.first());
+    assert_eq!(
+        unknown.diagnosis.cause.verdict,
+        "unknown",
+        "{:?}",
+        unknown.diagnosis.cause.ranking.first()
+    );
     for found in [&none, &unknown] {
         println!("{}: {:?} calls", found.diagnosis.cause.verdict, found.calls);
     }
@@ -190,7 +227,13 @@ fn a_perfect_black_box_has_no_cause_and_a_disturbance_that_no_effect_makes_is_un
 #[test]
 fn what_cannot_be_tried_is_said_with_the_reason() {
     let found = run(60, |u, t, x0| servo(held(t, u), t, x0, 9.0, 1.0));
-    let left: Vec<(&str, &str)> = found.diagnosis.cause.not_tried.iter().map(|n| (n.effect.as_str(), n.why.as_str())).collect();
+    let left: Vec<(&str, &str)> = found
+        .diagnosis
+        .cause
+        .not_tried
+        .iter()
+        .map(|n| (n.effect.as_str(), n.why.as_str()))
+        .collect();
     for effect in [
         "coulomb_friction",
         "stribeck_friction",
@@ -203,12 +246,24 @@ fn what_cannot_be_tried_is_said_with_the_reason() {
         "constant_disturbance",
         "periodic_disturbance",
     ] {
-        assert!(left.iter().any(|(e, why)| *e == effect && why.contains("black box")), "{effect}: {left:?}");
+        assert!(
+            left.iter().any(|(e, why)| *e == effect && why.contains("black box")),
+            "{effect}: {left:?}"
+        );
     }
     let tried = |effect: &str| left.iter().all(|(e, _)| *e != effect);
-    assert!(["input_delay", "deadband", "parameter_error", "sensor_bias", "clock_skew"].into_iter().all(tried), "{left:?}");
+    assert!(
+        ["input_delay", "deadband", "parameter_error", "sensor_bias", "clock_skew"]
+            .into_iter()
+            .all(tried),
+        "{left:?}"
+    );
     assert!(found.model.is_none() && found.diagnosis.prediction.mode == Mode::Simulation);
-    assert!(found.diagnosis.prediction.why.contains("forgets a push within"), "{}", found.diagnosis.prediction.why);
+    assert!(
+        found.diagnosis.prediction.why.contains("forgets a push within"),
+        "{}",
+        found.diagnosis.prediction.why
+    );
 }
 
 #[test]
@@ -233,13 +288,17 @@ fn inputs_and_parameters_that_move_nothing_are_not_tried() {
         assert!(why.why.contains("depends on the"), "{why:?}");
     }
     assert!(found.caveats.contains(&Caveat::InputMovesNothing { input: "u".to_owned() }));
-    assert!(found.caveats.contains(&Caveat::ParameterMovesNothing { parameter: "gain".to_owned() }));
+    assert!(
+        found.caveats.contains(&Caveat::ParameterMovesNothing { parameter: "gain".to_owned() })
+    );
     assert!(found.caveats.contains(&Caveat::StartMovesNothing { state: "v".to_owned() }));
     assert!(found.calls.unwrap() < 30, "{:?}", found.calls);
 }
 
 /// A diagnosis of a wrong black box, which must fail.
-fn refused(f: impl Fn(&DMatrix<f64>, &[f64], &[f64], &[f64]) -> Answer + Send + Sync + 'static) -> deadtime::diagnose::Error {
+fn refused(
+    f: impl Fn(&DMatrix<f64>, &[f64], &[f64], &[f64]) -> Answer + Send + Sync + 'static,
+) -> deadtime::diagnose::Error {
     let system = System::black_box(Arc::new(Function(f)), face()).unwrap();
     let log = log("a.csv", 300, 90, |u, t, x0| servo(held(t, u), t, x0, 9.0, 1.0));
     diagnose(&system, &[log], &[], &GapOptions::default(), &|_| ()).unwrap_err()
@@ -248,14 +307,23 @@ fn refused(f: impl Fn(&DMatrix<f64>, &[f64], &[f64], &[f64]) -> Answer + Send + 
 #[test]
 fn a_black_box_that_answers_wrongly_is_refused_with_what_it_answered() {
     let shape = refused(|_, t, _, _| Ok(DMatrix::zeros(t.len(), 1))).to_string();
-    assert!(shape.contains("a.csv") && shape.contains("300 × 1") && shape.contains("300 × 2"), "{shape}");
+    assert!(
+        shape.contains("a.csv") && shape.contains("300 × 1") && shape.contains("300 × 2"),
+        "{shape}"
+    );
     let nan = refused(|u, t, x0, p| {
         let mut y = servo(held(t, u.as_slice()), t, x0, p[0], p[1]);
         y[(17, 1)] = f64::NAN;
         Ok(y)
     });
     let nan = nan.to_string();
-    assert!(nan.contains("a.csv") && nan.contains("NaN") && nan.contains("`rate`") && nan.contains("sample 17"), "{nan}");
+    assert!(
+        nan.contains("a.csv")
+            && nan.contains("NaN")
+            && nan.contains("`rate`")
+            && nan.contains("sample 17"),
+        "{nan}"
+    );
     let said = refused(|_, _, _, _| Err("KeyError: 'ctrl'".to_owned())).to_string();
     assert!(said.contains("a.csv") && said.contains("KeyError: 'ctrl'"), "{said}");
     let count = AtomicUsize::new(0);
@@ -265,7 +333,8 @@ fn a_black_box_that_answers_wrongly_is_refused_with_what_it_answered() {
         Ok(y)
     });
     assert!(
-        matches!(random, deadtime::diagnose::Error::Gap(GapError::NotRepeatable { .. })) && random.to_string().contains("seed"),
+        matches!(random, deadtime::diagnose::Error::Gap(GapError::NotRepeatable { .. }))
+            && random.to_string().contains("seed"),
         "{random}"
     );
     let unstable = refused(|u, t, x0, _| {
@@ -277,7 +346,10 @@ fn a_black_box_that_answers_wrongly_is_refused_with_what_it_answered() {
         let rows: Vec<[f64; 2]> = (0..t.len()).map(run).collect();
         Ok(DMatrix::from_fn(t.len(), 2, |k, i| rows[k][i]))
     });
-    assert!(matches!(unstable, deadtime::diagnose::Error::Gap(GapError::Unstable { .. })), "{unstable}");
+    assert!(
+        matches!(unstable, deadtime::diagnose::Error::Gap(GapError::Unstable { .. })),
+        "{unstable}"
+    );
 }
 
 #[test]
@@ -290,15 +362,20 @@ fn a_predictor_is_refused() {
 
 #[test]
 fn a_rival_that_fails_is_out_and_the_failures_are_counted() {
-    let fussy =
-        Function(
-            |u: &DMatrix<f64>, t: &[f64], x0: &[f64], p: &[f64]| {
-                if u.amax() > 1.3 { Err("command out of range".to_owned()) } else { Ok(servo(held(t, u.as_slice()), t, x0, p[0], p[1])) }
-            },
-        );
+    let fussy = Function(|u: &DMatrix<f64>, t: &[f64], x0: &[f64], p: &[f64]| {
+        if u.amax() > 1.3 {
+            Err("command out of range".to_owned())
+        } else {
+            Ok(servo(held(t, u.as_slice()), t, x0, p[0], p[1]))
+        }
+    });
     let system = System::black_box(Arc::new(fussy), face()).unwrap();
-    let real = |u: &[f64], t: &[f64], x0: &[f64]| servo(|at| held(t, u)((at - 0.053).max(0.0)), t, x0, 9.0, 1.0);
-    let found = diagnose(&system, &[log("a.csv", 900, 10, real)], &[], &GapOptions::default(), &|_| ()).unwrap();
+    let real = |u: &[f64], t: &[f64], x0: &[f64]| {
+        servo(|at| held(t, u)((at - 0.053).max(0.0)), t, x0, 9.0, 1.0)
+    };
+    let found =
+        diagnose(&system, &[log("a.csv", 900, 10, real)], &[], &GapOptions::default(), &|_| ())
+            .unwrap();
     is_found(&found, "input_delay", "u", 0.053, 0.004);
     let failed = found.caveats.iter().find_map(|c| match c {
         Caveat::SimulatorFailed { failed, why, .. } => Some((*failed, why.clone())),
@@ -314,8 +391,12 @@ fn a_coarse_simulator_of_single_precision_is_good_enough() {
         Ok(servo(held(t, u.as_slice()), t, x0, p[0], p[1]).map(|v| f64::from(v as f32)))
     });
     let system = System::black_box(Arc::new(coarse), face()).unwrap();
-    let real = |u: &[f64], t: &[f64], x0: &[f64]| servo(|at| held(t, u)((at - 0.053).max(0.0)), t, x0, 9.0, 1.0);
-    let found = diagnose(&system, &[log("a.csv", 900, 10, real)], &[], &GapOptions::default(), &|_| ()).unwrap();
+    let real = |u: &[f64], t: &[f64], x0: &[f64]| {
+        servo(|at| held(t, u)((at - 0.053).max(0.0)), t, x0, 9.0, 1.0)
+    };
+    let found =
+        diagnose(&system, &[log("a.csv", 900, 10, real)], &[], &GapOptions::default(), &|_| ())
+            .unwrap();
     is_found(&found, "input_delay", "u", 0.053, 0.004);
 }
 
@@ -341,11 +422,26 @@ fn a_simulator_that_never_forgets_is_told_and_its_start_explains_what_it_can() {
     };
     let real = |u: &[f64], t: &[f64], x0: &[f64]| cart(u, t, x0);
     let logs = [log("a.csv", 600, 7, real)];
-    let found = diagnose(&integrates(face().states), &logs, &[], &GapOptions::default(), &|_| ()).unwrap();
-    assert_eq!(found.diagnosis.cause.verdict, "none", "{:?}", found.diagnosis.cause.ranking.first());
-    assert!(found.caveats.iter().any(|c| matches!(c, Caveat::NeverForgets { started: true, .. })), "{:?}", found.caveats);
-    assert!(found.diagnosis.prediction.why.contains("is left"), "{}", found.diagnosis.prediction.why);
-    let without = diagnose(&integrates(Vec::new()), &logs, &[], &GapOptions::default(), &|_| ()).unwrap();
+    let found =
+        diagnose(&integrates(face().states), &logs, &[], &GapOptions::default(), &|_| ()).unwrap();
+    assert_eq!(
+        found.diagnosis.cause.verdict,
+        "none",
+        "{:?}",
+        found.diagnosis.cause.ranking.first()
+    );
+    assert!(
+        found.caveats.iter().any(|c| matches!(c, Caveat::NeverForgets { started: true, .. })),
+        "{:?}",
+        found.caveats
+    );
+    assert!(
+        found.diagnosis.prediction.why.contains("is left"),
+        "{}",
+        found.diagnosis.prediction.why
+    );
+    let without =
+        diagnose(&integrates(Vec::new()), &logs, &[], &GapOptions::default(), &|_| ()).unwrap();
     assert!(without.caveats.contains(&Caveat::NoStart), "{:?}", without.caveats);
 }
 
@@ -365,7 +461,11 @@ fn logs_of_other_lengths_and_uneven_stamps_are_simulated_at_their_own_stamps() {
         let y = servo(|s| held(&stamps, &u)((s - 0.06).max(0.0)), &stamps, &[0.01, 0.0], 9.0, 1.0);
         let mut channels = vec![Channel::new("u", Some("V"), u)];
         for (i, (name, unit)) in [("angle", "rad"), ("rate", "rad/s")].into_iter().enumerate() {
-            let noisy = y.column(i).iter().map(|v| v + 0.005 * rng.sample::<f64, _>(StandardNormal)).collect();
+            let noisy = y
+                .column(i)
+                .iter()
+                .map(|v| v + 0.005 * rng.sample::<f64, _>(StandardNormal))
+                .collect();
             channels.push(Channel::new(name, Some(unit), noisy));
         }
         Log::new(name, stamps, channels).unwrap()
@@ -378,13 +478,30 @@ fn logs_of_other_lengths_and_uneven_stamps_are_simulated_at_their_own_stamps() {
 #[test]
 fn checks_and_isolability_take_a_black_box() {
     let log = log("a.csv", 900, 60, |u, t, x0| -servo(held(t, u), t, x0, 9.0, 1.0));
-    let found = inspect(&system(), std::slice::from_ref(&log), &Stop::default(), &HowFar::default()).unwrap();
+    let found =
+        inspect(&system(), std::slice::from_ref(&log), &Stop::default(), &HowFar::default())
+            .unwrap();
     assert!(found.not_run.is_none(), "{:?}", found.not_run);
-    assert!(found.checks.iter().any(|c| c.ok == Some(false) && c.finding.contains("sign")), "{:#?}", found.checks);
-    let apart = isolability(&system(), std::slice::from_ref(&log), &GapOptions::default(), &HowFar::default()).unwrap();
-    assert!(apart.effects.iter().any(|e| e.effect == "input_delay" && e.visible), "{:#?}", apart.effects);
+    assert!(
+        found.checks.iter().any(|c| c.ok == Some(false) && c.finding.contains("sign")),
+        "{:#?}",
+        found.checks
+    );
+    let apart = isolability(
+        &system(),
+        std::slice::from_ref(&log),
+        &GapOptions::default(),
+        &HowFar::default(),
+    )
+    .unwrap();
+    assert!(
+        apart.effects.iter().any(|e| e.effect == "input_delay" && e.visible),
+        "{:#?}",
+        apart.effects
+    );
     assert!(apart.effects.iter().all(|e| e.effect != "coulomb_friction"));
-    let class = apart.classes.iter().find(|c| c.members.iter().any(|m| m == "input_gain:u")).unwrap();
+    let class =
+        apart.classes.iter().find(|c| c.members.iter().any(|m| m == "input_gain:u")).unwrap();
     assert!(class.members.iter().any(|m| m == "parameter_error:gain"), "{class:?}");
 }
 
@@ -419,6 +536,9 @@ fn names_and_numbers_that_cannot_be_are_refused() {
     };
     assert!(with(&|f| f.inputs.clear()).contains("no input"));
     assert!(with(&|f| f.outputs[1].name = "angle".to_owned()).contains("`angle`"));
-    assert!(with(&|f| f.states[0].std = Some(-1.0)).contains("standard deviation of the start of `x` is -1"));
+    assert!(
+        with(&|f| f.states[0].std = Some(-1.0))
+            .contains("standard deviation of the start of `x` is -1")
+    );
     assert!(with(&|f| f.parameters[0].1 = f64::NAN).contains("`stiffness` is NaN"));
 }

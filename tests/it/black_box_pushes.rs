@@ -34,7 +34,13 @@ fn joint(torque: &[f64], x0: &[f64], damping: f64, stiffness: f64, dry: f64) -> 
 struct WithoutFriction;
 
 impl Simulator for WithoutFriction {
-    fn simulate(&self, u: &DMatrix<f64>, _: &[f64], x0: &[f64], p: &[f64]) -> Result<DMatrix<f64>, String> {
+    fn simulate(
+        &self,
+        u: &DMatrix<f64>,
+        _: &[f64],
+        x0: &[f64],
+        p: &[f64],
+    ) -> Result<DMatrix<f64>, String> {
         Ok(joint(u.as_slice(), x0, p[0], p[1], 0.0))
     }
 }
@@ -51,10 +57,19 @@ fn log(seed: u64) -> Log {
         torque.push(level);
     }
     let y = joint(&torque, &[0.0, 0.0], 0.06, 1.5, 0.08);
-    let mut noisy = |i: usize, std: f64| y.column(i).iter().map(|v| v + std * rng.sample::<f64, _>(StandardNormal)).collect::<Vec<f64>>();
+    let mut noisy = |i: usize, std: f64| {
+        y.column(i)
+            .iter()
+            .map(|v| v + std * rng.sample::<f64, _>(StandardNormal))
+            .collect::<Vec<f64>>()
+    };
     let (angle, speed) = (noisy(0, 0.002), noisy(1, 0.05));
     let time_s = (0..500).map(|k| TS * f64::from(k)).collect();
-    let channels = vec![Channel::new("torque", None, torque), Channel::new("angle", None, angle), Channel::new("speed", None, speed)];
+    let channels = vec![
+        Channel::new("torque", None, torque),
+        Channel::new("angle", None, angle),
+        Channel::new("speed", None, speed),
+    ];
     Log::new(format!("{seed}.csv"), time_s, channels).unwrap()
 }
 
@@ -72,14 +87,23 @@ fn friction(seeds: std::ops::Range<u64>) {
     let system = System::black_box(Arc::new(WithoutFriction), face).unwrap();
     let mut named = 0_u64;
     for seed in seeds.clone() {
-        let found = diagnose(&system, &[log(seed)], &[log(seed + 100)], &GapOptions::default(), &|_| ()).unwrap();
+        let found =
+            diagnose(&system, &[log(seed)], &[log(seed + 100)], &GapOptions::default(), &|_| ())
+                .unwrap();
         let cause = &found.diagnosis.cause;
-        println!("{seed}: {} at a floor of {:?}, {:?}", cause.verdict, found.diagnosis.gap.floor, found.caveats);
+        println!(
+            "{seed}: {} at a floor of {:?}, {:?}",
+            cause.verdict, found.diagnosis.gap.floor, found.caveats
+        );
         if cause.verdict != "unknown" {
             named += 1;
             let effects: Vec<&str> = cause.effects.iter().map(|e| e.channel.as_str()).collect();
             assert_eq!(effects, ["damping"], "{seed}: no pair is made up");
-            assert!(found.caveats.iter().any(|c| matches!(c, Caveat::Incomplete { .. })), "{seed}: {:?}", found.caveats);
+            assert!(
+                found.caveats.iter().any(|c| matches!(c, Caveat::Incomplete { .. })),
+                "{seed}: {:?}",
+                found.caveats
+            );
         }
     }
     assert!(8 * named <= seeds.end, "a name for {named} of {seeds:?}");
@@ -92,6 +116,7 @@ fn friction_that_cannot_be_tried_is_unknown_or_what_is_named_instead_is_said_to_
 
 #[test]
 #[ignore = "nightly: a rate over draws"]
-fn friction_that_cannot_be_tried_is_unknown_or_what_is_named_instead_is_said_to_leave_something_in_eight_draws() {
+fn friction_that_cannot_be_tried_is_unknown_or_what_is_named_instead_is_said_to_leave_something_in_eight_draws()
+ {
     friction(0..8);
 }

@@ -15,7 +15,13 @@ const TS: f64 = 0.01;
 const SAMPLES: usize = 1200;
 
 /// A pendulum that stands on its head, one sample further by so many steps of the midpoint rule.
-fn further([mut angle, mut rate]: [f64; 2], torque: f64, damping: f64, steps: usize, lever: fn(f64) -> f64) -> [f64; 2] {
+fn further(
+    [mut angle, mut rate]: [f64; 2],
+    torque: f64,
+    damping: f64,
+    steps: usize,
+    lever: fn(f64) -> f64,
+) -> [f64; 2] {
     let h = TS / steps as f64;
     let push = |angle: f64, rate: f64| 19.62 * lever(angle) - damping * rate + 8.0 * torque;
     for _ in 0..steps {
@@ -33,7 +39,13 @@ struct Pendulum {
 }
 
 impl Simulator for Pendulum {
-    fn simulate(&self, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], p: &[f64]) -> Result<DMatrix<f64>, String> {
+    fn simulate(
+        &self,
+        u: &DMatrix<f64>,
+        time_s: &[f64],
+        x0: &[f64],
+        p: &[f64],
+    ) -> Result<DMatrix<f64>, String> {
         if time_s[0] != 0.0 {
             return Err(format!("time begins at {}", time_s[0]));
         }
@@ -69,10 +81,20 @@ fn log(seed: u64, machine: Machine) -> Log {
         angle.push(x[0] + 0.001 * rng.sample::<f64, _>(StandardNormal));
         rate.push(x[1] + 0.01 * rng.sample::<f64, _>(StandardNormal));
         torque.push(-8.0 * (angle[k] - wanted) - 1.2 * rate[k]);
-        x = further(x, machine.gain * torque[k.saturating_sub(machine.late)], machine.damping, 40, f64::sin);
+        x = further(
+            x,
+            machine.gain * torque[k.saturating_sub(machine.late)],
+            machine.damping,
+            40,
+            f64::sin,
+        );
     }
     let time_s = (0..SAMPLES).map(|k| TS * k as f64).collect();
-    let channels = vec![Channel::new("torque", None, torque), Channel::new("angle", None, angle), Channel::new("rate", None, rate)];
+    let channels = vec![
+        Channel::new("torque", None, torque),
+        Channel::new("angle", None, angle),
+        Channel::new("rate", None, rate),
+    ];
     Log::new(format!("{seed}.csv"), time_s, channels).unwrap()
 }
 
@@ -91,7 +113,10 @@ fn system(lever: fn(f64) -> f64, restart: Option<Restart>) -> System {
 }
 
 fn from(channels: [&str; 2], every_s: Option<f64>) -> System {
-    system(f64::sin, Some(Restart { channels: channels.map(|c| Some(c.to_owned())).to_vec(), every_s }))
+    system(
+        f64::sin,
+        Some(Restart { channels: channels.map(|c| Some(c.to_owned())).to_vec(), every_s }),
+    )
 }
 
 fn found(system: &System, machine: Machine) -> Result<Diagnosed, deadtime::diagnose::Error> {
@@ -115,18 +140,24 @@ fn started_again(count: usize) {
         let fitted = effects[0].parameters.iter().find(|p| p.name == parameter).unwrap();
         let value = fitted.value.unwrap();
         assert!((value - truth).abs() < 0.05 * truth.max(0.02), "{effect}: {value}, not {truth}");
-        assert!(diagnosis.shrink.after.unwrap() < 0.3 * diagnosis.shrink.before.unwrap(), "{effect}: {:?}", diagnosis.shrink);
+        assert!(
+            diagnosis.shrink.after.unwrap() < 0.3 * diagnosis.shrink.before.unwrap(),
+            "{effect}: {:?}",
+            diagnosis.shrink
+        );
     }
 }
 
 #[test]
-fn an_unstable_simulator_that_is_started_again_finds_what_was_withheld_and_nothing_where_nothing_was() {
+fn an_unstable_simulator_that_is_started_again_finds_what_was_withheld_and_nothing_where_nothing_was()
+ {
     started_again(1);
 }
 
 #[test]
 #[ignore = "nightly: two more machines"]
-fn an_unstable_simulator_that_is_started_again_finds_what_was_withheld_and_nothing_where_nothing_was_of_three_kinds() {
+fn an_unstable_simulator_that_is_started_again_finds_what_was_withheld_and_nothing_where_nothing_was_of_three_kinds()
+ {
     started_again(3);
 }
 
@@ -139,11 +170,21 @@ fn an_unstable_simulator_is_refused_with_the_remedy_and_so_are_states_and_window
     assert!(error.to_string().contains("--states"), "{error}");
     // One that falls and comes to rest upside down stays within bounds, and its free run says as little.
     match found(&system(f64::sin, None), Machine { late: 3, ..AS_SIMULATED }) {
-        Err(error) => assert!(matches!(error, deadtime::diagnose::Error::Gap(GapError::Unstable { .. })), "{error}"),
-        Ok(found) => assert!(found.caveats.iter().any(|c| matches!(c, Caveat::LeftTheLog { .. })), "{:?}", found.caveats),
+        Err(error) => assert!(
+            matches!(error, deadtime::diagnose::Error::Gap(GapError::Unstable { .. })),
+            "{error}"
+        ),
+        Ok(found) => assert!(
+            found.caveats.iter().any(|c| matches!(c, Caveat::LeftTheLog { .. })),
+            "{:?}",
+            found.caveats
+        ),
     }
     let error = refused(&from(["angle", "speed"], None)).to_string();
     assert!(error.contains("`speed`") && error.contains("rate"), "{error}");
     let error = refused(&from(["angle", "rate"], Some(0.03))).to_string();
-    assert!(error.contains("0.03 s leaves 3 samples") && error.contains("give 0.100 s or more"), "{error}");
+    assert!(
+        error.contains("0.03 s leaves 3 samples") && error.contains("give 0.100 s or more"),
+        "{error}"
+    );
 }

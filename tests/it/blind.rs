@@ -1,6 +1,8 @@
 //! The check on withheld effects: known answers get their hand-computed scores, and whatever was changed or lost is noticed.
 
-use crate::support::blind::{Check, always_input_delay, always_none, label, labels, perfect, write};
+use crate::support::blind::{
+    Check, always_input_delay, always_none, label, labels, perfect, write,
+};
 use deadtime::blind::{BlindScore, Limit, SCORES, Score, Verdict, check, commitments, load, score};
 use deadtime::diagnose::Diagnosis;
 use serde_json::{Value, json};
@@ -19,7 +21,8 @@ fn refused(check: &Check) -> String {
 #[track_caller]
 fn assert_scores(all: &[Score], expected: &[(&str, f64, usize)]) {
     for (name, value, count) in expected {
-        let score = all.iter().find(|s| s.name == *name).unwrap_or_else(|| panic!("no score {name}"));
+        let score =
+            all.iter().find(|s| s.name == *name).unwrap_or_else(|| panic!("no score {name}"));
         let got = score.value.unwrap_or_else(|| panic!("{name} has no value"));
         assert!(
             (got - value).abs() <= ROUNDING * value.abs().max(1.0) && score.count == *count,
@@ -63,7 +66,12 @@ fn perfect_answer_scores_one() {
             ("time_max", 2.0, 8),
         ],
     );
-    assert!(scores.confusion.iter().all(|c| c.truth == c.verdict || (c.truth == "pair" && c.verdict == "input_delay")));
+    assert!(
+        scores
+            .confusion
+            .iter()
+            .all(|c| c.truth == c.verdict || (c.truth == "pair" && c.verdict == "input_delay"))
+    );
     assert_eq!(scores.reliability[4].exact, Some(1.0));
 }
 
@@ -102,7 +110,11 @@ fn answering_input_delay_always_gets_its_poor_score() {
     );
     // Wilson's interval of 1 of 4, from its equation in another language.
     let [low, high] = scores.get("top1").unwrap().ci95.unwrap();
-    assert!((low - 0.045_587_260_809_700_58).abs() < ROUNDING && (high - 0.699_358_157_417_598_1).abs() < ROUNDING, "{low} {high}");
+    assert!(
+        (low - 0.045_587_260_809_700_58).abs() < ROUNDING
+            && (high - 0.699_358_157_417_598_1).abs() < ROUNDING,
+        "{low} {high}"
+    );
     assert_eq!((scores.reliability[4].cases, scores.reliability[4].exact), (8, Some(0.125)));
 }
 
@@ -127,7 +139,10 @@ fn answering_none_always_gets_its_poor_score() {
             ("harm", 1.0, 8), // 0.52 after 0.5
         ],
     );
-    assert_eq!(scores.get("parameter_error").unwrap(), &Score { name: "parameter_error", value: None, ci95: None, count: 0 });
+    assert_eq!(
+        scores.get("parameter_error").unwrap(),
+        &Score { name: "parameter_error", value: None, ci95: None, count: 0 }
+    );
 }
 
 /// A contribution with a share, and what could stand in its place.
@@ -140,7 +155,8 @@ fn contribution(effect: &str, channel: &str, share: f64, class: &[&str]) -> Valu
 fn what_contributes_is_judged_by_share_up_to_what_the_data_or_the_diagnosis_cannot_tell_apart() {
     let truth = |alias_class: Value| {
         let effect = |name: &str, channel: &str| json!({ "effect": name, "channel": channel, "parameters": {} });
-        let effects = json!([effect("input_gain", "u"), effect("deadband", "u"), effect("backlash", "u")]);
+        let effects =
+            json!([effect("input_gain", "u"), effect("deadband", "u"), effect("backlash", "u")]);
         label(
             "m1",
             "mixture",
@@ -165,10 +181,23 @@ fn what_contributes_is_judged_by_share_up_to_what_the_data_or_the_diagnosis_cann
         scores(&check).scores
     };
     // A gain at the sensor is a gain at the input, as the label says; friction may be a dead band, as the diagnosis says.
-    let expected = [("strongest", 1.0, 1), ("recall", 0.9, 1), ("precision", 0.75 / 0.95, 1), ("share_error", 0.075, 2)];
-    assert_scores(&judged(json!([["input_gain:u", "sensor_gain:y"], ["deadband:u"], ["backlash:u"]])), &expected);
+    let expected = [
+        ("strongest", 1.0, 1),
+        ("recall", 0.9, 1),
+        ("precision", 0.75 / 0.95, 1),
+        ("share_error", 0.075, 2),
+    ];
+    assert_scores(
+        &judged(json!([["input_gain:u", "sensor_gain:y"], ["deadband:u"], ["backlash:u"]])),
+        &expected,
+    );
     // Where the label says that data tell them apart, or says nothing, the gain is missed and a false one is named.
-    let expected = [("strongest", 0.0, 1), ("recall", 0.3, 1), ("precision", 0.25 / 0.95, 1), ("share_error", 0.05, 1)];
+    let expected = [
+        ("strongest", 0.0, 1),
+        ("recall", 0.3, 1),
+        ("precision", 0.25 / 0.95, 1),
+        ("share_error", 0.05, 1),
+    ];
     for apart in [json!([["input_gain:u"], ["deadband:u"], ["backlash:u"]]), json!([])] {
         assert_scores(&judged(apart), &expected);
     }
@@ -179,9 +208,18 @@ fn what_contributes_is_judged_by_share_up_to_what_the_data_or_the_diagnosis_cann
 fn a_set_of_wrong_numbers_is_judged_as_a_set() {
     let number = |channel: &str| json!({ "effect": "parameter_error", "channel": channel, "parameters": {} });
     let effects = json!([number("mass"), number("spring"), number("damping"), number("length")]);
-    let alias_class =
-        json!([["parameter_error:mass"], ["parameter_error:spring"], ["parameter_error:damping"], ["parameter_error:length"]]);
-    let truth = label("m2", "mixture", effects, json!({ "shares": [0.5, 0.3, 0.195, 0.005], "alias_class": alias_class }));
+    let alias_class = json!([
+        ["parameter_error:mass"],
+        ["parameter_error:spring"],
+        ["parameter_error:damping"],
+        ["parameter_error:length"]
+    ]);
+    let truth = label(
+        "m2",
+        "mixture",
+        effects,
+        json!({ "shares": [0.5, 0.3, 0.195, 0.005], "alias_class": alias_class }),
+    );
     let mut answer = serde_json::to_value(always_none()).unwrap();
     answer["format"] = json!("deadtime/diagnosis@2");
     answer["cause"]["contributions"] = json!([contribution("parameter_error", "mass", 0.5, &[])]);
@@ -209,7 +247,12 @@ fn unknown_is_a_false_alarm_on_none_and_needless_on_an_effect() {
     });
     assert_scores(
         &scores(&check).scores,
-        &[("false_alarm", 1.0, 2), ("needless_unknown", 1.0, 4), ("missed", 0.0, 4), ("unknown_recall", 1.0, 1)],
+        &[
+            ("false_alarm", 1.0, 2),
+            ("needless_unknown", 1.0, 4),
+            ("missed", 0.0, 4),
+            ("unknown_recall", 1.0, 1),
+        ],
     );
 }
 
@@ -223,16 +266,28 @@ fn pair_counts_up_to_the_alias_class_of_each_effect() {
                 for (found, (effect, channel)) in answer.cause.effects.iter_mut().zip(effects) {
                     (found.effect, found.channel) = (effect.into(), channel.into());
                 }
-                (answer.cause.verdict, answer.cause.channel) = (effects[0].0.into(), Some(effects[0].1.into()));
+                (answer.cause.verdict, answer.cause.channel) =
+                    (effects[0].0.into(), Some(effects[0].1.into()));
             }
             answer
         }
     };
     check.answer(with([("input_gain", "u"), ("output_delay", "y")]));
-    assert_scores(&scores(&check).scores, &[("pair_exact", 0.0, 1), ("pair_class", 1.0, 1), ("pair_any", 0.0, 1), ("right", 1.0, 8)]);
+    assert_scores(
+        &scores(&check).scores,
+        &[("pair_exact", 0.0, 1), ("pair_class", 1.0, 1), ("pair_any", 0.0, 1), ("right", 1.0, 8)],
+    );
     // Two names of one and the same effect are no pair.
     check.answer(with([("input_delay", "u"), ("output_delay", "y")]));
-    assert_scores(&scores(&check).scores, &[("pair_exact", 0.0, 1), ("pair_class", 0.0, 1), ("pair_any", 1.0, 1), ("right", 0.875, 8)]);
+    assert_scores(
+        &scores(&check).scores,
+        &[
+            ("pair_exact", 0.0, 1),
+            ("pair_class", 0.0, 1),
+            ("pair_any", 1.0, 1),
+            ("right", 0.875, 8),
+        ],
+    );
 }
 
 #[test]
@@ -266,18 +321,26 @@ fn parameters_are_compared_as_what_they_are() {
         let label = label(id, "single", effects.clone(), json!({}));
         check.add(&label);
         let mut answer = serde_json::to_value(always_none()).unwrap();
-        (answer["cause"]["verdict"], answer["cause"]["channel"]) = (effects[0]["effect"].clone(), effects[0]["channel"].clone());
+        (answer["cause"]["verdict"], answer["cause"]["channel"]) =
+            (effects[0]["effect"].clone(), effects[0]["channel"].clone());
         answer["cause"]["effects"] = json!([{ "effect": effects[0]["effect"], "channel": effects[0]["channel"], "parameters": estimates }]);
         check.answer_one(&label, &serde_json::from_value(answer).unwrap());
         let scores = scores(&check);
         scores.answers.into_iter().find(|a| a.id == id).unwrap().judgement
     };
     let near = |got: &[f64], expected: &[f64]| {
-        assert!(got.len() == expected.len() && got.iter().zip(expected).all(|(g, e)| (g - e).abs() < 1e-9), "{got:?}, not {expected:?}");
+        assert!(
+            got.len() == expected.len()
+                && got.iter().zip(expected).all(|(g, e)| (g - e).abs() < 1e-9),
+            "{got:?}, not {expected:?}"
+        );
     };
     // Half of a skew is missed, though its ratio is right to half a per cent; at a bound there is no interval.
-    let skew =
-        answer_with("x1", effect("clock_skew", "*", json!({ "ratio": 1.01 })), json!([estimate("ratio", "1", json!(1.005), json!(null))]));
+    let skew = answer_with(
+        "x1",
+        effect("clock_skew", "*", json!({ "ratio": 1.01 })),
+        json!([estimate("ratio", "1", json!(1.005), json!(null))]),
+    );
     near(&skew.parameter_errors, &[0.005 / 1.01]);
     near(&skew.deviation_errors, &[0.5]);
     assert_eq!((skew.covered.len(), skew.without_interval), (0, vec![true]));
@@ -286,13 +349,23 @@ fn parameters_are_compared_as_what_they_are() {
     let saturation = answer_with(
         "x2",
         effect("saturation", "u", limits),
-        json!([estimate("lower", "1", json!(0.001), json!([-0.1, 0.1])), estimate("upper", "1", json!(2.1), json!([2.05, 2.15]))]),
+        json!([
+            estimate("lower", "1", json!(0.001), json!([-0.1, 0.1])),
+            estimate("upper", "1", json!(2.1), json!([2.05, 2.15]))
+        ]),
     );
     near(&saturation.parameter_errors, &[0.5, 0.05]);
     assert_eq!((saturation.deviation_errors.len(), saturation.covered), (0, vec![true, false]));
     let unlimited = json!({ "lower": null, "upper": 2.0, "note": "no number" });
-    let one_sided = answer_with("x3", effect("saturation", "u", unlimited), json!([estimate("lower", "1", json!(null), json!(null))]));
-    assert_eq!((one_sided.parameter_errors.len(), one_sided.parameter_missing, one_sided.without_interval), (0, vec![true], vec![true]));
+    let one_sided = answer_with(
+        "x3",
+        effect("saturation", "u", unlimited),
+        json!([estimate("lower", "1", json!(null), json!(null))]),
+    );
+    assert_eq!(
+        (one_sided.parameter_errors.len(), one_sided.parameter_missing, one_sided.without_interval),
+        (0, vec![true], vec![true])
+    );
     // 6.2 rad and 0 rad are 0.083 rad apart.
     let phase = answer_with(
         "x4",
@@ -308,20 +381,38 @@ fn parts_and_the_confusion_matrix_count_every_case_once() {
     let check = Check::new();
     check.answer(|_| always_input_delay());
     let scores = scores(&check);
-    let part =
-        |key: &str, value: &str| scores.by.iter().find(|b| b.key == key && b.value == value).unwrap_or_else(|| panic!("{key} {value}"));
+    let part = |key: &str, value: &str| {
+        scores
+            .by
+            .iter()
+            .find(|b| b.key == key && b.value == value)
+            .unwrap_or_else(|| panic!("{key} {value}"))
+    };
     for key in ["effect", "plant"] {
-        assert_eq!(scores.by.iter().filter(|b| b.key == key).map(|b| b.cases).sum::<usize>(), 8, "{key}");
+        assert_eq!(
+            scores.by.iter().filter(|b| b.key == key).map(|b| b.cases).sum::<usize>(),
+            8,
+            "{key}"
+        );
     }
     assert_eq!(scores.confusion.iter().map(|c| c.cases).sum::<usize>(), 8);
-    assert_eq!((part("plant", "toy").cases, part("plant", "cart").cases, part("loop", "closed").cases), (6, 2, 1));
-    for (strength, top1) in
-        [("below 10 dB", 0.0), ("from 10 to 20 dB (weak)", 1.0), ("from 20 to 30 dB (medium)", 0.0), ("over 30 dB (strong)", 0.0)]
-    {
+    assert_eq!(
+        (part("plant", "toy").cases, part("plant", "cart").cases, part("loop", "closed").cases),
+        (6, 2, 1)
+    );
+    for (strength, top1) in [
+        ("below 10 dB", 0.0),
+        ("from 10 to 20 dB (weak)", 1.0),
+        ("from 20 to 30 dB (medium)", 0.0),
+        ("over 30 dB (strong)", 0.0),
+    ] {
         assert_scores(&part("strength", strength).scores, &[("top1", top1, 1)]);
     }
     assert_scores(&part("effect", "input_delay").scores, &[("top1", 1.0, 1)]);
-    assert_scores(&part("effect", "output_delay").scores, &[("top1", 0.0, 1), ("top1_class", 1.0, 1)]);
+    assert_scores(
+        &part("effect", "output_delay").scores,
+        &[("top1", 0.0, 1), ("top1_class", 1.0, 1)],
+    );
 }
 
 #[test]
@@ -335,7 +426,13 @@ fn intervals_hold_their_value_and_repeat() {
     for score in first.scores.iter().chain(first.by.iter().flat_map(|b| &b.scores)) {
         if let (Some(value), Some([low, high])) = (score.value, score.ci95) {
             with_interval += 1;
-            assert!(low <= value + ROUNDING && value <= high + ROUNDING && low.is_finite() && high.is_finite(), "{score:?}");
+            assert!(
+                low <= value + ROUNDING
+                    && value <= high + ROUNDING
+                    && low.is_finite()
+                    && high.is_finite(),
+                "{score:?}"
+            );
         }
     }
     assert!(with_interval > SCORES.len(), "{with_interval} scores have an interval");
@@ -354,7 +451,10 @@ fn limit_is_missed_only_when_the_whole_interval_lies_beyond_it() {
     assert_eq!(judge("top1<=0.04"), Verdict::Missed);
     assert_eq!(judge("time_max<=1.9"), Verdict::Missed);
     check.answer(|_| always_none());
-    assert_eq!("coverage>=0.5".parse::<Limit>().unwrap().judge(&self::scores(&check)), Verdict::NotMeasured);
+    assert_eq!(
+        "coverage>=0.5".parse::<Limit>().unwrap().judge(&self::scores(&check)),
+        Verdict::NotMeasured
+    );
     for wrong in ["top1=0.9", "top1>=much", "top1>=NaN", "topping>=1"] {
         assert!(wrong.parse::<Limit>().is_err(), "{wrong}");
     }
@@ -379,7 +479,9 @@ fn commitment_is_the_hash_of_salt_and_label_by_either_reading() {
 
 #[test]
 fn changed_label_and_changed_salt_are_caught_by_name() {
-    for (from, to) in [("0.2", "0.3"), ("salt of s2", "salt of s3"), ("sensor_bias", "sensor_gain"), ("}\n", "}")] {
+    for (from, to) in
+        [("0.2", "0.3"), ("salt of s2", "salt of s3"), ("sensor_bias", "sensor_gain"), ("}\n", "}")]
+    {
         let check = Check::new();
         check.answer(perfect);
         let path = check.labels().join("s2.json");
@@ -402,7 +504,10 @@ fn commitments_that_are_missing_garbled_or_unequal_are_errors() {
     write(&copy, "soon\n");
     assert!(refused(&check).contains("holds `soon`"));
     std::fs::remove_file(&copy).unwrap();
-    assert!(load(&check.verdicts(), &check.labels(), Some(&check.cases())).is_ok(), "the case's own commitment is enough");
+    assert!(
+        load(&check.verdicts(), &check.labels(), Some(&check.cases())).is_ok(),
+        "the case's own commitment is enough"
+    );
     std::fs::remove_file(check.cases().join("s3/commitment.txt")).unwrap();
     let error = refused(&check);
     assert!(error.contains("no commitment.txt for case s3"), "{error}");
@@ -448,7 +553,12 @@ fn labels_that_contradict_themselves_are_refused() {
 #[test]
 fn folder_without_labels_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
-    assert!(load(folder.path(), folder.path(), None).unwrap_err().to_string().contains("no label in it"));
+    assert!(
+        load(folder.path(), folder.path(), None)
+            .unwrap_err()
+            .to_string()
+            .contains("no label in it")
+    );
 }
 
 #[test]
@@ -465,8 +575,14 @@ fn delays_that_move_have_scores_of_their_own() {
     let check = Check::new();
     check.answer(perfect);
     let moving = |id: &str| {
-        let jump = json!([{ "effect": "delay_jump", "channel": "u", "parameters": { "delay": 0.1 } }]);
-        label(id, "moving", jump, json!({ "alias_class": ["delay_jump:u", "input_delay:u"], "verdict": "delay_jump" }))
+        let jump =
+            json!([{ "effect": "delay_jump", "channel": "u", "parameters": { "delay": 0.1 } }]);
+        label(
+            id,
+            "moving",
+            jump,
+            json!({ "alias_class": ["delay_jump:u", "input_delay:u"], "verdict": "delay_jump" }),
+        )
     };
     // Named, taken for its alias and a little worse than nominal, taken for lost commands.
     let mut worse = serde_json::to_value(always_input_delay()).unwrap();
@@ -475,14 +591,19 @@ fn delays_that_move_have_scores_of_their_own() {
     lost["cause"]["ranking"] = json!([{ "effect": "dropped_commands", "channel": "u", "probability": 0.6, "after": 0.4 },
         { "effect": "delay_jump", "channel": "u", "probability": 0.4, "after": 0.4 }]);
     lost["shrink"]["after"] = json!(0.5);
-    let answers = [perfect(&moving("m1")), serde_json::from_value(worse).unwrap(), serde_json::from_value(lost).unwrap()];
+    let answers = [
+        perfect(&moving("m1")),
+        serde_json::from_value(worse).unwrap(),
+        serde_json::from_value(lost).unwrap(),
+    ];
     for (id, answer) in ["m1", "m2", "m3"].into_iter().zip(&answers) {
         check.add(&moving(id));
         check.answer_one(&moving(id), answer);
     }
     let scores = scores(&check);
     let third = 1.0 / 3.0;
-    let own = [("moving_class", 2.0 * third, 3), ("moving_lost", third, 3), ("moving_worse", third, 3)];
+    let own =
+        [("moving_class", 2.0 * third, 3), ("moving_lost", third, 3), ("moving_worse", third, 3)];
     assert_scores(&scores.scores, &own);
     // Singles are counted apart, and `right` holds both.
     assert_scores(&scores.scores, &[("top1", 1.0, 4), ("right", 10.0 / 11.0, 11)]);

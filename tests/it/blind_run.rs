@@ -15,13 +15,27 @@ fn run_gives_the_diagnoser_the_case_and_nothing_else() {
         seen.lock().unwrap().push(case.clone());
         Ok(by_heart(case))
     };
-    let summary = run(&check.cases(), &check.verdicts(), &RunOptions { jobs: 3, ..RunOptions::default() }, &diagnose, &|_, _| {}).unwrap();
-    assert_eq!(summary.cases.iter().map(|c| c.0.as_str()).collect::<Vec<_>>(), ["k1", "n1", "n2", "p1", "s1", "s2", "s3", "s4"]);
+    let summary = run(
+        &check.cases(),
+        &check.verdicts(),
+        &RunOptions { jobs: 3, ..RunOptions::default() },
+        &diagnose,
+        &|_, _| {},
+    )
+    .unwrap();
+    assert_eq!(
+        summary.cases.iter().map(|c| c.0.as_str()).collect::<Vec<_>>(),
+        ["k1", "n1", "n2", "p1", "s1", "s2", "s3", "s4"]
+    );
     assert!(summary.failed().next().is_none());
     let seen = seen.into_inner().unwrap();
     let s1 = seen.iter().find(|c| c.id == "s1").unwrap();
-    let names =
-        |paths: &[std::path::PathBuf]| paths.iter().map(|p| p.file_name().unwrap().to_str().unwrap().to_owned()).collect::<Vec<_>>();
+    let names = |paths: &[std::path::PathBuf]| {
+        paths
+            .iter()
+            .map(|p| p.file_name().unwrap().to_str().unwrap().to_owned())
+            .collect::<Vec<_>>()
+    };
     assert_eq!(names(&s1.logs), ["train_1.csv", "train_2.csv", "train_10.csv"]);
     assert_eq!(names(&s1.holdout), ["holdout_1.csv"]);
     // Verdicts and labels are enough to score.
@@ -39,7 +53,14 @@ fn run_resumes_and_redoes_only_what_was_asked_or_changed() {
     };
     let go = |existing| {
         calls.lock().unwrap().clear();
-        run(&check.cases(), &check.verdicts(), &RunOptions { existing, ..RunOptions::default() }, &diagnose, &|_, _| {}).unwrap();
+        run(
+            &check.cases(),
+            &check.verdicts(),
+            &RunOptions { existing, ..RunOptions::default() },
+            &diagnose,
+            &|_, _| {},
+        )
+        .unwrap();
         calls.lock().unwrap().clone()
     };
     assert_eq!(go(Existing::Keep).len(), 8);
@@ -62,7 +83,10 @@ fn failing_cases_are_reported_by_name_and_stop_no_other() {
         std::fs::remove_file(check.cases().join("s2").join(train)).unwrap();
     }
     let diagnose = |case: &CaseFiles| match case.id.as_str() {
-        "s1" => Err(deadtime::study::Error::io(&case.model, std::io::Error::other("cannot be diagnosed"))),
+        "s1" => Err(deadtime::study::Error::io(
+            &case.model,
+            std::io::Error::other("cannot be diagnosed"),
+        )),
         "s3" => panic!("out of its depth"),
         _ => Ok(by_heart(case)),
     };
@@ -72,7 +96,14 @@ fn failing_cases_are_reported_by_name_and_stop_no_other() {
     std::fs::remove_file(check.verdicts().join("s3/run.json")).unwrap();
     let told = Mutex::new(0);
     let count = |_: &str, _: &Outcome| *told.lock().unwrap() += 1;
-    let summary = run(&check.cases(), &check.verdicts(), &RunOptions { jobs: 2, ..RunOptions::default() }, &diagnose, &count).unwrap();
+    let summary = run(
+        &check.cases(),
+        &check.verdicts(),
+        &RunOptions { jobs: 2, ..RunOptions::default() },
+        &diagnose,
+        &count,
+    )
+    .unwrap();
     assert_eq!(told.into_inner().unwrap(), 8);
     let failed: Vec<(&str, String)> = summary.failed().map(|(id, e)| (id, e.to_string())).collect();
     let expected = [

@@ -47,18 +47,30 @@ fn slopes_are_the_differences_of_responses() {
     ] {
         let plain = ProcessModel { gain: 1.7, lags_s: lags.clone(), zero_s, delay_s: 4.2 };
         let slopes = at(&plain);
-        let reference: Vec<f64> = process(u, &lags, zero_s, 4.2, 0.5).iter().map(|v| 1.7 * v).collect();
+        let reference: Vec<f64> =
+            process(u, &lags, zero_s, 4.2, 0.5).iter().map(|v| 1.7 * v).collect();
         assert!(
             slopes.response.iter().zip(&reference).all(|(a, b)| (a - b).abs() < 1e-9),
             "the response is that of the simulator: {plain:?}"
         );
         let h = 1e-5;
         let difference = |plus: &ProcessModel, minus: &ProcessModel| -> Vec<f64> {
-            at(plus).response.iter().zip(&at(minus).response).map(|(a, b)| (a - b) / (2.0 * h)).collect()
+            at(plus)
+                .response
+                .iter()
+                .zip(&at(minus).response)
+                .map(|(a, b)| (a - b) / (2.0 * h))
+                .collect()
         };
         let moved = |by: f64| ProcessModel { delay_s: 4.2 + by, ..plain.clone() };
         let by_delay = difference(&moved(h), &moved(-h));
-        assert!(by_delay.iter().zip(&slopes.by_delay).all(|(a, b)| (a - b).abs() < 1e-4 * (1.0 + b.abs())), "{plain:?}");
+        assert!(
+            by_delay
+                .iter()
+                .zip(&slopes.by_delay)
+                .all(|(a, b)| (a - b).abs() < 1e-4 * (1.0 + b.abs())),
+            "{plain:?}"
+        );
         // A change of any other parameter is a combination of the slopes by them.
         for i in 0..lags.len() {
             let moved = |by: f64| {
@@ -68,7 +80,11 @@ fn slopes_are_the_differences_of_responses() {
             };
             let by_lag = difference(&moved(h), &moved(-h));
             let left = bound::joint(&by_lag, &slopes.by_others, 1.0).map_or(0.0, |std| 1.0 / std);
-            assert!(left < 1e-4 * norm(&by_lag), "time constant {i} of {plain:?}: {left} of {} is no combination", norm(&by_lag));
+            assert!(
+                left < 1e-4 * norm(&by_lag),
+                "time constant {i} of {plain:?}: {left} of {} is no combination",
+                norm(&by_lag)
+            );
         }
     }
 }
@@ -97,9 +113,14 @@ fn white_signals_have_the_closed_forms() {
     let signal = white(samples, 1.0, 5);
     let direct = bound::reference(&signal, rho.recip().sqrt());
     assert!((direct / bound::reference_white(samples, rho) - 1.0).abs() < 0.05, "{direct}");
-    assert_abs_diff_eq!(bound::two_sensors_white(500, 1e6) / bound::reference_white(500, 1e6), 2.0_f64.sqrt(), epsilon = 1e-5);
+    assert_abs_diff_eq!(
+        bound::two_sensors_white(500, 1e6) / bound::reference_white(500, 1e6),
+        2.0_f64.sqrt(),
+        epsilon = 1e-5
+    );
     // A sine's derivative is ω times its cosine: an independent value.
-    let sine: Vec<f64> = (0..1000).map(|t| (2.0 * std::f64::consts::PI * 0.05 * f64::from(t)).sin()).collect();
+    let sine: Vec<f64> =
+        (0..1000).map(|t| (2.0 * std::f64::consts::PI * 0.05 * f64::from(t)).sin()).collect();
     let expected = 1.0 / (0.1 * std::f64::consts::PI * 500.0_f64.sqrt());
     assert_abs_diff_eq!(bound::reference(&sine, 1.0) / expected, 1.0, epsilon = 1e-9);
 }
@@ -117,7 +138,11 @@ fn the_standard_benchmark_has_the_bounds_that_were_computed_for_it_before() {
         let slopes = model(&[10.0, 1.0], 9.0).slopes(u, ts(1.0)).unwrap();
         for (snr, scale) in [(100.0_f64, 1.0), (1.0, 10.0)] {
             let noise = std_dev(&slopes.response) / snr.sqrt();
-            near(bound::known_model(&slopes.by_delay, noise), scale * known, &format!("slow2, input {i}, SNR {snr}, known"));
+            near(
+                bound::known_model(&slopes.by_delay, noise),
+                scale * known,
+                &format!("slow2, input {i}, SNR {snr}, known"),
+            );
             let all = bound::joint(&slopes.by_delay, &slopes.by_others, noise).unwrap();
             near(all, scale * joint, &format!("slow2, input {i}, SNR {snr}, joint"));
             assert!(all >= bound::known_model(&slopes.by_delay, noise));
@@ -141,7 +166,11 @@ fn ziv_zakai_is_the_window_where_nothing_is_known_and_cramer_rao_where_much_is()
         assert!((much / std - 1.0).abs() < 0.06, "{much} for {std}");
     }
     // It rises with the noise, and lies between the two.
-    let bounds: Vec<f64> = (0..30).map(|i| bound::ziv_zakai(20.0, |h| (h / 10.0_f64.powf(f64::from(i) / 5.0 - 3.0)).min(30.0))).collect();
+    let bounds: Vec<f64> = (0..30)
+        .map(|i| {
+            bound::ziv_zakai(20.0, |h| (h / 10.0_f64.powf(f64::from(i) / 5.0 - 3.0)).min(30.0))
+        })
+        .collect();
     assert!(bounds.windows(2).all(|w| w[1] >= w[0]) && bounds.iter().all(|b| *b <= nothing + 1e-9));
 }
 
@@ -150,13 +179,22 @@ fn anomalies_are_as_frequent_as_a_draw_of_their_peaks() {
     for (peak, cells) in [(1.0, 20), (3.0, 50), (4.5, 10)] {
         let draws = 40_000;
         let noise = white(draws * cells, 1.0, 77);
-        let wrong = noise.chunks(cells).filter(|c| c[1..].iter().any(|v| *v > c[0] + peak)).count() as f64 / draws as f64;
+        let wrong = noise.chunks(cells).filter(|c| c[1..].iter().any(|v| *v > c[0] + peak)).count()
+            as f64
+            / draws as f64;
         let expected = bound::anomaly_probability(peak, cells as f64);
         println!("peak {peak}, {cells} cells: {wrong} drawn, {expected}");
         assert!((wrong - expected).abs() < 4.0 * (expected / draws as f64).sqrt() + 1e-4);
     }
-    assert!((bound::anomaly_probability(0.0, 10.0) - 0.9).abs() < 1e-6, "each of ten is as likely the highest");
-    assert_abs_diff_eq!(bound::with_anomalies(0.1, 12.0, 1.0), 12.0 / 12.0_f64.sqrt(), epsilon = 1e-12);
+    assert!(
+        (bound::anomaly_probability(0.0, 10.0) - 0.9).abs() < 1e-6,
+        "each of ten is as likely the highest"
+    );
+    assert_abs_diff_eq!(
+        bound::with_anomalies(0.1, 12.0, 1.0),
+        12.0 / 12.0_f64.sqrt(),
+        epsilon = 1e-12
+    );
 }
 
 fn near_the_bound(count: usize) {
@@ -169,13 +207,20 @@ fn near_the_bound(count: usize) {
             .into_par_iter()
             .map(|seed| {
                 let y = sum(&slopes.response, &white(500, noise, 5000 + seed));
-                let e = answer(method("p2d").unwrap(), &Experiment::siso(ts(1.0), u.clone(), y).unwrap(), &Search::default());
+                let e = answer(
+                    method("p2d").unwrap(),
+                    &Experiment::siso(ts(1.0), u.clone(), y).unwrap(),
+                    &Search::default(),
+                );
                 assert_eq!(e.outcome, Outcome::Found);
                 e.delay_s.unwrap() - 9.0
             })
             .collect();
         let rms = norm(&errors) / (errors.len() as f64).sqrt();
-        println!("slow2, input {i}, SNR 100: RMS error of p2d {rms:.4} samples, {:.3} of the bound", rms / best);
+        println!(
+            "slow2, input {i}, SNR 100: RMS error of p2d {rms:.4} samples, {:.3} of the bound",
+            rms / best
+        );
         // 150 draws know a standard deviation to 6 %.
         assert!(rms / best < 1.2, "{rms} {best}");
     }

@@ -32,7 +32,11 @@ fn refused(plan: &Plan) -> String {
 fn too_many_trials_are_refused_with_the_estimate_and_the_option() {
     for trials in [1_000_000_000_000, usize::MAX, 2_000_000_000] {
         let said = refused(&plan(trials));
-        assert!(said.contains("--max-disk-gb") && said.contains(&format!("{} estimates", trials as f64)), "{said}");
+        assert!(
+            said.contains("--max-disk-gb")
+                && said.contains(&format!("{} estimates", trials as f64)),
+            "{said}"
+        );
     }
 }
 
@@ -41,7 +45,9 @@ fn trials_that_are_allowed_take_no_memory_and_every_number_of_them_is_counted() 
     let unlimited = Budget { disk_gb: f64::INFINITY, ..Budget::default() };
     let runner = Runner::untried(&plan(1_000_000_000_000), &unlimited).unwrap();
     assert_eq!(runner.estimates(), 1_000_000_000_000);
-    assert!(Runner::untried(&plan(usize::MAX), &unlimited).is_ok_and(|r| r.estimates() == usize::MAX));
+    assert!(
+        Runner::untried(&plan(usize::MAX), &unlimited).is_ok_and(|r| r.estimates() == usize::MAX)
+    );
 }
 
 #[test]
@@ -66,7 +72,11 @@ fn the_program_answers_at_once_and_writes_nothing_outside() {
     std::fs::create_dir_all(&inside).unwrap();
     std::fs::write(inside.join("p.toml"), PLAN).unwrap();
     let run = |words: &[&str]| {
-        let done = std::process::Command::new(env!("CARGO_BIN_EXE_deadtime")).args(words).current_dir(&inside).output().unwrap();
+        let done = std::process::Command::new(env!("CARGO_BIN_EXE_deadtime"))
+            .args(words)
+            .current_dir(&inside)
+            .output()
+            .unwrap();
         (done.status.code(), String::from_utf8(done.stderr).unwrap())
     };
     let (code, said) = run(&["study", "p.toml", "--trials", "2", "--threads", "20000"]);
@@ -87,19 +97,28 @@ fn the_program_answers_at_once_and_writes_nothing_outside() {
 fn models_that_are_too_large_or_too_fast_say_so() {
     use deadtime::model::ModelDocument;
     use deadtime::simulate::{Commands, Plan, System};
-    let head =
-        "format = \"deadtime/model@1\"\nname = \"m\"\nkind = \"equations\"\ninputs = [{ name = \"u\" }]\noutputs = [{ name = \"y\" }]\n";
+    let head = "format = \"deadtime/model@1\"\nname = \"m\"\nkind = \"equations\"\ninputs = [{ name = \"u\" }]\noutputs = [{ name = \"y\" }]\n";
     let text = |states: &str, parameters: &str, derivatives: &str| {
-        format!("{head}[states]\n{states}\n[parameters]\n{parameters}\n[derivatives]\n{derivatives}\n[output_equations]\ny = \"x\"\n")
+        format!(
+            "{head}[states]\n{states}\n[parameters]\n{parameters}\n[derivatives]\n{derivatives}\n[output_equations]\ny = \"x\"\n"
+        )
     };
     let many: String = (0..20_000).map(|k| format!("p{k} = {{ value = 1.0 }}\n")).collect();
-    let said = ModelDocument::from_toml(&text("x = {}", &many, "x = \"u\""), Path::new("m.toml")).unwrap_err().to_string();
+    let said = ModelDocument::from_toml(&text("x = {}", &many, "x = \"u\""), Path::new("m.toml"))
+        .unwrap_err()
+        .to_string();
     assert!(said.contains("20000 parameters") && said.contains("10000"), "{said}");
 
     // Stiff and driven: each command is a new transient of 1e-7 s.
     let sum: String = (0..300).map(|k| format!(" + 1e-9*sin({k}*x + time)")).collect();
-    let model = text("x = {}\nfast = {}", "k = { value = 1e7 }", &format!("x = \"u - x{sum}\"\nfast = \"k*(sin(1e6*time) - fast) + 0*x\""));
-    let system = System::new(&ModelDocument::from_toml(&model, Path::new("m.toml")).unwrap(), |_| Ok(0.0)).unwrap();
+    let model = text(
+        "x = {}\nfast = {}",
+        "k = { value = 1e7 }",
+        &format!("x = \"u - x{sum}\"\nfast = \"k*(sin(1e6*time) - fast) + 0*x\""),
+    );
+    let system =
+        System::new(&ModelDocument::from_toml(&model, Path::new("m.toml")).unwrap(), |_| Ok(0.0))
+            .unwrap();
     let time_s: Vec<f64> = (0..100).map(f64::from).collect();
     let u = vec![vec![1.0; time_s.len()]];
     let mut plan = Plan::new(&system);

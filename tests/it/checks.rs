@@ -160,7 +160,13 @@ fn std_dev(x: &[f64]) -> f64 {
 type Columns = Vec<(String, Option<String>, Vec<f64>)>;
 
 /// An experiment on a plant with effects that the model lacks.
-fn record(plant: &Plant, document: &ModelDocument, effects: Effects<'_>, sensor: Sensor, seed: u64) -> Columns {
+fn record(
+    plant: &Plant,
+    document: &ModelDocument,
+    effects: Effects<'_>,
+    sensor: Sensor,
+    seed: u64,
+) -> Columns {
     let system = System::new(document, |_| Ok(0.0)).unwrap();
     let list: Vec<Applied> = effects
         .iter()
@@ -174,19 +180,29 @@ fn record(plant: &Plant, document: &ModelDocument, effects: Effects<'_>, sensor:
     let n = plant.samples;
     let time_s: Vec<f64> = (0..n).map(|k| plant.ts * k as f64).collect();
     let plan = Applied::plan(&system, &list, Chance::Mean).unwrap();
-    let reference: Vec<Vec<f64>> = system.inputs.iter().map(|_| steps(n, plant.size, &mut rng)).collect();
+    let reference: Vec<Vec<f64>> =
+        system.inputs.iter().map(|_| steps(n, plant.size, &mut rng)).collect();
     let x0 = vec![0.0; system.states.len()];
     if !plant.feedback.is_empty() {
         return fly(plant, &system, &reference[0], effects, sensor, &mut rng);
     }
-    let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &reference }, &x0, None).unwrap();
+    let run = system
+        .simulate(&plan, Commands { time_s: &time_s, inputs: &reference }, &x0, None)
+        .unwrap();
     let outputs = run.y.column_iter().map(|c| c.iter().copied().collect()).collect();
     columns(&system, reference, outputs, sensor, &mut rng)
 }
 
 /// Columns of a log, the outputs with the sensors' noise.
-fn columns(system: &System, inputs: Vec<Vec<f64>>, outputs: Vec<Vec<f64>>, sensor: Sensor, rng: &mut ChaCha8Rng) -> Columns {
-    let port = |p: &deadtime::simulate::Port, values: Vec<f64>| (p.name.clone(), p.unit.clone(), values);
+fn columns(
+    system: &System,
+    inputs: Vec<Vec<f64>>,
+    outputs: Vec<Vec<f64>>,
+    sensor: Sensor,
+    rng: &mut ChaCha8Rng,
+) -> Columns {
+    let port =
+        |p: &deadtime::simulate::Port, values: Vec<f64>| (p.name.clone(), p.unit.clone(), values);
     let mut columns: Columns = system.inputs.iter().zip(inputs).map(|(p, u)| port(p, u)).collect();
     for (p, clean) in system.outputs.iter().zip(outputs) {
         let spread = std_dev(&clean);
@@ -195,7 +211,11 @@ fn columns(system: &System, inputs: Vec<Vec<f64>>, outputs: Vec<Vec<f64>>, senso
         let noisy = clean.iter().map(|v| {
             noise = sensor.colour * noise + root * rng.sample::<f64, _>(StandardNormal);
             let value = v + sensor.noise * spread * noise;
-            if sensor.steps > 0.0 { (value * sensor.steps / spread).round() * spread / sensor.steps } else { value }
+            if sensor.steps > 0.0 {
+                (value * sensor.steps / spread).round() * spread / sensor.steps
+            } else {
+                value
+            }
         });
         columns.push(port(p, noisy.collect()));
     }
@@ -203,11 +223,20 @@ fn columns(system: &System, inputs: Vec<Vec<f64>>, outputs: Vec<Vec<f64>>, senso
 }
 
 /// The same in closed loop, u = r − K·x with x measured a sample before; integrated by Runge and Kutta's method in small steps, apart from the crate's simulator.
-fn fly(plant: &Plant, system: &System, reference: &[f64], effects: Effects<'_>, sensor: Sensor, rng: &mut ChaCha8Rng) -> Columns {
+fn fly(
+    plant: &Plant,
+    system: &System,
+    reference: &[f64],
+    effects: Effects<'_>,
+    sensor: Sensor,
+    rng: &mut ChaCha8Rng,
+) -> Columns {
     const SUBSTEPS: usize = 10;
     let of = |name: &str| effects.iter().find(|e| e.0 == name).map(|e| e.2[0]);
-    let (gain, delay_s, lag_s) = (of("input_gain").unwrap_or(1.0), of("input_delay").unwrap_or(0.0), of("actuator_lag"));
-    let (deadband, friction) = (of("deadband").unwrap_or(0.0), of("coulomb_friction").unwrap_or(0.0));
+    let (gain, delay_s, lag_s) =
+        (of("input_gain").unwrap_or(1.0), of("input_delay").unwrap_or(0.0), of("actuator_lag"));
+    let (deadband, friction) =
+        (of("deadband").unwrap_or(0.0), of("coulomb_friction").unwrap_or(0.0));
     let n = system.states.len();
     let (a, b, c, d) = if plant.model == CART {
         (
@@ -234,8 +263,13 @@ fn fly(plant: &Plant, system: &System, reference: &[f64], effects: Effects<'_>, 
         commands.push(r - plant.feedback.iter().zip(felt.iter()).map(|(k, x)| k * x).sum::<f64>());
         for sub in 0..SUBSTEPS {
             let at = (k * SUBSTEPS + sub) as f64 - delay_s / h;
-            let sent = if at < 0.0 { commands[0] } else { commands[((at + 1e-6) as usize / SUBSTEPS).min(k)] };
-            let bent = gain * if sent.abs() > deadband { sent - deadband * sent.signum() } else { 0.0 };
+            let sent = if at < 0.0 {
+                commands[0]
+            } else {
+                commands[((at + 1e-6) as usize / SUBSTEPS).min(k)]
+            };
+            let bent =
+                gain * if sent.abs() > deadband { sent - deadband * sent.signum() } else { 0.0 };
             held = lag_s.map_or(bent, |t| held + (bent - held) * (1.0 - (-h / t).exp()));
             if sub == 0 {
                 for (i, y) in y.iter_mut().enumerate() {
@@ -259,7 +293,10 @@ fn fly(plant: &Plant, system: &System, reference: &[f64], effects: Effects<'_>, 
 
 fn log(plant: &Plant, columns: &Columns, name: &str) -> Log {
     let time_s = (0..plant.samples).map(|k| plant.ts * k as f64).collect();
-    let channels = columns.iter().map(|(n, unit, values)| Channel::new(n, unit.as_deref(), values.clone())).collect();
+    let channels = columns
+        .iter()
+        .map(|(n, unit, values)| Channel::new(n, unit.as_deref(), values.clone()))
+        .collect();
     Log::new(name, time_s, channels).unwrap()
 }
 
@@ -278,7 +315,9 @@ fn wrong(found: &Inspection) -> Vec<&Check> {
 }
 
 fn has(found: &Inspection, kind: CheckKind, channel: &str) -> bool {
-    wrong(found).iter().any(|c| c.check == kind && (c.channel == channel || c.finding.contains(&format!("`{channel}`"))))
+    wrong(found).iter().any(|c| {
+        c.check == kind && (c.channel == channel || c.finding.contains(&format!("`{channel}`")))
+    })
 }
 
 fn values<'a>(columns: &'a mut Columns, name: &str) -> &'a mut Vec<f64> {
@@ -350,7 +389,13 @@ fn all(mut with: impl FnMut(&Plant, usize, &System, usize, &Columns)) {
         let system = System::new(&document, |_| Ok(0.0)).unwrap();
         for (s, sensor) in SENSORS.iter().enumerate() {
             for draw in 0..3 {
-                let columns = record(plant, &document, &[], *sensor, seed() + 5000 + 100 * draw + 10 * at as u64 + s as u64);
+                let columns = record(
+                    plant,
+                    &document,
+                    &[],
+                    *sensor,
+                    seed() + 5000 + 100 * draw + 10 * at as u64 + s as u64,
+                );
                 with(plant, at, &system, s, &columns);
             }
         }
@@ -378,12 +423,23 @@ impl Count {
     #[track_caller]
     fn at_least(&self, share: f64) {
         println!("{} of {}", self.found, self.of);
-        assert!(self.found as f64 >= share * self.of as f64, "{} of {}; missed {:#?}", self.found, self.of, self.missed);
+        assert!(
+            self.found as f64 >= share * self.of as f64,
+            "{} of {}; missed {:#?}",
+            self.found,
+            self.of,
+            self.missed
+        );
     }
 }
 
 fn not_ok(found: &Inspection) -> Vec<String> {
-    found.checks.iter().filter(|c| c.ok != Some(true)).map(|c| format!("{:?} {}: {}", c.check, c.channel, c.finding)).collect()
+    found
+        .checks
+        .iter()
+        .filter(|c| c.ok != Some(true))
+        .map(|c| format!("{:?} {}: {}", c.check, c.channel, c.finding))
+        .collect()
 }
 
 #[test]
@@ -394,7 +450,9 @@ fn a_channel_of_the_other_sign_is_found() {
             let mut faulty = columns.clone();
             values(&mut faulty, &port.name).iter_mut().for_each(|v| *v = -*v);
             let found = look(plant, &faulty);
-            count.add(has(&found, CheckKind::Sign, &port.name), || format!("plant {at} sensor {s} {}: {:?}", port.name, not_ok(&found)));
+            count.add(has(&found, CheckKind::Sign, &port.name), || {
+                format!("plant {at} sensor {s} {}: {:?}", port.name, not_ok(&found))
+            });
         }
     });
     count.at_least(0.98);
@@ -417,7 +475,10 @@ fn a_channel_in_another_unit_and_of_the_other_sign_is_found_with_both() {
     all(|plant, at, system, s, columns| {
         // Sensors of 3 % white noise, and of 10 % coloured.
         for port in system.inputs.iter().chain(&system.outputs).filter(|_| s < 2) {
-            let Some((_, unit, factor)) = UNITS.iter().find(|u| Some(u.0) == port.unit.as_deref()) else { continue };
+            let Some((_, unit, factor)) = UNITS.iter().find(|u| Some(u.0) == port.unit.as_deref())
+            else {
+                continue;
+            };
             // Not found, and said so in docs/checks.md: the equations of an unstable plant cannot be made linear about a force a thousand times too large.
             if plant.model == CART && port.name == "force" {
                 continue;
@@ -426,12 +487,16 @@ fn a_channel_in_another_unit_and_of_the_other_sign_is_found_with_both() {
             values(&mut faulty, &port.name).iter_mut().for_each(|v| *v *= -factor);
             let found = look(plant, &faulty);
             let says = |kind: CheckKind, words: &str| {
-                wrong(&found)
-                    .iter()
-                    .any(|c| c.check == kind && c.finding.contains(&format!("`{}`", port.name)) && c.finding.contains(words))
+                wrong(&found).iter().any(|c| {
+                    c.check == kind
+                        && c.finding.contains(&format!("`{}`", port.name))
+                        && c.finding.contains(words)
+                })
             };
             let named = says(CheckKind::Unit, unit) && says(CheckKind::Sign, "other sign");
-            count.add(named, || format!("plant {at} sensor {s} −{} in {unit}: {:?}", port.name, not_ok(&found)));
+            count.add(named, || {
+                format!("plant {at} sensor {s} −{} in {unit}: {:?}", port.name, not_ok(&found))
+            });
         }
     });
     count.at_least(0.95);
@@ -443,14 +508,21 @@ fn a_channel_in_another_unit_is_found_and_the_unit_named() {
     let units = UNITS;
     all(|plant, at, system, s, columns| {
         for port in system.inputs.iter().chain(&system.outputs) {
-            let Some((_, unit, factor)) = units.iter().find(|u| Some(u.0) == port.unit.as_deref()) else { continue };
+            let Some((_, unit, factor)) = units.iter().find(|u| Some(u.0) == port.unit.as_deref())
+            else {
+                continue;
+            };
             let mut faulty = columns.clone();
             values(&mut faulty, &port.name).iter_mut().for_each(|v| *v *= factor);
             let found = look(plant, &faulty);
-            let named = wrong(&found)
-                .iter()
-                .any(|c| c.check == CheckKind::Unit && c.finding.contains(&format!("`{}`", port.name)) && c.finding.contains(unit));
-            count.add(named, || format!("plant {at} sensor {s} {} in {unit}: {:?}", port.name, not_ok(&found)));
+            let named = wrong(&found).iter().any(|c| {
+                c.check == CheckKind::Unit
+                    && c.finding.contains(&format!("`{}`", port.name))
+                    && c.finding.contains(unit)
+            });
+            count.add(named, || {
+                format!("plant {at} sensor {s} {} in {unit}: {:?}", port.name, not_ok(&found))
+            });
         }
     });
     count.at_least(0.95);
@@ -464,20 +536,28 @@ fn channels_that_changed_places_are_found() {
             for (i, p) in ports.iter().enumerate() {
                 for q in &ports[i + 1..] {
                     let mut faulty = columns.clone();
-                    let (one, other) = (values(&mut faulty, &p.name).clone(), values(&mut faulty, &q.name).clone());
+                    let (one, other) = (
+                        values(&mut faulty, &p.name).clone(),
+                        values(&mut faulty, &q.name).clone(),
+                    );
                     *values(&mut faulty, &p.name) = other;
                     *values(&mut faulty, &q.name) = one;
                     let found = look(plant, &faulty);
-                    let both = wrong(&found)
-                        .iter()
-                        .any(|c| c.check == CheckKind::Axes && [p, q].iter().all(|p| c.finding.contains(&format!("`{}`", p.name))));
+                    let both = wrong(&found).iter().any(|c| {
+                        c.check == CheckKind::Axes
+                            && [p, q].iter().all(|p| c.finding.contains(&format!("`{}`", p.name)))
+                    });
                     // Two that move alike are said to.
-                    let alike = found.checks.iter().any(|c| c.check == CheckKind::Axes && c.ok.is_none() && c.finding.contains("alike"));
+                    let alike = found.checks.iter().any(|c| {
+                        c.check == CheckKind::Axes && c.ok.is_none() && c.finding.contains("alike")
+                    });
                     if alike {
                         assert_eq!((p.name.as_str(), q.name.as_str()), ("level", "flow"));
                         continue;
                     }
-                    count.add(both, || format!("plant {at} sensor {s} {} {}: {:?}", p.name, q.name, not_ok(&found)));
+                    count.add(both, || {
+                        format!("plant {at} sensor {s} {} {}: {:?}", p.name, q.name, not_ok(&found))
+                    });
                 }
             }
         }
@@ -494,10 +574,13 @@ fn a_shift_of_one_sample_is_found_where_it_can_be_measured() {
             shift(&mut faulty, system, samples);
             let found = look(plant, &faulty);
             let finds = has(&found, CheckKind::OneSampleShift, "*");
-            let open = found.checks.iter().any(|c| c.check == CheckKind::OneSampleShift && c.ok.is_none());
+            let open =
+                found.checks.iter().any(|c| c.check == CheckKind::OneSampleShift && c.ok.is_none());
             // In coloured noise the lag may be known too little: then it must be said that it cannot be told.
             let into = if s == 1 { &mut untold } else { &mut count };
-            into.add(finds || (s == 1 && open), || format!("plant {at} sensor {s} {samples}: {:?}", not_ok(&found)));
+            into.add(finds || (s == 1 && open), || {
+                format!("plant {at} sensor {s} {samples}: {:?}", not_ok(&found))
+            });
         }
     });
     untold.at_least(0.7);
@@ -521,7 +604,10 @@ fn outputs_before_their_commands_are_a_clock_and_outputs_after_them_may_be_a_dea
                 early.add(check.ok == Some(false), what);
             } else {
                 // Feedback answers to what is to come, too.
-                early.add(check.ok.is_none() && check.finding.contains("earlier than the model says"), what);
+                early.add(
+                    check.ok.is_none() && check.finding.contains("earlier than the model says"),
+                    what,
+                );
             }
         }
     });
@@ -540,11 +626,14 @@ fn clocks_of_different_rates_are_found() {
                 let old = y.clone();
                 for (k, y) in y.iter_mut().enumerate() {
                     let place = (k as f64 / ratio).min(old.len() as f64 - 1.001);
-                    *y = old[place as usize] * (1.0 - place.fract()) + old[place as usize + 1] * place.fract();
+                    *y = old[place as usize] * (1.0 - place.fract())
+                        + old[place as usize + 1] * place.fract();
                 }
             }
             let found = look(plant, &faulty);
-            count.add(has(&found, CheckKind::ClockSkew, "*"), || format!("plant {at} sensor {s} {ratio}: {:?}", not_ok(&found)));
+            count.add(has(&found, CheckKind::ClockSkew, "*"), || {
+                format!("plant {at} sensor {s} {ratio}: {:?}", not_ok(&found))
+            });
         }
     });
     count.at_least(0.9);
@@ -562,9 +651,12 @@ fn an_output_that_stops_is_found() {
             y[from..from + 300].fill(held);
             let found = look(plant, &faulty);
             // What often repeats may be held by friction: then the finding says so.
-            let check = found.checks.iter().find(|c| c.check == CheckKind::Stuck && c.channel == port.name);
+            let check =
+                found.checks.iter().find(|c| c.check == CheckKind::Stuck && c.channel == port.name);
             certain.add(check.is_some_and(|c| c.ok == Some(false)), String::new);
-            count.add(check.is_some_and(|c| c.ok != Some(true)), || format!("plant {at} sensor {s} {}: {:?}", port.name, not_ok(&found)));
+            count.add(check.is_some_and(|c| c.ok != Some(true)), || {
+                format!("plant {at} sensor {s} {}: {:?}", port.name, not_ok(&found))
+            });
         }
     });
     count.at_least(0.9);
@@ -582,7 +674,9 @@ fn an_output_at_its_limit_is_found() {
             let limit = mean + 1.2 * std_dev(y);
             y.iter_mut().for_each(|v| *v = v.min(limit));
             let found = look(plant, &faulty);
-            count.add(has(&found, CheckKind::Clipped, &port.name), || format!("plant {at} sensor {s} {}: {:?}", port.name, not_ok(&found)));
+            count.add(has(&found, CheckKind::Clipped, &port.name), || {
+                format!("plant {at} sensor {s} {}: {:?}", port.name, not_ok(&found))
+            });
         }
     });
     count.at_least(0.85);
@@ -596,7 +690,11 @@ fn commands_that_are_too_poor_are_named_with_the_reason() {
     let n = plant.samples;
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let rich = steps(n, 1.0, &mut rng);
-    let sine = |hz: f64| (0..n).map(|k| (std::f64::consts::TAU * hz * plant.ts * k as f64).sin()).collect::<Vec<f64>>();
+    let sine = |hz: f64| {
+        (0..n)
+            .map(|k| (std::f64::consts::TAU * hz * plant.ts * k as f64).sin())
+            .collect::<Vec<f64>>()
+    };
     for (heater, says) in [
         (vec![0.7; n], "constant"),
         (sine(0.3), "one frequency"),
@@ -606,12 +704,22 @@ fn commands_that_are_too_poor_are_named_with_the_reason() {
         let time_s: Vec<f64> = (0..n).map(|k| plant.ts * k as f64).collect();
         let inputs = vec![rich.clone(), heater];
         let plan = Applied::plan(&system, &[] as &[Applied], Chance::Mean).unwrap();
-        let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &[0.0; 3], None).unwrap();
+        let run = system
+            .simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &[0.0; 3], None)
+            .unwrap();
         let outputs = run.y.column_iter().map(|c| c.iter().copied().collect()).collect();
         let found = look(&plant, &columns(&system, inputs, outputs, CLEAN, &mut rng));
-        let check = found.checks.iter().find(|c| c.check == CheckKind::Excitation && c.channel == "heater").unwrap();
+        let check = found
+            .checks
+            .iter()
+            .find(|c| c.check == CheckKind::Excitation && c.channel == "heater")
+            .unwrap();
         assert!(check.ok == Some(false) && check.finding.contains(says), "{says}: {check:?}");
-        let other = found.checks.iter().find(|c| c.check == CheckKind::Excitation && c.channel == "pump").unwrap();
+        let other = found
+            .checks
+            .iter()
+            .find(|c| c.check == CheckKind::Excitation && c.channel == "pump")
+            .unwrap();
         assert_eq!(other.ok, Some(!says.contains("pump")), "{other:?}");
     }
 }
@@ -624,14 +732,26 @@ fn logs_without_a_fault_are_left_in_peace() {
     for (at, plant) in PLANTS.iter().enumerate() {
         let document = document(plant.model);
         for (which, gap) in gaps(plant, &document).iter().enumerate() {
-            let gap: Vec<(&str, &str, Vec<f64>)> = gap.iter().map(|(e, c, v)| (*e, c.as_str(), v.clone())).collect();
+            let gap: Vec<(&str, &str, Vec<f64>)> =
+                gap.iter().map(|(e, c, v)| (*e, c.as_str(), v.clone())).collect();
             for (s, sensor) in SENSORS.iter().enumerate() {
-                let columns = record(plant, &document, &gap, *sensor, seed() + 1000 * at as u64 + 10 * which as u64 + s as u64);
+                let columns = record(
+                    plant,
+                    &document,
+                    &gap,
+                    *sensor,
+                    seed() + 1000 * at as u64 + 10 * which as u64 + s as u64,
+                );
                 let found = look(plant, &columns);
                 runs += 1;
                 // A sensor that is late behind another of the same motion is one that the two sensors show by themselves, and so is a wrong number of the model between them.
-                let late = gap.iter().any(|g| ["output_delay", "sensor_lag"].contains(&g.0) || g.1 == "A[x,v]");
-                let blamed: Vec<&Check> = wrong(&found).into_iter().filter(|c| !(late && c.finding.contains("the slope of"))).collect();
+                let late = gap
+                    .iter()
+                    .any(|g| ["output_delay", "sensor_lag"].contains(&g.0) || g.1 == "A[x,v]");
+                let blamed: Vec<&Check> = wrong(&found)
+                    .into_iter()
+                    .filter(|c| !(late && c.finding.contains("the slope of")))
+                    .collect();
                 if !blamed.is_empty() {
                     alarms.push(format!("plant {at} {gap:?} sensor {s}: {blamed:?}"));
                 }
@@ -653,32 +773,73 @@ fn the_command_says_names_units_and_missing_samples_with_the_remedy() {
     let folder = Folder::new();
     let model = folder.write("model.toml", SERVO);
     let good = folder.path("good.csv");
-    log(&plant, &record(&plant, &document(SERVO), &[], CLEAN, 1), "good.csv").write_csv(&good).unwrap();
+    log(&plant, &record(&plant, &document(SERVO), &[], CLEAN, 1), "good.csv")
+        .write_csv(&good)
+        .unwrap();
     let csv = std::fs::read_to_string(&good).unwrap();
     let check = |name: &str, csv: &str| {
         let path = folder.write(name, csv);
-        deadtime(&["check", "--model", text(&model), "--log", text(&path), "--json", text(&folder.path("c.json"))]).done()
+        deadtime(&[
+            "check",
+            "--model",
+            text(&model),
+            "--log",
+            text(&path),
+            "--json",
+            text(&folder.path("c.json")),
+        ])
+        .done()
     };
-    let json = || serde_json::from_str::<Inspection>(&std::fs::read_to_string(folder.path("c.json")).unwrap()).unwrap();
+    let json = || {
+        serde_json::from_str::<Inspection>(&std::fs::read_to_string(folder.path("c.json")).unwrap())
+            .unwrap()
+    };
     let said = check("good.csv", &csv);
-    assert!(said.contains("one every 0.02 s") && said.contains("3 of 3 channels") && !said.contains("LOOK"), "{said}");
-    assert_eq!(json().checks.len(), 10, "one line per check and input, one of the two sensors: {:?}", json().checks);
+    assert!(
+        said.contains("one every 0.02 s")
+            && said.contains("3 of 3 channels")
+            && !said.contains("LOOK"),
+        "{said}"
+    );
+    assert_eq!(
+        json().checks.len(),
+        10,
+        "one line per check and input, one of the two sensors: {:?}",
+        json().checks
+    );
     let said = check("renamed.csv", &csv.replacen("rate [", "Rate [", 1));
-    assert!(said.contains("`Rate` is near") && said.contains("--map rate=Rate") && said.contains("2 of 3 channels"), "{said}");
+    assert!(
+        said.contains("`Rate` is near")
+            && said.contains("--map rate=Rate")
+            && said.contains("2 of 3 channels"),
+        "{said}"
+    );
     let said = check("lost.csv", &csv.replacen("u [V]", "volts [V]", 1));
     assert!(said.contains("--map u=") && said.contains("checks were not run"), "{said}");
     assert!(json().checks.is_empty() && json().not_run.is_some());
     // The header says degrees, the numbers are radians: the header is what to look at.
     let said = check("header.csv", &csv.replacen("angle [rad]", "angle [deg]", 1));
-    assert!(said.contains("`angle` is in deg in the log, in rad in the model (factor 57.3)"), "{said}");
+    assert!(
+        said.contains("`angle` is in deg in the log, in rad in the model (factor 57.3)"),
+        "{said}"
+    );
     assert!(has(&json(), CheckKind::Unit, "angle"));
     let gap: String = csv
         .lines()
         .enumerate()
-        .map(|(i, l)| if i % 10 == 5 { format!("{},\n", l.rsplit_once(',').unwrap().0) } else { format!("{l}\n") })
+        .map(|(i, l)| {
+            if i % 10 == 5 {
+                format!("{},\n", l.rsplit_once(',').unwrap().0)
+            } else {
+                format!("{l}\n")
+            }
+        })
         .collect();
     let said = check("gaps.csv", &gap);
-    assert!(said.contains("`rate` misses 150 samples (10.0 %)") && !said.contains("LOOK"), "{said}");
+    assert!(
+        said.contains("`rate` misses 150 samples (10.0 %)") && !said.contains("LOOK"),
+        "{said}"
+    );
     let short: String = csv.lines().take(20).map(|l| format!("{l}\n")).collect();
     assert!(check("short.csv", &short).contains("19 samples are too few"));
     deadtime(&["check", "--model", text(&model), "--log", "no.csv"]).refused(&["no.csv"]);
@@ -691,20 +852,39 @@ fn a_diagnosis_carries_the_checks_of_its_training_logs() {
     let mut columns = record(&plant, &document, &[], CLEAN, 9);
     values(&mut columns, "rate").iter_mut().for_each(|v| *v *= 57.29578);
     let logs = [log(&plant, &columns, "a.csv")];
-    let found = deadtime::diagnose::diagnose(&document, &logs, &[], &deadtime::diagnose::GapOptions::default(), &|_| ()).unwrap();
+    let found = deadtime::diagnose::diagnose(
+        &document,
+        &logs,
+        &[],
+        &deadtime::diagnose::GapOptions::default(),
+        &|_| (),
+    )
+    .unwrap();
     let said = deadtime::report::diagnosis::summary(&found);
-    assert!(said.starts_with("First: ") && said.lines().next().unwrap().contains("deg/s"), "{said}");
+    assert!(
+        said.starts_with("First: ") && said.lines().next().unwrap().contains("deg/s"),
+        "{said}"
+    );
     let d = found.diagnosis;
     let unit = d.checks.iter().find(|c| c.check == CheckKind::Unit && c.ok == Some(false)).unwrap();
     // The check names the unit, the verdict stays the effect's.
     assert!(unit.channel == "rate" && unit.finding.contains("deg/s"), "{unit:?}");
-    assert_eq!((d.cause.verdict.as_str(), d.cause.channel.as_deref()), ("sensor_gain", Some("rate")));
+    assert_eq!(
+        (d.cause.verdict.as_str(), d.cause.channel.as_deref()),
+        ("sensor_gain", Some("rate"))
+    );
 }
 
 #[test]
 fn a_model_that_drifts_and_is_far_from_its_linearisation_is_left_alone() {
     // Dry friction is steep about rest: the linearisation moves a tenth as far as the model, which is no unit.
-    let plant = Plant { model: include_str!("../../examples/cart_pendulum.toml"), ts: 0.01, samples: 3000, size: 1.0, feedback: &[] };
+    let plant = Plant {
+        model: include_str!("../../examples/cart_pendulum.toml"),
+        ts: 0.01,
+        samples: 3000,
+        size: 1.0,
+        feedback: &[],
+    };
     let document = document(plant.model);
     for seed in 0..3 {
         let found = look(&plant, &record(&plant, &document, &[], CLEAN, seed));

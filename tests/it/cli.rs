@@ -17,20 +17,38 @@ use nalgebra::DMatrix;
 use serde_json::Value;
 
 /// The model file of one of the vehicle's dynamics, or of all.
-fn vehicle(folder: &Folder, name: &str, which: &[Dynamics], delays_s: &[f64]) -> std::path::PathBuf {
+fn vehicle(
+    folder: &Folder,
+    name: &str,
+    which: &[Dynamics],
+    delays_s: &[f64],
+) -> std::path::PathBuf {
     let sys = if which.len() == 1 { which[0].model() } else { uav::model() };
     let sys = sys.with_input_delay(delays_s.to_vec()).unwrap();
     let channel = |name: &str, unit: &str| model::Channel::plain(name, Some(unit));
     let inputs = which.iter().map(|d| channel(d.input(), "1")).collect();
-    let states = which.iter().flat_map(|d| d.states()).map(|(n, u)| State { name: (*n).into(), unit: Some((*u).into()) }).collect();
+    let states = which
+        .iter()
+        .flat_map(|d| d.states())
+        .map(|(n, u)| State { name: (*n).into(), unit: Some((*u).into()) })
+        .collect();
     let outputs = which.iter().flat_map(|d| d.outputs()).map(|(n, u)| channel(n, u)).collect();
     let path = folder.path(name);
-    ModelFile::from_continuous("vehicle", &sys, inputs, states, outputs).unwrap().write(&path).unwrap();
+    ModelFile::from_continuous("vehicle", &sys, inputs, states, outputs)
+        .unwrap()
+        .write(&path)
+        .unwrap();
     path
 }
 
 /// A log of random binary inputs under these names.
-fn inputs(folder: &Folder, name: &str, channels: &[&str], samples: usize, ts_s: f64) -> std::path::PathBuf {
+fn inputs(
+    folder: &Folder,
+    name: &str,
+    channels: &[&str],
+    samples: usize,
+    ts_s: f64,
+) -> std::path::PathBuf {
     let path = folder.path(name);
     let mut all = Vec::new();
     for (seed, channel) in (1..).zip(channels) {
@@ -54,7 +72,11 @@ fn inputs(folder: &Folder, name: &str, channels: &[&str], samples: usize, ts_s: 
         all.push(read(&one).unwrap());
         std::fs::remove_file(one).unwrap();
     }
-    let columns = all.iter().zip(channels).map(|(log, c)| Channel::new(*c, None, log.input(c).unwrap().to_vec())).collect();
+    let columns = all
+        .iter()
+        .zip(channels)
+        .map(|(log, c)| Channel::new(*c, None, log.input(c).unwrap().to_vec()))
+        .collect();
     Log::new("inputs", all[0].time_s().to_vec(), columns).unwrap().write_csv(&path).unwrap();
     path
 }
@@ -77,13 +99,20 @@ fn number_or_null(value: &Value) -> bool {
 fn assert_estimate_format(report: &Value) {
     assert_eq!(keys(report), ["format", "log", "max_delay_s", "pairs", "sample_time_s"]);
     assert_eq!(report["format"], "deadtime/estimate@1");
-    assert!(report["log"].is_string() && report["sample_time_s"].as_f64().unwrap() > 0.0 && report["max_delay_s"].as_f64().unwrap() > 0.0);
+    assert!(
+        report["log"].is_string()
+            && report["sample_time_s"].as_f64().unwrap() > 0.0
+            && report["max_delay_s"].as_f64().unwrap() > 0.0
+    );
     for pair in report["pairs"].as_array().unwrap() {
         assert_eq!(keys(pair), ["estimates", "input", "output", "verdict"]);
         assert!(pair["input"].is_string() && pair["output"].is_string());
         let verdict = &pair["verdict"];
         assert_eq!(keys(verdict), ["ci95_s", "delay_s", "why"]);
-        assert!(number_or_null(&verdict["delay_s"]) && verdict["why"].as_str().unwrap().len() > 10, "{verdict}");
+        assert!(
+            number_or_null(&verdict["delay_s"]) && verdict["why"].as_str().unwrap().len() > 10,
+            "{verdict}"
+        );
         assert_eq!(verdict["delay_s"].is_null(), verdict["ci95_s"].is_null(), "{verdict}");
         for e in pair["estimates"].as_array().unwrap() {
             let names = [
@@ -101,7 +130,16 @@ fn assert_estimate_format(report: &Value) {
             assert_eq!(keys(e), names);
             assert!(METHODS.iter().any(|m| e["method"] == m.entry.name), "{e}");
             let outcome = e["outcome"].as_str().unwrap();
-            let outcomes = ["found", "at_edge", "not_visible", "not_rich_enough", "singular", "not_converged", "flat", "not_applicable"];
+            let outcomes = [
+                "found",
+                "at_edge",
+                "not_visible",
+                "not_rich_enough",
+                "singular",
+                "not_converged",
+                "flat",
+                "not_applicable",
+            ];
             assert!(outcomes.contains(&outcome), "{e}");
             assert_eq!(e["delay_s"].is_f64(), ["found", "at_edge"].contains(&outcome), "{e}");
             for key in ["delay_s", "std_s", "raw_delay_s"] {
@@ -109,10 +147,16 @@ fn assert_estimate_format(report: &Value) {
             }
             match &e["ci95_s"] {
                 Value::Null => {}
-                Value::Array(ends) => assert!(ends.len() == 2 && ends[0].as_f64().unwrap() <= ends[1].as_f64().unwrap(), "{e}"),
+                Value::Array(ends) => assert!(
+                    ends.len() == 2 && ends[0].as_f64().unwrap() <= ends[1].as_f64().unwrap(),
+                    "{e}"
+                ),
                 other => panic!("{other}"),
             }
-            assert!(e["degree_bias_samples"].is_u64() && (e["note"].is_null() || e["note"].is_string()), "{e}");
+            assert!(
+                e["degree_bias_samples"].is_u64() && (e["note"].is_null() || e["note"].is_string()),
+                "{e}"
+            );
             assert!(e["time_s"].as_f64().unwrap() >= 0.0, "{e}");
         }
     }
@@ -124,7 +168,17 @@ fn the_estimate_file_has_the_keys_of_its_format_and_a_pair_for_every_input_and_o
     let model = vehicle(&folder, "vehicle.toml", &[Dynamics::Directional], &[0.3]);
     let log = inputs(&folder, "in.csv", &["delta_dir"], 400, 0.1);
     let flight = folder.path("flight.csv");
-    deadtime(&["simulate", text(&model), text(&log), "--states", "--snr", "1e4", "--out", text(&flight)]).done();
+    deadtime(&[
+        "simulate",
+        text(&model),
+        text(&log),
+        "--states",
+        "--snr",
+        "1e4",
+        "--out",
+        text(&flight),
+    ])
+    .done();
     let read_back = read(&flight).unwrap();
     // A second input and a second output that have nothing to do with the first.
     let noise = inputs(&folder, "noise.csv", &["x", "idle", "hum"], 400, 0.1);
@@ -135,7 +189,8 @@ fn the_estimate_file_has_the_keys_of_its_format_and_a_pair_for_every_input_and_o
     let file = folder.path("out.json");
     let two = ["--input", "delta_dir", "--input", "idle", "--output", "r", "--output", "hum"];
     let run = |more: &[&str]| {
-        let arguments = [&["estimate", text(&flight)], &two[..], more, &["--json", text(&file)]].concat();
+        let arguments =
+            [&["estimate", text(&flight)], &two[..], more, &["--json", text(&file)]].concat();
         let out = deadtime(&arguments).done();
         let report = json(&file);
         assert_estimate_format(&report);
@@ -143,34 +198,70 @@ fn the_estimate_file_has_the_keys_of_its_format_and_a_pair_for_every_input_and_o
     };
     let named = |report: &Value| -> Vec<(String, String)> {
         let name = |p: &Value, key: &str| p[key].as_str().unwrap().to_owned();
-        report["pairs"].as_array().unwrap().iter().map(|p| (name(p, "input"), name(p, "output"))).collect()
+        report["pairs"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|p| (name(p, "input"), name(p, "output")))
+            .collect()
     };
-    let product = [("delta_dir", "r"), ("idle", "r"), ("delta_dir", "hum"), ("idle", "hum")].map(|(a, b)| (a.to_owned(), b.to_owned()));
+    let product = [("delta_dir", "r"), ("idle", "r"), ("delta_dir", "hum"), ("idle", "hum")]
+        .map(|(a, b)| (a.to_owned(), b.to_owned()));
     let (out, report) = run(&[]);
     let mut pairs = named(&report);
     pairs.sort();
     let mut expected = product.to_vec();
     expected.sort();
     assert_eq!(pairs, expected);
-    assert!(out.split_whitespace().collect::<Vec<_>>().join(" ").contains("assumed relative degree 1"), "{out}");
+    assert!(
+        out.split_whitespace().collect::<Vec<_>>().join(" ").contains("assumed relative degree 1"),
+        "{out}"
+    );
     for pair in report["pairs"].as_array().unwrap() {
-        let methods: Vec<&str> = pair["estimates"].as_array().unwrap().iter().map(|e| e["method"].as_str().unwrap()).collect();
-        let of_pairs: Vec<&str> = METHODS.iter().filter(|m| m.scope == Scope::Pair).map(|m| m.entry.name).collect();
+        let methods: Vec<&str> = pair["estimates"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|e| e["method"].as_str().unwrap())
+            .collect();
+        let of_pairs: Vec<&str> =
+            METHODS.iter().filter(|m| m.scope == Scope::Pair).map(|m| m.entry.name).collect();
         assert_eq!(methods, of_pairs);
         let real = pair["input"] == "delta_dir" && pair["output"] == "r";
-        assert_eq!(pair["verdict"]["delay_s"].as_f64().map(|d| (d * 1e6).round()), real.then_some(3e5), "{pair}");
+        assert_eq!(
+            pair["verdict"]["delay_s"].as_f64().map(|d| (d * 1e6).round()),
+            real.then_some(3e5),
+            "{pair}"
+        );
     }
-    let (_, report) = run(&["--model", text(&model), "--method", "arxstruc", "--method", "state_least_squares"]);
+    let (_, report) =
+        run(&["--model", text(&model), "--method", "arxstruc", "--method", "state_least_squares"]);
     let mut pairs = named(&report);
     assert_eq!(pairs.pop(), Some(("delta_dir".to_owned(), "*".to_owned())));
     assert_eq!(pairs.len(), 4);
     let states = report["pairs"].as_array().unwrap().last().unwrap();
     assert_eq!(states["estimates"][0]["method"], "state_least_squares");
     assert!((states["verdict"]["delay_s"].as_f64().unwrap() - 0.3).abs() < 0.01, "{states}");
-    let (_, report) = run(&["--method", "arxstruc", "--method", "threshold", "--degree-bias", "0", "--max-delay", "1.15"]);
-    assert!((report["max_delay_s"].as_f64().unwrap() - 1.2).abs() < 1e-12, "rounded up to whole samples");
+    let (_, report) = run(&[
+        "--method",
+        "arxstruc",
+        "--method",
+        "threshold",
+        "--degree-bias",
+        "0",
+        "--max-delay",
+        "1.15",
+    ]);
+    assert!(
+        (report["max_delay_s"].as_f64().unwrap() - 1.2).abs() < 1e-12,
+        "rounded up to whole samples"
+    );
     assert_eq!(report["pairs"][0]["estimates"][0]["degree_bias_samples"], 0);
-    assert_abs_diff_eq!(report["pairs"][0]["verdict"]["delay_s"].as_f64().unwrap(), 0.4, epsilon = 1e-9);
+    assert_abs_diff_eq!(
+        report["pairs"][0]["verdict"]["delay_s"].as_f64().unwrap(),
+        0.4,
+        epsilon = 1e-9
+    );
 }
 
 #[test]
@@ -181,26 +272,47 @@ fn simulate_writes_what_lsim_computes_and_compares_it_with_what_was_measured() {
     let names = Dynamics::ALL.map(Dynamics::input);
     let log = inputs(&folder, "in.csv", &names, 40, 0.05);
     let out = folder.path("out.csv");
-    let says = deadtime(&["simulate", text(&file), text(&log), "--states", "--out", text(&out)]).done();
-    assert!(says.contains("40 samples") && !says.contains("nrmse"), "nothing measured, nothing compared: {says}");
+    let says =
+        deadtime(&["simulate", text(&file), text(&log), "--states", "--out", text(&out)]).done();
+    assert!(
+        says.contains("40 samples") && !says.contains("nrmse"),
+        "nothing measured, nothing compared: {says}"
+    );
     let (input, output) = (read(&log).unwrap(), read(&out).unwrap());
     let u = DMatrix::from_fn(40, 4, |k, j| input.input(names[j]).unwrap()[k]);
     let sys = uav::model().with_input_delay(delays.to_vec()).unwrap();
     let expected = lsim(&sys, &u, SampleTime::new(0.05).unwrap(), &Options::default()).unwrap();
     let outputs = Dynamics::ALL.iter().flat_map(|d| d.outputs()).map(|(n, _)| *n);
     for (i, name) in outputs.enumerate() {
-        assert_eq!(output.input(name).unwrap(), expected.y.column(i).as_slice(), "{name}: to the bit");
+        assert_eq!(
+            output.input(name).unwrap(),
+            expected.y.column(i).as_slice(),
+            "{name}: to the bit"
+        );
     }
     let states = Dynamics::ALL.iter().flat_map(|d| d.states()).map(|(n, _)| *n);
     for (i, name) in states.enumerate().filter(|(_, n)| !["p", "q", "r"].contains(n)) {
-        assert_eq!(output.input(name).unwrap(), expected.x.column(i).as_slice(), "{name}: to the bit");
+        assert_eq!(
+            output.input(name).unwrap(),
+            expected.x.column(i).as_slice(),
+            "{name}: to the bit"
+        );
     }
     assert_eq!(output.unit("ay"), Some("m/s^2"));
     // The result measured, then simulated again: no difference; with another delay: one.
     let again = folder.path("again.csv");
     let same = deadtime(&["simulate", text(&file), text(&out), "--out", text(&again)]).done();
     assert_eq!(same.matches("nrmse 0.0000").count(), 6, "{same}");
-    let other = deadtime(&["simulate", text(&file), text(&out), "--delay", "delta_dir=0.1", "--out", text(&again)]).done();
+    let other = deadtime(&[
+        "simulate",
+        text(&file),
+        text(&out),
+        "--delay",
+        "delta_dir=0.1",
+        "--out",
+        text(&again),
+    ])
+    .done();
     assert_eq!(other.matches("nrmse 0.0000").count(), 5, "only r changes: {other}");
     deadtime(&["simulate", text(&file), text(&out), "--delay", "delta=0.1", "--out", text(&again)])
         .refused(&["--delay delta=0.1", "delta_lat"]);
@@ -212,7 +324,8 @@ fn a_sampled_model_goes_through_files_unchanged() {
     let file = vehicle(&folder, "m.toml", &[Dynamics::Vertical], &[0.13]);
     for name in ["d.toml", "d.json"] {
         let sampled = folder.path(name);
-        let says = deadtime(&["c2d", text(&file), "--sample-time", "0.1", "--out", text(&sampled)]).done();
+        let says =
+            deadtime(&["c2d", text(&file), "--sample-time", "0.1", "--out", text(&sampled)]).done();
         assert!(says.contains("zoh") && says.contains(name), "{says}");
         let sys = Dynamics::Vertical.model().with_input_delay(vec![0.13]).unwrap();
         let expected = ZeroOrderHold {}.c2d(&sys, SampleTime::new(0.1).unwrap()).unwrap();
@@ -233,29 +346,73 @@ fn a_sampled_model_goes_through_files_unchanged() {
         assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-12 * scale));
     }
     for entry in CONVERSIONS {
-        let options: &[&str] = if entry.name == "impulse" { &["--set", "feedthrough=drop"] } else { &[] };
-        let arguments = [&["c2d", text(&file), "--sample-time", "0.1", "--method", entry.name], options].concat();
+        let options: &[&str] =
+            if entry.name == "impulse" { &["--set", "feedthrough=drop"] } else { &[] };
+        let arguments =
+            [&["c2d", text(&file), "--sample-time", "0.1", "--method", entry.name], options]
+                .concat();
         let printed = deadtime(&arguments).done();
         let copy = folder.write("printed.toml", &printed);
-        assert!((ModelFile::read(&copy).unwrap().sample_time_s - 0.1).abs() < 1e-15, "{}: without --out it is printed", entry.name);
+        assert!(
+            (ModelFile::read(&copy).unwrap().sample_time_s - 0.1).abs() < 1e-15,
+            "{}: without --out it is printed",
+            entry.name
+        );
     }
 }
 
 #[test]
 fn excite_simulate_and_estimate_find_an_injected_delay() {
     let folder = Folder::new();
-    for (dynamics, output, delay_s) in [(Dynamics::Directional, "r", 0.7), (Dynamics::Vertical, "az", 1.3), (Dynamics::Vertical, "az", 0.0)]
-    {
+    for (dynamics, output, delay_s) in [
+        (Dynamics::Directional, "r", 0.7),
+        (Dynamics::Vertical, "az", 1.3),
+        (Dynamics::Vertical, "az", 0.0),
+    ] {
         let model = vehicle(&folder, "m.toml", &[dynamics], &[0.0]);
         let log = folder.path("u.csv");
-        deadtime(&["excite", "prbs", "--samples", "500", "--sample-time", "0.1", "--channel", dynamics.input(), "--out", text(&log)])
-            .done();
+        deadtime(&[
+            "excite",
+            "prbs",
+            "--samples",
+            "500",
+            "--sample-time",
+            "0.1",
+            "--channel",
+            dynamics.input(),
+            "--out",
+            text(&log),
+        ])
+        .done();
         let flight = folder.path("y.csv");
         let delay = format!("{}={delay_s}", dynamics.input());
-        deadtime(&["simulate", text(&model), text(&log), "--delay", &delay, "--snr", "1e4", "--seed", "5", "--out", text(&flight)]).done();
+        deadtime(&[
+            "simulate",
+            text(&model),
+            text(&log),
+            "--delay",
+            &delay,
+            "--snr",
+            "1e4",
+            "--seed",
+            "5",
+            "--out",
+            text(&flight),
+        ])
+        .done();
         let file = folder.path("out.json");
-        let arguments =
-            ["estimate", text(&flight), "--input", dynamics.input(), "--output", output, "--model", text(&model), "--json", text(&file)];
+        let arguments = [
+            "estimate",
+            text(&flight),
+            "--input",
+            dynamics.input(),
+            "--output",
+            output,
+            "--model",
+            text(&model),
+            "--json",
+            text(&file),
+        ];
         let says = deadtime(&arguments).done();
         let report = json(&file);
         let found = report["pairs"][0]["verdict"]["delay_s"].as_f64();
@@ -267,13 +424,19 @@ fn excite_simulate_and_estimate_find_an_injected_delay() {
 fn lists_name_everything_there_is() {
     let list = |what: &str| deadtime(&["list", what]).done();
     let methods = list("methods");
-    assert!(METHODS.iter().all(|m| methods.contains(m.entry.name) && methods.contains(m.entry.summary)), "{methods}");
+    assert!(
+        METHODS.iter().all(|m| methods.contains(m.entry.name) && methods.contains(m.entry.summary)),
+        "{methods}"
+    );
     let excitations = list("excitations");
     assert!(EXCITATIONS.iter().all(|e| excitations.contains(e.name)), "{excitations}");
     let conversions = list("conversions");
     assert!(CONVERSIONS.iter().all(|e| conversions.contains(e.name)), "{conversions}");
     let dynamics = list("dynamics");
-    assert!(Dynamics::ALL.iter().all(|d| dynamics.contains(d.name()) && dynamics.contains(d.input())), "{dynamics}");
+    assert!(
+        Dynamics::ALL.iter().all(|d| dynamics.contains(d.name()) && dynamics.contains(d.input())),
+        "{dynamics}"
+    );
     let thresholds: Criteria = toml::from_str(&list("criteria")).unwrap();
     assert_eq!(thresholds, Criteria::default());
     deadtime(&["list", "everything"]).refused(&["everything", "methods"]);
@@ -283,8 +446,12 @@ fn lists_name_everything_there_is() {
 #[cfg(unix)]
 fn first_line_only(arguments: &[&str]) -> (Option<i32>, String) {
     use std::io::{BufRead, BufReader, Read};
-    let mut child =
-        Command::new(env!("CARGO_BIN_EXE_deadtime")).args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_deadtime"))
+        .args(arguments)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
     let mut line = String::new();
     BufReader::with_capacity(64, child.stdout.take().unwrap()).read_line(&mut line).unwrap();
     let mut stderr = String::new();
@@ -318,13 +485,31 @@ fn a_pipe_that_nobody_reads_is_no_error_for_any_command() {
         vec!["c2d", text(&model), "--sample-time", "0.1"],
         vec!["c2d", text(&model), "--sample-time", "0.1", "--out", text(&model)],
         vec!["excite", "rbs", "--samples", "9", "--sample-time", "0.1", "--out", text(&out)],
-        vec!["estimate", text(&flight), "--input", "delta_dir", "--output", "r", "--json", text(&report)],
+        vec![
+            "estimate",
+            text(&flight),
+            "--input",
+            "delta_dir",
+            "--output",
+            "r",
+            "--json",
+            text(&report),
+        ],
     ] {
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);
-        let output = Command::new(env!("CARGO_BIN_EXE_deadtime")).args(&arguments).stdout(writer).stderr(Stdio::piped()).output().unwrap();
+        let output = Command::new(env!("CARGO_BIN_EXE_deadtime"))
+            .args(&arguments)
+            .stdout(writer)
+            .stderr(Stdio::piped())
+            .output()
+            .unwrap();
         let stderr = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(0) && stderr.is_empty(), "{arguments:?}: {:?} {stderr}", output.status);
+        assert!(
+            output.status.code() == Some(0) && stderr.is_empty(),
+            "{arguments:?}: {:?} {stderr}",
+            output.status
+        );
     }
     assert_estimate_format(&json(&report));
 }
@@ -338,7 +523,18 @@ fn the_number_of_threads_changes_no_answer() {
     deadtime(&["simulate", text(&model), text(&log), "--snr", "50", "--out", text(&flight)]).done();
     let run = |threads: &str| {
         let file = folder.path("out.json");
-        let arguments = ["estimate", text(&flight), "--input", "delta_dir", "--output", "r", "--json", text(&file), "--threads", threads];
+        let arguments = [
+            "estimate",
+            text(&flight),
+            "--input",
+            "delta_dir",
+            "--output",
+            "r",
+            "--json",
+            text(&file),
+            "--threads",
+            threads,
+        ];
         deadtime(&arguments).done();
         let mut report = json(&file);
         for pair in report["pairs"].as_array_mut().unwrap() {
@@ -370,7 +566,10 @@ fn help_and_version_succeed_and_nothing_typed_is_refused() {
 #[test]
 fn what_the_user_knows_of_feedback_overrides_what_the_log_shows() {
     let log = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/unstable_loop.csv");
-    let said = |more: &[&str]| deadtime(&[&["estimate", log, "--input", "torque", "--output", "rate"], more].concat()).words();
+    let said = |more: &[&str]| {
+        deadtime(&[&["estimate", log, "--input", "torque", "--output", "rate"], more].concat())
+            .words()
+    };
     assert!(said(&[]).contains("feedback (later inputs explain"));
     assert!(said(&["--loop", "closed"]).contains("feedback (--loop closed)"));
     assert!(!said(&["--loop", "open"]).contains("feedback"));
@@ -379,12 +578,23 @@ fn what_the_user_knows_of_feedback_overrides_what_the_log_shows() {
 #[test]
 fn many_methods_fold_to_those_that_count_and_full_shows_all() {
     let log = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/missing.csv");
-    let said = |more: &[&str]| deadtime(&[&["estimate", log, "--input", "pump", "--output", "level"], more].concat()).done();
-    let rows = |text: &str, word: &str| text.lines().filter(|l| l.starts_with("  ") && l.contains(word)).count();
+    let said = |more: &[&str]| {
+        deadtime(&[&["estimate", log, "--input", "pump", "--output", "level"], more].concat())
+            .done()
+    };
+    let rows = |text: &str, word: &str| {
+        text.lines().filter(|l| l.starts_with("  ") && l.contains(word)).count()
+    };
     let (folded, full) = (said(&[]), said(&["--full"]));
     let pairs = METHODS.iter().filter(|m| m.scope == Scope::Pair);
-    assert!(rows(&folded, " yes") == rows(&full, " yes ") && rows(&folded, "not visible") == 0, "{folded}");
-    assert!(folded.contains(&format!("No answer: {} not visible", rows(&full, " not visible "))), "what is folded is counted: {folded}");
+    assert!(
+        rows(&folded, " yes") == rows(&full, " yes ") && rows(&folded, "not visible") == 0,
+        "{folded}"
+    );
+    assert!(
+        folded.contains(&format!("No answer: {} not visible", rows(&full, " not visible "))),
+        "what is folded is counted: {folded}"
+    );
     for method in pairs {
         assert!(full.contains(&format!("  {} ", method.entry.name)), "{full}");
     }
@@ -395,10 +605,31 @@ fn two_inputs_that_move_together_are_told_apart() {
     let log = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/two_inputs.csv");
     let folder = Folder::new();
     let file = folder.path("out.json");
-    deadtime(&["estimate", log, "--input", "heater", "--input", "fan", "--output", "temperature", "--json", text(&file)]).done();
+    deadtime(&[
+        "estimate",
+        log,
+        "--input",
+        "heater",
+        "--input",
+        "fan",
+        "--output",
+        "temperature",
+        "--json",
+        text(&file),
+    ])
+    .done();
     for (pair, truth_s) in json(&file)["pairs"].as_array().unwrap().iter().zip([0.35, 0.8]) {
-        let ends: Vec<f64> = pair["verdict"]["ci95_s"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
-        assert!(ends[0] <= truth_s && truth_s <= ends[1] && ends[1] - ends[0] < 0.4, "{truth_s}: {}", pair["verdict"]);
+        let ends: Vec<f64> = pair["verdict"]["ci95_s"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|v| v.as_f64().unwrap())
+            .collect();
+        assert!(
+            ends[0] <= truth_s && truth_s <= ends[1] && ends[1] - ends[0] < 0.4,
+            "{truth_s}: {}",
+            pair["verdict"]
+        );
     }
 }
 
@@ -406,11 +637,16 @@ fn two_inputs_that_move_together_are_told_apart() {
 fn the_study_of_all_methods_prints_and_writes_every_one() {
     let folder = Folder::new();
     let page = folder.path("methods.md");
-    let said = deadtime(&["methods", "--trials", "2", "--samples", "300", "--out", text(&page)]).done();
+    let said =
+        deadtime(&["methods", "--trials", "2", "--samples", "300", "--out", text(&page)]).done();
     let written = std::fs::read_to_string(&page).unwrap();
     for method in METHODS {
         let name = method.entry.name;
-        assert!(said.contains(&format!("  {name} ")) && written.matches(&format!("| `{name}` |")).count() == 1, "{name}");
+        assert!(
+            said.contains(&format!("  {name} "))
+                && written.matches(&format!("| `{name}` |")).count() == 1,
+            "{name}"
+        );
     }
     deadtime(&["methods", "--trials", "0"]).refused(&["--trials 0", "at least 1"]);
 }

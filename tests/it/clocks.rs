@@ -45,17 +45,36 @@ impl Motion {
 }
 
 /// A topic whose stamps jitter and are late by `late_s`; the measured value is that of the time without either.
-fn topic(name: &str, rng: &mut ChaCha8Rng, step_s: f64, late_s: f64, noise: f64, value: impl Fn(f64) -> f64) -> Topic {
+fn topic(
+    name: &str,
+    rng: &mut ChaCha8Rng,
+    step_s: f64,
+    late_s: f64,
+    noise: f64,
+    value: impl Fn(f64) -> f64,
+) -> Topic {
     let count = (DURATION_S / step_s) as usize;
-    let time_s: Vec<f64> = (0..count).map(|k| step_s * (k as f64 + 0.2 * rng.random_range(-1.0..1.0))).collect();
+    let time_s: Vec<f64> =
+        (0..count).map(|k| step_s * (k as f64 + 0.2 * rng.random_range(-1.0..1.0))).collect();
     let values = time_s.iter().map(|t| value(*t) + noise * rng.random_range(-1.0..1.0)).collect();
     let stamps = time_s.iter().map(|t| t + late_s).collect();
-    Topic { name: name.to_owned(), log: Log::new(name, stamps, vec![Channel::new("x", None, values)]).unwrap() }
+    Topic {
+        name: name.to_owned(),
+        log: Log::new(name, stamps, vec![Channel::new("x", None, values)]).unwrap(),
+    }
 }
 
 fn found(topics: Vec<Topic>) -> ClockOffset {
-    let wanted: Vec<Wanted> = topics.iter().map(|t| Wanted { name: format!("{}.x", t.name), held: false, required: false }).collect();
-    let recording = Recording { source: "flight".into(), format: "test", topics, notes: deadtime::log::Notes::default() };
+    let wanted: Vec<Wanted> = topics
+        .iter()
+        .map(|t| Wanted { name: format!("{}.x", t.name), held: false, required: false })
+        .collect();
+    let recording = Recording {
+        source: "flight".into(),
+        format: "test",
+        topics,
+        notes: deadtime::log::Notes::default(),
+    };
     let mut found = clocks(&recording, &wanted);
     assert_eq!((found.topics.len(), found.offsets.len()), (2, 1));
     found.offsets.remove(0)
@@ -78,7 +97,10 @@ fn an_offset_is_found_within_its_interval_at_any_rates_and_relations() {
         let found = found(vec![first, second]);
         let [low, high] = found.ci95_s.unwrap_or_else(|| panic!("{seed}: {found:?}"));
         assert!(found.finding.contains(words), "{found:?}");
-        assert!((found.offset_s.unwrap() - late_s).abs() < 0.001 && high - low < 0.002, "{seed}, {late_s}: {found:?}");
+        assert!(
+            (found.offset_s.unwrap() - late_s).abs() < 0.001 && high - low < 0.002,
+            "{seed}, {late_s}: {found:?}"
+        );
         inside += usize::from(low <= late_s && late_s <= high);
     }
     // 19 of 20 on average; 16 or fewer come by chance once in 60.
@@ -93,17 +115,35 @@ fn what_cannot_be_told_is_said_with_the_reason() {
     let sine = Motion(vec![[1.0, 0.3, 1.0]]);
     let first = |rng: &mut ChaCha8Rng, of: &Motion| topic("a", rng, 0.01, 0.0, 0.01, |t| of.at(t));
     let cases: [(&str, Topic, Topic); 4] = [
-        ("do not move alike", first(&mut rng, &motion), topic("b", &mut rng, 0.01, 0.0, 0.1, |t| other.at(t))),
-        ("no straight line", first(&mut rng, &motion), topic("b", &mut rng, 0.01, 0.0, 0.01, |t| motion.lagged(t, 0.1))),
-        ("wide enough band", first(&mut rng, &sine), topic("b", &mut rng, 0.01, 0.02, 0.01, |t| sine.at(t))),
+        (
+            "do not move alike",
+            first(&mut rng, &motion),
+            topic("b", &mut rng, 0.01, 0.0, 0.1, |t| other.at(t)),
+        ),
+        (
+            "no straight line",
+            first(&mut rng, &motion),
+            topic("b", &mut rng, 0.01, 0.0, 0.01, |t| motion.lagged(t, 0.1)),
+        ),
+        (
+            "wide enough band",
+            first(&mut rng, &sine),
+            topic("b", &mut rng, 0.01, 0.02, 0.01, |t| sine.at(t)),
+        ),
         ("flat", first(&mut rng, &motion), topic("b", &mut rng, 0.01, 0.0, 0.0, |_| 1.0)),
     ];
     for (why, a, b) in cases {
         let found = found(vec![a, b]);
         assert_eq!((found.offset_s, found.ci95_s), (None, None), "{why}: {found:?}");
-        assert!(found.finding.starts_with("cannot be told") && (found.finding.contains(why) || why == "flat"), "{why}: {found:?}");
+        assert!(
+            found.finding.starts_with("cannot be told")
+                && (found.finding.contains(why) || why == "flat"),
+            "{why}: {found:?}"
+        );
     }
-    let short = Log::new("c", vec![0.0, 0.01, 0.02], vec![Channel::new("x", None, vec![1.0, 2.0, 0.0])]).unwrap();
+    let short =
+        Log::new("c", vec![0.0, 0.01, 0.02], vec![Channel::new("x", None, vec![1.0, 2.0, 0.0])])
+            .unwrap();
     let found = found(vec![first(&mut rng, &motion), Topic { name: "c".into(), log: short }]);
     assert!(found.finding.contains("stretches"), "{found:?}");
 }
@@ -120,13 +160,23 @@ fn the_steps_of_every_topic_are_reported_by_their_quantiles() {
     };
     let found = clocks(
         &recording,
-        &[Wanted { name: "x".into(), held: true, required: true }, Wanted { name: "y".into(), held: false, required: false }],
+        &[
+            Wanted { name: "x".into(), held: true, required: true },
+            Wanted { name: "y".into(), held: false, required: false },
+        ],
     );
     let topic = &found.topics[0];
     // numpy.quantile of the nine steps at 0.05, 0.5, 0.95.
     let [low, middle, high] = topic.steps_s.unwrap();
-    assert!((low - 0.094).abs() < 1e-9 && (middle - 0.1).abs() < 1e-9 && (high - 0.644).abs() < 1e-9, "{topic:?}");
-    assert!((topic.longest_s.unwrap() - 1.0).abs() < 1e-9 && found.offsets.is_empty() && topic.samples == 10);
+    assert!(
+        (low - 0.094).abs() < 1e-9 && (middle - 0.1).abs() < 1e-9 && (high - 0.644).abs() < 1e-9,
+        "{topic:?}"
+    );
+    assert!(
+        (topic.longest_s.unwrap() - 1.0).abs() < 1e-9
+            && found.offsets.is_empty()
+            && topic.samples == 10
+    );
 }
 
 #[cfg(feature = "cli")]
@@ -134,17 +184,39 @@ fn the_steps_of_every_topic_are_reported_by_their_quantiles() {
 fn check_reports_the_clocks_of_a_log() {
     use crate::support::program::{Folder, deadtime};
     let folder = Folder::new();
-    let rows: String =
-        (0..400).map(|k| format!("{:.4},{},{}\n", 0.01 * k as f64 + if k % 10 == 0 { 0.003 } else { 0.0 }, k / 50 % 2, k % 7)).collect();
+    let rows: String = (0..400)
+        .map(|k| {
+            format!(
+                "{:.4},{},{}\n",
+                0.01 * k as f64 + if k % 10 == 0 { 0.003 } else { 0.0 },
+                k / 50 % 2,
+                k % 7
+            )
+        })
+        .collect();
     let log = folder.write("a.csv", &format!("time,u,y\n{rows}"));
     let model = folder.write(
         "m.toml",
         "format = \"deadtime/model@1\"\nname = \"lag\"\nkind = \"tf\"\ninputs = [{ name = \"u\" }]\noutputs = [{ name = \"y\" }]\n[[transfer]]\nnumerator = [1.0]\ndenominator = [0.1, 1.0]\n",
     );
     let json = folder.path("c.json");
-    let run = deadtime(&["check", "--model", model.to_str().unwrap(), "--log", log.to_str().unwrap(), "--json", json.to_str().unwrap()]);
+    let run = deadtime(&[
+        "check",
+        "--model",
+        model.to_str().unwrap(),
+        "--log",
+        log.to_str().unwrap(),
+        "--json",
+        json.to_str().unwrap(),
+    ]);
     let said = run.done();
-    assert!(said.contains("400 stamps, 1.0000e-2 s apart; 90 % of the steps 7.0000e-3 s to 1.3000e-2 s"), "{said}");
-    let found: deadtime::diagnose::Inspection = serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
+    assert!(
+        said.contains(
+            "400 stamps, 1.0000e-2 s apart; 90 % of the steps 7.0000e-3 s to 1.3000e-2 s"
+        ),
+        "{said}"
+    );
+    let found: deadtime::diagnose::Inspection =
+        serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
     assert_eq!(found.clocks[0].topics[0].samples, 400);
 }

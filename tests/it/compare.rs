@@ -35,8 +35,8 @@ fn json_of(folder: &Folder, results: &[&Path]) -> Value {
 #[test]
 fn numbers_that_differ_by_more_than_chance_are_named() {
     let folder = Folder::new();
-    let [a, b, c] =
-        [("robot_1", 0.031), ("robot_2", 0.0315), ("robot_3", 0.047)].map(|(name, delay)| diagnosis(&folder, name, delay, |_| {}));
+    let [a, b, c] = [("robot_1", 0.031), ("robot_2", 0.0315), ("robot_3", 0.047)]
+        .map(|(name, delay)| diagnosis(&folder, name, delay, |_| {}));
     let two = json_of(&folder, &[&a, &b]);
     assert_eq!(two["format"], "deadtime/compare@1");
     assert_eq!(two["names"], json!(["robot_1", "robot_2"]));
@@ -50,10 +50,18 @@ fn numbers_that_differ_by_more_than_chance_are_named() {
     let page = folder.path("fleet.html");
     let said = deadtime(&["compare", text(&a), text(&b), text(&c), "--html", text(&page)]).words();
     assert!(said.contains("In all of them: `input_delay:delta_lat`."), "{said}");
-    assert!(said.contains("They differ by more than chance in delay of `input_delay:delta_lat` (p < 0.001)."), "{said}");
+    assert!(
+        said.contains(
+            "They differ by more than chance in delay of `input_delay:delta_lat` (p < 0.001)."
+        ),
+        "{said}"
+    );
     let page = std::fs::read_to_string(page).unwrap();
     let read = stands(&page);
-    assert!(read.contains("3 diagnoses side by side") && read.contains("0.0470 (0.0458 to 0.0482)"), "{read}");
+    assert!(
+        read.contains("3 diagnoses side by side") && read.contains("0.0470 (0.0458 to 0.0482)"),
+        "{read}"
+    );
     let figure = &drawn(&page)["figures"][0]["views"][0];
     assert_eq!(figure["columns"], json!(["robot_1", "robot_2", "robot_3"]));
     assert_eq!(figure["rows"][0]["name"], "input_delay:delta_lat");
@@ -81,7 +89,8 @@ fn what_went_and_what_came_is_said() {
             it["cause"][place][0]["effect"] = json!("output_delay");
             it["cause"][place][0]["channel"] = json!("*");
         }
-        it["cause"]["contributions"][0]["class"] = json!(["input_delay:delta_lat", "output_delay:*"]);
+        it["cause"]["contributions"][0]["class"] =
+            json!(["input_delay:delta_lat", "output_delay:*"]);
     });
     let found = json_of(&folder, &[&before, &alias]);
     assert_eq!(found["causes"].as_array().unwrap().len(), 1);
@@ -108,16 +117,33 @@ fn studies_are_compared_on_the_cells_that_they_share() {
     // Two methods at one SNR are shared, and each has one more.
     assert_eq!((&found["shared"], &found["left_out"]), (&json!(2), &json!(4)));
     let cell = |out: &Path, method: &str| {
-        let study: Value = serde_json::from_str(&std::fs::read_to_string(out.join("study.json")).unwrap()).unwrap();
+        let study: Value =
+            serde_json::from_str(&std::fs::read_to_string(out.join("study.json")).unwrap())
+                .unwrap();
         let cells = study["cells"].as_array().unwrap();
-        cells.iter().find(|c| c["method"] == method && c["snr"] == 1.0).map(|c| c["rms_samples"].clone()).unwrap()
+        cells
+            .iter()
+            .find(|c| c["method"] == method && c["snr"] == 1.0)
+            .map(|c| c["rms_samples"].clone())
+            .unwrap()
     };
     for row in found["methods"].as_array().unwrap() {
         let method = row["method"].as_str().unwrap();
         assert_eq!(row["rms_samples"], json!([cell(&old, method), cell(&new, method)]), "{method}");
     }
     let page = folder.path("c.html");
-    deadtime(&["compare", text(&old), text(&new), "--html", text(&page), "--name", "v1", "--name", "v2"]).done();
+    deadtime(&[
+        "compare",
+        text(&old),
+        text(&new),
+        "--html",
+        text(&page),
+        "--name",
+        "v1",
+        "--name",
+        "v2",
+    ])
+    .done();
     let page = std::fs::read_to_string(page).unwrap();
     assert!(stands(&page).contains("2 studies side by side"));
     assert_eq!(drawn(&page)["figures"][0]["views"][0]["columns"], json!(["v1", "v2"]));
@@ -128,13 +154,22 @@ fn what_cannot_be_compared_is_refused_by_name() {
     let folder = Folder::new();
     let a = diagnosis(&folder, "a", 0.031, |_| {});
     let study = Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/study_ci");
-    deadtime(&["compare", text(&a), text(&study)]).refused(&["study.json", "diagnosis.json", "one kind"]);
+    deadtime(&["compare", text(&a), text(&study)]).refused(&[
+        "study.json",
+        "diagnosis.json",
+        "one kind",
+    ]);
     deadtime(&["compare", text(&a)]).refused(&["2 values required"]);
     deadtime(&["compare", text(&a), text(&folder.path("nothing"))]).refused(&["nothing"]);
     std::fs::create_dir(folder.path("empty")).unwrap();
-    deadtime(&["compare", text(&a), text(&folder.path("empty"))]).refused(&["empty", "neither diagnosis.json nor study.json"]);
+    deadtime(&["compare", text(&a), text(&folder.path("empty"))])
+        .refused(&["empty", "neither diagnosis.json nor study.json"]);
     let other = folder.write("other.json", "{\"format\": \"deadtime/model@1\"}");
-    deadtime(&["compare", text(&a), text(&other)]).refused(&["other.json", "deadtime/model@1", "only deadtime/diagnosis"]);
+    deadtime(&["compare", text(&a), text(&other)]).refused(&[
+        "other.json",
+        "deadtime/model@1",
+        "only deadtime/diagnosis",
+    ]);
     deadtime(&["compare", text(&a), text(&a), "--name", "x"]).refused(&["1 names for 2 results"]);
     // Folders of one name are told apart by their paths.
     std::fs::create_dir(folder.path("deep")).unwrap();

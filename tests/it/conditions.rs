@@ -65,7 +65,10 @@ fn false_alarms(seeds: u64) {
     let records = seeds as usize * 7 * 4 * 2;
     let mut kinds: std::collections::BTreeMap<&String, usize> = std::collections::BTreeMap::new();
     false_alarms.iter().for_each(|f| *kinds.entry(f).or_default() += 1);
-    println!("{} of {records} open-loop records pass for closed ones: {kinds:?}", false_alarms.len());
+    println!(
+        "{} of {records} open-loop records pass for closed ones: {kinds:?}",
+        false_alarms.len()
+    );
     // One in a hundred.
     assert!(false_alarms.len() * 100 <= records);
 }
@@ -85,7 +88,11 @@ fn open_loop_records_seldom_pass_for_closed_ones_whatever_moves_them_in_thirty_d
 fn feedback_that_matters_is_found() {
     // Noise as strong as the dither, and half of it.
     for level in [1.0, 0.5] {
-        let hits = (0..SEEDS).filter(|s| found(&closed_loop([-0.85, 0.0], 0.1, [2.0, 0.0], level, *s), Condition::Feedback)).count();
+        let hits = (0..SEEDS)
+            .filter(|s| {
+                found(&closed_loop([-0.85, 0.0], 0.1, [2.0, 0.0], level, *s), Condition::Feedback)
+            })
+            .count();
         println!("noise {level}: found in {hits} of {SEEDS}");
         assert!(20 * hits >= 19 * SEEDS as usize, "noise {level}: {hits} of {SEEDS}");
     }
@@ -93,7 +100,9 @@ fn feedback_that_matters_is_found() {
 
 #[test]
 fn unstable_plants_lags_colours_and_gaps_are_told_from_their_absence() {
-    let count = |record: &dyn Fn(u64) -> Record<'static>, condition| (0..SEEDS).filter(|s| found(&record(*s), condition)).count();
+    let count = |record: &dyn Fn(u64) -> Record<'static>, condition| {
+        (0..SEEDS).filter(|s| found(&record(*s), condition)).count()
+    };
     let copy = |seed: u64| {
         let u = rbs(N, 1.0, seed);
         let y = plants::delayed(&times(&u, 0.7), 5);
@@ -114,10 +123,22 @@ fn unstable_plants_lags_colours_and_gaps_are_told_from_their_absence() {
     let few = SEEDS as usize / 20;
     let most = SEEDS as usize - few;
     for (what, with, without) in [
-        ("an unstable plant", count(&unstable, Condition::UnstablePlant), count(&slow(0.9), Condition::UnstablePlant)),
+        (
+            "an unstable plant",
+            count(&unstable, Condition::UnstablePlant),
+            count(&slow(0.9), Condition::UnstablePlant),
+        ),
         ("a lag", count(&slow(0.0), Condition::Dynamics), count(&copy, Condition::Dynamics)),
-        ("slow noise", count(&slow(0.9), Condition::ColouredNoise), count(&slow(0.0), Condition::ColouredNoise)),
-        ("slow noise", count(&slow(0.9), Condition::ColouredNoise), count(&copy, Condition::ColouredNoise)),
+        (
+            "slow noise",
+            count(&slow(0.9), Condition::ColouredNoise),
+            count(&slow(0.0), Condition::ColouredNoise),
+        ),
+        (
+            "slow noise",
+            count(&slow(0.9), Condition::ColouredNoise),
+            count(&copy, Condition::ColouredNoise),
+        ),
     ] {
         println!("{what}: found in {with} of {SEEDS} with it, in {without} without");
         assert!(with >= most && without <= few, "{what}: {with} and {without}");
@@ -131,16 +152,41 @@ fn unstable_plants_lags_colours_and_gaps_are_told_from_their_absence() {
 #[test]
 fn inputs_that_move_together_are_named_and_independent_ones_are_not() {
     let experiment = |left: Vec<f64>, right: Vec<f64>| {
-        let recording = Recording { outputs: vec![left.clone().into()], inputs: vec![left.into(), right.into()], states: Vec::new() };
-        Experiment::new(plants::ts(1.0), vec!["left".into(), "right".into()], vec!["y".into()], vec![recording]).unwrap()
+        let recording = Recording {
+            outputs: vec![left.clone().into()],
+            inputs: vec![left.into(), right.into()],
+            states: Vec::new(),
+        };
+        Experiment::new(
+            plants::ts(1.0),
+            vec!["left".into(), "right".into()],
+            vec!["y".into()],
+            vec![recording],
+        )
+        .unwrap()
     };
-    let alone = (0..SEEDS).filter(|&s| moving_together(&experiment(rbs(N, 1.0, s), rbs(N, 1.0, 700 + s)), 35).is_some()).count();
+    let alone = (0..SEEDS)
+        .filter(|&s| {
+            moving_together(&experiment(rbs(N, 1.0, s), rbs(N, 1.0, 700 + s)), 35).is_some()
+        })
+        .count();
     // Every other sample follows, three samples later: a correlation of a half.
     let follows = |s: u64| -> Vec<f64> {
         let (left, own) = (rbs(N, 1.0, s), rbs(N, 1.0, 800 + s));
-        plants::delayed(&left, 3).iter().zip(&own).enumerate().map(|(t, (l, o))| if t % 2 == 0 { *l } else { *o }).collect()
+        plants::delayed(&left, 3)
+            .iter()
+            .zip(&own)
+            .enumerate()
+            .map(|(t, (l, o))| if t % 2 == 0 { *l } else { *o })
+            .collect()
     };
-    let together = (0..SEEDS).filter_map(|s| moving_together(&experiment(rbs(N, 1.0, s), follows(s)), 35)).collect::<Vec<_>>();
+    let together = (0..SEEDS)
+        .filter_map(|s| moving_together(&experiment(rbs(N, 1.0, s), follows(s)), 35))
+        .collect::<Vec<_>>();
     assert!(alone == 0 && together.len() == SEEDS as usize, "{alone}, {}", together.len());
-    assert!(together.iter().all(|f| f.condition == Condition::OtherInputs && f.evidence.contains("`right`")));
+    assert!(
+        together
+            .iter()
+            .all(|f| f.condition == Condition::OtherInputs && f.evidence.contains("`right`"))
+    );
 }

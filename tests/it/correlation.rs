@@ -3,13 +3,23 @@
 use crate::support::plants;
 use crate::support::plants::{TS, answer, std_dev, sum, times, ts, white};
 use approx::assert_abs_diff_eq;
-use deadtime::delay::{Class, DelayEstimate, Events, Experiment, Method, Outcome, Recording, Search, method};
+use deadtime::delay::{
+    Class, DelayEstimate, Events, Experiment, Method, Outcome, Recording, Search, method,
+};
 use deadtime::signal::fractional_delay;
 use proptest::prelude::*;
 use rayon::prelude::*;
 
 /// The methods that compare two sensors.
-const TWO_SENSORS: [&str; 7] = ["crosscorr", "gcc_roth", "gcc_scot", "gcc_phat", "gcc_eckart", "gcc_hannan_thomson", "phase_slope"];
+const TWO_SENSORS: [&str; 7] = [
+    "crosscorr",
+    "gcc_roth",
+    "gcc_scot",
+    "gcc_phat",
+    "gcc_eckart",
+    "gcc_hannan_thomson",
+    "phase_slope",
+];
 
 fn the(name: &str) -> &'static Method {
     method(name).unwrap_or_else(|| panic!("no method {name}"))
@@ -28,7 +38,13 @@ enum Source {
 }
 
 /// Two noisy sensors of one source, `delay` samples apart: signal to noise `snr` at both.
-fn sensors(source: Source, samples: usize, delay: f64, snr: f64, seed: u64) -> (Vec<f64>, Vec<f64>) {
+fn sensors(
+    source: Source,
+    samples: usize,
+    delay: f64,
+    snr: f64,
+    seed: u64,
+) -> (Vec<f64>, Vec<f64>) {
     let margin = 200;
     let mut s = white(samples + 2 * margin, 1.0, 3 * seed);
     if let Source::Low = source {
@@ -39,7 +55,10 @@ fn sensors(source: Source, samples: usize, delay: f64, snr: f64, seed: u64) -> (
     }
     let later = fractional_delay(&s, delay);
     let noise = |k: u64| white(samples, 1.0 / snr.sqrt(), 3 * seed + k + 1);
-    (sum(&s[margin..margin + samples], &noise(0)), times(&sum(&later[margin..margin + samples], &noise(1)), -0.3))
+    (
+        sum(&s[margin..margin + samples], &noise(0)),
+        times(&sum(&later[margin..margin + samples], &noise(1)), -0.3),
+    )
 }
 
 fn run(method: &Method, u: Vec<f64>, y: Vec<f64>) -> DelayEstimate {
@@ -65,7 +84,9 @@ fn theory(source: Source, samples: usize, snr: f64, weight: impl Fn(f64, f64) ->
         })
         .collect();
     let noise = 1.0 / snr;
-    let mean = |f: &dyn Fn(f64, f64) -> f64| lines.iter().map(|(o, s)| f(*o, *s)).sum::<f64>() / f64::from(steps + 1);
+    let mean = |f: &dyn Fn(f64, f64) -> f64| {
+        lines.iter().map(|(o, s)| f(*o, *s)).sum::<f64>() / f64::from(steps + 1)
+    };
     let spread = mean(&|o, s| (o * weight(s, noise)).powi(2) * ((s + noise).powi(2) - s * s));
     let bend = mean(&|o, s| o * o * weight(s, noise) * s);
     (spread / samples as f64).sqrt() / bend
@@ -93,7 +114,11 @@ fn study(name: &str, source: Source, samples: usize, snr: f64, trials: u64) -> S
             let e = run(the(name), u, y);
             let [from, to] = e.ci95_s?;
             let truth = delay * TS;
-            (e.outcome == Outcome::Found).then_some((e.delay_s? / TS - delay, e.std_s? / TS, from <= truth && truth <= to))
+            (e.outcome == Outcome::Found).then_some((
+                e.delay_s? / TS - delay,
+                e.std_s? / TS,
+                from <= truth && truth <= to,
+            ))
         })
         .collect();
     let found: Vec<_> = answers.into_iter().flatten().collect();
@@ -122,7 +147,9 @@ fn study(name: &str, source: Source, samples: usize, snr: f64, trials: u64) -> S
 fn the_bound_is_the_published_one_for_a_white_source() {
     // 3(1 + 2ρ)/(π²Nρ²)
     for (samples, snr) in [(500, 100.0), (4000, 1.0)] {
-        let closed = (3.0 * (1.0 + 2.0 * snr) / (std::f64::consts::PI.powi(2) * samples as f64 * snr * snr)).sqrt();
+        let closed = (3.0 * (1.0 + 2.0 * snr)
+            / (std::f64::consts::PI.powi(2) * samples as f64 * snr * snr))
+            .sqrt();
         assert_abs_diff_eq!(bound(Source::White, samples, snr) / closed, 1.0, epsilon = 1e-3);
     }
 }
@@ -144,7 +171,13 @@ fn a_source_of_the_whole_band_is_found_with_honest_intervals() {
 #[test]
 #[ignore = "nightly: accuracy over draws"]
 fn a_coloured_source_is_found_as_well_as_theory_says_of_each_weight() {
-    for (name, low) in [("crosscorr", 1.15), ("gcc_scot", 1.15), ("gcc_eckart", 1.6), ("gcc_hannan_thomson", 1.25), ("phase_slope", 1.5)] {
+    for (name, low) in [
+        ("crosscorr", 1.15),
+        ("gcc_scot", 1.15),
+        ("gcc_eckart", 1.6),
+        ("gcc_hannan_thomson", 1.25),
+        ("phase_slope", 1.5),
+    ] {
         for snr in [100.0, 3.0] {
             let s = study(name, Source::Low, 1000, snr, 300);
             let expected = match name {
@@ -153,7 +186,12 @@ fn a_coloured_source_is_found_as_well_as_theory_says_of_each_weight() {
                 _ => bound(Source::Low, 1000, snr),
             };
             println!("{name}: {:.2} of what theory says", s.rms / expected);
-            assert!(s.found >= 295 && s.rms < low * expected, "{name}: {} of 300, rms {} and {expected}", s.found, s.rms);
+            assert!(
+                s.found >= 295 && s.rms < low * expected,
+                "{name}: {} of 300, rms {} and {expected}",
+                s.found,
+                s.rms
+            );
         }
     }
 }
@@ -177,7 +215,8 @@ fn a_narrow_band_leaves_the_cycle_open_or_inside_the_interval() {
             // A resonance of radius 0.985 and period 8 samples, heard by two sensors under noise: peaks one period apart.
             let mut s = white(1200, 1.0, 50 + seed);
             for t in 2..1200 {
-                s[t] += 2.0 * 0.985 * (std::f64::consts::PI / 4.0).cos() * s[t - 1] - 0.985_f64.powi(2) * s[t - 2];
+                s[t] += 2.0 * 0.985 * (std::f64::consts::PI / 4.0).cos() * s[t - 1]
+                    - 0.985_f64.powi(2) * s[t - 2];
             }
             let s = times(&s, 1.0 / std_dev(&s));
             let u = sum(&s[100..900], &white(800, 0.5, 900 + seed));
@@ -201,15 +240,24 @@ fn a_plant_with_a_lag_is_told_from_a_delayed_copy() {
                 .map(|seed| {
                     let u = white(600, 1.0, seed);
                     let clean = plants::second_order(&u, 1.0, [-pole, 0.0], 4);
-                    let e = run(the(name), u, sum(&clean, &white(600, noise * std_dev(&clean), 400 + seed)));
-                    let inside = e.ci95_s.is_some_and(|[from, to]| from <= 5.0 * TS && 5.0 * TS <= to);
+                    let e = run(
+                        the(name),
+                        u,
+                        sum(&clean, &white(600, noise * std_dev(&clean), 400 + seed)),
+                    );
+                    let inside =
+                        e.ci95_s.is_some_and(|[from, to]| from <= 5.0 * TS && 5.0 * TS <= to);
                     (e.note.is_some_and(|n| n.contains("no delayed copy")), inside)
                 })
                 .collect::<Vec<_>>()
         };
-        let count = |answers: &[(bool, bool)]| (answers.iter().filter(|a| a.0).count(), answers.iter().filter(|a| a.1).count());
+        let count = |answers: &[(bool, bool)]| {
+            (answers.iter().filter(|a| a.0).count(), answers.iter().filter(|a| a.1).count())
+        };
         let (copy, lag) = (count(&noted(0.0, 0.1)), count(&noted(0.7, 0.1)));
-        println!("{name}: (called no copy, first response inside the interval) of 100: a copy {copy:?}, a lag of three samples {lag:?}");
+        println!(
+            "{name}: (called no copy, first response inside the interval) of 100: a copy {copy:?}, a lag of three samples {lag:?}"
+        );
         assert!(copy.0 <= 3 && copy.1 >= 90 && lag.0 >= 97, "{name}: {copy:?} {lag:?}");
     }
 }
@@ -217,11 +265,18 @@ fn a_plant_with_a_lag_is_told_from_a_delayed_copy() {
 #[test]
 fn several_recordings_are_all_used() {
     for name in TWO_SENSORS {
-        let parts: Vec<(Vec<f64>, Vec<f64>)> = (0..16).map(|seed| sensors(Source::White, 300, 6.4, 4.0, 70 + seed)).collect();
+        let parts: Vec<(Vec<f64>, Vec<f64>)> =
+            (0..16).map(|seed| sensors(Source::White, 300, 6.4, 4.0, 70 + seed)).collect();
         let one = run(the(name), parts[0].0.clone(), parts[0].1.clone());
         assert_eq!(one.outcome, Outcome::Found, "{name}: {one:?}");
-        let recordings =
-            parts.into_iter().map(|(u, y)| Recording { inputs: vec![u.into()], outputs: vec![y.into()], states: Vec::new() }).collect();
+        let recordings = parts
+            .into_iter()
+            .map(|(u, y)| Recording {
+                inputs: vec![u.into()],
+                outputs: vec![y.into()],
+                states: Vec::new(),
+            })
+            .collect();
         let all = Experiment::new(ts(TS), vec!["u".into()], vec!["y".into()], recordings).unwrap();
         let all = answer(the(name), &all, &search());
         let (narrow, wide) = (all.std_s.unwrap(), one.std_s.unwrap());
@@ -247,8 +302,15 @@ fn offsets_and_slow_drifts_of_the_channels_do_not_matter() {
     for name in TWO_SENSORS {
         let (u, y) = sensors(Source::White, 600, 5.3, 100.0, 6);
         let plain = run(the(name), u.clone(), y.clone());
-        let moved = run(the(name), u.iter().map(|v| v + 300.0).collect(), y.iter().map(|v| v - 70.0).collect());
-        assert!((plain.delay_s.unwrap() - moved.delay_s.unwrap()).abs() < 1e-6 * TS, "{name}: {plain:?} {moved:?}");
+        let moved = run(
+            the(name),
+            u.iter().map(|v| v + 300.0).collect(),
+            y.iter().map(|v| v - 70.0).collect(),
+        );
+        assert!(
+            (plain.delay_s.unwrap() - moved.delay_s.unwrap()).abs() < 1e-6 * TS,
+            "{name}: {plain:?} {moved:?}"
+        );
     }
 }
 

@@ -40,7 +40,10 @@ fn records() -> Vec<Record> {
 
 #[test]
 fn no_answer_on_a_degenerate_record_holds_nan() {
-    let cases: Vec<(Record, usize)> = records().into_iter().flat_map(|r| (0..METHODS.len()).map(move |m| (r.clone(), m))).collect();
+    let cases: Vec<(Record, usize)> = records()
+        .into_iter()
+        .flat_map(|r| (0..METHODS.len()).map(move |m| (r.clone(), m)))
+        .collect();
     let answered: usize = cases
         .par_iter()
         .filter(|(_, number)| METHODS[*number].scope != Scope::States)
@@ -49,23 +52,49 @@ fn no_answer_on_a_degenerate_record_holds_nan() {
             let ts = SampleTime::new(0.02).unwrap();
             // A record that is refused when it is built asks no method for an answer.
             let built = match method.scope {
-                Scope::Events => {
-                    Experiment::of_events(ts, ["u", "y"], vec![Events { first: u.clone(), second: y.clone(), ..Events::default() }])
-                }
+                Scope::Events => Experiment::of_events(
+                    ts,
+                    ["u", "y"],
+                    vec![Events { first: u.clone(), second: y.clone(), ..Events::default() }],
+                ),
                 _ => {
-                    let output = Series { values: y.into(), present: present.as_deref().map(Into::into) };
-                    let recording = Recording { inputs: vec![u.into()], outputs: vec![output], states: Vec::new() };
+                    let output =
+                        Series { values: y.into(), present: present.as_deref().map(Into::into) };
+                    let recording = Recording {
+                        inputs: vec![u.into()],
+                        outputs: vec![output],
+                        states: Vec::new(),
+                    };
                     Experiment::new(ts, vec!["u".into()], vec!["y".into()], vec![recording])
                 }
             };
             let Ok(experiment) = built else { return 0 };
             let search = Search { max_delay: 10, ..Search::default() };
-            let answers = method.entry.with(json!({})).unwrap().estimate_inputs(&experiment, &search).unwrap_or_default();
+            let answers = method
+                .entry
+                .with(json!({}))
+                .unwrap()
+                .estimate_inputs(&experiment, &search)
+                .unwrap_or_default();
             for e in &answers {
-                let numbers =
-                    [e.delay_s, e.std_s, e.raw_delay_s, e.ci95_s.map(|i| i[0]), e.ci95_s.map(|i| i[1]), Some(e.degree_bias_samples)];
-                assert!(!numbers.iter().flatten().any(|v| v.is_nan()), "{} on {what}: {e:?}", method.entry.name);
-                assert!(e.delay_s.is_none_or(f64::is_finite), "{} on {what}: {e:?}", method.entry.name);
+                let numbers = [
+                    e.delay_s,
+                    e.std_s,
+                    e.raw_delay_s,
+                    e.ci95_s.map(|i| i[0]),
+                    e.ci95_s.map(|i| i[1]),
+                    Some(e.degree_bias_samples),
+                ];
+                assert!(
+                    !numbers.iter().flatten().any(|v| v.is_nan()),
+                    "{} on {what}: {e:?}",
+                    method.entry.name
+                );
+                assert!(
+                    e.delay_s.is_none_or(f64::is_finite),
+                    "{} on {what}: {e:?}",
+                    method.entry.name
+                );
             }
             answers.len()
         })

@@ -9,7 +9,9 @@ use crate::gap_hard::document;
 const SAMPLES: usize = 64;
 
 fn lti(a: &str, b: &str, c: &str, states: usize, inputs: usize) -> String {
-    let named = |letter: &str, count: usize| (0..count).map(|i| format!("{{ name = \"{letter}{i}\" }}")).collect::<Vec<_>>().join(", ");
+    let named = |letter: &str, count: usize| {
+        (0..count).map(|i| format!("{{ name = \"{letter}{i}\" }}")).collect::<Vec<_>>().join(", ")
+    };
     let d = vec!["0.0"; inputs].join(", ");
     let (states, inputs) = (named("x", states), named("u", inputs));
     format!(
@@ -26,7 +28,11 @@ fn models() -> Vec<(&'static str, String, usize)> {
         ("no gain", lti("[[-2.0]]", "[[0.0]]", "[[1.0]]", 1, 1), 1),
         ("nothing to see", lti("[[-2.0]]", "[[2.0]]", "[[0.0]]", 1, 1), 1),
         ("a defective A", lti(third, "[[0.0], [0.0], [1.0]]", "[[1.0, 0.0, 0.0]]", 3, 1), 1),
-        ("a badly scaled A", lti("[[-1e-7, 1e7], [0.0, -50.0]]", "[[0.0], [1e-6]]", "[[1.0, 0.0]]", 2, 1), 1),
+        (
+            "a badly scaled A",
+            lti("[[-1e-7, 1e7], [0.0, -50.0]]", "[[0.0], [1e-6]]", "[[1.0, 0.0]]", 2, 1),
+            1,
+        ),
         ("identical inputs", lti("[[-2.0]]", "[[1.0, 1.0]]", "[[1.0]]", 1, 2), 2),
         ("an integrator", lti("[[0.0]]", "[[1.0]]", "[[1.0]]", 1, 1), 1),
     ]
@@ -51,7 +57,12 @@ fn records() -> Vec<Record> {
         ("1e200 after 1e-200", times(&noise(1), 1e-200), times(&noise(1), 1e200), None),
         ("alternating", alternating.clone(), times(&alternating, -1.0), None),
         ("all but one missing", noise(1), noise(2), Some((0..SAMPLES).map(|k| k == 30).collect())),
-        ("all but three missing", noise(1), noise(2), Some((0..SAMPLES).map(|k| [20, 30, 60].contains(&k)).collect())),
+        (
+            "all but three missing",
+            noise(1),
+            noise(2),
+            Some((0..SAMPLES).map(|k| [20, 30, 60].contains(&k)).collect()),
+        ),
         ("response is the command", noise(1), noise(1), None),
         ("an impulse at the end", of(&|k| f64::from(u8::from(k == SAMPLES - 1))), noise(1), None),
         ("one part in 1e16", of(&|k| 1e16 + 2.0 * (k % 2) as f64), noise(3), None),
@@ -66,7 +77,10 @@ fn not_finite(text: &str) -> bool {
 #[test]
 fn no_diagnosis_of_a_degenerate_log_or_model_holds_nan() {
     assert!(not_finite("Some(NaN)") && not_finite("[-inf]") && !not_finite("information"));
-    let cases: Vec<(_, Record)> = models().into_iter().flat_map(|m| records().into_iter().map(move |r| (m.clone(), r))).collect();
+    let cases: Vec<(_, Record)> = models()
+        .into_iter()
+        .flat_map(|m| records().into_iter().map(move |r| (m.clone(), r)))
+        .collect();
     let answered: usize = cases
         .par_iter()
         .map(|((model, text, inputs), (what, u, y, present))| {
@@ -87,7 +101,10 @@ fn no_diagnosis_of_a_degenerate_log_or_model_holds_nan() {
                     let text = format!("{:?}", found.diagnosis);
                     assert!(!not_finite(&text), "{model}, {what}: {text}");
                     // A limit that does nothing is infinite.
-                    assert!(found.handed_over.iter().all(|e| e.values.iter().all(|v| !v.is_nan())), "{model}, {what}");
+                    assert!(
+                        found.handed_over.iter().all(|e| e.values.iter().all(|v| !v.is_nan())),
+                        "{model}, {what}"
+                    );
                     1
                 }
             }

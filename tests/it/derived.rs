@@ -6,7 +6,10 @@ use deadtime::model::Derived;
 use crate::support::program::{Folder, deadtime, text};
 
 fn log(columns: &[(&str, f64)]) -> Log {
-    let channels = columns.iter().map(|(name, value)| Channel::new(*name, None, vec![*value, *value])).collect();
+    let channels = columns
+        .iter()
+        .map(|(name, value)| Channel::new(*name, None, vec![*value, *value]))
+        .collect();
     Log::new("log", vec![5.0, 5.5], channels).unwrap()
 }
 
@@ -41,20 +44,28 @@ const BODY: [f64; 3] = [1.4042553191489362, -2.0638297872340425, 2.7872340425531
 #[test]
 fn rotations_are_those_of_scipy() {
     let q = [("w", W), ("x", Q[0]), ("y", Q[1]), ("z", Q[2]), ("a", 1.0), ("b", -2.0), ("c", 3.0)];
-    for (function, expected) in [("roll", ROLL_PITCH_YAW[0]), ("pitch", ROLL_PITCH_YAW[1]), ("yaw", ROLL_PITCH_YAW[2])] {
+    for (function, expected) in
+        [("roll", ROLL_PITCH_YAW[0]), ("pitch", ROLL_PITCH_YAW[1]), ("yaw", ROLL_PITCH_YAW[2])]
+    {
         near(&format!("{function}(w, x, y, z)"), &q, expected);
     }
     for (function, expected) in ["body_x", "body_y", "body_z"].into_iter().zip(BODY) {
         near(&format!("{function}(w, x, y, z, a, b, c)"), &q, expected);
     }
     // Straight up, where rounding may leave the sine a little above 1.
-    near("pitch(w, 0, y, 0)", &[("w", 0.5_f64.sqrt() * (1.0 + 1e-15)), ("y", 0.5_f64.sqrt())], std::f64::consts::FRAC_PI_2);
+    near(
+        "pitch(w, 0, y, 0)",
+        &[("w", 0.5_f64.sqrt() * (1.0 + 1e-15)), ("y", 0.5_f64.sqrt())],
+        std::f64::consts::FRAC_PI_2,
+    );
 }
 
 #[test]
 fn what_is_missing_or_not_finite_is_missing() {
-    let channels =
-        vec![Channel::partial("a", None, vec![1.0, 2.0, 3.0], vec![true, false, true]), Channel::new("b", None, vec![0.0, 1.0, 2.0])];
+    let channels = vec![
+        Channel::partial("a", None, vec![1.0, 2.0, 3.0], vec![true, false, true]),
+        Channel::new("b", None, vec![0.0, 1.0, 2.0]),
+    ];
     let log = Log::new("log", vec![0.0, 1.0, 2.0], channels).unwrap();
     let log = Derived::parse("r [1/s]=a/b").unwrap().add_to(log).unwrap();
     let r = log.output("r").unwrap();
@@ -81,9 +92,11 @@ fn mistakes_are_named() {
         let said = Derived::parse(text).unwrap_err().to_string();
         assert!(said.contains(says), "{text}: {said}");
     }
-    let missing = Derived::parse("r=vx+vz").unwrap().add_to(log(&[("vx", 1.0)])).unwrap_err().to_string();
+    let missing =
+        Derived::parse("r=vx+vz").unwrap().add_to(log(&[("vx", 1.0)])).unwrap_err().to_string();
     assert!(missing.contains("vz"), "{missing}");
-    let taken = Derived::parse("vx=2*vx").unwrap().add_to(log(&[("vx", 1.0)])).unwrap_err().to_string();
+    let taken =
+        Derived::parse("vx=2*vx").unwrap().add_to(log(&[("vx", 1.0)])).unwrap_err().to_string();
     assert!(taken.contains("vx"), "{taken}");
 }
 
@@ -94,16 +107,44 @@ fn the_command_line_estimates_on_a_calculated_channel() {
     let mut state = 7_u64;
     let mut commands = Vec::new();
     for k in 0..400_usize {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         commands.push(if state >> 63 == 1 { 2.0 } else { 1.0 });
         let late = commands[k.saturating_sub(6)];
-        rows.push_str(&format!("{},{},{},{}\n", k as f64 * 0.01, commands[k], 0.6 * late, 0.8 * late));
+        rows.push_str(&format!(
+            "{},{},{},{}\n",
+            k as f64 * 0.01,
+            commands[k],
+            0.6 * late,
+            0.8 * late
+        ));
     }
     let file = folder.write("run.csv", &rows);
     let channel = "speed [m/s]=hypot(vx,vy)";
-    let run = deadtime(&["estimate", text(&file), "--channel", channel, "--input", "u", "--output", "speed", "--method", "arxstruc"]);
+    let run = deadtime(&[
+        "estimate",
+        text(&file),
+        "--channel",
+        channel,
+        "--input",
+        "u",
+        "--output",
+        "speed",
+        "--method",
+        "arxstruc",
+    ]);
     // The output shows the command of 6 samples before, and what acts on [t, t + Ts) is seen at t + Ts: 5 samples beyond the one that a strictly proper plant has.
     let said = run.words();
     assert!(said.contains("0.05"), "{said}");
-    deadtime(&["estimate", text(&file), "--channel", "speed=hypot(vx,vz)", "--input", "u", "--output", "speed"]).refused(&["vz"]);
+    deadtime(&[
+        "estimate",
+        text(&file),
+        "--channel",
+        "speed=hypot(vx,vz)",
+        "--input",
+        "u",
+        "--output",
+        "speed",
+    ])
+    .refused(&["vz"]);
 }

@@ -27,7 +27,10 @@ fn example_survives_reading_and_writing() {
     let written: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
     assert_eq!(written, example());
     assert!(schema().is_valid(&written));
-    assert!(matches!(diagnosis.cause.ranking.as_slice(), [RankingRow::Single(_), RankingRow::Pair(_), RankingRow::Single(_), ..]));
+    assert!(matches!(
+        diagnosis.cause.ranking.as_slice(),
+        [RankingRow::Single(_), RankingRow::Pair(_), RankingRow::Single(_), ..]
+    ));
 }
 
 #[test]
@@ -65,7 +68,11 @@ fn nan_is_written_as_null_where_a_number_may_be_missing_and_refused_elsewhere() 
 #[test]
 fn wrong_documents_are_refused_by_the_schema() {
     let schema = schema();
-    assert!(schema.is_valid(&example()), "{:?}", schema.iter_errors(&example()).map(|e| e.to_string()).collect::<Vec<_>>());
+    assert!(
+        schema.is_valid(&example()),
+        "{:?}",
+        schema.iter_errors(&example()).map(|e| e.to_string()).collect::<Vec<_>>()
+    );
     let changes: [(&str, Value); 12] = [
         ("/format", json!("deadtime/diagnosis@3")),
         ("/model", json!(null)),
@@ -116,7 +123,11 @@ fn none_and_unknown_have_no_channel() {
 fn unreadable_diagnosis_names_file_and_line() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("diagnosis.json");
-    for text in [EXAMPLE.replace("diagnosis@2", "diagnosis@7"), EXAMPLE.replacen("\"logs\"", "\"lags\"", 1), EXAMPLE[..200].to_owned()] {
+    for text in [
+        EXAMPLE.replace("diagnosis@2", "diagnosis@7"),
+        EXAMPLE.replacen("\"logs\"", "\"lags\"", 1),
+        EXAMPLE[..200].to_owned(),
+    ] {
         std::fs::write(&path, text).unwrap();
         let error = Diagnosis::read(&path).unwrap_err().to_string();
         assert!(error.contains("diagnosis.json") && error.contains("line"), "{error}");

@@ -7,9 +7,14 @@ use crate::support::compare;
 use std::path::PathBuf;
 use std::process::Command;
 
-use crate::support::compare::{Comparison, apart, complex_list, matrix, number, responses_apart, sets_apart, text, to_json, vector};
+use crate::support::compare::{
+    Comparison, apart, complex_list, matrix, number, responses_apart, sets_apart, text, to_json,
+    vector,
+};
 use crate::support::outside::reference_python;
-use deadtime::model::c2d::{Conversion, Feedthrough, FirstOrderHold, ImpulseInvariant, Tustin, ZeroOrderHold};
+use deadtime::model::c2d::{
+    Conversion, Feedthrough, FirstOrderHold, ImpulseInvariant, Tustin, ZeroOrderHold,
+};
 use deadtime::model::{StateSpace, dlqr};
 use deadtime::simulate::{Hold, Options, Prehistory, lsim};
 use deadtime::time::SampleTime;
@@ -29,8 +34,17 @@ const PER_CONDITION: f64 = 1e-10;
 /// A problem whose tolerance would exceed this is redrawn.
 const CAP: f64 = 1e-6;
 
-const KINDS: [&str; 9] =
-    ["c2d zoh", "c2d foh", "c2d tustin", "c2d impulse", "dlqr", "dlqr with N", "lsim zoh", "lsim linear", "zeros_poles"];
+const KINDS: [&str; 9] = [
+    "c2d zoh",
+    "c2d foh",
+    "c2d tustin",
+    "c2d impulse",
+    "dlqr",
+    "dlqr with N",
+    "lsim zoh",
+    "lsim linear",
+    "zeros_poles",
+];
 
 fn seed() -> u64 {
     match std::env::var("DEADTIME_SEED") {
@@ -51,7 +65,8 @@ fn random_problems_agree_with_scipy_and_python_control() {
     let (mut failed, mut conditioned) = ([0; KINDS.len()], [0; KINDS.len()]);
     for _ in 0..ROUNDS {
         let mut problems = Vec::new();
-        for (which, kind) in KINDS.iter().enumerate().filter(|&(which, _)| compared[which] < WANTED) {
+        for (which, kind) in KINDS.iter().enumerate().filter(|&(which, _)| compared[which] < WANTED)
+        {
             problems.extend((0..BATCH).map(|_| (which, draw(kind, &mut rng))));
         }
         if problems.is_empty() {
@@ -73,11 +88,19 @@ fn random_problems_agree_with_scipy_and_python_control() {
             }
             compared[*which] += 1;
             let kind = KINDS[*which];
-            let case = format!("{kind} number {number}, condition {:.1e}", compare::number(answer, "condition"));
+            let case = format!(
+                "{kind} number {number}, condition {:.1e}",
+                compare::number(answer, "condition")
+            );
             match disagreement(problem, answer) {
                 Ok(apart) => {
                     c.check(kind, &case, apart, tolerance);
-                    c.check(&format!("{kind}, per condition number"), &case, apart * PER_CONDITION / tolerance, PER_CONDITION);
+                    c.check(
+                        &format!("{kind}, per condition number"),
+                        &case,
+                        apart * PER_CONDITION / tolerance,
+                        PER_CONDITION,
+                    );
                 }
                 Err(why) => c.fail(format!("seed {seed}, {case}: {why}: {problem}")),
             }
@@ -85,9 +108,15 @@ fn random_problems_agree_with_scipy_and_python_control() {
     }
     for (which, kind) in KINDS.iter().enumerate() {
         let (failed, conditioned) = (failed[which], conditioned[which]);
-        println!("{kind}: {} compared; redrawn: {failed} the reference failed on, {conditioned} ill conditioned", compared[which]);
+        println!(
+            "{kind}: {} compared; redrawn: {failed} the reference failed on, {conditioned} ill conditioned",
+            compared[which]
+        );
         if compared[which] < WANTED {
-            c.fail(format!("{kind}: only {} problems of {WANTED} could be compared", compared[which]));
+            c.fail(format!(
+                "{kind}: only {} problems of {WANTED} could be compared",
+                compared[which]
+            ));
         }
     }
     c.finish();
@@ -95,10 +124,12 @@ fn random_problems_agree_with_scipy_and_python_control() {
 
 fn ask(python: &PathBuf, problems: &[(usize, Value)]) -> Vec<Value> {
     let folder = tempfile::tempdir().unwrap();
-    let (question, reply) = (folder.path().join("problems.json"), folder.path().join("answers.json"));
+    let (question, reply) =
+        (folder.path().join("problems.json"), folder.path().join("answers.json"));
     let list: Vec<&Value> = problems.iter().map(|(_, problem)| problem).collect();
     std::fs::write(&question, serde_json::to_string(&list).unwrap()).unwrap();
-    let script = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("scripts/differential_reference.py");
+    let script =
+        PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("scripts/differential_reference.py");
     let output = Command::new(python).arg(script).arg(&question).arg(&reply).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let answers: Value = serde_json::from_str(&std::fs::read_to_string(&reply).unwrap()).unwrap();
@@ -114,13 +145,16 @@ fn normal(rng: &mut ChaCha8Rng, rows: usize, columns: usize) -> DMatrix<f64> {
 /// Entries of A, B, C, D as the reference wants them.
 fn model(rng: &mut ChaCha8Rng, order: usize, inputs: usize, outputs: usize) -> Value {
     let spread = rng.random_range(0.3..3.0) / (order as f64).sqrt();
-    let a = normal(rng, order, order) * spread - DMatrix::from_diagonal_element(order, order, rng.random_range(0.0..2.0));
-    let [b, c, d] = [(order, inputs), (outputs, order), (outputs, inputs)].map(|(i, j)| normal(rng, i, j));
+    let a = normal(rng, order, order) * spread
+        - DMatrix::from_diagonal_element(order, order, rng.random_range(0.0..2.0));
+    let [b, c, d] =
+        [(order, inputs), (outputs, order), (outputs, inputs)].map(|(i, j)| normal(rng, i, j));
     json!({"A": to_json(&a), "B": to_json(&b), "C": to_json(&c), "D": to_json(&d)})
 }
 
 fn draw(kind: &str, rng: &mut ChaCha8Rng) -> Value {
-    let (order, inputs, outputs) = (rng.random_range(1..=8), rng.random_range(1..=3), rng.random_range(1..=3));
+    let (order, inputs, outputs) =
+        (rng.random_range(1..=8), rng.random_range(1..=3), rng.random_range(1..=3));
     let sample_time_s = 10f64.powf(rng.random_range(-2.0..0.0));
     let mut problem = match kind.split_once(' ') {
         Some(("c2d", method)) => {
@@ -154,7 +188,8 @@ fn regulator(cross: bool, rng: &mut ChaCha8Rng) -> Value {
     let a = a * (rng.random_range(0.3..1.4) / radius);
     let size = order + inputs;
     let factor = normal(rng, size, size);
-    let weight = factor.tr_mul(&factor) / size as f64 + DMatrix::from_diagonal_element(size, size, 0.05);
+    let weight =
+        factor.tr_mul(&factor) / size as f64 + DMatrix::from_diagonal_element(size, size, 0.05);
     let part = |i, j, rows, columns| to_json(&weight.view((i, j), (rows, columns)).into_owned());
     json!({
         "A": to_json(&a), "B": to_json(&normal(rng, order, inputs)),
@@ -170,10 +205,12 @@ fn disagreement(problem: &Value, answer: &Value) -> Result<f64, String> {
     let of = |key: &str| matrix(&answer[key]);
     if problem["kind"] == "dlqr" {
         let n = (!problem["N"].is_null()).then(|| given("N"));
-        let ours = dlqr(&given("A"), &given("B"), &given("Q"), &given("R"), n.as_ref()).map_err(|e| e.to_string())?;
+        let ours = dlqr(&given("A"), &given("B"), &given("Q"), &given("R"), n.as_ref())
+            .map_err(|e| e.to_string())?;
         return Ok(apart(&ours.k, &of("K")).max(apart(&ours.x, &of("X"))));
     }
-    let sys = StateSpace::continuous(given("A"), given("B"), given("C"), given("D")).map_err(|e| e.to_string())?;
+    let sys = StateSpace::continuous(given("A"), given("B"), given("C"), given("D"))
+        .map_err(|e| e.to_string())?;
     match text(problem, "kind") {
         "c2d" => {
             let conversion: &dyn Conversion = match text(problem, "method") {

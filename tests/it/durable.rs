@@ -36,13 +36,17 @@ fn stopped(runner: &Runner, out: &Path, estimates: usize) -> Vec<PathBuf> {
         }
     };
     let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    assert!(matches!(one_thread.install(|| runner.run(out, false, &stop, &enough)), Err(deadtime::study::Error::Stopped(_))));
+    assert!(matches!(
+        one_thread.install(|| runner.run(out, false, &stop, &enough)),
+        Err(deadtime::study::Error::Stopped(_))
+    ));
     parts(out)
 }
 
 fn parts(out: &Path) -> Vec<PathBuf> {
     let all = std::fs::read_dir(out.join("parts")).unwrap().flatten().map(|f| f.path());
-    let mut parts: Vec<PathBuf> = all.filter(|p| p.extension().is_some_and(|e| e == "csv")).collect();
+    let mut parts: Vec<PathBuf> =
+        all.filter(|p| p.extension().is_some_and(|e| e == "csv")).collect();
     parts.sort();
     parts
 }
@@ -56,7 +60,9 @@ fn without_times(mut study: Study) -> Study {
 fn a_part_that_is_damaged_in_any_way_is_found_made_again_and_told() {
     let folder = tempfile::tempdir().unwrap();
     let runner = Runner::new(&plan()).unwrap();
-    let whole = without_times(runner.run(&folder.path().join("whole"), false, &Stop::default(), &|_| ()).unwrap());
+    let whole = without_times(
+        runner.run(&folder.path().join("whole"), false, &Stop::default(), &|_| ()).unwrap(),
+    );
     let out = folder.path().join("out");
     let made = stopped(&runner, &out, 100);
     let (part, other) = (&made[0], std::fs::read(&made[1]).unwrap());
@@ -82,7 +88,12 @@ fn a_part_that_is_damaged_in_any_way_is_found_made_again_and_told() {
         std::fs::write(part, damage).unwrap();
         let begun = runner.begin(&out, true, &Stop::default()).unwrap();
         let damaged: Vec<String> = begun.damaged().iter().map(ToString::to_string).collect();
-        assert!(damaged.len() == 1 && damaged[0].contains("00000000.csv") && damaged[0].contains("made again"), "{what}: {damaged:?}");
+        assert!(
+            damaged.len() == 1
+                && damaged[0].contains("00000000.csv")
+                && damaged[0].contains("made again"),
+            "{what}: {damaged:?}"
+        );
     }
     let resumed = runner.run(&out, true, &Stop::default(), &|_| ()).unwrap();
     assert!(resumed.cells.iter().all(|c| c.trials == 100));
@@ -119,7 +130,11 @@ fn a_folder_is_written_by_one_run_at_a_time() {
     let refused = runner.run(&out, true, &Stop::default(), &|_| ()).unwrap_err().to_string();
     assert!(refused.contains(&std::process::id().to_string()), "{refused}");
     begun.run(&Stop::default(), &|_| ()).unwrap();
-    let left: Vec<String> = std::fs::read_dir(&out).unwrap().flatten().map(|f| f.file_name().to_string_lossy().into_owned()).collect();
+    let left: Vec<String> = std::fs::read_dir(&out)
+        .unwrap()
+        .flatten()
+        .map(|f| f.file_name().to_string_lossy().into_owned())
+        .collect();
     assert!(left.iter().all(|f| f == "study.json" || f.starts_with("estimates.")), "{left:?}");
 }
 
@@ -169,7 +184,9 @@ fn a_verdict_that_is_damaged_is_made_again_and_others_are_kept() {
         }
     }
     let held = Lock::of(&check.verdicts()).unwrap();
-    let refused = run(&check.cases(), &check.verdicts(), &RunOptions::default(), &diagnose, &|_, _| {}).unwrap_err();
+    let refused =
+        run(&check.cases(), &check.verdicts(), &RunOptions::default(), &diagnose, &|_, _| {})
+            .unwrap_err();
     assert!(refused.to_string().contains(&std::process::id().to_string()), "{refused}");
     drop(held);
 }

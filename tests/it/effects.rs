@@ -109,7 +109,9 @@ fn distance(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
 fn everywhere() -> Vec<(System, Applied)> {
     let mut all = Vec::new();
     for system in [LINEAR, EQUATIONS, SAMPLED].map(system) {
-        for effect in EFFECTS.iter().filter(|e| !(system.is_sampled() && e.site() == Site::Dynamics)) {
+        for effect in
+            EFFECTS.iter().filter(|e| !(system.is_sampled() && e.site() == Site::Dynamics))
+        {
             for channel in effect.channels(&system) {
                 all.push((system.clone(), Applied::nominal(&system, *effect, &channel).unwrap()));
             }
@@ -123,7 +125,12 @@ fn every_effect_at_its_nominal_parameters_is_the_identity_to_the_bit() {
     let mut count = 0;
     for (system, nominal) in everywhere() {
         let flight = Flight::for_system(&system);
-        assert_eq!(run(&system, &flight, &[]), run(&system, &flight, std::slice::from_ref(&nominal)), "{nominal:?} on {}", system.name);
+        assert_eq!(
+            run(&system, &flight, &[]),
+            run(&system, &flight, std::slice::from_ref(&nominal)),
+            "{nominal:?} on {}",
+            system.name
+        );
         count += 1;
     }
     assert!(count > 80, "{count} channels");
@@ -138,9 +145,13 @@ fn every_effect_close_to_its_nominal_parameters_is_close_to_the_identity() {
         }
         let flight = Flight::for_system(&system);
         for (value, p) in applied.values.iter_mut().zip(&applied.parameters) {
-            *value = if p.nominal.is_infinite() { p.nominal.signum() * 1e7 } else { p.nominal + 1e-6 };
+            *value =
+                if p.nominal.is_infinite() { p.nominal.signum() * 1e7 } else { p.nominal + 1e-6 };
         }
-        let moved = distance(&run(&system, &flight, &[]).y, &run(&system, &flight, std::slice::from_ref(&applied)).y);
+        let moved = distance(
+            &run(&system, &flight, &[]).y,
+            &run(&system, &flight, std::slice::from_ref(&applied)).y,
+        );
         assert!(moved < 1e-4, "{applied:?} on {} moves the outputs by {moved}", system.name);
     }
 }
@@ -160,7 +171,10 @@ fn every_effect_away_from_its_nominal_parameters_moves_an_output_and_is_undone_b
                 _ => p.nominal + 0.3,
             };
         }
-        let moved = distance(&run(&system, &flight, &[]).y, &run(&system, &flight, std::slice::from_ref(&applied)).y);
+        let moved = distance(
+            &run(&system, &flight, &[]).y,
+            &run(&system, &flight, std::slice::from_ref(&applied)).y,
+        );
         assert!(moved > 1e-4, "{effect}:{channel} on {} moves nothing", system.name);
         assert!(moved.is_finite());
     }
@@ -174,7 +188,11 @@ fn a_whole_delay_shifts_the_command_and_all_delays_of_a_settled_linear_model_agr
     for input in &mut flight.inputs {
         input[..10].fill(0.0);
     }
-    let delayed = run(&system, &flight, &[with(&system, "input_delay", "u", &[0.15]), with(&system, "input_delay", "w", &[0.15])]);
+    let delayed = run(
+        &system,
+        &flight,
+        &[with(&system, "input_delay", "u", &[0.15]), with(&system, "input_delay", "w", &[0.15])],
+    );
     let mut late = Flight::for_system(&system);
     for (late, input) in late.inputs.iter_mut().zip(&flight.inputs) {
         for k in 0..late.len() {
@@ -183,11 +201,18 @@ fn a_whole_delay_shifts_the_command_and_all_delays_of_a_settled_linear_model_agr
     }
     assert!(distance(&delayed.y, &run(&system, &late, &[]).y) < 1e-12);
     for fraction in [0.0137, 0.15] {
-        let inputs = [with(&system, "input_delay", "u", &[fraction]), with(&system, "input_delay", "w", &[fraction])];
+        let inputs = [
+            with(&system, "input_delay", "u", &[fraction]),
+            with(&system, "input_delay", "w", &[fraction]),
+        ];
         let at_inputs = run(&system, &flight, &inputs);
         let at_outputs = run(&system, &flight, &[with(&system, "output_delay", "*", &[fraction])]);
         let clock = run(&system, &flight, &[with(&system, "clock_offset", "*", &[fraction])]);
-        assert!(distance(&at_inputs.y, &at_outputs.y) < 1e-11, "{}", distance(&at_inputs.y, &at_outputs.y));
+        assert!(
+            distance(&at_inputs.y, &at_outputs.y) < 1e-11,
+            "{}",
+            distance(&at_inputs.y, &at_outputs.y)
+        );
         assert!(distance(&at_inputs.y, &clock.y) < 1e-11);
     }
 }
@@ -244,23 +269,34 @@ fn limits_that_are_not_reached_do_nothing_and_limits_that_are_reached_hold() {
     let system = system(LINEAR);
     let flight = Flight::for_system(&system);
     let nominal = run(&system, &flight, &[]);
-    for (effect, channel, wide) in
-        [("saturation", "u", vec![-50.0, 50.0]), ("rate_limit", "u", vec![1e7]), ("sensor_saturation", "y", vec![-9.0, 9.0])]
-    {
-        let moved = distance(&nominal.y, &run(&system, &flight, &[with(&system, effect, channel, &wide)]).y);
+    for (effect, channel, wide) in [
+        ("saturation", "u", vec![-50.0, 50.0]),
+        ("rate_limit", "u", vec![1e7]),
+        ("sensor_saturation", "y", vec![-9.0, 9.0]),
+    ] {
+        let moved = distance(
+            &nominal.y,
+            &run(&system, &flight, &[with(&system, effect, channel, &wide)]).y,
+        );
         assert!(moved < 1e-5, "{effect} moves by {moved}");
     }
     let held = run(&system, &flight, &[with(&system, "sensor_saturation", "y", &[-0.1, 0.2])]);
     assert!(held.y.column(0).iter().all(|y| (-0.1..=0.2).contains(y)));
     assert!(held.y.column(0).iter().any(|y| *y == 0.2));
-    let one_sided = run(&system, &flight, &[with(&system, "sensor_saturation", "y", &[f64::NEG_INFINITY, 0.2])]);
+    let one_sided = run(
+        &system,
+        &flight,
+        &[with(&system, "sensor_saturation", "y", &[f64::NEG_INFINITY, 0.2])],
+    );
     assert!(one_sided.y.column(0).min() < -0.1);
 }
 
 #[test]
 fn friction_sticks_exactly_until_it_is_overcome() {
-    let text =
-        EQUATIONS.replace("- 9.0*sin(angle)", "").replace("initial = 0.3", "initial = 0.0").replace("initial = -0.1", "initial = 0.0");
+    let text = EQUATIONS
+        .replace("- 9.0*sin(angle)", "")
+        .replace("initial = 0.3", "initial = 0.0")
+        .replace("initial = -0.1", "initial = 0.0");
     let system = system(&text);
     let mut flight = Flight::for_system(&system);
     // Torque/inertia: 1.5, below the level; then 3, above it; then 0.
@@ -276,28 +312,42 @@ fn friction_sticks_exactly_until_it_is_overcome() {
     let moved = run(&system, &flight, &[with(&system, "coulomb_friction", "rate", &[2.0])]);
     assert!((0..=50).all(|k| moved.y[(k, 1)] == 0.0), "it moves below the level");
     assert!(moved.y[(100, 1)] > 0.5);
-    assert!((190..200).all(|k| moved.y[(k, 1)] == 0.0), "it does not come to rest: {}", moved.y[(199, 1)]);
+    assert!(
+        (190..200).all(|k| moved.y[(k, 1)] == 0.0),
+        "it does not come to rest: {}",
+        moved.y[(199, 1)]
+    );
     // dv/dt = 3 − 0.5 v − 2 from rest: v = 2(1 − exp(−t/2)).
     let expected = 2.0 * (1.0 - (-0.5_f64 * 2.5).exp());
     assert!((moved.y[(100, 1)] - expected).abs() < 1e-8, "{} is not {expected}", moved.y[(100, 1)]);
 
     // Two on one state add up.
-    let both =
-        run(&system, &flight, &[with(&system, "coulomb_friction", "rate", &[0.7]), with(&system, "coulomb_friction", "rate", &[1.3])]);
+    let both = run(
+        &system,
+        &flight,
+        &[
+            with(&system, "coulomb_friction", "rate", &[0.7]),
+            with(&system, "coulomb_friction", "rate", &[1.3]),
+        ],
+    );
     assert!(distance(&both.y, &moved.y) < 1e-9, "{}", distance(&both.y, &moved.y));
 }
 
 #[test]
 fn friction_that_falls_with_speed_breaks_loose_late_and_slides_on_its_level() {
-    let text =
-        EQUATIONS.replace("- 9.0*sin(angle)", "").replace("initial = 0.3", "initial = 0.0").replace("initial = -0.1", "initial = 0.0");
+    let text = EQUATIONS
+        .replace("- 9.0*sin(angle)", "")
+        .replace("initial = 0.3", "initial = 0.0")
+        .replace("initial = -0.1", "initial = 0.0");
     let system = system(&text);
     let mut flight = Flight::for_system(&system);
     // Torque/inertia: 2.4, between the level and the level with what is extra at rest; then 3, above both.
     for (k, torque) in flight.inputs[0].iter_mut().enumerate() {
         *torque = if k < 50 { 0.48 } else { 0.6 };
     }
-    let stribeck = |values: &[f64]| run(&system, &flight, &[with(&system, "stribeck_friction", "rate", values)]);
+    let stribeck = |values: &[f64]| {
+        run(&system, &flight, &[with(&system, "stribeck_friction", "rate", values)])
+    };
     let moved = stribeck(&[2.0, 0.5, 1e-3]);
     assert!((0..=50).all(|k| moved.y[(k, 1)] == 0.0), "it moves below what holds it at rest");
     // Far above the velocity nothing extra is left: v = 2(1 − exp(−t/2)), less what the first thousandth took.
@@ -305,7 +355,8 @@ fn friction_that_falls_with_speed_breaks_loose_late_and_slides_on_its_level() {
     let late = expected - moved.y[(100, 1)];
     assert!((0.0..2e-3).contains(&late), "{late}");
     // Without anything extra, and where no speed takes it away, it is Coulomb's.
-    let coulomb = |level: f64| run(&system, &flight, &[with(&system, "coulomb_friction", "rate", &[level])]);
+    let coulomb =
+        |level: f64| run(&system, &flight, &[with(&system, "coulomb_friction", "rate", &[level])]);
     assert_eq!(stribeck(&[2.0, 0.0, 1.0]).y, coulomb(2.0).y);
     assert!(distance(&stribeck(&[2.0, 0.5, 1e6]).y, &coulomb(2.5).y) < 1e-9);
 }
@@ -316,7 +367,8 @@ fn elaborate_frictions_below_the_least_that_samples_show_hardly_change() {
     let system = system(EQUATIONS);
     let flight = Flight::for_system(&system);
     let nominal = run(&system, &flight, &[]).y;
-    let rms = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
+    let rms =
+        |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
     let rates: Vec<f64> = nominal.column(1).iter().copied().collect();
     let accelerations: Vec<f64> = rates.windows(2).map(|w| (w[1] - w[0]) / 0.05).collect();
     let moves = |rms: f64| Spread { rms, std: rms, ..Spread::default() };
@@ -327,8 +379,14 @@ fn elaborate_frictions_below_the_least_that_samples_show_hardly_change() {
         ..Scales::default()
     };
     let level = 0.3 * scales.derivatives[1];
-    for (name, values, at) in [("hysteresis", [level, 0.0, 2.0], 1), ("stribeck_friction", [level, level, 0.0], 2)] {
-        let least = Applied::nominal(&system, find(name).unwrap(), "rate").unwrap().shown_by(&system, &scales).parameters[at].lower;
+    for (name, values, at) in
+        [("hysteresis", [level, 0.0, 2.0], 1), ("stribeck_friction", [level, level, 0.0], 2)]
+    {
+        let least = Applied::nominal(&system, find(name).unwrap(), "rate")
+            .unwrap()
+            .shown_by(&system, &scales)
+            .parameters[at]
+            .lower;
         let of = |times: f64| {
             let mut values = values;
             values[at] = times * least;
@@ -378,10 +436,16 @@ v = "v"
         vec![("coulomb_friction", "v", vec![0.35])],
         vec![("stribeck_friction", "v", vec![0.2, 0.3, 0.4])],
         vec![("hysteresis", "v", vec![0.4, 0.1, 1.5])],
-        vec![("coulomb_friction", "v", vec![0.2]), ("quadratic_drag", "v", vec![0.4]), ("actuator_lag", "u", vec![0.06])],
+        vec![
+            ("coulomb_friction", "v", vec![0.2]),
+            ("quadratic_drag", "v", vec![0.4]),
+            ("actuator_lag", "u", vec![0.06]),
+        ],
     ] {
-        let list = |s: &System| effects.iter().map(|(e, c, v)| with(s, e, c, v)).collect::<Vec<_>>();
-        let (a, b) = (run(&linear, &flight, &list(&linear)), run(&equations, &flight, &list(&equations)));
+        let list =
+            |s: &System| effects.iter().map(|(e, c, v)| with(s, e, c, v)).collect::<Vec<_>>();
+        let (a, b) =
+            (run(&linear, &flight, &list(&linear)), run(&equations, &flight, &list(&equations)));
         assert!(distance(&a.y, &b.y) < 1e-7, "{}", distance(&a.y, &b.y));
     }
     // Without nonlinear effects the exact step and the integrator agree.
@@ -399,7 +463,8 @@ v = "v"
             with(s, "clock_skew", "*", &[1.004]),
         ]
     };
-    let (a, b) = (run(&linear, &flight, &effects(&linear)), run(&equations, &flight, &effects(&equations)));
+    let (a, b) =
+        (run(&linear, &flight, &effects(&linear)), run(&equations, &flight, &effects(&equations)));
     assert!(distance(&a.y, &b.y) < 1e-6, "{}", distance(&a.y, &b.y));
 }
 
@@ -436,16 +501,25 @@ fn a_correction_that_is_never_made_changes_nothing_and_one_that_is_made_pulls_to
         let plan = Applied::plan(&system, &[], Chance::Mean).unwrap();
         let free = run(&system, &flight, &[]);
         let measured: Vec<Measured> = (0..system.outputs.len())
-            .map(|i| Measured { values: free.y.column(i).iter().map(|v| v + 0.5).collect(), present: None })
+            .map(|i| Measured {
+                values: free.y.column(i).iter().map(|v| v + 0.5).collect(),
+                present: None,
+            })
             .collect();
         let simulate = |gain: &DMatrix<f64>| {
             system
-                .simulate(&plan, flight.commands(), &system.initial, Some(Correction { gain, measured: &measured, horizon: None }))
+                .simulate(
+                    &plan,
+                    flight.commands(),
+                    &system.initial,
+                    Some(Correction { gain, measured: &measured, horizon: None }),
+                )
                 .unwrap()
         };
         let none = simulate(&DMatrix::zeros(system.states.len(), system.outputs.len()));
         assert!(distance(&none.y, &free.y) < 1e-12);
-        let pulled = simulate(&DMatrix::from_element(system.states.len(), system.outputs.len(), 0.05));
+        let pulled =
+            simulate(&DMatrix::from_element(system.states.len(), system.outputs.len(), 0.05));
         assert!(distance(&pulled.y, &free.y) > 1e-3, "{}", system.name);
     }
 }
@@ -463,10 +537,16 @@ fn dropped_commands_follow_their_seed_and_average_to_their_mean() {
         assert_eq!(draw(3), draw(3));
         assert!(distance(&draw(3), &draw(4)) > 1e-3);
         let draws = 400_u32;
-        let mean = (0..draws).map(|s| draw(u64::from(s))).fold(DMatrix::zeros(200, 2), |sum, y| sum + y) / f64::from(draws);
+        let mean =
+            (0..draws).map(|s| draw(u64::from(s))).fold(DMatrix::zeros(200, 2), |sum, y| sum + y)
+                / f64::from(draws);
         let spread = distance(&draw(0), &mean);
         let fit = run(&system, &flight, &effect).y;
-        assert!(distance(&mean, &fit) < 4.0 * spread / f64::from(draws).sqrt(), "{} against {spread}", distance(&mean, &fit));
+        assert!(
+            distance(&mean, &fit) < 4.0 * spread / f64::from(draws).sqrt(),
+            "{} against {spread}",
+            distance(&mean, &fit)
+        );
     }
 }
 
@@ -475,13 +555,15 @@ fn dropped_commands_follow_their_seed_and_average_to_their_mean() {
 fn losses_are_as_many_and_as_long_as_they_should_be() {
     let sent: Vec<f64> = (0..40_000).map(f64::from).collect();
     for (probability, burst) in [(0.3, f64::INFINITY), (0.3, 5.0), (0.6, 1.5)] {
-        let heard = received(&[("dropped_commands", &[probability, burst])], Chance::Seed(5), &sent);
+        let heard =
+            received(&[("dropped_commands", &[probability, burst])], Chance::Seed(5), &sent);
         let lost: Vec<bool> = heard.iter().zip(&sent).map(|(heard, sent)| heard != sent).collect();
         let count = lost.iter().filter(|l| **l).count() as f64;
         let begun = lost.windows(2).filter(|w| !w[0] && w[1]).count() as f64;
         let length = if burst.is_finite() { burst } else { 1.0 / (1.0 - probability) };
         assert!(
-            (count / 40_000.0 - probability).abs() < 0.02 && (count / begun / length - 1.0).abs() < 0.05,
+            (count / 40_000.0 - probability).abs() < 0.02
+                && (count / begun / length - 1.0).abs() < 0.05,
             "{count} lost in {begun} runs"
         );
     }
@@ -502,11 +584,19 @@ C = [[0.0]]
 D = [[1.0]]
 "#;
     let system = system(passes);
-    let list: Vec<Applied> = effects.iter().map(|(name, values)| with(&system, name, "u", values)).collect();
+    let list: Vec<Applied> =
+        effects.iter().map(|(name, values)| with(&system, name, "u", values)).collect();
     let plan = Applied::plan(&system, &list, chance).unwrap();
     let time_s: Vec<f64> = (0..sent.len()).map(|k| k as f64 * 0.1).collect();
     let inputs = [sent.to_vec()];
-    system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &[0.0], None).unwrap().y.column(0).iter().copied().collect()
+    system
+        .simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &[0.0], None)
+        .unwrap()
+        .y
+        .column(0)
+        .iter()
+        .copied()
+        .collect()
 }
 
 #[test]
@@ -542,7 +632,9 @@ fn delays_that_move_are_what_their_definitions_say() {
 fn random_delays_follow_their_seed_and_their_order() {
     // Every second sample is a new step: how late it is heard is its delay, to a sample.
     let sent: Vec<f64> = (0..4000).map(|k| f64::from(k / 20)).collect();
-    let draw = |seed: u64, ordered: f64| received(&[("delay_jitter", &[0.6, 0.2, ordered])], Chance::Seed(seed), &sent);
+    let draw = |seed: u64, ordered: f64| {
+        received(&[("delay_jitter", &[0.6, 0.2, ordered])], Chance::Seed(seed), &sent)
+    };
     assert_eq!(draw(3, 1.0), draw(3, 1.0));
     assert_ne!(draw(3, 1.0), draw(4, 1.0));
     let ordered = draw(3, 1.0);

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use crate::support::compare::{Comparison, responses_apart, tolerance};
 use deadtime::effect::{Applied, Chance, find};
-use deadtime::model::{Equations, EquationsFile, ModelDocument, OutputVariable, Parameter, StateVariable, Symbol};
+use deadtime::model::{
+    Equations, EquationsFile, ModelDocument, OutputVariable, Parameter, StateVariable, Symbol,
+};
 use deadtime::simulate::{Commands, Hold, Plan, Run, System, Tolerance, Wanted};
 use proptest::prelude::*;
 use serde::Deserialize;
@@ -32,7 +34,13 @@ fn cases() -> Vec<Case> {
 }
 
 /// Simulates equations on u, samples × inputs.
-fn simulate(model: &EquationsFile, time_s: &[f64], u: &nalgebra::DMatrix<f64>, x0: &[f64], change: impl Fn(&mut Plan)) -> Run {
+fn simulate(
+    model: &EquationsFile,
+    time_s: &[f64],
+    u: &nalgebra::DMatrix<f64>,
+    x0: &[f64],
+    change: impl Fn(&mut Plan),
+) -> Run {
     let system = System::new(&ModelDocument::Equations(model.clone()), |_| Ok(0.0)).unwrap();
     let mut plan = Plan::new(&system);
     change(&mut plan);
@@ -55,10 +63,27 @@ fn nonlinear_plants_agree_with_scipy_on_even_and_uneven_time_stamps() {
             ("rtol 1e-6", 1e-6, false, tolerance::EQUATIONS_COARSE),
             ("rtol 1e-6, steps past samples", 1e-6, true, tolerance::EQUATIONS_COARSE),
         ] {
-            let tolerance = Tolerance { relative: rtol, absolute: rtol * 1e-2, past_samples, ..Tolerance::default() };
-            let got = simulate(&case.model, &case.time_s, &u, &case.x0, |plan| plan.tolerance = tolerance);
-            c.check(&format!("{how} x (running maximum)"), &case.id, responses_apart(&got.x, &x), allowed);
-            c.check(&format!("{how} y (running maximum)"), &case.id, responses_apart(&got.y, &y), allowed);
+            let tolerance = Tolerance {
+                relative: rtol,
+                absolute: rtol * 1e-2,
+                past_samples,
+                ..Tolerance::default()
+            };
+            let got = simulate(&case.model, &case.time_s, &u, &case.x0, |plan| {
+                plan.tolerance = tolerance
+            });
+            c.check(
+                &format!("{how} x (running maximum)"),
+                &case.id,
+                responses_apart(&got.x, &x),
+                allowed,
+            );
+            c.check(
+                &format!("{how} y (running maximum)"),
+                &case.id,
+                responses_apart(&got.y, &y),
+                allowed,
+            );
         }
     }
     c.finish();
@@ -74,15 +99,24 @@ fn a_part_of_the_samples_is_what_the_whole_begins_with() {
             let run = |wanted: Wanted| {
                 simulate(&case.model, &case.time_s, &u, &case.x0, |plan| {
                     plan.tolerance.past_samples = past_samples;
-                    plan.outputs.iter_mut().for_each(|output| output.delay_s = 0.3 * (case.time_s[1] - case.time_s[0]));
+                    plan.outputs.iter_mut().for_each(|output| {
+                        output.delay_s = 0.3 * (case.time_s[1] - case.time_s[0])
+                    });
                     plan.wanted = wanted;
                 })
             };
-            let (whole, part) = (run(Wanted::default()), run(Wanted { samples: half, states: false }));
+            let (whole, part) =
+                (run(Wanted::default()), run(Wanted { samples: half, states: false }));
             assert_eq!(part.y.shape(), whole.y.shape());
             assert!(part.x.is_empty());
             assert!(part.y.rows(half, u.nrows() - half).iter().all(|v| *v == 0.0));
-            assert!(part.steps < whole.steps, "{}: {} of {} steps", case.id, part.steps, whole.steps);
+            assert!(
+                part.steps < whole.steps,
+                "{}: {} of {} steps",
+                case.id,
+                part.steps,
+                whole.steps
+            );
             let apart = (part.y.rows(0, half) - whole.y.rows(0, half)).amax();
             assert!(apart < 1e-6 * whole.y.amax(), "{}: {apart:e}", case.id);
         }
@@ -122,15 +156,33 @@ fn affine_equations_are_what_their_integration_gives() {
         System::new(&ModelDocument::read(&path).unwrap(), |_| Ok(0.0)).unwrap()
     };
     let systems = [system(AFFINE), system(&AFFINE.replace("+ 0.3", "+ 0.3 + 0*speed*speed"))];
-    let time_s: Vec<f64> = (0..400).map(|k| 0.02 * f64::from(k) + if k % 7 == 3 { 0.004 } else { 0.0 }).collect();
-    let wave = |rate: f64, shift: f64| time_s.iter().map(|t| (rate * t + shift).sin().signum() * (1.0 + 0.3 * t)).collect::<Vec<f64>>();
+    let time_s: Vec<f64> =
+        (0..400).map(|k| 0.02 * f64::from(k) + if k % 7 == 3 { 0.004 } else { 0.0 }).collect();
+    let wave = |rate: f64, shift: f64| {
+        time_s
+            .iter()
+            .map(|t| (rate * t + shift).sin().signum() * (1.0 + 0.3 * t))
+            .collect::<Vec<f64>>()
+    };
     let inputs = vec![wave(2.1, 0.3), wave(1.3, 1.0).iter().map(|v| 0.02 * v).collect()];
     type Effects<'a> = &'a [(&'a str, &'a str, &'a [f64])];
     let effects: [(Effects<'_>, bool); 5] = [
         (&[], true),
         (&[("input_delay", "voltage", &[0.033]), ("actuator_lag", "load", &[0.05])], true),
-        (&[("unmodelled_mode", "voltage->output:angle", &[14.0, 0.1, 3.0]), ("clock_skew", "*", &[1.01])], true),
-        (&[("parameter_jump", "constant", &[0.12, 3.3, 0.2]), ("sensor_lag", "current", &[0.03])], true),
+        (
+            &[
+                ("unmodelled_mode", "voltage->output:angle", &[14.0, 0.1, 3.0]),
+                ("clock_skew", "*", &[1.01]),
+            ],
+            true,
+        ),
+        (
+            &[
+                ("parameter_jump", "constant", &[0.12, 3.3, 0.2]),
+                ("sensor_lag", "current", &[0.03]),
+            ],
+            true,
+        ),
         (&[("coulomb_friction", "speed", &[1.2])], false),
     ];
     for (effects, exact) in effects {
@@ -140,12 +192,25 @@ fn affine_equations_are_what_their_integration_gives() {
                 applied.values.copy_from_slice(values);
                 applied
             };
-            let mut plan = Applied::plan(system, &effects.iter().map(of).collect::<Vec<_>>(), Chance::Mean).unwrap();
+            let mut plan =
+                Applied::plan(system, &effects.iter().map(of).collect::<Vec<_>>(), Chance::Mean)
+                    .unwrap();
             plan.tolerance = Tolerance { relative: 1e-11, absolute: 1e-13, ..Tolerance::default() };
-            system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &[0.2, -0.4, 0.1], None).unwrap()
+            system
+                .simulate(
+                    &plan,
+                    Commands { time_s: &time_s, inputs: &inputs },
+                    &[0.2, -0.4, 0.1],
+                    None,
+                )
+                .unwrap()
         };
         let [stepped, integrated] = systems.each_ref().map(run);
-        assert!((stepped.steps == 0) == exact && integrated.steps >= time_s.len(), "{effects:?}: {} steps", stepped.steps);
+        assert!(
+            (stepped.steps == 0) == exact && integrated.steps >= time_s.len(),
+            "{effects:?}: {} steps",
+            stepped.steps
+        );
         for (stepped, integrated) in [(&stepped.y, &integrated.y), (&stepped.x, &integrated.x)] {
             let apart = (stepped - integrated).amax() / stepped.amax();
             assert!(apart < 1e-8, "{effects:?}: {apart:e}");
@@ -164,14 +229,16 @@ fn a_delayed_input_is_the_input_moved_and_held_at_the_start() {
         })
     };
     // Three samples of delay: the input's rows three later.
-    let moved = nalgebra::DMatrix::from_fn(u.nrows(), u.ncols(), |k, j| u[(k.saturating_sub(3), j)]);
+    let moved =
+        nalgebra::DMatrix::from_fn(u.nrows(), u.ncols(), |k, j| u[(k.saturating_sub(3), j)]);
     let step = case.time_s[1] - case.time_s[0];
     let (whole, expect) = (run(&case.time_s, &u, &[3.0 * step; 2]), run(&case.time_s, &moved, &[]));
     assert!((whole.x - expect.x).amax() < 1e-9);
     assert!((whole.y - expect.y).amax() < 1e-9);
     // Half a sample of delay: on a grid twice as fine, one of its samples.
     let time_s: Vec<f64> = (0..2 * u.nrows() - 1).map(|k| k as f64 * step / 2.0).collect();
-    let fine = nalgebra::DMatrix::from_fn(time_s.len(), u.ncols(), |k, j| u[(k.saturating_sub(1) / 2, j)]);
+    let fine =
+        nalgebra::DMatrix::from_fn(time_s.len(), u.ncols(), |k, j| u[(k.saturating_sub(1) / 2, j)]);
     let (half, expect) = (run(&case.time_s, &u, &[0.5 * step; 2]), run(&time_s, &fine, &[]));
     for k in 0..u.nrows() {
         assert!((half.x.row(k) - expect.x.row(2 * k)).amax() < 1e-9, "{k}");
@@ -246,8 +313,13 @@ impl Tree {
             Self::Name(i) => NAMES[*i].to_owned(),
             Self::Negate(a) => format!("-{}", a.print(5)),
             Self::Binary('^', a, b) => format!("{}^{}", a.print(8), b.print(7)),
-            Self::Binary(op, a, b) => format!("{} {op}{}", a.print(self.strength()), b.print(self.strength() + 1)),
-            Self::Call(f, arguments) => format!("{f}({})", arguments.iter().map(|a| a.print(0)).collect::<Vec<_>>().join(" ,")),
+            Self::Binary(op, a, b) => {
+                format!("{} {op}{}", a.print(self.strength()), b.print(self.strength() + 1))
+            }
+            Self::Call(f, arguments) => format!(
+                "{f}({})",
+                arguments.iter().map(|a| a.print(0)).collect::<Vec<_>>().join(" ,")
+            ),
         };
         if self.strength() < least { format!("( {text})") } else { text }
     }
@@ -261,7 +333,9 @@ impl Tree {
             Self::Binary(op, a, b) => {
                 let (left, right) = (a.value(at), b.value(at));
                 let root = *op == '^' && right == 0.5 && (left == 0.0 || left == f64::NEG_INFINITY);
-                root || *op == '/' && right == 0.0 || a.is_ill_conditioned(at) || b.is_ill_conditioned(at)
+                root || *op == '/' && right == 0.0
+                    || a.is_ill_conditioned(at)
+                    || b.is_ill_conditioned(at)
             }
             Self::Call(f, arguments) => {
                 let first = arguments[0].value(at);
@@ -314,11 +388,23 @@ impl Tree {
 
 fn trees() -> impl Strategy<Value = Tree> {
     let leaf = prop_oneof![
-        prop_oneof![Just(0.0), Just(1.0), Just(2.0), Just(3.0), Just(4.0), Just(0.5), 0.0..1e3, 1e-9..1e-3].prop_map(Tree::Number),
+        prop_oneof![
+            Just(0.0),
+            Just(1.0),
+            Just(2.0),
+            Just(3.0),
+            Just(4.0),
+            Just(0.5),
+            0.0..1e3,
+            1e-9..1e-3
+        ]
+        .prop_map(Tree::Number),
         (0..NAMES.len()).prop_map(Tree::Name),
     ];
     leaf.prop_recursive(6, 40, 2, |inner| {
-        let one = prop::sample::select(vec!["sin", "cos", "tanh", "atan", "exp", "log", "sqrt", "abs", "sign"]);
+        let one = prop::sample::select(vec![
+            "sin", "cos", "tanh", "atan", "exp", "log", "sqrt", "abs", "sign",
+        ]);
         let two = prop::sample::select(vec!["atan2", "min", "max"]);
         prop_oneof![
             1 => inner.clone().prop_map(|a| Tree::Negate(Box::new(a))),

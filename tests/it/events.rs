@@ -4,7 +4,10 @@ use std::process::{Command, Output};
 
 use crate::support::plants::{answer, rng, ts, white};
 use deadtime::delay::DelayEstimator;
-use deadtime::delay::{DelayError, DelayEstimate, EventCorrelation, Events, Experiment, METHODS, Method, Outcome, Scope, Search, Units};
+use deadtime::delay::{
+    DelayError, DelayEstimate, EventCorrelation, Events, Experiment, METHODS, Method, Outcome,
+    Scope, Search, Units,
+};
 use rand::RngExt;
 
 fn between(events: Vec<Events>) -> Result<Experiment<'static>, DelayError> {
@@ -45,9 +48,17 @@ fn delays_longer_than_the_intervals_are_found_and_the_intervals_hold_them() {
             let first = times(60, seed);
             // The second place misses the last ones, and began to listen later or earlier.
             let second = shifted(&first, delay, 0.02, 700 + seed);
-            let e = run(method, first[seed as usize % 4..].to_vec(), second[seed as usize % 3..55].to_vec());
+            let e = run(
+                method,
+                first[seed as usize % 4..].to_vec(),
+                second[seed as usize % 3..55].to_vec(),
+            );
             let Some([from, to]) = e.ci95_s else { continue };
-            assert!((e.delay_s.unwrap() - delay).abs() < 0.02, "{} seed {seed}: {e:?}", method.entry.name);
+            assert!(
+                (e.delay_s.unwrap() - delay).abs() < 0.02,
+                "{} seed {seed}: {e:?}",
+                method.entry.name
+            );
             found += 1;
             held += usize::from(from <= delay && delay <= to);
         }
@@ -76,7 +87,10 @@ fn missed_and_spurious_events_are_never_a_wrong_delay() {
                 None => assert!(e.note.is_some()),
             }
         }
-        println!("{}: with missed and spurious events {right} of 100 right, {wrong} wrong", method.entry.name);
+        println!(
+            "{}: with missed and spurious events {right} of 100 right, {wrong} wrong",
+            method.entry.name
+        );
         assert_eq!(wrong, 0, "{}", method.entry.name);
     }
 }
@@ -99,7 +113,12 @@ fn every_criterion_stands_one_missed_event_and_none_gives_a_wrong_delay_when_man
                     }
                     let e = run(method, first, second);
                     let right = e.delay_s.map(|d| (d - 1.3).abs() < 0.02);
-                    assert_ne!(right, Some(false), "{}, {missed} missed, seed {seed}: {e:?}", method.entry.name);
+                    assert_ne!(
+                        right,
+                        Some(false),
+                        "{}, {missed} missed, seed {seed}: {e:?}",
+                        method.entry.name
+                    );
                     right == Some(true)
                 });
                 (method.entry.name, right.count())
@@ -114,13 +133,19 @@ fn every_criterion_stands_one_missed_event_and_none_gives_a_wrong_delay_when_man
 fn unrelated_sequences_and_metronomes_show_no_delay() {
     for method in methods() {
         let name = method.entry.name;
-        let fooled = (0..200).filter(|&seed| run(method, times(50, seed), times(50, 5000 + seed)).outcome.has_delay()).count();
+        let fooled = (0..200)
+            .filter(|&seed| {
+                run(method, times(50, seed), times(50, 5000 + seed)).outcome.has_delay()
+            })
+            .count();
         println!("{name}: {fooled} of 200 unrelated sequences gave a delay");
         assert!(fooled <= 4, "{name}: {fooled}");
         let metronome: Vec<f64> = (0..50).map(f64::from).collect();
         let e = run(method, metronome.clone(), metronome.iter().map(|t| t + 0.3).collect());
         assert_eq!(e.outcome, Outcome::NotRichEnough, "{name}: {e:?}");
-        let jittered = |seed| metronome.iter().zip(white(50, 0.01, seed)).map(|(t, j)| t + j).collect::<Vec<_>>();
+        let jittered = |seed| {
+            metronome.iter().zip(white(50, 0.01, seed)).map(|(t, j)| t + j).collect::<Vec<_>>()
+        };
         let e = run(method, jittered(1), shifted(&jittered(2), 0.3, 0.0, 3));
         assert!(!e.outcome.has_delay(), "{name}: {e:?}");
     }
@@ -145,8 +170,16 @@ fn several_recordings_are_all_used() {
             })
             .collect();
         let one = run(method, parts[0].first.clone(), parts[0].second.clone());
-        let all = answer(method, &between(parts).unwrap(), &Search { max_delay: 10, ..Search::default() });
-        assert!(all.std_s.unwrap() < 0.5 * one.std_s.unwrap(), "{}: {all:?} {one:?}", method.entry.name);
+        let all = answer(
+            method,
+            &between(parts).unwrap(),
+            &Search { max_delay: 10, ..Search::default() },
+        );
+        assert!(
+            all.std_s.unwrap() < 0.5 * one.std_s.unwrap(),
+            "{}: {all:?} {one:?}",
+            method.entry.name
+        );
         // Four standard errors of a median of 360 differences, whose jitter is 0.03.
         let within = 4.0 * (0.5 * std::f64::consts::PI / 360.0).sqrt() * 0.03;
         assert!((all.delay_s.unwrap() - 2.2).abs() < within, "{}: {all:?}", method.entry.name);
@@ -157,10 +190,15 @@ fn several_recordings_are_all_used() {
 fn different_units_are_refused_or_standardised_when_told_so() {
     let first = times(200, 8);
     let second: Vec<f64> = shifted(&first, 1.7, 0.005, 9).iter().map(|t| 1000.0 * t).collect();
-    let experiment = between(vec![Events { first, second, units: [Some("s".into()), Some("ms".into())] }]).unwrap();
-    let refusal = EventCorrelation::default().estimate(&experiment, &Search::default()).unwrap_err();
+    let experiment =
+        between(vec![Events { first, second, units: [Some("s".into()), Some("ms".into())] }])
+            .unwrap();
+    let refusal =
+        EventCorrelation::default().estimate(&experiment, &Search::default()).unwrap_err();
     assert_eq!(refusal, DelayError::Units { first: "s".into(), second: "ms".into() });
-    let e = EventCorrelation { units: Units::Standardise }.estimate(&experiment, &Search::default()).unwrap();
+    let e = EventCorrelation { units: Units::Standardise }
+        .estimate(&experiment, &Search::default())
+        .unwrap();
     let [from, to] = e.ci95_s.unwrap();
     assert!((e.delay_s.unwrap() - 1.7).abs() < 0.02 && from <= 1.7 && 1.7 <= to, "{e:?}");
 }
@@ -170,7 +208,10 @@ fn events_that_run_back_are_refused_by_their_number() {
     let mut first = times(30, 1);
     first.swap(10, 11);
     let refusal = between(vec![Events { first, second: times(30, 2), ..Events::default() }]);
-    assert!(matches!(refusal, Err(DelayError::EventOrder { ref channel, event: 11, .. }) if channel == "a"), "{refusal:?}");
+    assert!(
+        matches!(refusal, Err(DelayError::EventOrder { ref channel, event: 11, .. }) if channel == "a"),
+        "{refusal:?}"
+    );
 }
 
 fn deadtime(file: &str, more: &[&str]) -> (Output, String, String) {
@@ -206,7 +247,11 @@ fn the_command_line_reads_two_columns_of_event_times() {
     for method in methods() {
         assert!(out.contains(method.entry.name), "{out}");
     }
-    assert!(out.contains("40 events of `entry` and 38 of `exit`") && out.contains("Believe a dead time of 2.5"), "{out}");
+    assert!(
+        out.contains("40 events of `entry` and 38 of `exit`")
+            && out.contains("Believe a dead time of 2.5"),
+        "{out}"
+    );
     assert!(!out.contains("oestruc"), "{out}");
 }
 

@@ -7,11 +7,18 @@ use std::process::Command;
 #[test]
 fn nothing_is_lost_wrong_or_left_behind_by_faults() {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/faults");
-    let run = Command::new("python3").arg(&script).args(["--kills", "2", "--program", env!("CARGO_BIN_EXE_deadtime")]).output();
+    let run = Command::new("python3")
+        .arg(&script)
+        .args(["--kills", "2", "--program", env!("CARGO_BIN_EXE_deadtime")])
+        .output();
     let Ok(run) = run else {
         return skipped("python3");
     };
-    let said = String::from_utf8_lossy(&run.stdout).into_owned() + &String::from_utf8_lossy(&run.stderr);
+    let said =
+        String::from_utf8_lossy(&run.stdout).into_owned() + &String::from_utf8_lossy(&run.stderr);
     assert!(run.status.success(), "{said}");
-    assert!(said.lines().filter(|l| l.contains("0 lost, wrong or left behind")).count() >= 8, "{said}");
+    assert!(
+        said.lines().filter(|l| l.contains("0 lost, wrong or left behind")).count() >= 8,
+        "{said}"
+    );
 }

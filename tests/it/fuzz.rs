@@ -80,7 +80,8 @@ fn csv(bytes: &[u8], folder: &Path) -> Option<Box<dyn FnOnce() -> bool>> {
         let again = log::read(&path).unwrap();
         let channel = |log: &log::Log, name: &str| log.output(name).map(|o| format!("{o:?}")).ok();
         // Columns without numbers are refused, and may be left out.
-        read.time_s() == again.time_s() && read.names().all(|n| channel(&read, n).is_none_or(|c| channel(&again, n) == Some(c)))
+        read.time_s() == again.time_s()
+            && read.names().all(|n| channel(&read, n).is_none_or(|c| channel(&again, n) == Some(c)))
     }))
 }
 
@@ -99,8 +100,13 @@ fn model(bytes: &[u8], folder: &Path) -> Option<Box<dyn FnOnce() -> bool>> {
 
 fn expression(bytes: &[u8], _: &Path) -> Option<Box<dyn FnOnce() -> bool>> {
     let derivative = std::str::from_utf8(bytes).ok()?.to_owned();
-    let state =
-        |name: &str, derivative: String| StateVariable { name: name.into(), unit: None, initial: 0.1, initial_std: None, derivative };
+    let state = |name: &str, derivative: String| StateVariable {
+        name: name.into(),
+        unit: None,
+        initial: 0.1,
+        initial_std: None,
+        derivative,
+    };
     let equations = Equations::new(
         vec![Symbol { name: "u".into(), unit: None }],
         vec![state("x", "rate".into()), state("angle", derivative), state("rate", "u".into())],
@@ -112,7 +118,15 @@ fn expression(bytes: &[u8], _: &Path) -> Option<Box<dyn FnOnce() -> bool>> {
         let (mut workspace, mut dx, mut jacobian) = (equations.workspace(), [0.0; 3], [0.0; 9]);
         let x = [0.1, -0.2, 1e9];
         equations.derivatives(0.5, &x, &[1.0], &[2.0], &mut workspace, &mut dx);
-        equations.derivatives_jacobian(deadtime::model::Wrt::States, 0.5, &x, &[1.0], &[2.0], &mut workspace, &mut jacobian);
+        equations.derivatives_jacobian(
+            deadtime::model::Wrt::States,
+            0.5,
+            &x,
+            &[1.0],
+            &[2.0],
+            &mut workspace,
+            &mut jacobian,
+        );
         // What is not finite is explained.
         dx.iter().all(|v| v.is_finite()) || equations.explain(0.5, &x, &[1.0], &[2.0]).is_some()
     }))
@@ -129,7 +143,9 @@ fn plan(bytes: &[u8], _: &Path) -> Option<Box<dyn FnOnce() -> bool>> {
         }
     };
     Some(Box::new(move || match read.to_toml() {
-        Ok(text) => Plan::parse("again.toml", &text, Path::new(".")).is_ok_and(|again| again == read),
+        Ok(text) => {
+            Plan::parse("again.toml", &text, Path::new(".")).is_ok_and(|again| again == read)
+        }
         // A seed that no file can hold.
         Err(_) => i64::try_from(read.seed).is_err(),
     }))
@@ -185,8 +201,11 @@ fn mutate(input: &[u8], other: &[u8], rng: &mut ChaCha8Rng) -> Vec<u8> {
             _ => {
                 let word = WORDS[rng.random_range(0..WORDS.len())];
                 // A whole number or word is exchanged as often as something is put in between.
-                let word_end =
-                    if rng.random_bool(0.5) { at } else { at + bytes[at..].iter().take_while(|b| b.is_ascii_alphanumeric()).count() };
+                let word_end = if rng.random_bool(0.5) {
+                    at
+                } else {
+                    at + bytes[at..].iter().take_while(|b| b.is_ascii_alphanumeric()).count()
+                };
                 bytes.splice(at..word_end, word.bytes()).for_each(drop);
             }
         }
@@ -205,7 +224,10 @@ fn fuzz(name: &str, reader: Reader, rounds: u64) {
 
 /// Inputs from several folders; what breaks the reader is kept in the first argument's.
 fn fuzz_from(name: &str, corpus: &Path, folders: &[&Path], reader: Reader, rounds: u64) {
-    let mut files: Vec<PathBuf> = folders.iter().flat_map(|f| std::fs::read_dir(f).unwrap().flatten().map(|f| f.path())).collect();
+    let mut files: Vec<PathBuf> = folders
+        .iter()
+        .flat_map(|f| std::fs::read_dir(f).unwrap().flatten().map(|f| f.path()))
+        .collect();
     files.retain(|f| f.extension().is_none_or(|e| e != "md" && e != "json") || name != "log_files");
     files.sort();
     let inputs: Vec<Vec<u8>> = files.iter().map(|f| std::fs::read(f).unwrap()).collect();
@@ -218,7 +240,8 @@ fn fuzz_from(name: &str, corpus: &Path, folders: &[&Path], reader: Reader, round
         let allowed = TIMES * bytes.len() as u64 + BESIDE;
         let fine = catch_unwind(AssertUnwindSafe(|| {
             let mut read_as = None;
-            taken = allocation_counter::measure(|| read_as = reader(bytes, folder.path())).bytes_max;
+            taken =
+                allocation_counter::measure(|| read_as = reader(bytes, folder.path())).bytes_max;
             read_as.is_none_or(|again| {
                 read += 1;
                 again()
@@ -227,7 +250,8 @@ fn fuzz_from(name: &str, corpus: &Path, folders: &[&Path], reader: Reader, round
         if !matches!(fine, Ok(true)) || taken > allowed {
             let kept = corpus.join(format!(
                 "broke-{:016x}",
-                bytes.iter().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(*b)).wrapping_mul(0x100_0000_01b3))
+                bytes.iter().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(*b))
+                    .wrapping_mul(0x100_0000_01b3))
             ));
             std::fs::write(&kept, bytes).unwrap();
             panic!(
@@ -261,7 +285,8 @@ fn fuzz_csv() {
 
 /// Files of other programs: an error or a log, whose channels can all be asked for.
 fn log_file(bytes: &[u8], folder: &Path) -> Option<Box<dyn FnOnce() -> bool>> {
-    let recording = log::open(&file(bytes, folder, "fuzz.bin"), &log::ReadOptions::default()).ok()?;
+    let recording =
+        log::open(&file(bytes, folder, "fuzz.bin"), &log::ReadOptions::default()).ok()?;
     let listing = recording.listing();
     Some(Box::new(move || serde_json::to_string(&listing).is_ok()))
 }

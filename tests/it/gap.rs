@@ -54,11 +54,24 @@ fn commands(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
 }
 
 /// A log of the model with these effects, with noise that follows its seed.
-fn log(document: &ModelDocument, effects: &[(&str, &str, &[f64])], name: &str, samples: usize, seed: u64) -> Log {
+fn log(
+    document: &ModelDocument,
+    effects: &[(&str, &str, &[f64])],
+    name: &str,
+    samples: usize,
+    seed: u64,
+) -> Log {
     log_every(0.02, document, effects, name, samples, seed)
 }
 
-fn log_every(ts: f64, document: &ModelDocument, effects: &[(&str, &str, &[f64])], name: &str, samples: usize, seed: u64) -> Log {
+fn log_every(
+    ts: f64,
+    document: &ModelDocument,
+    effects: &[(&str, &str, &[f64])],
+    name: &str,
+    samples: usize,
+    seed: u64,
+) -> Log {
     let system = System::new(document, |_| Ok(0.0)).unwrap();
     let list: Vec<Applied> = effects
         .iter()
@@ -71,15 +84,20 @@ fn log_every(ts: f64, document: &ModelDocument, effects: &[(&str, &str, &[f64])]
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let time_s: Vec<f64> = (0..samples).map(|k| ts * k as f64).collect();
     let u = vec![commands(samples, &mut rng)];
-    let x0: Vec<f64> = system.initial.iter().map(|x| x + 0.02 * rng.sample::<f64, _>(StandardNormal)).collect();
+    let x0: Vec<f64> =
+        system.initial.iter().map(|x| x + 0.02 * rng.sample::<f64, _>(StandardNormal)).collect();
     let plan = Applied::plan(&system, &list, Chance::Mean).unwrap();
     let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &u }, &x0, None).unwrap();
     let mut channels = vec![Channel::new("u", Some("V"), u[0].clone())];
     for (i, port) in system.outputs.iter().enumerate() {
         let clean: Vec<f64> = run.y.column(i).iter().copied().collect();
         let mean = clean.iter().sum::<f64>() / samples as f64;
-        let spread = (clean.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / samples as f64).sqrt();
-        let noisy = clean.iter().map(|v| v + NOISE * spread * rng.sample::<f64, _>(StandardNormal)).collect();
+        let spread =
+            (clean.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / samples as f64).sqrt();
+        let noisy = clean
+            .iter()
+            .map(|v| v + NOISE * spread * rng.sample::<f64, _>(StandardNormal))
+            .collect();
         channels.push(Channel::new(&port.name, port.unit.as_deref(), noisy));
     }
     Log::new(name, time_s, channels).unwrap()
@@ -88,7 +106,10 @@ fn log_every(ts: f64, document: &ModelDocument, effects: &[(&str, &str, &[f64])]
 fn run(effects: &[(&str, &str, &[f64])], seed: u64) -> Diagnosed {
     let folder = Folder::new();
     let document = document(&folder, MODEL);
-    let logs = [log(&document, effects, "a.csv", 1200, seed), log(&document, effects, "b.csv", 900, seed + 1)];
+    let logs = [
+        log(&document, effects, "a.csv", 1200, seed),
+        log(&document, effects, "b.csv", 900, seed + 1),
+    ];
     let held = [log(&document, effects, "c.csv", 900, seed + 2)];
     diagnose(&document, &logs, &held, &GapOptions::default(), &|_| ()).unwrap()
 }
@@ -154,11 +175,18 @@ fn logs_of_different_sample_times_are_diagnosed_together() {
     let folder = Folder::new();
     let document = document(&folder, MODEL);
     let effects: &[(&str, &str, &[f64])] = &[("input_delay", "u", &[0.07])];
-    let logs = [log(&document, effects, "a.csv", 1200, 51), log_every(0.05, &document, effects, "b.csv", 600, 52)];
+    let logs = [
+        log(&document, effects, "a.csv", 1200, 51),
+        log_every(0.05, &document, effects, "b.csv", 600, 52),
+    ];
     let held = [log_every(0.033, &document, effects, "c.csv", 700, 53)];
     let d = diagnose(&document, &logs, &held, &GapOptions::default(), &|_| ()).unwrap().diagnosis;
     let class = d.cause.indistinguishable.first().cloned().unwrap_or_default();
-    assert!(d.cause.verdict == "input_delay" || class.iter().any(|c| c == "input_delay:u"), "{:?}", d.cause.verdict);
+    assert!(
+        d.cause.verdict == "input_delay" || class.iter().any(|c| c == "input_delay:u"),
+        "{:?}",
+        d.cause.verdict
+    );
     assert!(d.shrink.of_explainable.unwrap() > 0.9);
 }
 
@@ -167,7 +195,9 @@ fn probabilities(d: &Diagnosis) -> Vec<(String, f64)> {
     json.as_array()
         .unwrap()
         .iter()
-        .map(|r| (r["effect"].as_str().unwrap_or("pair").to_owned(), r["probability"].as_f64().unwrap()))
+        .map(|r| {
+            (r["effect"].as_str().unwrap_or("pair").to_owned(), r["probability"].as_f64().unwrap())
+        })
         .collect()
 }
 
@@ -192,14 +222,27 @@ fn noise_alone_has_no_cause_in_four_draws() {
 
 #[test]
 fn a_diagnosis_is_what_the_schema_says_and_the_same_for_any_number_of_threads() {
-    let one =
-        rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(|| run(&[("actuator_lag", "u", &[0.08])], 7)).diagnosis;
-    let three =
-        rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap().install(|| run(&[("actuator_lag", "u", &[0.08])], 7)).diagnosis;
+    let one = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap()
+        .install(|| run(&[("actuator_lag", "u", &[0.08])], 7))
+        .diagnosis;
+    let three = rayon::ThreadPoolBuilder::new()
+        .num_threads(3)
+        .build()
+        .unwrap()
+        .install(|| run(&[("actuator_lag", "u", &[0.08])], 7))
+        .diagnosis;
     assert_eq!(one, three);
-    let schema: serde_json::Value = serde_json::from_str(include_str!("../../docs/diagnosis.schema.json")).unwrap();
+    let schema: serde_json::Value =
+        serde_json::from_str(include_str!("../../docs/diagnosis.schema.json")).unwrap();
     let value = serde_json::to_value(&one).unwrap();
-    let errors: Vec<String> = jsonschema::draft202012::new(&schema).unwrap().iter_errors(&value).map(|e| e.to_string()).collect();
+    let errors: Vec<String> = jsonschema::draft202012::new(&schema)
+        .unwrap()
+        .iter_errors(&value)
+        .map(|e| e.to_string())
+        .collect();
     assert!(errors.is_empty(), "{errors:?}");
     // The table's ranking holds every candidate, `none` and `unknown`.
     let names: Vec<String> = probabilities(&one).into_iter().map(|p| p.0).collect();
@@ -226,8 +269,11 @@ fn the_command_writes_a_diagnosis_and_a_model_that_needs_no_further_effect() {
     let a = write(&folder, "a.csv", &log(&document, effects, "a.csv", 1200, 31));
     let b = write(&folder, "b.csv", &log(&document, effects, "b.csv", 1200, 32));
     let (model, out) = (folder.path("model.toml"), folder.path("out"));
-    let said = deadtime(&["gap", "--model", text(&model), "--log", &a, "--log", &b, "--out", text(&out)]).done();
-    for part in ["Gap:", "Place:", "Cause: deadband on `u`", "Rivals:", "Shrink:", "diagnosis.json"] {
+    let said =
+        deadtime(&["gap", "--model", text(&model), "--log", &a, "--log", &b, "--out", text(&out)])
+            .done();
+    for part in ["Gap:", "Place:", "Cause: deadband on `u`", "Rivals:", "Shrink:", "diagnosis.json"]
+    {
         assert!(said.contains(part), "`{part}` is not in: {said}");
     }
     let d = Diagnosis::read(&out.join("diagnosis.json")).unwrap();
@@ -237,7 +283,18 @@ fn the_command_writes_a_diagnosis_and_a_model_that_needs_no_further_effect() {
     let augmented = out.join("model_with_effects.toml");
     assert_eq!(ModelDocument::read(&augmented).unwrap().effects()[0].effect, "deadband");
     let again = folder.path("again");
-    let said = deadtime(&["gap", "--model", text(&augmented), "--log", &a, "--log", &b, "--out", text(&again)]).done();
+    let said = deadtime(&[
+        "gap",
+        "--model",
+        text(&augmented),
+        "--log",
+        &a,
+        "--log",
+        &b,
+        "--out",
+        text(&again),
+    ])
+    .done();
     assert!(said.contains("Cause: none"), "{said}");
 }
 
@@ -247,7 +304,17 @@ fn models_and_logs_that_do_not_fit_are_refused_with_a_remedy() {
     let document = document(&folder, MODEL);
     let good = log(&document, &[], "good.csv", 300, 1);
     let model = folder.path("model.toml");
-    let gap = |log: &Path| deadtime(&["gap", "--model", text(&model), "--log", text(log), "--out", text(&folder.path("out"))]);
+    let gap = |log: &Path| {
+        deadtime(&[
+            "gap",
+            "--model",
+            text(&model),
+            "--log",
+            text(log),
+            "--out",
+            text(&folder.path("out")),
+        ])
+    };
     let good_csv = std::fs::read_to_string(write(&folder, "good.csv", &good)).unwrap();
     let degrees = folder.write("degrees.csv", &good_csv.replacen("angle [rad]", "angle [deg]", 1));
     gap(&degrees).refused(&["degrees.csv", "`angle`", "deg", "rad", "convert"]);
@@ -256,17 +323,29 @@ fn models_and_logs_that_do_not_fit_are_refused_with_a_remedy() {
     let empty: String = good_csv
         .lines()
         .enumerate()
-        .map(|(i, l)| if i == 0 { format!("{l}\n") } else { format!("{},\n", l.rsplit_once(',').unwrap().0) })
+        .map(|(i, l)| {
+            if i == 0 { format!("{l}\n") } else { format!("{},\n", l.rsplit_once(',').unwrap().0) }
+        })
         .collect();
     gap(&folder.write("empty.csv", &empty)).refused(&["empty.csv", "rate"]);
     let short: String = good_csv.lines().take(20).map(|l| format!("{l}\n")).collect();
     gap(&folder.write("short.csv", &short)).refused(&["short.csv", "19 samples", "50"]);
     for bad in ["-1", "1000", "nan"] {
         let longest = format!("--max-delay={bad}");
-        let said = deadtime(&["gap", "--model", text(&model), "--log", text(&folder.path("good.csv")), "--out", "x", &longest]);
+        let said = deadtime(&[
+            "gap",
+            "--model",
+            text(&model),
+            "--log",
+            text(&folder.path("good.csv")),
+            "--out",
+            "x",
+            &longest,
+        ]);
         said.refused(&["longest delay", "half the shortest log"]);
     }
-    let exploding = folder.write("exploding.toml", &MODEL.replace("[-9.0, -2.4]", "[-9.0, 2400.0]"));
+    let exploding =
+        folder.write("exploding.toml", &MODEL.replace("[-9.0, -2.4]", "[-9.0, 2400.0]"));
     let said = deadtime(&[
         "gap",
         "--model",
@@ -279,12 +358,34 @@ fn models_and_logs_that_do_not_fit_are_refused_with_a_remedy() {
         "x",
     ]);
     said.refused(&["good.csv", "explodes"]);
-    let sampled = folder.write("sampled.toml", &MODEL.replace("kind = \"lti\"", "kind = \"lti\"\nsample_time_s = 0.05"));
-    deadtime(&["gap", "--model", text(&sampled), "--log", text(&folder.path("good.csv")), "--out", "x"])
-        .refused(&["0.02", "0.05", "resample"]);
-    let unknown = folder.write("unknown.toml", &format!("{MODEL}[[effects]]\neffect = \"stickyness\"\nchannel = \"u\"\n"));
-    deadtime(&["gap", "--model", text(&unknown), "--log", text(&folder.path("good.csv")), "--out", "x"])
-        .refused(&["stickyness", "input_delay"]);
+    let sampled = folder.write(
+        "sampled.toml",
+        &MODEL.replace("kind = \"lti\"", "kind = \"lti\"\nsample_time_s = 0.05"),
+    );
+    deadtime(&[
+        "gap",
+        "--model",
+        text(&sampled),
+        "--log",
+        text(&folder.path("good.csv")),
+        "--out",
+        "x",
+    ])
+    .refused(&["0.02", "0.05", "resample"]);
+    let unknown = folder.write(
+        "unknown.toml",
+        &format!("{MODEL}[[effects]]\neffect = \"stickyness\"\nchannel = \"u\"\n"),
+    );
+    deadtime(&[
+        "gap",
+        "--model",
+        text(&unknown),
+        "--log",
+        text(&folder.path("good.csv")),
+        "--out",
+        "x",
+    ])
+    .refused(&["stickyness", "input_delay"]);
 }
 
 #[test]

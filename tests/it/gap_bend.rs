@@ -25,13 +25,19 @@ fn plain() -> ModelDocument {
 
 /// The same servo with its angle alone.
 fn one_output() -> ModelDocument {
-    let text = servo(", initial_std = 0.02", "").replace(", { name = \"rate\", unit = \"rad/s\" }", "").replace("rate = \"v\"\n", "");
+    let text = servo(", initial_std = 0.02", "")
+        .replace(", { name = \"rate\", unit = \"rad/s\" }", "")
+        .replace("rate = \"v\"\n", "");
     document(&text)
 }
 
 fn bent(count: usize) {
     let model = plain();
-    let all: [Acting<'_>; 3] = [(BEND, "angle", &[0.35, 0.0]), (BEND, "angle", &[0.0, -0.3]), (BEND, "rate", &[0.04, -0.05])];
+    let all: [Acting<'_>; 3] = [
+        (BEND, "angle", &[0.35, 0.0]),
+        (BEND, "angle", &[0.0, -0.3]),
+        (BEND, "rate", &[0.04, -0.05]),
+    ];
     let cases = &all[..count];
     let mut coverage = Coverage::default();
     for (at, &case) in cases.iter().enumerate() {
@@ -75,8 +81,16 @@ fn no_bend(count: usize) {
         let d = found(&model, &[case], 4200 + 10 * at as u64);
         let class = d.cause.indistinguishable.first().cloned().unwrap_or_default();
         let named = d.cause.verdict == case.0 || class.contains(&format!("{}:{}", case.0, case.1));
-        assert!(named && d.cause.verdict != BEND, "{case:?} is called {:?}, {class:?}", d.cause.effects);
-        assert!(d.cause.contributions.iter().all(|c| c.effect != BEND), "{case:?}: {:?}", d.cause.contributions);
+        assert!(
+            named && d.cause.verdict != BEND,
+            "{case:?} is called {:?}, {class:?}",
+            d.cause.effects
+        );
+        assert!(
+            d.cause.contributions.iter().all(|c| c.effect != BEND),
+            "{case:?}: {:?}",
+            d.cause.contributions
+        );
     }
 }
 
@@ -103,12 +117,22 @@ fn of_a_model_with_one_output_too() {
         assert_eq!(system.outputs.len(), 1);
         deadtime::log::Log::new("one.csv", whole.time_s().to_vec(), keep.to_vec()).unwrap()
     };
-    let told = |acting: &[Acting<'_>], seed: u64| diagnosed(&model, &[measured(acting, seed)], &[measured(acting, seed + 1)]);
+    let told = |acting: &[Acting<'_>], seed: u64| {
+        diagnosed(&model, &[measured(acting, seed)], &[measured(acting, seed + 1)])
+    };
     let gain = told(&[("sensor_gain", "angle", &[1.2])], 4300);
-    assert!(gain.cause.verdict != BEND && gain.cause.contributions.iter().all(|c| c.effect != BEND), "{:?}", gain.cause.contributions);
+    assert!(
+        gain.cause.verdict != BEND && gain.cause.contributions.iter().all(|c| c.effect != BEND),
+        "{:?}",
+        gain.cause.contributions
+    );
     let bend = told(&[(BEND, "angle", &[0.3, -0.2])], 4310);
     let class = bend.cause.indistinguishable.first().cloned().unwrap_or_default();
-    assert!(bend.cause.verdict == BEND || class.contains(&format!("{BEND}:angle")), "{:?}, {class:?}", bend.cause.effects);
+    assert!(
+        bend.cause.verdict == BEND || class.contains(&format!("{BEND}:angle")),
+        "{:?}, {class:?}",
+        bend.cause.effects
+    );
 }
 
 #[test]
@@ -116,10 +140,16 @@ fn the_written_model_carries_it_and_simulates_it() {
     let model = plain();
     let acting: &[Acting<'_>] = &[(BEND, "angle", &[0.3, -0.2])];
     let logged = |seed: u64| log(&model, acting, 1300, seed, &[0.0, 0.0]);
-    let done = diagnose(&model, &[logged(4500)], &[logged(4501)], &GapOptions::default(), &|_| ()).unwrap();
+    let done = diagnose(&model, &[logged(4500)], &[logged(4501)], &GapOptions::default(), &|_| ())
+        .unwrap();
     let written = done.model.unwrap().to_toml().unwrap();
-    let read = ModelDocument::from_toml(&written, std::path::Path::new("with_effects.toml")).unwrap();
-    assert_eq!(read.effects().iter().map(|e| (e.effect.as_str(), e.channel.as_str())).collect::<Vec<_>>(), [(BEND, "angle")], "{written}");
+    let read =
+        ModelDocument::from_toml(&written, std::path::Path::new("with_effects.toml")).unwrap();
+    assert_eq!(
+        read.effects().iter().map(|e| (e.effect.as_str(), e.channel.as_str())).collect::<Vec<_>>(),
+        [(BEND, "angle")],
+        "{written}"
+    );
     // Its own simulation is as near to a new log as noise lets it be.
     let system = System::new(&read, |_| Ok(0.0)).unwrap();
     let carried = Applied::from_entry(&system, &read.effects()[0]).unwrap();
@@ -131,7 +161,9 @@ fn the_written_model_carries_it_and_simulates_it() {
     let measured = &fresh.channel("angle").unwrap().samples().values;
     let (mean, n) = (measured.iter().sum::<f64>() / measured.len() as f64, measured.len() as f64);
     let spread = (measured.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
-    let error = (measured.iter().zip(y.column(0).iter()).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / n).sqrt();
+    let error =
+        (measured.iter().zip(y.column(0).iter()).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / n)
+            .sqrt();
     // The log's own noise is 0.02 of the spread.
     assert!(error < 1.2 * 0.02 * spread, "{}", error / spread);
 }
@@ -143,14 +175,34 @@ fn the_curve_rises_and_is_level_past_its_turn_whatever_its_numbers() {
     let system = System::new(&document(text), |_| Ok(0.0)).unwrap();
     let u: Vec<f64> = (-400..=400).map(|k| 0.01 * f64::from(k)).collect();
     let time_s: Vec<f64> = (0..u.len()).map(|k| k as f64).collect();
-    for (quadratic, cubic) in [(0.3, 0.0), (-0.3, 0.0), (0.0, -0.2), (0.0, 0.2), (0.5, 0.08), (-0.5, 0.08), (0.2, -0.1), (1.0, -1e-13)] {
+    for (quadratic, cubic) in [
+        (0.3, 0.0),
+        (-0.3, 0.0),
+        (0.0, -0.2),
+        (0.0, 0.2),
+        (0.5, 0.08),
+        (-0.5, 0.08),
+        (0.2, -0.1),
+        (1.0, -1e-13),
+    ] {
         let mut bent = Applied::nominal(&system, find(BEND).unwrap(), "y").unwrap();
         bent.values = vec![quadratic, cubic];
         let plan = Applied::plan(&system, &[bent], Chance::Mean).unwrap();
-        let y = system.simulate(&plan, Commands { time_s: &time_s, inputs: std::slice::from_ref(&u) }, &[], None).unwrap().y;
+        let y = system
+            .simulate(
+                &plan,
+                Commands { time_s: &time_s, inputs: std::slice::from_ref(&u) },
+                &[],
+                None,
+            )
+            .unwrap()
+            .y;
         assert!(y.as_slice().windows(2).all(|w| w[1] >= w[0] - 1e-12), "{quadratic} {cubic} falls");
         for (u, y) in u.iter().zip(y.as_slice()).filter(|(u, _)| u.abs() < 0.3) {
-            assert!((y - (u + quadratic * u * u + cubic * u.powi(3))).abs() < 1e-14, "{quadratic} {cubic} at {u}: {y}");
+            assert!(
+                (y - (u + quadratic * u * u + cubic * u.powi(3))).abs() < 1e-14,
+                "{quadratic} {cubic} at {u}: {y}"
+            );
         }
     }
 }

@@ -45,7 +45,10 @@ fn model() -> ModelDocument {
 /// The drive with a dead time, and a slow misfit of so large a standard deviation; `more` is added to the output at a time.
 fn log(delay_s: f64, misfit: f64, more: impl Fn(f64) -> f64, seed: u64) -> Log {
     let system = System::new(&model(), |_| Ok(0.0)).unwrap();
-    let delay = Applied { values: vec![delay_s], ..Applied::nominal(&system, find("input_delay").unwrap(), "u").unwrap() };
+    let delay = Applied {
+        values: vec![delay_s],
+        ..Applied::nominal(&system, find("input_delay").unwrap(), "u").unwrap()
+    };
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let time_s: Vec<f64> = (0..1500).map(|k| TS * f64::from(k)).collect();
     let (mut level, mut left) = (0.0, 0);
@@ -58,14 +61,27 @@ fn log(delay_s: f64, misfit: f64, more: impl Fn(f64) -> f64, seed: u64) -> Log {
     };
     let u: Vec<f64> = time_s.iter().map(|_| next()).collect();
     let plan = Applied::plan(&system, &[delay], Chance::Mean).unwrap();
-    let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: std::slice::from_ref(&u) }, &[0.0], None).unwrap();
+    let run = system
+        .simulate(
+            &plan,
+            Commands { time_s: &time_s, inputs: std::slice::from_ref(&u) },
+            &[0.0],
+            None,
+        )
+        .unwrap();
     let mut slow = 0.0;
     let y = time_s.iter().zip(run.y.iter()).map(|(t, y)| {
-        slow = POLE * slow + misfit * (1.0 - POLE * POLE).sqrt() * rng.sample::<f64, _>(StandardNormal);
+        slow = POLE * slow
+            + misfit * (1.0 - POLE * POLE).sqrt() * rng.sample::<f64, _>(StandardNormal);
         y + slow + more(*t) + 0.01 * rng.sample::<f64, _>(StandardNormal)
     });
     let y = y.collect();
-    Log::new(format!("log{seed}.csv"), time_s, vec![Channel::new("u", None, u), Channel::new("y", None, y)]).unwrap()
+    Log::new(
+        format!("log{seed}.csv"),
+        time_s,
+        vec![Channel::new("u", None, u), Channel::new("y", None, y)],
+    )
+    .unwrap()
 }
 
 fn diagnosed(logs: &[Log; 3]) -> Diagnosed {
@@ -79,13 +95,20 @@ fn hidden_delay(seeds: &[u64]) {
         let cause = &found.diagnosis.cause;
         // The same delay of the output or of the clock cannot be told from it.
         let class = cause.indistinguishable.first().cloned().unwrap_or_default();
-        assert!(cause.verdict == "input_delay" || class.iter().any(|e| e == "input_delay:u"), "{seed}: {} {class:?}", cause.verdict);
+        assert!(
+            cause.verdict == "input_delay" || class.iter().any(|e| e == "input_delay:u"),
+            "{seed}: {} {class:?}",
+            cause.verdict
+        );
         let p = &cause.effects[0].parameters[0];
         assert!((p.value.unwrap() - DELAY_S).abs() < WITHIN_S, "{seed}: {p:?}");
         coverage.parameter("delay", p, DELAY_S);
         // By the error alone it would not matter: it falls by less than a factor of 1.3.
         let shrink = &found.diagnosis.shrink;
-        assert!(shrink.before.unwrap() < 1.3 * shrink.after.unwrap(), "{seed}: the case is no test: {shrink:?}");
+        assert!(
+            shrink.before.unwrap() < 1.3 * shrink.after.unwrap(),
+            "{seed}: the case is no test: {shrink:?}"
+        );
     }
     coverage.is_honest(seeds.len());
 }
@@ -97,14 +120,19 @@ fn a_dead_time_that_hardly_lowers_the_error_beside_a_slow_misfit_is_still_the_ca
 
 #[test]
 #[ignore = "nightly: coverage over draws"]
-fn a_dead_time_that_hardly_lowers_the_error_beside_a_slow_misfit_is_still_the_cause_in_three_draws() {
+fn a_dead_time_that_hardly_lowers_the_error_beside_a_slow_misfit_is_still_the_cause_in_three_draws()
+{
     hidden_delay(&[900, 910, 920]);
 }
 
 fn misfit_alone(seeds: &[u64]) {
     for &seed in seeds {
         let found = diagnosed(&[0, 1, 2].map(|i| log(0.0, 0.3, |_| 0.0, seed + i)));
-        assert!(found.diagnosis.cause.effects.is_empty(), "{seed}: {:?}", found.diagnosis.cause.effects);
+        assert!(
+            found.diagnosis.cause.effects.is_empty(),
+            "{seed}: {:?}",
+            found.diagnosis.cause.effects
+        );
     }
 }
 
@@ -138,6 +166,10 @@ fn where_something_else_is_left_what_contributes_is_told_with_its_share() {
     // What contributes is handed over, though it is not all.
     assert_eq!(found.effects.len(), found.diagnosis.cause.contributions.len());
     let rest = found.diagnosis.cause.remainder.as_ref().unwrap();
-    let shares: f64 = found.diagnosis.cause.contributions.iter().filter_map(|c| c.share.learnt).sum();
-    assert!((shares + rest.share.learnt.unwrap() - 1.0).abs() < 1e-9 && rest.above_floor.unwrap() > 1.5, "{rest:?}");
+    let shares: f64 =
+        found.diagnosis.cause.contributions.iter().filter_map(|c| c.share.learnt).sum();
+    assert!(
+        (shares + rest.share.learnt.unwrap() - 1.0).abs() < 1e-9 && rest.above_floor.unwrap() > 1.5,
+        "{rest:?}"
+    );
 }

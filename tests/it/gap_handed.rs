@@ -78,10 +78,22 @@ const CASES: &[Case] = &[
     on_servo("actuator_lag", "u", "time_constant = 0.3"),
     on_servo("dropped_commands", "u", "probability = 0.9"),
     on_servo("delay_jitter", "u", "delay = 0.3, spread = 0.1, ordered = 1.0"),
-    Case { effect: "candidate", model: SERVO, more: SUSPECTED, channel: "v += k*x*abs(x)", parameters: "k = -6.0" },
+    Case {
+        effect: "candidate",
+        model: SERVO,
+        more: SUSPECTED,
+        channel: "v += k*x*abs(x)",
+        parameters: "k = -6.0",
+    },
     on_servo("parameter_error", "A[v,x]", "value = -16.0"),
     on_servo("parameter_jump", "A[v,x]", "value = -9.0, time = 7.0, later = -16.0"),
-    Case { effect: "cross_coupling", model: TANKS, more: "", channel: "a->b", parameters: "gain = 0.5" },
+    Case {
+        effect: "cross_coupling",
+        model: TANKS,
+        more: "",
+        channel: "a->b",
+        parameters: "gain = 0.5",
+    },
     Case { effect: "exchange", model: TANKS, more: "", channel: "a<->b", parameters: "gain = 0.6" },
     on_servo("coulomb_friction", "v", "level = 1.5"),
     on_servo("stribeck_friction", "v", "level = 0.8, extra = 1.5, velocity = 0.2"),
@@ -91,15 +103,33 @@ const CASES: &[Case] = &[
     on_servo("unmodelled_mode", "u->output:angle", "frequency = 1.5, damping = 0.05, gain = 0.3"),
     on_servo("constant_disturbance", "v", "level = 2.0"),
     on_servo("periodic_disturbance", "v", "frequency = 1.0, amplitude = 8.0, phase = 0.5"),
-    Case { effect: "output_delay", model: TANKS, more: "", channel: "b", parameters: "delay = 0.3" },
-    Case { effect: "sensor_lag", model: TANKS, more: "", channel: "b", parameters: "time_constant = 0.5" },
+    Case {
+        effect: "output_delay",
+        model: TANKS,
+        more: "",
+        channel: "b",
+        parameters: "delay = 0.3",
+    },
+    Case {
+        effect: "sensor_lag",
+        model: TANKS,
+        more: "",
+        channel: "b",
+        parameters: "time_constant = 0.5",
+    },
     on_servo("static_nonlinearity", "angle", "quadratic = 0.3, cubic = -0.3"),
     on_servo("sensor_gain", "angle", "gain = -1.3"),
     on_servo("sensor_bias", "angle", "offset = 0.3"),
     on_servo("sensor_drift", "angle", "rate = 0.05"),
     on_servo("sensor_saturation", "angle", "lower = -0.3, upper = 0.4"),
     on_servo("sensor_quantisation", "angle", "step = 0.4"),
-    Case { effect: "misalignment", model: TANKS, more: "", channel: "a->b", parameters: "gain = 0.3" },
+    Case {
+        effect: "misalignment",
+        model: TANKS,
+        more: "",
+        channel: "a->b",
+        parameters: "gain = 0.3",
+    },
     on_servo("clock_skew", "*", "ratio = 1.03"),
     on_servo("clock_offset", "*", "offset = 0.2"),
 ];
@@ -111,17 +141,25 @@ fn write_log(machine: &ModelDocument, path: &Path, samples: usize, seed: u64, st
     let time_s: Vec<f64> = (0..samples).map(|k| TS * k as f64).collect();
     let channels = vec![deadtime::log::Channel::new("u", Some("V"), u)];
     let sent = Log::new("sent", time_s.clone(), channels).unwrap();
-    let moved = from(machine, &start_of(machine).map(|x| x + start * rng.sample::<f64, _>(StandardNormal)));
+    let moved =
+        from(machine, &start_of(machine).map(|x| x + start * rng.sample::<f64, _>(StandardNormal)));
     let mut run = OnLog::new(&moved, &sent).unwrap();
     run.seed = seed;
     let y = run.response().unwrap().y;
-    let header: Vec<String> = moved.outputs().iter().map(|c| format!("{} [{}]", c.name, c.unit.as_deref().unwrap_or("1"))).collect();
+    let header: Vec<String> = moved
+        .outputs()
+        .iter()
+        .map(|c| format!("{} [{}]", c.name, c.unit.as_deref().unwrap_or("1")))
+        .collect();
     let spread: Vec<f64> = y.column_iter().map(|y| y.variance().sqrt()).collect();
     let mut csv = format!("time,u [V],{}\n", header.join(","));
     for k in 0..samples {
         csv.push_str(&format!("{},{}", time_s[k], sent.input("u").unwrap()[k]));
         for (i, s) in spread.iter().enumerate() {
-            csv.push_str(&format!(",{}", y[(k, i)] + NOISE * s * rng.sample::<f64, _>(StandardNormal)));
+            csv.push_str(&format!(
+                ",{}",
+                y[(k, i)] + NOISE * s * rng.sample::<f64, _>(StandardNormal)
+            ));
         }
         csv.push('\n');
     }
@@ -141,7 +179,9 @@ fn from(model: &ModelDocument, start: &DVector<f64>) -> ModelDocument {
     let mut model = model.clone();
     match &mut model {
         ModelDocument::Lti(file) => file.initial = start.as_slice().to_vec(),
-        ModelDocument::Equations(file) => file.states.iter_mut().zip(start.iter()).for_each(|((_, s), x)| s.initial = *x),
+        ModelDocument::Equations(file) => {
+            file.states.iter_mut().zip(start.iter()).for_each(|((_, s), x)| s.initial = *x)
+        }
     }
     model
 }
@@ -150,11 +190,13 @@ fn from(model: &ModelDocument, start: &DVector<f64>) -> ModelDocument {
 /// squared nrmse.
 fn left(model: &ModelDocument, log: &Log, [from_s, to_s]: [f64; 2]) -> DVector<f64> {
     let y = OnLog::new(model, log).unwrap().response().unwrap().y;
-    let inside: Vec<usize> = (0..log.len()).filter(|k| (from_s..=to_s).contains(&log.time_s()[*k])).collect();
+    let inside: Vec<usize> =
+        (0..log.len()).filter(|k| (from_s..=to_s).contains(&log.time_s()[*k])).collect();
     let outputs = model.outputs().len() as f64;
     let each = model.outputs().iter().enumerate().flat_map(|(i, channel)| {
         let measured = log.output(&channel.name).unwrap();
-        let there: Vec<(f64, f64)> = inside.iter().filter_map(|&k| Some((measured.get(k)?, y[(k, i)]))).collect();
+        let there: Vec<(f64, f64)> =
+            inside.iter().filter_map(|&k| Some((measured.get(k)?, y[(k, i)]))).collect();
         let mean = there.iter().map(|v| v.0).sum::<f64>() / there.len() as f64;
         let all = there.iter().map(|v| (v.0 - mean).powi(2)).sum::<f64>();
         there.into_iter().map(move |(measured, said)| (measured - said) / (all * outputs).sqrt())
@@ -170,12 +212,21 @@ fn priors(folder: &Folder) -> Vec<f64> {
     {
         return file.initial_std.clone();
     }
-    let logs = ["a.csv", "held.csv"].map(|name| folder.path(name)).into_iter().filter(|path| path.exists());
-    let moved: Vec<DMatrix<f64>> =
-        logs.map(|path| OnLog::new(&model, &deadtime::log::read(&path).unwrap()).unwrap().response().unwrap().x).collect();
+    let logs = ["a.csv", "held.csv"]
+        .map(|name| folder.path(name))
+        .into_iter()
+        .filter(|path| path.exists());
+    let moved: Vec<DMatrix<f64>> = logs
+        .map(|path| {
+            OnLog::new(&model, &deadtime::log::read(&path).unwrap()).unwrap().response().unwrap().x
+        })
+        .collect();
     let start = start_of(&model);
     let rms = |j: usize| {
-        let all: Vec<f64> = moved.iter().flat_map(|x| x.column(j).iter().map(|v| (v - start[j]).powi(2)).collect::<Vec<_>>()).collect();
+        let all: Vec<f64> = moved
+            .iter()
+            .flat_map(|x| x.column(j).iter().map(|v| (v - start[j]).powi(2)).collect::<Vec<_>>())
+            .collect();
         (all.iter().sum::<f64>() / all.len() as f64).sqrt()
     };
     (0..start.len()).map(rms).collect()
@@ -206,7 +257,10 @@ fn from_the_best_start(model: &ModelDocument, log: &Log, span: [f64; 2], prior: 
             weight * left.norm_squared() + off.component_mul(&off).dot(&precision)
         };
         let towards = -weight * slopes.tr_mul(&best) - (&start - &came).component_mul(&precision);
-        let step = (weight * slopes.tr_mul(&slopes) + DMatrix::from_diagonal(&precision)).cholesky().unwrap().solve(&towards);
+        let step = (weight * slopes.tr_mul(&slopes) + DMatrix::from_diagonal(&precision))
+            .cholesky()
+            .unwrap()
+            .solve(&towards);
         let now = cost(&best, &start);
         let better = [1.0, 0.3, 0.1].into_iter().find_map(|part| {
             let there = &start + part * &step;
@@ -249,7 +303,8 @@ fn made(model: &str, machine: &str, seed: u64, start: f64, [train, held]: [usize
 /// What is wrong with a pair of numbers that should be one, of the model before and after.
 fn apart(name: &str, printed: Option<f64>, got: f64, allowed: f64) -> Option<String> {
     let printed = printed.unwrap();
-    ((printed / got - 1.0).abs() > allowed).then(|| format!("{name}: {printed} is printed, {got} is got"))
+    ((printed / got - 1.0).abs() > allowed)
+        .then(|| format!("{name}: {printed} is printed, {got} is got"))
 }
 
 /// Relative: both minima are flat, and found by different steps and integrations.
@@ -268,14 +323,23 @@ impl Made {
     fn wrong(&self) -> Vec<String> {
         let diagnosis = self.diagnosis();
         let (shrink, held) = (&diagnosis.shrink, &diagnosis.holdout[0]);
-        let path = ["held.csv", "a.csv"].map(|name| self.folder.path(name)).into_iter().find(|path| path.exists()).unwrap();
+        let path = ["held.csv", "a.csv"]
+            .map(|name| self.folder.path(name))
+            .into_iter()
+            .find(|path| path.exists())
+            .unwrap();
         let log = deadtime::log::read(&path).unwrap();
         let prior = priors(&self.folder);
-        let got = |model: &ModelDocument| from_the_best_start(model, &log, [held.from_s, held.to_s], &prior);
+        let got = |model: &ModelDocument| {
+            from_the_best_start(model, &log, [held.from_s, held.to_s], &prior)
+        };
         let came = ModelDocument::read(&self.folder.path("model.toml")).unwrap();
-        let both = [("before", shrink.before, got(&came)), ("after", shrink.after, got(&self.written()))];
+        let both =
+            [("before", shrink.before, got(&came)), ("after", shrink.after, got(&self.written()))];
         println!("{} {:?} {:?}", diagnosis.cause.verdict, both, self.handed());
-        both.into_iter().filter_map(|(name, printed, got)| apart(name, printed, got, SAME)).collect()
+        both.into_iter()
+            .filter_map(|(name, printed, got)| apart(name, printed, got, SAME))
+            .collect()
     }
 
     fn handed(&self) -> Vec<String> {
@@ -284,7 +348,9 @@ impl Made {
 }
 
 fn entry(effect: &str, channel: &str, parameters: &str) -> String {
-    format!("[[effects]]\neffect = \"{effect}\"\nchannel = \"{channel}\"\nparameters = {{ {parameters} }}\n")
+    format!(
+        "[[effects]]\neffect = \"{effect}\"\nchannel = \"{channel}\"\nparameters = {{ {parameters} }}\n"
+    )
 }
 
 /// A model whose start is known to the last digit.
@@ -293,22 +359,39 @@ fn started(model: &str) -> String {
 }
 
 /// One of each kind: a delay, a parameter, a friction, a sensor, a clock.
-const FEW: [&str; 5] = ["input_delay", "parameter_error", "coulomb_friction", "sensor_saturation", "clock_offset"];
+const FEW: [&str; 5] =
+    ["input_delay", "parameter_error", "coulomb_friction", "sensor_saturation", "clock_offset"];
 
 #[test]
 fn every_effect_has_a_case() {
-    let missing: Vec<&str> = EFFECTS.iter().map(|e| e.name()).filter(|name| CASES.iter().all(|c| c.effect != *name)).collect();
+    let missing: Vec<&str> = EFFECTS
+        .iter()
+        .map(|e| e.name())
+        .filter(|name| CASES.iter().all(|c| c.effect != *name))
+        .collect();
     assert!(missing.is_empty(), "no case for {missing:?}");
 }
 
 fn printed_of(tried: fn(&Case) -> bool) {
     let one = |(at, case): (usize, &Case)| {
         let model = format!("{}{}", case.model, case.more);
-        let made =
-            made(&model, &format!("{model}{}", entry(case.effect, case.channel, case.parameters)), 100 + 10 * at as u64, 0.1, [500, 300]);
-        (made.wrong().into_iter().map(|wrong| format!("{}: {wrong}", case.effect)).collect::<Vec<_>>(), !made.handed().is_empty())
+        let made = made(
+            &model,
+            &format!("{model}{}", entry(case.effect, case.channel, case.parameters)),
+            100 + 10 * at as u64,
+            0.1,
+            [500, 300],
+        );
+        (
+            made.wrong()
+                .into_iter()
+                .map(|wrong| format!("{}: {wrong}", case.effect))
+                .collect::<Vec<_>>(),
+            !made.handed().is_empty(),
+        )
     };
-    let (wrong, carried): (Vec<Vec<String>>, Vec<bool>) = CASES.par_iter().enumerate().filter(|(_, c)| tried(c)).map(one).unzip();
+    let (wrong, carried): (Vec<Vec<String>>, Vec<bool>) =
+        CASES.par_iter().enumerate().filter(|(_, c)| tried(c)).map(one).unzip();
     let wrong: Vec<String> = wrong.into_iter().flatten().collect();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     // Where nothing is handed over nothing is tested.
@@ -330,32 +413,68 @@ fn what_is_printed_of_every_effect_is_what_its_file_gives_in_the_catalogue() {
 #[test]
 fn what_is_printed_of_every_kind_of_verdict_is_what_its_file_gives() {
     let servo = started(SERVO);
-    let with = |effects: &[(&str, &str, &str)]| effects.iter().map(|(e, c, p)| entry(e, c, p)).fold(servo.clone(), |all, e| all + &e);
+    let with = |effects: &[(&str, &str, &str)]| {
+        effects.iter().map(|(e, c, p)| entry(e, c, p)).fold(servo.clone(), |all, e| all + &e)
+    };
     let none = made(&servo, &servo, 1, 0.0, [500, 300]);
-    assert_eq!((none.diagnosis().cause.verdict.as_str(), none.handed().len(), none.wrong()), ("none", 0, Vec::new()));
+    assert_eq!(
+        (none.diagnosis().cause.verdict.as_str(), none.handed().len(), none.wrong()),
+        ("none", 0, Vec::new())
+    );
     // The last part of the only log is held back.
     let back = made(&servo, &with(&[("deadband", "u", "width = 0.3")]), 11, 0.0, [800, 0]);
     assert_eq!((back.diagnosis().cause.verdict.as_str(), back.wrong()), ("deadband", Vec::new()));
-    let pair = made(&servo, &with(&[("deadband", "u", "width = 0.3"), ("output_delay", "angle", "delay = 0.2")]), 21, 0.0, [500, 300]);
+    let pair = made(
+        &servo,
+        &with(&[("deadband", "u", "width = 0.3"), ("output_delay", "angle", "delay = 0.2")]),
+        21,
+        0.0,
+        [500, 300],
+    );
     assert_eq!((pair.handed().len(), pair.wrong()), (2, Vec::new()));
     // A spring that is in no catalogue, beside a gain.
     let spring = "[[candidates]]\nstate = \"v\"\nadds = \"k*sin(9*x)\"\n[[effects]]\neffect = \"candidate\"\nchannel = \"v += k*sin(9*x)\"\nparameters = { k = 4.0 }\n";
-    let unknown = made(&servo, &format!("{}{spring}", with(&[("input_gain", "u", "gain = 1.5")])), 31, 0.0, [500, 300]);
+    let unknown = made(
+        &servo,
+        &format!("{}{spring}", with(&[("input_gain", "u", "gain = 1.5")])),
+        31,
+        0.0,
+        [500, 300],
+    );
     let cause = unknown.diagnosis().cause;
-    assert!(cause.verdict == "unknown" && !cause.contributions.is_empty() && !unknown.handed().is_empty(), "{cause:?}");
+    assert!(
+        cause.verdict == "unknown"
+            && !cause.contributions.is_empty()
+            && !unknown.handed().is_empty(),
+        "{cause:?}"
+    );
     assert_eq!(unknown.wrong(), Vec::<String>::new());
 }
 
 #[test]
 fn commands_that_are_lost_or_late_by_chance_are_handed_over_as_what_is_printed() {
     let servo = started(SERVO);
-    for (seed, effect, parameters) in
-        [(41, "dropped_commands", "probability = 0.6"), (51, "delay_jitter", "delay = 0.28, spread = 0.08, ordered = 1.0")]
-    {
-        let made = made(&servo, &format!("{servo}{}", entry(effect, "u", parameters)), seed, 0.0, [1200, 600]);
+    for (seed, effect, parameters) in [
+        (41, "dropped_commands", "probability = 0.6"),
+        (51, "delay_jitter", "delay = 0.28, spread = 0.08, ordered = 1.0"),
+    ] {
+        let made = made(
+            &servo,
+            &format!("{servo}{}", entry(effect, "u", parameters)),
+            seed,
+            0.0,
+            [1200, 600],
+        );
         let found: Vec<String> = made.found.effects.iter().map(Applied::key).collect();
-        assert!(made.found.effects.iter().any(|a| a.effect.loses_commands()), "{effect}: {found:?}");
-        assert!(made.found.handed_over.iter().all(|a| !a.effect.loses_commands()), "{:?}", made.handed());
+        assert!(
+            made.found.effects.iter().any(|a| a.effect.loses_commands()),
+            "{effect}: {found:?}"
+        );
+        assert!(
+            made.found.handed_over.iter().all(|a| !a.effect.loses_commands()),
+            "{:?}",
+            made.handed()
+        );
         assert_eq!(made.wrong(), Vec::<String>::new());
         assert!(made.diagnosis().shrink.decoded.unwrap() < made.diagnosis().shrink.after.unwrap());
     }
@@ -367,7 +486,9 @@ fn the_written_model_stands_at_the_operating_point_at_which_it_was_diagnosed() {
     let machine = format!("{}{}", started(SERVO), entry("input_gain", "u", "gain = 1.5"));
     let made = made(&servo, &machine, 61, 0.0, [500, 300]);
     let ModelDocument::Lti(written) = made.written() else { panic!("another kind") };
-    let Operating::Value(about) = written.inputs[0].operating else { panic!("the mean of whatever log comes") };
+    let Operating::Value(about) = written.inputs[0].operating else {
+        panic!("the mean of whatever log comes")
+    };
     let u = deadtime::log::read(&made.folder.path("a.csv")).unwrap();
     let u = u.input("u").unwrap();
     assert!((about - u.iter().sum::<f64>() / u.len() as f64).abs() < 1e-12);
@@ -381,10 +502,24 @@ fn a_model_that_needs_a_predictor_is_as_far_off_when_its_file_is_diagnosed_again
         .replace("[-9.0, -2.4]", "[0.0, -0.4]")
         .replace("[9.0]", "[1.0]")
         .replace("initial = [0.0, 0.0]", "initial = [0.0, 0.0]\ninitial_std = [0.0, 0.0]");
-    let made = made(&cart, &format!("{cart}{}", entry("input_gain", "u", "gain = 1.6")), 71, 0.0, [400, 300]);
+    let made = made(
+        &cart,
+        &format!("{cart}{}", entry("input_gain", "u", "gain = 1.6")),
+        71,
+        0.0,
+        [400, 300],
+    );
     assert_eq!((made.diagnosis().prediction.mode, made.handed().len()), (Mode::Predictor, 1));
     let paths = ["a.csv", "held.csv"].map(|name| [made.folder.path(name)]);
-    let again =
-        diagnose_files(&made.folder.path("out").join("model_with_effects.toml"), &paths[0], &paths[1], &GapOptions::default()).unwrap();
-    assert_eq!(apart("after", made.diagnosis().shrink.after, again.diagnosis.shrink.before.unwrap(), 1e-9), None);
+    let again = diagnose_files(
+        &made.folder.path("out").join("model_with_effects.toml"),
+        &paths[0],
+        &paths[1],
+        &GapOptions::default(),
+    )
+    .unwrap();
+    assert_eq!(
+        apart("after", made.diagnosis().shrink.after, again.diagnosis.shrink.before.unwrap(), 1e-9),
+        None
+    );
 }

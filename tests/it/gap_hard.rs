@@ -67,7 +67,13 @@ pub(crate) fn commands(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
 }
 
 /// What a machine does: a model, effects with their values, and the seed of what is chance.
-pub(crate) fn log(machine: &ModelDocument, effects: &[(&str, &str, &[f64])], samples: usize, seed: u64, x0: &[f64]) -> Log {
+pub(crate) fn log(
+    machine: &ModelDocument,
+    effects: &[(&str, &str, &[f64])],
+    samples: usize,
+    seed: u64,
+    x0: &[f64],
+) -> Log {
     let system = System::new(machine, |_| Ok(0.0)).unwrap();
     let list: Vec<Applied> = effects
         .iter()
@@ -81,15 +87,19 @@ pub(crate) fn log(machine: &ModelDocument, effects: &[(&str, &str, &[f64])], sam
     let u: Vec<Vec<f64>> = system.inputs.iter().map(|_| commands(samples, &mut rng)).collect();
     let plan = Applied::plan(&system, &list, Chance::Seed(seed)).unwrap();
     let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &u }, x0, None).unwrap();
-    let outputs: Vec<Vec<f64>> = run.y.column_iter().map(|y| noisy(y.iter().copied().collect(), &mut rng)).collect();
+    let outputs: Vec<Vec<f64>> =
+        run.y.column_iter().map(|y| noisy(y.iter().copied().collect(), &mut rng)).collect();
     let ports = system.inputs.iter().chain(&system.outputs).zip(u.into_iter().chain(outputs));
-    let channels = ports.map(|(port, samples)| Channel::new(&port.name, port.unit.as_deref(), samples)).collect();
+    let channels = ports
+        .map(|(port, samples)| Channel::new(&port.name, port.unit.as_deref(), samples))
+        .collect();
     Log::new(format!("log{seed}.csv"), time_s, channels).unwrap()
 }
 
 pub(crate) fn noisy(clean: Vec<f64>, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let mean = clean.iter().sum::<f64>() / clean.len() as f64;
-    let spread = (clean.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / clean.len() as f64).sqrt();
+    let spread =
+        (clean.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / clean.len() as f64).sqrt();
     clean.iter().map(|v| v + NOISE * spread * rng.sample::<f64, _>(StandardNormal)).collect()
 }
 
@@ -111,11 +121,18 @@ pub(crate) fn diagnosed(model: &ModelDocument, logs: &[Log], held: &[Log]) -> Di
 /// Of two effects neither has an interval of its size that holds the value at which it does nothing; the numbers of a recalibration are one.
 fn each_of_two_effects_is_more_than_nothing(model: &ModelDocument, d: &Diagnosis) {
     let system = System::new(model, |_| Ok(0.0)).unwrap();
-    let block = |channel: &str| d.cause.recalibration.iter().any(|r| r.parameters.iter().any(|p| p.name == channel));
-    for found in d.cause.effects.iter().filter(|e| d.cause.effects.len() > 1 && !block(&e.channel)) {
-        let nominal = Applied::nominal(&system, find(&found.effect).unwrap(), &found.channel).unwrap();
+    let block = |channel: &str| {
+        d.cause.recalibration.iter().any(|r| r.parameters.iter().any(|p| p.name == channel))
+    };
+    for found in d.cause.effects.iter().filter(|e| d.cause.effects.len() > 1 && !block(&e.channel))
+    {
+        let nominal =
+            Applied::nominal(&system, find(&found.effect).unwrap(), &found.channel).unwrap();
         let apart: Vec<bool> = (found.parameters.iter().zip(&nominal.parameters))
-            .filter(|(p, n)| n.nominal.is_finite() && !matches!(p.name.as_str(), "frequency" | "damping" | "phase"))
+            .filter(|(p, n)| {
+                n.nominal.is_finite()
+                    && !matches!(p.name.as_str(), "frequency" | "damping" | "phase")
+            })
             .map(|(p, n)| p.ci95.is_none_or(|[lower, upper]| !(lower..=upper).contains(&n.nominal)))
             .collect();
         assert!(apart.is_empty() || apart.contains(&true), "{found:?}");
@@ -123,7 +140,8 @@ fn each_of_two_effects_is_more_than_nothing(model: &ModelDocument, d: &Diagnosis
 }
 
 fn keys(d: &Diagnosis) -> Vec<String> {
-    let mut keys: Vec<String> = d.cause.effects.iter().map(|e| format!("{}:{}", e.effect, e.channel)).collect();
+    let mut keys: Vec<String> =
+        d.cause.effects.iter().map(|e| format!("{}:{}", e.effect, e.channel)).collect();
     keys.sort();
     keys
 }
@@ -142,30 +160,52 @@ fn two_named(cases: &[[Acting<'_>; 2]]) {
     let mut coverage = Coverage::default();
     for (at, pair) in cases.iter().enumerate() {
         let seed = 300 + 10 * at as u64;
-        let logs = [log(&model, pair, 900, seed, &[0.01, -0.01]), log(&model, pair, 700, seed + 1, &[0.0, 0.02])];
+        let logs = [
+            log(&model, pair, 900, seed, &[0.01, -0.01]),
+            log(&model, pair, 700, seed + 1, &[0.0, 0.02]),
+        ];
         let d = diagnosed(&model, &logs, &[log(&model, pair, 700, seed + 2, &[0.0, 0.0])]);
         let mut truth: Vec<String> = pair.iter().map(|e| format!("{}:{}", e.0, e.1)).collect();
         truth.sort();
         // Each is named, or stands in the class of one that is.
-        let named = |key: &String| keys(&d).contains(key) || d.cause.indistinguishable.iter().any(|class| class.contains(key));
-        assert!(keys(&d).len() == 2 && truth.iter().all(named), "{truth:?} is called {:?}, {:?}", keys(&d), d.cause.indistinguishable);
+        let named = |key: &String| {
+            keys(&d).contains(key)
+                || d.cause.indistinguishable.iter().any(|class| class.contains(key))
+        };
+        assert!(
+            keys(&d).len() == 2 && truth.iter().all(named),
+            "{truth:?} is called {:?}, {:?}",
+            keys(&d),
+            d.cause.indistinguishable
+        );
         assert!(d.shrink.of_explainable.unwrap() > 0.97, "{:?}", d.shrink);
         for found in &d.cause.effects {
             // An effect of the class stands in its place: its parameter is another.
             let Some((_, _, values)) = pair.iter().find(|e| e.0 == found.effect) else { continue };
             let p = &found.parameters[0];
-            assert!((p.value.unwrap() / values[0] - 1.0).abs() < WITHIN, "{} {:?} is not {values:?}", found.effect, p);
+            assert!(
+                (p.value.unwrap() / values[0] - 1.0).abs() < WITHIN,
+                "{} {:?} is not {values:?}",
+                found.effect,
+                p
+            );
             coverage.parameter(&found.effect, p, values[0]);
         }
         // The first of them explains most alone.
         let alone = |key: &str| {
             let json = serde_json::to_value(&d.cause.ranking).unwrap();
             let rows = json.as_array().unwrap().clone();
-            let row =
-                rows.iter().find(|r| format!("{}:{}", r["effect"].as_str().unwrap_or(""), r["channel"].as_str().unwrap_or("")) == key);
+            let row = rows.iter().find(|r| {
+                format!(
+                    "{}:{}",
+                    r["effect"].as_str().unwrap_or(""),
+                    r["channel"].as_str().unwrap_or("")
+                ) == key
+            });
             row.unwrap()["after"].as_f64().unwrap()
         };
-        let order: Vec<String> = d.cause.effects.iter().map(|e| format!("{}:{}", e.effect, e.channel)).collect();
+        let order: Vec<String> =
+            d.cause.effects.iter().map(|e| format!("{}:{}", e.effect, e.channel)).collect();
         assert!(alone(&order[0]) <= alone(&order[1]), "{order:?}");
     }
     coverage.is_honest(cases.len());
@@ -185,8 +225,12 @@ fn two_effects_are_named_together_and_ordered_by_what_each_explains_for_every_pa
 fn lost(cases: &[(f64, u64)]) {
     let model = document(&servo(", initial_std = 0.02", ""));
     for &(probability, seed) in cases {
-        let effects: &[(&str, &str, &[f64])] = &[("dropped_commands", "u", &[probability, f64::INFINITY])];
-        let logs = [log(&model, effects, 1200, seed, &[0.0, 0.0]), log(&model, effects, 1200, seed + 1, &[0.0, 0.0])];
+        let effects: &[(&str, &str, &[f64])] =
+            &[("dropped_commands", "u", &[probability, f64::INFINITY])];
+        let logs = [
+            log(&model, effects, 1200, seed, &[0.0, 0.0]),
+            log(&model, effects, 1200, seed + 1, &[0.0, 0.0]),
+        ];
         let d = diagnosed(&model, &logs, &[log(&model, effects, 900, seed + 2, &[0.0, 0.0])]);
         assert_eq!(keys(&d), ["dropped_commands:u"]);
         let p = &d.cause.effects[0].parameters[0];
@@ -201,9 +245,13 @@ fn lost(cases: &[(f64, u64)]) {
         assert!(d.shrink.after.unwrap() < 1.02 * d.shrink.before.unwrap(), "{:?}", d.shrink);
         // The budget is of the known sequence, too, and does not call the only cause weak.
         let (cause, rest) = (&d.cause.contributions[0], d.cause.remainder.as_ref().unwrap());
-        assert!(cause.strength == Strength::Clear && cause.share.learnt.unwrap() > 0.9, "{cause:?}");
         assert!(
-            rest.above_floor.unwrap() < 1.3 && (rest.share.learnt.unwrap() + cause.share.learnt.unwrap() - 1.0).abs() < 1e-9,
+            cause.strength == Strength::Clear && cause.share.learnt.unwrap() > 0.9,
+            "{cause:?}"
+        );
+        assert!(
+            rest.above_floor.unwrap() < 1.3
+                && (rest.share.learnt.unwrap() + cause.share.learnt.unwrap() - 1.0).abs() < 1e-9,
             "{rest:?}"
         );
     }
@@ -239,7 +287,10 @@ fn a_gap_at_large_commands_only_is_told_by_their_size() {
     let hum = |log: &Log| {
         let u = log.input("u").unwrap();
         let angle = log.output("angle").unwrap();
-        let shaken = (0..log.len()).map(|k| angle.get(k).unwrap() + if u[k].abs() > 0.6 { 0.15 * (1.7 * k as f64).sin() } else { 0.0 });
+        let shaken = (0..log.len()).map(|k| {
+            angle.get(k).unwrap()
+                + if u[k].abs() > 0.6 { 0.15 * (1.7 * k as f64).sin() } else { 0.0 }
+        });
         let rate = log.output("rate").unwrap();
         let rate: Vec<f64> = (0..log.len()).map(|k| rate.get(k).unwrap()).collect();
         as_log(log.source(), log.time_s().to_vec(), u, &[shaken.collect(), rate])
@@ -248,11 +299,19 @@ fn a_gap_at_large_commands_only_is_told_by_their_size() {
     let d = diagnosed(&model, &logs, &[hum(&log(&model, &[], 2000, 511, &[0.0, 0.0]))]);
     assert_eq!(d.cause.verdict, "unknown", "{:?}", d.cause.effects);
     assert_eq!(d.place.outputs[0].name, "angle");
-    let regime = d.place.regimes.iter().find(|r| r.variable == "abs(u)").unwrap_or_else(|| panic!("{:?}", d.place.regimes));
+    let regime = d
+        .place
+        .regimes
+        .iter()
+        .find(|r| r.variable == "abs(u)")
+        .unwrap_or_else(|| panic!("{:?}", d.place.regimes));
     assert!((0.5..0.7).contains(&regime.from) && regime.to > 0.9, "{regime:?}");
     // 1.7 rad per sample is 13.5 Hz.
     let band = &d.place.bands[0];
-    assert!(band.from_hz < 13.6 && band.to_hz > 13.4 && band.to_hz - band.from_hz < 6.0, "{band:?}");
+    assert!(
+        band.from_hz < 13.6 && band.to_hz > 13.4 && band.to_hz - band.from_hz < 6.0,
+        "{band:?}"
+    );
 }
 
 #[test]
@@ -278,7 +337,12 @@ D = [[0.0], [0.0]]
     let logs = [log(&slow, &[], 1500, 520, &[0.6])];
     let d = diagnosed(&slow, &logs, &[]);
     let class = d.cause.indistinguishable.first().cloned().unwrap_or_default();
-    assert!(class.iter().any(|c| c == "initial_state:level"), "{} {:?}", d.cause.verdict, d.cause.indistinguishable);
+    assert!(
+        class.iter().any(|c| c == "initial_state:level"),
+        "{} {:?}",
+        d.cause.verdict,
+        d.cause.indistinguishable
+    );
     assert!(d.cause.next_experiment.is_some());
     // A start that decays within a fraction of the log decides nothing.
     let d = diagnosed(&model, &[log(&model, &[], 1500, 521, &[0.05, 0.0])], &[]);
@@ -335,10 +399,18 @@ fn by_a_predictor(clean: std::ops::Range<u64>) {
     let d = diagnosed(&model, &logs, &[flown(0.75, true, 1200, 602)]);
     assert_eq!(d.prediction.mode, Mode::Predictor);
     let class = d.cause.indistinguishable.first().cloned().unwrap_or_default();
-    assert!(keys(&d) == ["input_gain:u"] || class.iter().any(|c| c == "input_gain:u"), "{:?} {class:?}", keys(&d));
+    assert!(
+        keys(&d) == ["input_gain:u"] || class.iter().any(|c| c == "input_gain:u"),
+        "{:?} {class:?}",
+        keys(&d)
+    );
     assert!(d.shrink.of_explainable.unwrap() > 0.9, "{:?}", d.shrink);
     for seed in clean {
-        let d = diagnosed(&model, &[flown(1.0, true, 1500, seed)], &[flown(1.0, true, 1200, seed + 50)]);
+        let d = diagnosed(
+            &model,
+            &[flown(1.0, true, 1500, seed)],
+            &[flown(1.0, true, 1200, seed + 50)],
+        );
         assert_eq!(d.cause.verdict, "none", "seed {seed}");
     }
 }
@@ -358,13 +430,24 @@ fn no_direct_path(clean: std::ops::Range<u64>) {
     // u(k) holds −4 and −1.5 times the noise of y(k), so any rival with a path from u(k) to y(k) would gain.
     let model = pendulum();
     for seed in clean {
-        let d =
-            diagnosed(&model, &[flown(1.0, false, 1500, seed), flown(1.0, false, 1500, seed + 20)], &[flown(1.0, false, 1200, seed + 50)]);
+        let d = diagnosed(
+            &model,
+            &[flown(1.0, false, 1500, seed), flown(1.0, false, 1500, seed + 20)],
+            &[flown(1.0, false, 1200, seed + 50)],
+        );
         assert_eq!((d.cause.verdict.as_str(), keys(&d)), ("none", Vec::new()), "seed {seed}");
     }
-    let d = diagnosed(&model, &[flown(0.75, false, 1500, 630), flown(0.75, false, 1500, 631)], &[flown(0.75, false, 1200, 632)]);
+    let d = diagnosed(
+        &model,
+        &[flown(0.75, false, 1500, 630), flown(0.75, false, 1500, 631)],
+        &[flown(0.75, false, 1200, 632)],
+    );
     let class = d.cause.indistinguishable.first().cloned().unwrap_or_default();
-    assert!(keys(&d) == ["input_gain:u"] || class.iter().any(|c| c == "input_gain:u"), "{:?} {class:?}", keys(&d));
+    assert!(
+        keys(&d) == ["input_gain:u"] || class.iter().any(|c| c == "input_gain:u"),
+        "{:?} {class:?}",
+        keys(&d)
+    );
 }
 
 #[test]
@@ -382,7 +465,10 @@ fn feedback_of_the_same_sample_is_no_direct_path_in_every_draw() {
 fn a_delay_longer_than_was_looked_for_at_first_is_still_found() {
     let model = document(&servo(", initial_std = 0.02", ""));
     let effects: &[(&str, &str, &[f64])] = &[("input_delay", "u", &[1.7])];
-    let logs = [log(&model, effects, 1500, 700, &[0.0, 0.0]), log(&model, effects, 1500, 701, &[0.0, 0.0])];
+    let logs = [
+        log(&model, effects, 1500, 700, &[0.0, 0.0]),
+        log(&model, effects, 1500, 701, &[0.0, 0.0]),
+    ];
     let d = diagnosed(&model, &logs, &[log(&model, effects, 1500, 702, &[0.0, 0.0])]);
     assert_eq!(d.cause.verdict, "input_delay");
     assert_abs_diff_eq!(d.cause.effects[0].parameters[0].value.unwrap(), 1.7, epsilon = 0.005);
@@ -393,7 +479,10 @@ fn a_delay_longer_than_was_looked_for_at_first_is_still_found() {
 fn a_clock_that_is_ahead_by_more_than_was_looked_for_at_first_is_still_found() {
     let model = document(&servo(", initial_std = 0.02", ""));
     let effects: &[(&str, &str, &[f64])] = &[("clock_offset", "*", &[-1.7])];
-    let logs = [log(&model, effects, 1500, 700, &[0.0, 0.0]), log(&model, effects, 1500, 701, &[0.0, 0.0])];
+    let logs = [
+        log(&model, effects, 1500, 700, &[0.0, 0.0]),
+        log(&model, effects, 1500, 701, &[0.0, 0.0]),
+    ];
     let d = diagnosed(&model, &logs, &[log(&model, effects, 1500, 702, &[0.0, 0.0])]);
     assert_eq!(d.cause.verdict, "clock_offset");
     assert_abs_diff_eq!(d.cause.effects[0].parameters[0].value.unwrap(), -1.7, epsilon = 0.005);
@@ -402,7 +491,11 @@ fn a_clock_that_is_ahead_by_more_than_was_looked_for_at_first_is_still_found() {
 fn intervals_hold(count: usize) {
     // Stiffness and damping of the machine are 1.5 % off the file's, well below what the noise lets see beside the effect.
     let model = document(&servo(", initial_std = 0.02", ""));
-    let machine = document(&servo("", "").replace("value = 9.0", "value = 9.135").replace("value = 2.4", "value = 2.364"));
+    let machine = document(
+        &servo("", "")
+            .replace("value = 9.0", "value = 9.135")
+            .replace("value = 2.4", "value = 2.364"),
+    );
     let all = [
         ("input_delay", "u", 0.09),
         ("actuator_lag", "u", 0.12),
@@ -416,7 +509,10 @@ fn intervals_hold(count: usize) {
         let values = [*value];
         let effects: &[(&str, &str, &[f64])] = &[(effect, channel, &values)];
         let seed = 800 + 10 * at as u64;
-        let logs = [log(&machine, effects, 900, seed, &[0.0, 0.0]), log(&machine, effects, 900, seed + 1, &[0.0, 0.0])];
+        let logs = [
+            log(&machine, effects, 900, seed, &[0.0, 0.0]),
+            log(&machine, effects, 900, seed + 1, &[0.0, 0.0]),
+        ];
         let d = diagnosed(&model, &logs, &[log(&machine, effects, 700, seed + 2, &[0.0, 0.0])]);
         let found = d.cause.effects.iter().find(|e| e.effect == *effect);
         let Some(p) = found.map(|f| &f.parameters[0]) else { continue };
@@ -445,8 +541,16 @@ fn the_next_experiment_is_the_one_that_physics_asks_for() {
     // Delayed commands and delayed sensors are the same to any command: only motion that the commands do not cause tells them apart.
     let model = document(&servo(", initial_std = 0.02", ""));
     let effects: &[(&str, &str, &[f64])] = &[("input_delay", "u", &[0.1])];
-    let d = diagnosed(&model, &[log(&model, effects, 1500, 900, &[0.0, 0.0])], &[log(&model, effects, 1200, 901, &[0.0, 0.0])]);
-    assert!(d.cause.indistinguishable[0].contains(&"output_delay:*".to_owned()), "{:?}", d.cause.indistinguishable);
+    let d = diagnosed(
+        &model,
+        &[log(&model, effects, 1500, 900, &[0.0, 0.0])],
+        &[log(&model, effects, 1200, 901, &[0.0, 0.0])],
+    );
+    assert!(
+        d.cause.indistinguishable[0].contains(&"output_delay:*".to_owned()),
+        "{:?}",
+        d.cause.indistinguishable
+    );
     let next = d.cause.next_experiment.unwrap();
     assert!(next.contains("release") && next.contains("Bayes"), "{next}");
 }
@@ -458,7 +562,10 @@ fn shaken(frequencies: &[f64]) {
         let values = [frequency, 6.0, 0.7];
         let effects: &[(&str, &str, &[f64])] = &[("periodic_disturbance", "v", &values)];
         let seed = 950 + 10 * at as u64;
-        let logs = [log(&model, effects, 2500, seed, &[0.0, 0.0]), log(&model, effects, 1500, seed + 1, &[0.0, 0.0])];
+        let logs = [
+            log(&model, effects, 2500, seed, &[0.0, 0.0]),
+            log(&model, effects, 1500, seed + 1, &[0.0, 0.0]),
+        ];
         let d = diagnosed(&model, &logs, &[log(&model, effects, 1500, seed + 2, &[0.0, 0.0])]);
         assert_eq!(keys(&d), ["periodic_disturbance:v"], "{frequency} Hz");
         let found = d.cause.effects[0].parameters[0].value.unwrap();
@@ -484,7 +591,10 @@ fn skewed(ratios: &[f64]) {
         let values = [ratio];
         let effects: &[(&str, &str, &[f64])] = &[("clock_skew", "*", &values)];
         let seed = 980 + 10 * at as u64;
-        let logs = [log(&model, effects, 1000, seed, &[0.0, 0.0]), log(&model, effects, 800, seed + 1, &[0.0, 0.0])];
+        let logs = [
+            log(&model, effects, 1000, seed, &[0.0, 0.0]),
+            log(&model, effects, 800, seed + 1, &[0.0, 0.0]),
+        ];
         let d = diagnosed(&model, &logs, &[log(&model, effects, 800, seed + 2, &[0.0, 0.0])]);
         assert_eq!(keys(&d), ["clock_skew:*"], "{ratio}");
         let found = d.cause.effects[0].parameters[0].value.unwrap();
@@ -506,18 +616,33 @@ fn clocks_that_differ_by_per_cents_are_found_at_every_ratio() {
 fn no_companion(count: usize) {
     // Beside each effect something small is left to explain, which a second one could take the shape of.
     let model = document(&servo(", initial_std = 0.02", ""));
-    let machine = document(&servo("", " + 0.04*sin(11*x)").replace("value = 9.0", "value = 9.05").replace("value = 2.4", "value = 2.38"));
-    let all = [("input_delay", "u", 0.09), ("actuator_lag", "u", 0.12), ("coulomb_friction", "v", 1.0), ("deadband", "u", 0.2)];
+    let machine = document(
+        &servo("", " + 0.04*sin(11*x)")
+            .replace("value = 9.0", "value = 9.05")
+            .replace("value = 2.4", "value = 2.38"),
+    );
+    let all = [
+        ("input_delay", "u", 0.09),
+        ("actuator_lag", "u", 0.12),
+        ("coulomb_friction", "v", 1.0),
+        ("deadband", "u", 0.2),
+    ];
     let truths = &all[..count];
     for (at, (effect, channel, value)) in truths.iter().enumerate() {
         let values = [*value];
         let effects: &[(&str, &str, &[f64])] = &[(effect, channel, &values)];
         let seed = 1100 + 10 * at as u64;
-        let logs = [log(&machine, effects, 900, seed, &[0.0, 0.0]), log(&machine, effects, 900, seed + 1, &[0.0, 0.0])];
+        let logs = [
+            log(&machine, effects, 900, seed, &[0.0, 0.0]),
+            log(&machine, effects, 900, seed + 1, &[0.0, 0.0]),
+        ];
         let d = diagnosed(&model, &logs, &[log(&machine, effects, 700, seed + 2, &[0.0, 0.0])]);
         let named = d.cause.effects.len() == 1
             && (keys(&d).contains(&format!("{effect}:{channel}"))
-                || d.cause.indistinguishable.iter().any(|class| class.contains(&format!("{effect}:{channel}"))));
+                || d.cause
+                    .indistinguishable
+                    .iter()
+                    .any(|class| class.contains(&format!("{effect}:{channel}"))));
         assert!(named, "{effect} is called {:?}, {:?}", keys(&d), d.cause.indistinguishable);
     }
 }
@@ -536,7 +661,11 @@ fn a_simulator_that_is_a_little_off_gives_an_effect_no_companion_for_four_effect
 /// The gain alone misses by more than the spread; the bias is a hundredth of that error's square at most, and five times the noise.
 fn large_and_small() -> (ModelDocument, [Log; 2], [Log; 1]) {
     let model = document(&servo(", initial_std = 0.02", ""));
-    let truth: &[Acting<'_>] = &[("input_gain", "u", &[2.6]), ("output_delay", "rate", &[0.1]), ("sensor_bias", "angle", &[0.12])];
+    let truth: &[Acting<'_>] = &[
+        ("input_gain", "u", &[2.6]),
+        ("output_delay", "rate", &[0.1]),
+        ("sensor_bias", "angle", &[0.12]),
+    ];
     let made = |samples, seed| log(&model, truth, samples, seed, &[0.0, 0.0]);
     let (logs, held) = ([made(900, 1300), made(900, 1301)], [made(700, 1302)]);
     (model, logs, held)
@@ -547,7 +676,10 @@ fn large_and_small() -> (ModelDocument, [Log; 2], [Log; 1]) {
 fn a_small_part_of_a_large_gap_is_no_cause_by_its_part_alone() {
     let (model, logs, held) = large_and_small();
     let criteria = Criteria { added_shows: f64::INFINITY, ..Criteria::default() };
-    let by_part = diagnose(&model, &logs, &held, &GapOptions { criteria, ..GapOptions::default() }, &|_| ()).unwrap().diagnosis;
+    let by_part =
+        diagnose(&model, &logs, &held, &GapOptions { criteria, ..GapOptions::default() }, &|_| ())
+            .unwrap()
+            .diagnosis;
     assert!(!keys(&by_part).contains(&"sensor_bias:angle".to_owned()), "{:?}", keys(&by_part));
 }
 
@@ -555,7 +687,12 @@ fn a_small_part_of_a_large_gap_is_no_cause_by_its_part_alone() {
 fn a_small_part_of_a_large_gap_is_a_cause_where_it_is_seen() {
     let (model, logs, held) = large_and_small();
     let d = diagnosed(&model, &logs, &held);
-    assert_eq!(keys(&d), ["input_gain:u", "output_delay:rate", "sensor_bias:angle"], "{:?}", d.cause.contributions);
+    assert_eq!(
+        keys(&d),
+        ["input_gain:u", "output_delay:rate", "sensor_bias:angle"],
+        "{:?}",
+        d.cause.contributions
+    );
     let bias = d.cause.contributions.iter().find(|c| c.effect == "sensor_bias").unwrap();
     assert!((0.0..0.01).contains(&bias.share.learnt.unwrap()), "{:?}", bias.share);
     assert!((bias.parameters[0].value.unwrap() - 0.12).abs() < 0.01, "{:?}", bias.parameters);
@@ -593,24 +730,39 @@ fn uneven(
     seed: u64,
 ) -> Log {
     let system = System::new(machine, |_| Ok(0.0)).unwrap();
-    let applied = Applied { values: effect.2.to_vec(), ..Applied::nominal(&system, find(effect.0).unwrap(), effect.1).unwrap() };
+    let applied = Applied {
+        values: effect.2.to_vec(),
+        ..Applied::nominal(&system, find(effect.0).unwrap(), effect.1).unwrap()
+    };
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let time_s: Vec<f64> = (0..samples).map(|k| TS * (k as f64 + if k > 0 { rng.random_range(-0.15..0.15) } else { 0.0 })).collect();
+    let time_s: Vec<f64> = (0..samples)
+        .map(|k| TS * (k as f64 + if k > 0 { rng.random_range(-0.15..0.15) } else { 0.0 }))
+        .collect();
     let u = vec![u(samples, &mut rng)];
     let plan = Applied::plan(&system, &[applied], Chance::Seed(seed)).unwrap();
-    let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &u }, &[0.0, 0.0], None).unwrap();
-    let outputs: Vec<Vec<f64>> = run.y.column_iter().map(|y| noisy(y.iter().copied().collect(), &mut rng)).collect();
+    let run = system
+        .simulate(&plan, Commands { time_s: &time_s, inputs: &u }, &[0.0, 0.0], None)
+        .unwrap();
+    let outputs: Vec<Vec<f64>> =
+        run.y.column_iter().map(|y| noisy(y.iter().copied().collect(), &mut rng)).collect();
     let channel = |name: &str, values: &[f64]| Channel::new(name, None, values.to_vec());
-    Log::new("uneven", time_s.clone(), vec![channel("force", &u[0]), channel("pos", &outputs[0]), channel("acc", &outputs[1])]).unwrap()
+    Log::new(
+        "uneven",
+        time_s.clone(),
+        vec![channel("force", &u[0]), channel("pos", &outputs[0]), channel("acc", &outputs[1])],
+    )
+    .unwrap()
 }
 
 fn beside_a_direct_path(seeds: std::ops::RangeInclusive<u64>) {
     let model = document(ACCELEROMETER);
-    let every_sample = |samples, rng: &mut ChaCha8Rng| (0..samples).map(|_| rng.random_range(-1.0..1.0)).collect();
+    let every_sample =
+        |samples, rng: &mut ChaCha8Rng| (0..samples).map(|_| rng.random_range(-1.0..1.0)).collect();
     let mut inside = 0;
     for seed in seeds.clone() {
         let truth = 0.031 + 0.0027 * seed as f64;
-        let late = |seed| uneven(&model, ("input_delay", "force", &[truth]), every_sample, 400, seed);
+        let late =
+            |seed| uneven(&model, ("input_delay", "force", &[truth]), every_sample, 400, seed);
         let d = diagnosed(&model, &[late(seed)], &[late(seed + 100)]);
         assert_eq!(keys(&d), ["input_delay:force"]);
         let [lower, upper] = d.cause.effects[0].parameters[0].ci95.unwrap();
@@ -635,16 +787,24 @@ fn a_delay_beside_a_direct_path_is_not_known_better_than_uneven_samples_show_it_
 fn stops_are_found_where_held_out_commands_go_further() {
     let model = document(ACCELEROMETER);
     let stops = ("saturation", "force", &[-0.7, 0.6][..]);
-    let further = |samples, rng: &mut ChaCha8Rng| commands(samples, rng).into_iter().map(|u| 2.5 * u).collect();
-    let d = diagnosed(&model, &[uneven(&model, stops, commands, 700, 5)], &[uneven(&model, stops, further, 700, 6)]);
+    let further = |samples, rng: &mut ChaCha8Rng| {
+        commands(samples, rng).into_iter().map(|u| 2.5 * u).collect()
+    };
+    let d = diagnosed(
+        &model,
+        &[uneven(&model, stops, commands, 700, 5)],
+        &[uneven(&model, stops, further, 700, 6)],
+    );
     assert_eq!(keys(&d), ["saturation:force"]);
 }
 
 #[test]
 fn an_actuator_far_slower_than_any_delay_looked_for_is_a_rate_limit() {
     let model = document(ACCELEROMETER);
-    let slow = |samples, seed| uneven(&model, ("rate_limit", "force", &[0.3]), commands, samples, seed);
+    let slow =
+        |samples, seed| uneven(&model, ("rate_limit", "force", &[0.3]), commands, samples, seed);
     let options = GapOptions { longest_delay_s: Some(0.1), ..GapOptions::default() };
-    let d = diagnose(&model, &[slow(1500, 7)], &[slow(900, 8)], &options, &|_| ()).unwrap().diagnosis;
+    let d =
+        diagnose(&model, &[slow(1500, 7)], &[slow(900, 8)], &options, &|_| ()).unwrap().diagnosis;
     assert_eq!(keys(&d), ["rate_limit:force"]);
 }

@@ -65,32 +65,49 @@ seen = "angle"
 
 fn system(text: &str) -> System {
     let folder = Folder::new();
-    System::new(&ModelDocument::read(&folder.write("model.toml", text)).unwrap(), |_| Ok(0.0)).unwrap()
+    System::new(&ModelDocument::read(&folder.write("model.toml", text)).unwrap(), |_| Ok(0.0))
+        .unwrap()
 }
 
 /// Every window is the free run from the state that the corrections up to its start have made; nothing else goes in.
 #[test]
 fn every_window_is_a_free_run_from_a_corrected_state() {
-    for (name, text, tolerance) in [("cart", CART, 1e-10), ("sampled", SAMPLED, 1e-10), ("pendulum", PENDULUM, 1e-6)] {
+    for (name, text, tolerance) in
+        [("cart", CART, 1e-10), ("sampled", SAMPLED, 1e-10), ("pendulum", PENDULUM, 1e-6)]
+    {
         let system = system(text);
         let (n, p) = (system.states.len(), system.outputs.len());
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let time_s: Vec<f64> = (0..101).map(|k| TS * f64::from(k)).collect();
         let u = vec![commands(time_s.len(), &mut rng)];
         let gain = DMatrix::from_fn(n, p, |i, j| 0.1 + 0.1 * (i + 2 * j) as f64);
-        let noise = |rng: &mut ChaCha8Rng| (0..time_s.len()).map(|_| 0.2 * rng.sample::<f64, _>(StandardNormal)).collect();
+        let noise = |rng: &mut ChaCha8Rng| {
+            (0..time_s.len()).map(|_| 0.2 * rng.sample::<f64, _>(StandardNormal)).collect()
+        };
         let present: Vec<bool> = (0..time_s.len()).map(|k| k % 5 != 3).collect();
-        let measured: Vec<Measured> = (0..p).map(|_| Measured { values: noise(&mut rng), present: Some(present.clone()) }).collect();
+        let measured: Vec<Measured> = (0..p)
+            .map(|_| Measured { values: noise(&mut rng), present: Some(present.clone()) })
+            .collect();
         let over = |horizon: Option<usize>| {
             let horizon = horizon.map(|h| NonZeroUsize::new(h).unwrap());
             let correction = Correction { gain: &gain, measured: &measured, horizon };
             let commands = Commands { time_s: &time_s, inputs: &u };
-            system.simulate(&Plan::new(&system), commands, &system.initial, Some(correction)).unwrap()
+            system
+                .simulate(&Plan::new(&system), commands, &system.initial, Some(correction))
+                .unwrap()
         };
         let free = |x0: &[f64], from: usize, to: usize| {
             let time_s: Vec<f64> = time_s[from..=to].iter().map(|t| t - time_s[from]).collect();
             let inputs = [u[0][from..=to].to_vec()];
-            system.simulate(&Plan::new(&system), Commands { time_s: &time_s, inputs: &inputs }, x0, None).unwrap().y
+            system
+                .simulate(
+                    &Plan::new(&system),
+                    Commands { time_s: &time_s, inputs: &inputs },
+                    x0,
+                    None,
+                )
+                .unwrap()
+                .y
         };
         let corrected = over(None);
         for horizon in [1, 7, 20] {
@@ -141,18 +158,38 @@ fn errors_grow_ahead_whatever_delays_lags_and_clocks_the_sensors_have() {
         for effects in sensors {
             let one = |(effect, channel, value): &(&str, &str, f64)| {
                 let channel = if channel.is_empty() { &system.outputs[0].name } else { *channel };
-                let mut applied = Applied::nominal(&system, find(effect).unwrap(), channel).unwrap();
+                let mut applied =
+                    Applied::nominal(&system, find(effect).unwrap(), channel).unwrap();
                 applied.values[0] = *value;
                 applied
             };
-            let plan = Applied::plan(&system, &effects.iter().map(one).collect::<Vec<_>>(), Chance::Mean).unwrap();
+            let plan =
+                Applied::plan(&system, &effects.iter().map(one).collect::<Vec<_>>(), Chance::Mean)
+                    .unwrap();
             let run = |inputs: &[Vec<f64>], correction: Option<Correction<'_>>| {
-                system.simulate(&plan, Commands { time_s: &time_s, inputs }, &system.initial, correction).unwrap().y
+                system
+                    .simulate(
+                        &plan,
+                        Commands { time_s: &time_s, inputs },
+                        &system.initial,
+                        correction,
+                    )
+                    .unwrap()
+                    .y
             };
             let real = run(&pushed, None);
-            let measured: Vec<Measured> =
-                real.column_iter().map(|y| Measured { values: y.iter().copied().collect(), present: None }).collect();
-            let y = run(&u, Some(Correction { gain: &gain, measured: &measured, horizon: NonZeroUsize::new(25) }));
+            let measured: Vec<Measured> = real
+                .column_iter()
+                .map(|y| Measured { values: y.iter().copied().collect(), present: None })
+                .collect();
+            let y = run(
+                &u,
+                Some(Correction {
+                    gain: &gain,
+                    measured: &measured,
+                    horizon: NonZeroUsize::new(25),
+                }),
+            );
             let rms = |step: usize, output: usize| {
                 let at = (100..600).filter(|k| (k - 1) % 25 + 1 == step);
                 at.map(|k| (real[(k, output)] - y[(k, output)]).powi(2)).sum::<f64>().sqrt()
@@ -177,10 +214,14 @@ fn record(document: &ModelDocument, effects: &[(&str, &str, &[f64])], seed: u64)
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let time_s: Vec<f64> = (0..1500).map(|k| TS * f64::from(k)).collect();
     let inputs = vec![commands(time_s.len(), &mut rng)];
-    let y = system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &system.initial, None).unwrap().y;
+    let y = system
+        .simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &system.initial, None)
+        .unwrap()
+        .y;
     let mut channels = vec![Channel::new("u", Some("V"), inputs[0].clone())];
     for (i, port) in system.outputs.iter().enumerate() {
-        let seen = y.column(i).iter().map(|v| v + 0.003 * rng.sample::<f64, _>(StandardNormal)).collect();
+        let seen =
+            y.column(i).iter().map(|v| v + 0.003 * rng.sample::<f64, _>(StandardNormal)).collect();
         channels.push(Channel::new(&port.name, port.unit.as_deref(), seen));
     }
     Log::new(format!("{seed}.csv"), time_s, channels).unwrap()
@@ -201,7 +242,8 @@ fn a_cause_is_named_and_the_error_is_told_by_horizon() {
     let d = &found.diagnosis;
     assert_eq!((d.prediction.mode, d.prediction.horizon), (Mode::Horizon, Some(25)));
     assert_eq!(d.cause.verdict, "coulomb_friction");
-    let schema: serde_json::Value = serde_json::from_str(include_str!("../../docs/diagnosis.schema.json")).unwrap();
+    let schema: serde_json::Value =
+        serde_json::from_str(include_str!("../../docs/diagnosis.schema.json")).unwrap();
     let schema = jsonschema::draft202012::new(&schema).unwrap();
     assert!(schema.is_valid(&serde_json::to_value(d).unwrap()));
     let level = d.cause.effects[0].parameters[0].clone();
@@ -228,14 +270,30 @@ fn a_horizon_that_makes_no_sense_is_refused_with_the_remedy() {
     let log = record(&document, &[], 1);
     let refused = |horizon: Option<usize>, prediction: Option<Mode>| {
         let options = GapOptions { horizon, prediction, ..GapOptions::default() };
-        let error = diagnose(&document, std::slice::from_ref(&log), &[], &options, &|_| ()).unwrap_err();
-        assert!(matches!(error, deadtime::diagnose::Error::Gap(GapError::Horizon { most: 375, .. })), "{error}");
+        let error =
+            diagnose(&document, std::slice::from_ref(&log), &[], &options, &|_| ()).unwrap_err();
+        assert!(
+            matches!(error, deadtime::diagnose::Error::Gap(GapError::Horizon { most: 375, .. })),
+            "{error}"
+        );
         error.to_string()
     };
     assert!(refused(Some(0), None).contains("1 to 375 samples"));
     refused(Some(376), None);
     refused(Some(10), Some(Mode::Predictor));
     refused(None, Some(Mode::Horizon));
-    deadtime(&["gap", "--model", "m.toml", "--log", "a.csv", "--out", "x", "--horizon", "5", "--prediction", "predictor"])
-        .refused(&["--horizon", "cannot be used with"]);
+    deadtime(&[
+        "gap",
+        "--model",
+        "m.toml",
+        "--log",
+        "a.csv",
+        "--out",
+        "x",
+        "--horizon",
+        "5",
+        "--prediction",
+        "predictor",
+    ])
+    .refused(&["--horizon", "cannot be used with"]);
 }

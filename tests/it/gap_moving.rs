@@ -31,8 +31,16 @@ fn logged(samples: usize, seed: u64, sent: Sent, heard: Heard<'_>) -> Log {
     let sent = sent(samples, &mut rng);
     let inputs = [heard(&sent, &mut rng)];
     let time_s: Vec<f64> = (0..samples).map(|k| TS * k as f64).collect();
-    let run = system.simulate(&Plan::new(&system), Commands { time_s: &time_s, inputs: &inputs }, &[0.0, 0.0], None).unwrap();
-    let outputs: Vec<Vec<f64>> = run.y.column_iter().map(|y| noisy(y.iter().copied().collect(), &mut rng)).collect();
+    let run = system
+        .simulate(
+            &Plan::new(&system),
+            Commands { time_s: &time_s, inputs: &inputs },
+            &[0.0, 0.0],
+            None,
+        )
+        .unwrap();
+    let outputs: Vec<Vec<f64>> =
+        run.y.column_iter().map(|y| noisy(y.iter().copied().collect(), &mut rng)).collect();
     as_log(&format!("log{seed}.csv"), time_s, &sent, &outputs)
 }
 
@@ -46,11 +54,18 @@ fn diagnosed_from(seed: u64, sent: Sent, heard: Heard<'_>) -> (Diagnosed, [f64; 
 }
 
 /// The same where the machine hears the held-out commands in another way.
-fn diagnosed_beside(seed: u64, sent: Sent, heard: Heard<'_>, held_out: Heard<'_>) -> (Diagnosed, [f64; 2]) {
+fn diagnosed_beside(
+    seed: u64,
+    sent: Sent,
+    heard: Heard<'_>,
+    held_out: Heard<'_>,
+) -> (Diagnosed, [f64; 2]) {
     let nominal = model();
     let logs = [logged(1100, seed, sent, heard), logged(900, seed + 1, sent, heard)];
     let held = logged(900, seed + 2, sent, held_out);
-    let found = diagnose(&nominal, &logs, std::slice::from_ref(&held), &GapOptions::default(), &|_| ()).unwrap();
+    let found =
+        diagnose(&nominal, &logs, std::slice::from_ref(&held), &GapOptions::default(), &|_| ())
+            .unwrap();
     let nrmse = |model: &ModelDocument| {
         let run = OnLog::new(model, &held).unwrap();
         let each = run.nrmse(&run.response().unwrap()).unwrap();
@@ -71,14 +86,21 @@ fn keys(found: &Diagnosed) -> Vec<String> {
 
 fn value(found: &Diagnosed, name: &str) -> f64 {
     let parameters = &found.diagnosis.cause.effects[0].parameters;
-    parameters.iter().find(|p| p.name == name).unwrap_or_else(|| panic!("no {name}: {parameters:?}")).value.unwrap()
+    parameters
+        .iter()
+        .find(|p| p.name == name)
+        .unwrap_or_else(|| panic!("no {name}: {parameters:?}"))
+        .value
+        .unwrap()
 }
 
 /// The probability of lost commands, alone or beside something else.
 fn lost(found: &Diagnosed) -> f64 {
     let row = |row: &RankingRow| match row {
         RankingRow::Single(r) if r.effect == "dropped_commands" => r.probability,
-        RankingRow::Pair(r) if r.effects.iter().any(|e| e[0] == "dropped_commands") => r.probability,
+        RankingRow::Pair(r) if r.effects.iter().any(|e| e[0] == "dropped_commands") => {
+            r.probability
+        }
         _ => 0.0,
     };
     found.diagnosis.cause.ranking.iter().map(row).sum()
@@ -87,14 +109,23 @@ fn lost(found: &Diagnosed) -> f64 {
 fn jumps(cases: &[(u64, usize, usize)]) {
     // 0.1 s until 10 s, 0.3 s from then on; and one that ends.
     for &(seed, before, behind) in cases {
-        let (found, [nominal, handed]) = diagnosed(seed, &late_by(|k| if k < 500 { before } else { behind }));
+        let (found, [nominal, handed]) =
+            diagnosed(seed, &late_by(|k| if k < 500 { before } else { behind }));
         assert_eq!(keys(&found), ["delay_jump:u"]);
         for (name, truth) in [("delay", TS * before as f64), ("later", TS * behind as f64)] {
-            assert!((value(&found, name) - truth).abs() < 0.1 * TS, "{name} {} is not {truth}", value(&found, name));
+            assert!(
+                (value(&found, name) - truth).abs() < 0.1 * TS,
+                "{name} {} is not {truth}",
+                value(&found, name)
+            );
         }
         // A command that is held hides where in between the change was.
         assert!((value(&found, "time") - 10.0).abs() < 0.6, "{}", value(&found, "time"));
-        assert!(handed < 0.1 * nominal && found.caveats.is_empty(), "{nominal} to {handed}: {:?}", found.caveats);
+        assert!(
+            handed < 0.1 * nominal && found.caveats.is_empty(),
+            "{nominal} to {handed}: {:?}",
+            found.caveats
+        );
     }
 }
 
@@ -112,10 +143,19 @@ fn a_delay_that_jumps_is_named_with_both_delays_and_its_time_up_and_down() {
 /// The held-out log ends before the jump: it says nothing for it nor against it. Random delays that are decoded follow the noise as well, and win nothing by that.
 fn not_shown(cases: &[(u64, Sent)]) {
     for &(seed, sent) in cases {
-        let (found, _) = diagnosed_beside(seed, sent, &late_by(|k| if k < 500 { 5 } else { 9 }), &late_by(|_| 5));
+        let (found, _) = diagnosed_beside(
+            seed,
+            sent,
+            &late_by(|k| if k < 500 { 5 } else { 9 }),
+            &late_by(|_| 5),
+        );
         assert_eq!(keys(&found), ["delay_jump:u"], "{seed}");
         for (name, truth) in [("delay", 5.0), ("later", 9.0)] {
-            assert!((value(&found, name) / TS - truth).abs() < 0.3, "{name} {} is not {truth}", value(&found, name) / TS);
+            assert!(
+                (value(&found, name) / TS - truth).abs() < 0.3,
+                "{name} {} is not {truth}",
+                value(&found, name) / TS
+            );
         }
     }
 }
@@ -134,18 +174,29 @@ fn a_jump_that_held_out_data_do_not_show_is_named_and_not_random_delays_whatever
 #[test]
 fn a_delay_that_drifts_is_named_with_its_rate() {
     // From 0.05 s by 10 ms a second, in steps of a sample.
-    let (found, [nominal, handed]) = diagnosed(730, &late_by(|k| (2.5 + 0.01 * k as f64).round() as usize));
+    let (found, [nominal, handed]) =
+        diagnosed(730, &late_by(|k| (2.5 + 0.01 * k as f64).round() as usize));
     assert_eq!(keys(&found), ["delay_drift:u"]);
-    assert!((value(&found, "rate") - 0.01).abs() < 5e-4 && (value(&found, "delay") - 0.05).abs() < 0.5 * TS, "{:?}", found.diagnosis.cause);
+    assert!(
+        (value(&found, "rate") - 0.01).abs() < 5e-4
+            && (value(&found, "delay") - 0.05).abs() < 0.5 * TS,
+        "{:?}",
+        found.diagnosis.cause
+    );
     assert!(handed < 0.15 * nominal, "{nominal} to {handed}");
 }
 
 #[test]
 fn a_slower_loop_is_named_with_its_period() {
     let (every, first) = (7, 3);
-    let (found, [nominal, handed]) = diagnosed(740, &late_by(|k| if k < first { k } else { (k - first) % every }));
+    let (found, [nominal, handed]) =
+        diagnosed(740, &late_by(|k| if k < first { k } else { (k - first) % every }));
     assert_eq!(keys(&found), ["multi_rate:u"]);
-    assert!((value(&found, "period") - TS * every as f64).abs() < 1e-3, "{}", value(&found, "period"));
+    assert!(
+        (value(&found, "period") - TS * every as f64).abs() < 1e-3,
+        "{}",
+        value(&found, "period")
+    );
     assert!(handed < 0.15 * nominal, "{nominal} to {handed}");
 }
 
@@ -157,7 +208,9 @@ fn in_order(mean: f64, spread: f64) -> impl Fn(&[f64], &mut ChaCha8Rng) -> Vec<f
         let mut held = sent[0];
         for k in 0..sent.len() {
             if k > 0 && sent[k] != sent[k - 1] {
-                latest = latest.max(k as f64 + (mean + spread * rng.sample::<f64, _>(StandardNormal)).max(0.0));
+                latest = latest.max(
+                    k as f64 + (mean + spread * rng.sample::<f64, _>(StandardNormal)).max(0.0),
+                );
                 due.push_back((latest.round() as usize, sent[k]));
             }
             while due.front().is_some_and(|(at, _)| *at <= k) {
@@ -176,8 +229,14 @@ fn steps(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
 
 /// Commands that never rest: a sum of sines.
 fn sines(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
-    let parts: Vec<(f64, f64)> = (0..5).map(|n| (0.7 * f64::from(n + 1) + 0.2 * rng.random::<f64>(), 6.0 * rng.random::<f64>())).collect();
-    (0..samples).map(|k| parts.iter().map(|(hz, phase)| 0.3 * (hz * TS * k as f64 * 3.0 + phase).sin()).sum()).collect()
+    let parts: Vec<(f64, f64)> = (0..5)
+        .map(|n| (0.7 * f64::from(n + 1) + 0.2 * rng.random::<f64>(), 6.0 * rng.random::<f64>()))
+        .collect();
+    (0..samples)
+        .map(|k| {
+            parts.iter().map(|(hz, phase)| 0.3 * (hz * TS * k as f64 * 3.0 + phase).sin()).sum()
+        })
+        .collect()
 }
 
 /// Where commands never rest no single one shows; the delays are told by all together.
@@ -187,8 +246,16 @@ fn never_rest(cases: &[(u64, f64, f64)]) {
         assert_eq!(keys(&found), ["delay_jitter:u"]);
         println!("{} {}", value(&found, "delay") / TS, value(&found, "spread") / TS);
         // What is heard is rounded to samples.
-        assert!((value(&found, "delay") / TS - mean).abs() < 1.5, "{} is not {mean}", value(&found, "delay") / TS);
-        assert!((value(&found, "spread") / TS / spread - 1.0).abs() < 0.4, "{} is not {spread}", value(&found, "spread") / TS);
+        assert!(
+            (value(&found, "delay") / TS - mean).abs() < 1.5,
+            "{} is not {mean}",
+            value(&found, "delay") / TS
+        );
+        assert!(
+            (value(&found, "spread") / TS / spread - 1.0).abs() < 0.4,
+            "{} is not {spread}",
+            value(&found, "spread") / TS
+        );
         assert!(handed < 0.6 * nominal, "{nominal} to {handed}");
         let shrink = &found.diagnosis.shrink;
         assert!(shrink.decoded.as_ref().is_some(), "{shrink:?}");
@@ -219,12 +286,21 @@ fn random_delays_are_not_called_lost_commands_and_their_mean_is_handed_over() {
     assert!((value(&found, "delay") - 0.14).abs() < 0.02, "{}", value(&found, "delay"));
     assert!((value(&found, "spread") - 0.04).abs() < 0.02, "{}", value(&found, "spread"));
     // The file carries no chance, and it helps.
-    let carried: Vec<String> = found.handed_over.iter().map(deadtime::effect::Applied::key).collect();
+    let carried: Vec<String> =
+        found.handed_over.iter().map(deadtime::effect::Applied::key).collect();
     assert_eq!(carried, ["input_delay:u"]);
     assert!(handed < 0.5 * nominal, "{nominal} to {handed}");
-    assert!((handed / found.diagnosis.shrink.after.unwrap() - 1.0).abs() < 0.1, "{handed} is not {:?}", found.diagnosis.shrink);
+    assert!(
+        (handed / found.diagnosis.shrink.after.unwrap() - 1.0).abs() < 0.1,
+        "{handed} is not {:?}",
+        found.diagnosis.shrink
+    );
     let told: Vec<String> = found.caveats.iter().map(ToString::to_string).collect();
-    assert!(told.iter().any(|c| c.contains("input_delay:u") && c.contains("in place of delay_jitter:u")), "{told:?}");
+    assert!(
+        told.iter()
+            .any(|c| c.contains("input_delay:u") && c.contains("in place of delay_jitter:u")),
+        "{told:?}"
+    );
 }
 
 #[test]
@@ -258,7 +334,11 @@ fn lost_commands_are_still_called_lost_and_the_written_model_is_not_worse() {
     for (seed, heard) in cases {
         let (found, [nominal, handed]) = diagnosed(seed, heard);
         assert_eq!(keys(&found), ["dropped_commands:u"], "seed {seed}");
-        assert!(found.handed_over.iter().all(|a| a.effect.name() != "dropped_commands"), "{:?}", found.handed_over);
+        assert!(
+            found.handed_over.iter().all(|a| a.effect.name() != "dropped_commands"),
+            "{:?}",
+            found.handed_over
+        );
         assert!(handed <= 1.01 * nominal, "seed {seed}: {nominal} to {handed}");
         let burst = &found.diagnosis.cause.effects[0].parameters[1];
         match seed {
@@ -266,7 +346,11 @@ fn lost_commands_are_still_called_lost_and_the_written_model_is_not_worse() {
             790 => assert_eq!((burst.value, burst.std), (None, None)),
             // A loss goes on with 0.85: 1/0.15 commands on average, a quarter of all. A dozen losses show, so the length is known to a factor of two.
             _ => {
-                assert!((burst.value.unwrap() * 0.15).ln().abs() < std::f64::consts::LN_2 && burst.std.unwrap() < 2.0, "{burst:?}");
+                assert!(
+                    (burst.value.unwrap() * 0.15).ln().abs() < std::f64::consts::LN_2
+                        && burst.std.unwrap() < 2.0,
+                    "{burst:?}"
+                );
             }
         }
     }
@@ -298,10 +382,19 @@ fn a_long_log_tells_whether_what_was_found_in_its_first_part_holds_later() {
         let log = logged(2400, seed, steps, &late_by(|k| if k < 1800 { 5 } else { later }));
         let found = diagnose(&model(), &[log], &[], &options, &|_| ()).unwrap();
         assert_eq!(keys(&found), ["input_delay:u"]);
-        assert!(matches!(found.caveats[0], Caveat::FirstPart { rows: 2400, used: 1200, .. }), "{:?}", found.caveats);
-        let Caveat::LaterRows { before, after, within, holds, .. } = &found.caveats[1] else { panic!("{:?}", found.caveats) };
+        assert!(
+            matches!(found.caveats[0], Caveat::FirstPart { rows: 2400, used: 1200, .. }),
+            "{:?}",
+            found.caveats
+        );
+        let Caveat::LaterRows { before, after, within, holds, .. } = &found.caveats[1] else {
+            panic!("{:?}", found.caveats)
+        };
         let [before, after, within] = [before, after, within].map(|v| v.parse::<f64>().unwrap());
         assert_eq!(*holds, holds_later, "{before} {after} {within}");
-        assert!(after < before && (after < 1.5 * within) == holds_later, "{before} {after} {within}");
+        assert!(
+            after < before && (after < 1.5 * within) == holds_later,
+            "{before} {after} {within}"
+        );
     }
 }

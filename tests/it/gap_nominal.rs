@@ -26,7 +26,12 @@ fn moved(by: f64) -> [Log; 2] {
     [810, 811].map(|seed| {
         let log = served(seed);
         let angle: Vec<f64> = values(&log, "angle").iter().map(|v| v + by).collect();
-        as_log(log.source(), log.time_s().to_vec(), &values(&log, "u"), &[angle, values(&log, "rate")])
+        as_log(
+            log.source(),
+            log.time_s().to_vec(),
+            &values(&log, "u"),
+            &[angle, values(&log, "rate")],
+        )
     })
 }
 
@@ -36,7 +41,9 @@ pub(crate) static MOVED: LazyLock<Diagnosed> = LazyLock::new(|| diagnosed(&moved
 #[test]
 fn a_level_that_is_not_the_models_comes_first() {
     let found = &*MOVED;
-    let Caveat::OtherOperatingPoint { levels } = &found.caveats[0] else { panic!("{:?}", found.caveats) };
+    let Caveat::OtherOperatingPoint { levels } = &found.caveats[0] else {
+        panic!("{:?}", found.caveats)
+    };
     assert!(levels.contains("`angle`") && !levels.contains("`rate`"), "{levels}");
     assert!(found.caveats[0].comes_first());
     // An offset of the size of the motion is an effect like any other, and a good model is not spoken of.
@@ -53,7 +60,12 @@ fn a_model_that_a_constant_beats_is_called_poor_where_nothing_mends_it() {
         as_log(log.source(), log.time_s().to_vec(), &values(&log, "u"), &channels)
     };
     let found = diagnosed(&[mixed(820), mixed(821)]);
-    assert!(found.caveats.iter().any(|c| matches!(c, Caveat::PoorModel { .. })), "{:?} {:?}", found.caveats, found.diagnosis.shrink);
+    assert!(
+        found.caveats.iter().any(|c| matches!(c, Caveat::PoorModel { .. })),
+        "{:?} {:?}",
+        found.caveats,
+        found.diagnosis.shrink
+    );
 }
 
 /// A log of the example's flight with one column multiplied.
@@ -70,12 +82,30 @@ fn flight(channel: &str, factor: f64) -> Log {
 
 /// Turned round and late by half a period, a rate fits no gain alone: the remedy that the check names must be tried beside a delay.
 fn wrong_gain(cases: &[(&str, f64, &str, f64)]) {
-    let model = deadtime::model::ModelDocument::read(std::path::Path::new("examples/uav_lateral_stabilised.toml")).unwrap();
+    let model = deadtime::model::ModelDocument::read(std::path::Path::new(
+        "examples/uav_lateral_stabilised.toml",
+    ))
+    .unwrap();
     for &(channel, factor, effect, gain) in cases {
-        let found = diagnose(&model, &[flight(channel, factor)], &[], &GapOptions::default(), &|_| ()).unwrap().diagnosis;
-        let named: Vec<String> = found.cause.contributions.iter().map(|c| format!("{}:{}", c.effect, c.channel)).collect();
+        let found =
+            diagnose(&model, &[flight(channel, factor)], &[], &GapOptions::default(), &|_| ())
+                .unwrap()
+                .diagnosis;
+        let named: Vec<String> = found
+            .cause
+            .contributions
+            .iter()
+            .map(|c| format!("{}:{}", c.effect, c.channel))
+            .collect();
         assert_eq!(found.cause.contributions.len(), 2, "{channel} {factor}: {named:?}");
-        let of = |name: &str| found.cause.contributions.iter().find(|c| c.effect == name).and_then(|c| c.parameters[0].value);
+        let of = |name: &str| {
+            found
+                .cause
+                .contributions
+                .iter()
+                .find(|c| c.effect == name)
+                .and_then(|c| c.parameters[0].value)
+        };
         assert!((of(effect).unwrap() / gain - 1.0).abs() < 0.02, "{channel} {factor}: {named:?}");
         assert!((of("input_delay").unwrap() - 0.13).abs() < 0.002, "{channel} {factor}: {named:?}");
     }
@@ -89,5 +119,9 @@ fn a_wrong_sign_or_unit_beside_a_delay_is_the_cause_and_not_a_resonance() {
 #[test]
 #[ignore = "nightly: two more channels"]
 fn a_wrong_sign_or_unit_beside_a_delay_is_the_cause_and_not_a_resonance_of_either_kind() {
-    wrong_gain(&[("p", -1.0, "sensor_gain", -1.0), ("p", 57.29578, "sensor_gain", 57.29578), ("r", -1.0, "input_gain", -1.0)]);
+    wrong_gain(&[
+        ("p", -1.0, "sensor_gain", -1.0),
+        ("p", 57.29578, "sensor_gain", 57.29578),
+        ("r", -1.0, "input_gain", -1.0),
+    ]);
 }

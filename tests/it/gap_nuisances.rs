@@ -2,7 +2,9 @@
 
 use std::sync::LazyLock;
 
-use deadtime::diagnose::{Caveat, Constancy, Diagnosed, Diagnosis, GapOptions, NuisanceEstimate, diagnose};
+use deadtime::diagnose::{
+    Caveat, Constancy, Diagnosed, Diagnosis, GapOptions, NuisanceEstimate, diagnose,
+};
 use deadtime::log::{Channel, Log};
 use deadtime::model::ModelDocument;
 
@@ -13,12 +15,18 @@ fn nuisance(effect: &str, channel: &str, std: f64) -> String {
 }
 
 fn declared(entries: &[(&str, &str, f64)]) -> ModelDocument {
-    let entries: String = entries.iter().map(|(effect, channel, std)| nuisance(effect, channel, *std)).collect();
+    let entries: String =
+        entries.iter().map(|(effect, channel, std)| nuisance(effect, channel, *std)).collect();
     document(&(servo(", initial_std = 0.02", "") + &entries))
 }
 
 /// Logs of the servo, each with its own value of a constant beside a cause.
-fn logs(constant: (&str, &str), values: &[f64], cause: Option<(&str, &str, &[f64])>, seed: u64) -> Vec<Log> {
+fn logs(
+    constant: (&str, &str),
+    values: &[f64],
+    cause: Option<(&str, &str, &[f64])>,
+    seed: u64,
+) -> Vec<Log> {
     let one = |(i, value): (u64, &f64)| {
         let own = [*value];
         let mut acting: Vec<(&str, &str, &[f64])> = cause.into_iter().collect();
@@ -40,7 +48,10 @@ fn keys(d: &Diagnosis) -> Vec<String> {
 fn recovered(told: &[NuisanceEstimate], truth: &[f64], finest: f64) {
     assert_eq!(told.len(), truth.len(), "{told:?}");
     for (n, truth) in told.iter().zip(truth) {
-        assert!((n.value - truth).abs() < 3.0 * finest && n.std < finest, "{truth} is told as {n:?}");
+        assert!(
+            (n.value - truth).abs() < 3.0 * finest && n.std < finest,
+            "{truth} is told as {n:?}"
+        );
     }
 }
 
@@ -64,18 +75,33 @@ fn trims_that_are_declared_hide_no_cause_and_are_told_log_by_log() {
     let delay = &d.cause.effects[0].parameters[0];
     assert!((delay.value.unwrap() - 0.1).abs() < WITHIN_S, "{delay:?}");
     recovered(&d.nuisances, &TRIMS, 0.05);
-    assert!(d.nuisances.iter().all(|n| n.unit == "V" && n.prior_std == 0.5 && n.parameter == "offset"));
-    assert!(d.shrink.of_explainable.unwrap() > 0.95, "{:?}", d.shrink);
-    assert!(d.cause.not_tried.iter().any(|n| n.effect == "input_offset" && n.why.contains("a nuisance of the model file")));
     assert!(
-        !with.caveats.iter().any(|c| matches!(c, Caveat::NuisanceBeyondPrior { .. } | Caveat::NuisanceAlike { .. })),
+        d.nuisances.iter().all(|n| n.unit == "V" && n.prior_std == 0.5 && n.parameter == "offset")
+    );
+    assert!(d.shrink.of_explainable.unwrap() > 0.95, "{:?}", d.shrink);
+    assert!(
+        d.cause
+            .not_tried
+            .iter()
+            .any(|n| n.effect == "input_offset" && n.why.contains("a nuisance of the model file"))
+    );
+    assert!(
+        !with.caveats.iter().any(|c| matches!(
+            c,
+            Caveat::NuisanceBeyondPrior { .. } | Caveat::NuisanceAlike { .. }
+        )),
         "{:?}",
         with.caveats
     );
     // The file and its schema, and the model that is handed over.
     let value = serde_json::to_value(d).unwrap();
-    let schema: serde_json::Value = serde_json::from_str(include_str!("../../docs/diagnosis.schema.json")).unwrap();
-    let errors: Vec<String> = jsonschema::draft202012::new(&schema).unwrap().iter_errors(&value).map(|e| e.to_string()).collect();
+    let schema: serde_json::Value =
+        serde_json::from_str(include_str!("../../docs/diagnosis.schema.json")).unwrap();
+    let errors: Vec<String> = jsonschema::draft202012::new(&schema)
+        .unwrap()
+        .iter_errors(&value)
+        .map(|e| e.to_string())
+        .collect();
     assert!(errors.is_empty(), "{errors:?}");
     assert_eq!(&serde_json::from_value::<Diagnosis>(value).unwrap(), d);
     let model = with.model.as_ref().unwrap();
@@ -102,9 +128,18 @@ fn clean(count: usize) {
     for &(constant, values, std) in &all[..count] {
         let all = logs(constant, &values, None, 6200);
         let d = found(&declared(&[(constant.0, constant.1, std)]), &all[..2], &all[2..]).diagnosis;
-        assert_eq!((d.cause.verdict.as_str(), keys(&d).len()), ("none", 0), "{constant:?}: {:?}", d.cause.contributions);
+        assert_eq!(
+            (d.cause.verdict.as_str(), keys(&d).len()),
+            ("none", 0),
+            "{constant:?}: {:?}",
+            d.cause.contributions
+        );
         recovered(&d.nuisances, &values, 0.3 * std);
-        assert!(d.shrink.before.unwrap() < 1.5 * d.shrink.floor.unwrap(), "{constant:?}: {:?}", d.shrink);
+        assert!(
+            d.shrink.before.unwrap() < 1.5 * d.shrink.floor.unwrap(),
+            "{constant:?}: {:?}",
+            d.shrink
+        );
     }
 }
 
@@ -124,7 +159,15 @@ fn changed(log: &Log, output: &str, from_s: f64) -> Log {
     let channel = |c: &Channel| {
         let by = |t: f64| if c.name() == output && t >= from_s { 0.4 } else { 0.0 };
         let samples = c.samples();
-        Channel::new(c.name(), c.unit(), log.time_s().iter().enumerate().map(|(k, t)| samples.get(k).unwrap() + by(*t)).collect())
+        Channel::new(
+            c.name(),
+            c.unit(),
+            log.time_s()
+                .iter()
+                .enumerate()
+                .map(|(k, t)| samples.get(k).unwrap() + by(*t))
+                .collect(),
+        )
     };
     Log::new(log.source(), log.time_s().to_vec(), log.channels().map(channel).collect()).unwrap()
 }
@@ -136,7 +179,11 @@ fn of_a_held_out_log_the_first_part_tells_the_constants_and_the_rest_is_scored()
     let d = found(&model, &all[..2], &all[2..]).diagnosis;
     let (span, end) = (&d.holdout[0], all[2].time_s()[899]);
     assert!(span.from_s > 0.33 * end && span.from_s < 0.45 * end && span.to_s == end, "{span:?}");
-    assert!(d.shrink.after.unwrap() < 1.5 * d.shrink.floor.unwrap() && d.shrink.fraction.unwrap() > 0.5, "{:?}", d.shrink);
+    assert!(
+        d.shrink.after.unwrap() < 1.5 * d.shrink.floor.unwrap() && d.shrink.fraction.unwrap() > 0.5,
+        "{:?}",
+        d.shrink
+    );
     recovered(&d.nuisances, &TRIMS, 0.1);
     // Half as much is known of it as of the others: a third of the samples.
     assert!(d.nuisances[2].std > 1.2 * d.nuisances[0].std, "{:?}", d.nuisances);
@@ -190,9 +237,14 @@ D = [[0.0], [0.0]]
     let logs: Vec<Log> = [0.5, -0.3]
         .iter()
         .zip(6500..)
-        .map(|(own, seed)| log(&plain, &[("sensor_bias", "angle", &[*own])], 900, seed, &[0.0, 0.0]))
+        .map(|(own, seed)| {
+            log(&plain, &[("sensor_bias", "angle", &[*own])], 900, seed, &[0.0, 0.0])
+        })
         .collect();
-    let options = GapOptions { prediction: Some(deadtime::diagnose::Mode::Simulation), ..GapOptions::default() };
+    let options = GapOptions {
+        prediction: Some(deadtime::diagnose::Mode::Simulation),
+        ..GapOptions::default()
+    };
     let d = diagnose(&model, &logs, &[], &options, &|_| ()).unwrap().diagnosis;
     assert_eq!(d.cause.verdict, "none", "{:?}", d.cause.contributions);
     for (n, truth) in d.nuisances.iter().zip([0.5, -0.3]) {
@@ -229,20 +281,45 @@ fn the_level_of_an_output_whose_operating_point_is_the_mean_is_a_nuisance() {
         (0..3).map(|i| log(&machine, acting, 900, seed + i, &[0.01, -0.01])).collect()
     };
     let clean = runs(&[], 6900);
-    let samples: Vec<f64> = clean[..2].iter().flat_map(|l| (0..l.len()).map(|k| l.output("angle").unwrap().get(k).unwrap())).collect();
+    let samples: Vec<f64> = clean[..2]
+        .iter()
+        .flat_map(|l| (0..l.len()).map(|k| l.output("angle").unwrap().get(k).unwrap()))
+        .collect();
     let mean = samples.iter().sum::<f64>() / samples.len() as f64;
     let d = found(&model, &clean[..2], &clean[2..]).diagnosis;
-    assert_eq!((d.cause.verdict.as_str(), keys(&d).len()), ("none", 0), "{:?}", d.cause.contributions);
+    assert_eq!(
+        (d.cause.verdict.as_str(), keys(&d).len()),
+        ("none", 0),
+        "{:?}",
+        d.cause.contributions
+    );
     recovered(&d.nuisances, &[30.0 - mean; 3], 0.02);
-    assert!((30.0 - mean).abs() > 10.0 * d.nuisances[0].std, "the test has a level to tell: {mean}");
-    let why = d.cause.not_tried.iter().find(|n| n.why.contains("`angle` is the mean of the logs")).unwrap();
+    assert!(
+        (30.0 - mean).abs() > 10.0 * d.nuisances[0].std,
+        "the test has a level to tell: {mean}"
+    );
+    let why = d
+        .cause
+        .not_tried
+        .iter()
+        .find(|n| n.why.contains("`angle` is the mean of the logs"))
+        .unwrap();
     assert_eq!(why.effect, "sensor_bias");
 
     let late = runs(&[DELAY], 6950);
     let with = found(&model, &late[..2], &late[2..]);
-    assert_eq!(keys(&with.diagnosis), ["input_delay:u"], "{:?}", with.diagnosis.cause.contributions);
+    assert_eq!(
+        keys(&with.diagnosis),
+        ["input_delay:u"],
+        "{:?}",
+        with.diagnosis.cause.contributions
+    );
     assert!(with.diagnosis.shrink.of_explainable.unwrap() > 0.95, "{:?}", with.diagnosis.shrink);
-    assert!(!with.caveats.iter().any(|c| matches!(c, Caveat::NuisanceAlike { .. })), "{:?}", with.caveats);
+    assert!(
+        !with.caveats.iter().any(|c| matches!(c, Caveat::NuisanceAlike { .. })),
+        "{:?}",
+        with.caveats
+    );
     // On a channel of its own a constant is a cause as before.
     let off = runs(&[("sensor_bias", "rate", &[0.5])], 6970);
     assert_eq!(keys(&found(&model, &off[..2], &off[2..]).diagnosis), ["sensor_bias:rate"]);
@@ -253,15 +330,24 @@ fn a_constant_that_was_found_says_how_it_is_declared_and_whether_it_is_a_trim() 
     for (values, differs) in [([0.5, 0.9, 0.7], true), ([0.6, 0.6, 0.6], false)] {
         let all = logs(("input_offset", "u"), &values, None, 6600);
         let d = found(&declared(&[]), &all[..2], &all[2..]);
-        let constant =
-            d.caveats.iter().find(|c| matches!(c, Caveat::Constant { .. })).unwrap_or_else(|| panic!("{:?}", keys(&d.diagnosis)));
+        let constant = d
+            .caveats
+            .iter()
+            .find(|c| matches!(c, Caveat::Constant { .. }))
+            .unwrap_or_else(|| panic!("{:?}", keys(&d.diagnosis)));
         let Caveat::Constant { constancy, .. } = constant else { unreachable!() };
         assert_eq!(matches!(constancy, Constancy::Differs { .. }), differs, "{constant:?}");
     }
     // One log: nothing is said of others.
     let one = logs(("input_offset", "u"), &[0.6], None, 6610);
     let d = found(&declared(&[]), &one, &[]);
-    assert!(d.caveats.iter().any(|c| matches!(c, Caveat::Constant { constancy: Constancy::NotKnown, .. })), "{:?}", d.caveats);
+    assert!(
+        d.caveats
+            .iter()
+            .any(|c| matches!(c, Caveat::Constant { constancy: Constancy::NotKnown, .. })),
+        "{:?}",
+        d.caveats
+    );
 }
 
 #[cfg(feature = "cli")]
@@ -274,18 +360,33 @@ mod program {
     /// `deadtime gap` on the example's flight with these entries at the end of the example's model.
     fn gap(entries: &str) -> crate::support::program::Run {
         let folder = Folder::new();
-        let model = folder.write("lateral.toml", &format!("{}\n{entries}", include_str!("../../examples/uav_lateral_stabilised.toml")));
+        let model = folder.write(
+            "lateral.toml",
+            &format!("{}\n{entries}", include_str!("../../examples/uav_lateral_stabilised.toml")),
+        );
         let log = folder.write("flight.csv", LOG);
         deadtime(&["gap", "--model", text(&model), "--log", text(&log), "--isolability"])
     }
 
     #[test]
     fn entries_that_are_none_are_refused_with_a_remedy() {
-        let r = |std: &str| format!("[[nuisances]]\neffect = \"input_offset\"\nchannel = \"r\"\nstd = {std}\n");
+        let r = |std: &str| {
+            format!("[[nuisances]]\neffect = \"input_offset\"\nchannel = \"r\"\nstd = {std}\n")
+        };
         for (entries, says) in [
-            (nuisance("input_ofset", "r", 1.0), &["input_ofset:r", "there is no effect `input_ofset`", "take one of: input_offset"][..]),
-            (nuisance("saturation", "r", 1.0), &["saturation:r", "more than add a constant", "sensor_bias"]),
-            (nuisance("input_offset", "q", 1.0), &["input_offset:q", "its channels in this model are: r", "correct its `channel`"]),
+            (
+                nuisance("input_ofset", "r", 1.0),
+                &["input_ofset:r", "there is no effect `input_ofset`", "take one of: input_offset"]
+                    [..],
+            ),
+            (
+                nuisance("saturation", "r", 1.0),
+                &["saturation:r", "more than add a constant", "sensor_bias"],
+            ),
+            (
+                nuisance("input_offset", "q", 1.0),
+                &["input_offset:q", "its channels in this model are: r", "correct its `channel`"],
+            ),
             (r("0.0"), &["input_offset:r", "its `std` is 0", "above 0"]),
             (r("-1.0"), &["its `std` is -1", "above 0"]),
             (r("inf"), &["its `std` is inf", "finite number"]),
@@ -304,11 +405,18 @@ mod program {
     fn an_effect_of_the_model_may_be_a_nuisance_too_and_other_commands_take_the_section() {
         let folder = Folder::new();
         let own = "[[effects]]\neffect = \"input_offset\"\nchannel = \"u\"\nparameters = { offset = 0.1 }\n";
-        let write = |name: &str, entries: &str| folder.write(name, &(servo(", initial_std = 0.02", "") + entries));
+        let write = |name: &str, entries: &str| {
+            folder.write(name, &(servo(", initial_std = 0.02", "") + entries))
+        };
         let with = write("with.toml", &format!("{own}{}", nuisance("input_offset", "u", 0.5)));
         let without = write("without.toml", own);
-        let rows: Vec<String> = (0..400).map(|k| format!("{},{},0,0", 0.02 * f64::from(k), f64::from(k / 40 % 3) - 1.0)).collect();
-        let log = folder.write("log.csv", &format!("time,u [V],angle [rad],rate [rad/s]\n{}\n", rows.join("\n")));
+        let rows: Vec<String> = (0..400)
+            .map(|k| format!("{},{},0,0", 0.02 * f64::from(k), f64::from(k / 40 % 3) - 1.0))
+            .collect();
+        let log = folder.write(
+            "log.csv",
+            &format!("time,u [V],angle [rad],rate [rad/s]\n{}\n", rows.join("\n")),
+        );
         let simulated = |model: &std::path::Path, out: &str| {
             let out = folder.path(out);
             deadtime(&["simulate", text(model), text(&log), "--out", text(&out)]).done();
@@ -317,7 +425,16 @@ mod program {
         assert_eq!(simulated(&with, "a.csv"), simulated(&without, "b.csv"));
         deadtime(&["check", "--model", text(&with), "--log", text(&log)]).done();
         let out = folder.path("gap");
-        deadtime(&["gap", "--model", text(&with), "--log", text(&folder.path("b.csv")), "--out", text(&out)]).done();
+        deadtime(&[
+            "gap",
+            "--model",
+            text(&with),
+            "--log",
+            text(&folder.path("b.csv")),
+            "--out",
+            text(&out),
+        ])
+        .done();
         let kept = std::fs::read_to_string(out.join("model_with_effects.toml")).unwrap();
         assert!(kept.contains("[[nuisances]]") && kept.contains("[[effects]]"), "{kept}");
     }

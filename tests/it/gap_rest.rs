@@ -55,21 +55,37 @@ fn described_as(more: &str, full: &Diagnosed, goes_with: &str, over: &str, truth
     let told = described(d).unwrap_or_else(|| panic!("{more}: {:?}", d.cause.remainder));
     assert_eq!((told.state.as_str(), told.goes_with.as_str()), ("v", goes_with), "{told:?}");
     assert!(told.held_out_r2 > 0.5 && told.held_out_r2 <= 1.0, "{told:?}");
-    let size: f64 = told.sentence.split_once(&format!("{goes_with}, ")).unwrap().1.split_once(" times").unwrap().0.parse().unwrap();
+    let size: f64 = told
+        .sentence
+        .split_once(&format!("{goes_with}, "))
+        .unwrap()
+        .1
+        .split_once(" times")
+        .unwrap()
+        .0
+        .parse()
+        .unwrap();
     assert!(size * truth(1.0) > 0.0, "{told:?}");
     let curve = full.missing_force.as_ref().unwrap();
-    assert_eq!((curve.state.as_str(), curve.over.as_str(), curve.told.as_str()), ("v", over, goes_with));
+    assert_eq!(
+        (curve.state.as_str(), curve.over.as_str(), curve.told.as_str()),
+        ("v", over, goes_with)
+    );
     // Where most of the samples are: the curve has the true one's shape and size. A curve of 0 would miss by 1.
     let inner = || curve.at.iter().zip(&curve.force).skip(10).take(61);
     let square = |off: &dyn Fn((&f64, &f64)) -> f64| inner().map(|at| off(at).powi(2)).sum::<f64>();
     let missed = (square(&|(x, f)| f - truth(*x)) / square(&|(x, _)| truth(*x))).sqrt();
     assert!(missed < 0.3, "{more}: {missed}");
-    assert!(curve.ci95.iter().zip(&curve.force).all(|([low, high], f)| low < f && f < high), "{curve:?}");
+    assert!(
+        curve.ci95.iter().zip(&curve.force).all(|([low, high], f)| low < f && f < high),
+        "{curve:?}"
+    );
 }
 
 /// Logs of the servo with a force that nobody logged.
 fn pushed(seed: u64) -> Log {
-    let text = servo(", initial_std = 0.02", " + w").replace("inputs = [", "inputs = [{ name = \"w\", unit = \"rad/s^2\" }, ");
+    let text = servo(", initial_std = 0.02", " + w")
+        .replace("inputs = [", "inputs = [{ name = \"w\", unit = \"rad/s^2\" }, ");
     let system = System::new(&document(&text), |_| Ok(0.0)).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let u = commands(1300, &mut rng);
@@ -79,9 +95,13 @@ fn pushed(seed: u64) -> Log {
     }
     let time_s: Vec<f64> = (0..u.len()).map(|k| 0.02 * k as f64).collect();
     let inputs = [force, u.clone()];
-    let plan = deadtime::effect::Applied::plan(&system, &[], deadtime::effect::Chance::Mean).unwrap();
-    let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &[0.0, 0.0], None).unwrap();
-    let outputs: Vec<Vec<f64>> = run.y.column_iter().map(|y| noisy(y.iter().copied().collect(), &mut rng)).collect();
+    let plan =
+        deadtime::effect::Applied::plan(&system, &[], deadtime::effect::Chance::Mean).unwrap();
+    let run = system
+        .simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &[0.0, 0.0], None)
+        .unwrap();
+    let outputs: Vec<Vec<f64>> =
+        run.y.column_iter().map(|y| noisy(y.iter().copied().collect(), &mut rng)).collect();
     as_log(&format!("log{seed}.csv"), time_s, &u, &outputs)
 }
 
@@ -111,7 +131,11 @@ fn what_is_explained_needs_no_description() {
     let acting: &[(&str, &str, &[f64])] = &[("quadratic_drag", "v", &[1.5])];
     let logged = |i: u64| log(&model, acting, 1300, 5300 + i, &[0.0, 0.0]);
     let d = diagnosed(&model, &[logged(0), logged(1)], &[logged(2)]);
-    assert!(d.cause.verdict == "quadratic_drag" && described(&d).is_none(), "{:?}", d.cause.remainder);
+    assert!(
+        d.cause.verdict == "quadratic_drag" && described(&d).is_none(),
+        "{:?}",
+        d.cause.remainder
+    );
 }
 
 #[test]
@@ -119,8 +143,13 @@ fn the_file_keeps_the_sentence_and_its_term_is_one_that_the_program_takes() {
     let found = &*SUSPECT;
     let told = described(&found.diagnosis).unwrap().clone();
     let value = serde_json::to_value(&found.diagnosis).unwrap();
-    let schema: serde_json::Value = serde_json::from_str(include_str!("../../docs/diagnosis.schema.json")).unwrap();
-    let errors: Vec<String> = jsonschema::draft202012::new(&schema).unwrap().iter_errors(&value).map(|e| e.to_string()).collect();
+    let schema: serde_json::Value =
+        serde_json::from_str(include_str!("../../docs/diagnosis.schema.json")).unwrap();
+    let errors: Vec<String> = jsonschema::draft202012::new(&schema)
+        .unwrap()
+        .iter_errors(&value)
+        .map(|e| e.to_string())
+        .collect();
     assert!(errors.is_empty(), "{errors:?}");
     let again: Diagnosis = serde_json::from_value(value).unwrap();
     assert_eq!(described(&again), Some(&told));
@@ -130,5 +159,10 @@ fn the_file_keeps_the_sentence_and_its_term_is_one_that_the_program_takes() {
     suspecting.suspect(deadtime::model::CandidateEntry::from_text(term).unwrap()).unwrap();
     let logs = logs_with(SUSPECTED, 5100);
     let d = diagnosed(&suspecting, &logs[..2], &logs[2..]);
-    assert_eq!((d.cause.verdict.as_str(), d.cause.channel.as_deref()), ("candidate", Some(term)), "{:?}", d.cause.contributions);
+    assert_eq!(
+        (d.cause.verdict.as_str(), d.cause.channel.as_deref()),
+        ("candidate", Some(term)),
+        "{:?}",
+        d.cause.contributions
+    );
 }

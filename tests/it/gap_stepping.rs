@@ -60,7 +60,12 @@ fn logged(machine: &Machine<'_>, samples: usize, seed: u64) -> Log {
             continue;
         }
         let run = system
-            .simulate(&Plan::new(&system), Commands { time_s: &time_s, inputs: &[heard[rows.start..last].to_vec()] }, &state, None)
+            .simulate(
+                &Plan::new(&system),
+                Commands { time_s: &time_s, inputs: &[heard[rows.start..last].to_vec()] },
+                &state,
+                None,
+            )
             .unwrap();
         for (to, y) in outputs.iter_mut().zip(run.y.column_iter()) {
             to.extend(y.iter().take(rows.len()));
@@ -85,7 +90,8 @@ fn keys(found: &Diagnosed) -> Vec<String> {
 /// The parameters by name are near the truth.
 fn holds(found: &Diagnosed, truths: &[(&str, f64, f64)], coverage: &mut Coverage) {
     for (name, truth, near) in truths {
-        let p = found.diagnosis.cause.effects[0].parameters.iter().find(|p| p.name == *name).unwrap();
+        let p =
+            found.diagnosis.cause.effects[0].parameters.iter().find(|p| p.name == *name).unwrap();
         assert!((p.value.unwrap() - truth).abs() < *near, "{p:?} is not {truth}");
         coverage.parameter(&keys(found)[0], p, *truth);
     }
@@ -101,7 +107,11 @@ fn gain_steps(cases: &[(u64, f64, f64)]) {
         let hears = move |k: usize, u: f64| if k < AT { before * u } else { later * u };
         let found = diagnosed(&Machine { hears: &hears, is: &same(), at: AT }, seed);
         assert_eq!(keys(&found), ["gain_jump:u"], "{:?}", found.diagnosis.cause.ranking);
-        holds(&found, &[("gain", before, 0.03), ("later", later, 0.03), ("time", TS * AT as f64, 0.3)], &mut coverage);
+        holds(
+            &found,
+            &[("gain", before, 0.03), ("later", later, 0.03), ("time", TS * AT as f64, 0.3)],
+            &mut coverage,
+        );
     }
     coverage.is_honest(3 * cases.len());
 }
@@ -119,13 +129,25 @@ fn a_gain_that_steps_is_named_with_both_gains_and_its_time_of_three_sizes() {
 
 /// The damping of the servo doubles: no gain of the input does that.
 fn parameter_steps(cases: &[(u64, &str, &str)]) {
-    let damped = |damping: &str| document(&servo(", initial_std = 0.02", "").replace("value = 2.4", &format!("value = {damping}")));
+    let damped = |damping: &str| {
+        document(
+            &servo(", initial_std = 0.02", "")
+                .replace("value = 2.4", &format!("value = {damping}")),
+        )
+    };
     let mut coverage = Coverage::default();
     for &(seed, before, later) in cases {
-        let found = diagnosed(&Machine { hears: &|_, u| u, is: &[damped(before), damped(later)], at: AT }, seed);
+        let found = diagnosed(
+            &Machine { hears: &|_, u| u, is: &[damped(before), damped(later)], at: AT },
+            seed,
+        );
         assert_eq!(keys(&found), ["parameter_jump:damping"], "{:?}", found.diagnosis.cause.ranking);
         let [before, later]: [f64; 2] = [before, later].map(|v| v.parse().unwrap());
-        holds(&found, &[("value", before, 0.1), ("later", later, 0.2), ("time", TS * AT as f64, 0.3)], &mut coverage);
+        holds(
+            &found,
+            &[("value", before, 0.1), ("later", later, 0.2), ("time", TS * AT as f64, 0.3)],
+            &mut coverage,
+        );
     }
     coverage.is_honest(3 * cases.len());
 }
@@ -149,7 +171,8 @@ fn no_step(count: usize) {
         ("saturation:u", &|_, u| u.clamp(-0.5, 0.6)),
     ];
     for (at, (named, hears)) in machines.into_iter().enumerate().take(count) {
-        let found = diagnosed(&Machine { hears, is: &same(), at: usize::MAX }, 940 + 10 * at as u64);
+        let found =
+            diagnosed(&Machine { hears, is: &same(), at: usize::MAX }, 940 + 10 * at as u64);
         assert_eq!(keys(&found), [named]);
     }
 }
@@ -172,7 +195,12 @@ fn a_step_in_one_log_alone_does_no_harm() {
     let stepping = Machine { hears: &hears, is: &same(), at: AT };
     let steady = Machine { hears: &|_, u| u, is: &same(), at: usize::MAX };
     let logs = [logged(&stepping, 1000, 980), logged(&steady, 900, 981)];
-    let found = diagnose(&model(), &logs, &[logged(&steady, 900, 982)], &GapOptions::default(), &|_| ()).unwrap();
+    let found =
+        diagnose(&model(), &logs, &[logged(&steady, 900, 982)], &GapOptions::default(), &|_| ())
+            .unwrap();
     let shrink = &found.diagnosis.shrink;
-    assert!(shrink.after.zip(shrink.before).is_none_or(|(after, before)| after <= 1.02 * before), "{shrink:?}");
+    assert!(
+        shrink.after.zip(shrink.before).is_none_or(|(after, before)| after <= 1.02 * before),
+        "{shrink:?}"
+    );
 }

@@ -86,7 +86,10 @@ fn cell(method: &str, number: usize, t: Truth, trials: usize, rng: &mut ChaCha8R
         (
             "rms_ci95_samples",
             if errors.len() > 1 {
-                json!([(square - 1.96 * std).max(0.0).sqrt(), (square + 1.959_963_984_540_054 * std + unseen).sqrt()])
+                json!([
+                    (square - 1.96 * std).max(0.0).sqrt(),
+                    (square + 1.959_963_984_540_054 * std + unseen).sqrt()
+                ])
             } else {
                 Value::Null
             },
@@ -124,14 +127,24 @@ const DRAWN: usize = 6;
 const CELLS: usize = 10;
 
 /// Two studies of the same truths, but for what `change` does to those of the second.
-fn drawn(pair: u64, trials: [usize; 2], change: &dyn Fn(usize, usize, Truth) -> Truth) -> [Study; 2] {
+fn drawn(
+    pair: u64,
+    trials: [usize; 2],
+    change: &dyn Fn(usize, usize, Truth) -> Truth,
+) -> [Study; 2] {
     let mut rng = ChaCha8Rng::seed_from_u64(pair);
     [0, 1].map(|side| {
         let cells = (0..DRAWN)
             .flat_map(|m| (0..CELLS).map(move |c| (m, c)))
             .map(|(m, c)| {
                 let t = truth(KINDS[(m + c) % KINDS.len()]);
-                cell(&format!("m{m}"), c, if side == 1 { change(m, c, t) } else { t }, trials[side], &mut rng)
+                cell(
+                    &format!("m{m}"),
+                    c,
+                    if side == 1 { change(m, c, t) } else { t },
+                    trials[side],
+                    &mut rng,
+                )
             })
             .collect();
         study(side as u64 + 1, cells)
@@ -144,7 +157,12 @@ fn without_margins() -> Gate {
 }
 
 /// Pairs of studies of which something was called worse.
-fn alarms(pairs: u64, first: u64, trials: [usize; 2], change: &(dyn Fn(usize, usize, Truth) -> Truth + Sync)) -> Vec<GateReport> {
+fn alarms(
+    pairs: u64,
+    first: u64,
+    trials: [usize; 2],
+    change: &(dyn Fn(usize, usize, Truth) -> Truth + Sync),
+) -> Vec<GateReport> {
     (0..pairs)
         .into_par_iter()
         .map(|pair| {
@@ -185,14 +203,28 @@ fn equally_accurate_programs_fail_in_less_than_one_run_of_a_hundred_of_any_size(
 #[test]
 fn a_method_that_lost_accuracy_or_coverage_is_found() {
     let changes: [(&str, &str, Change); 4] = [
-        ("RMS doubled in all cells of a method", "m2", |m, _, t| Truth { scale: if m == 2 { 2.0 } else { 1.0 }, ..t }),
-        ("coverage 95 to 80 % in all cells of a method", "m2", |m, _, t| Truth { coverage: if m == 2 { 0.8 } else { t.coverage }, ..t }),
-        ("flagged 3 to 10 % in all cells of a method", "m2", |m, _, t| Truth { flagged: if m == 2 { 0.1 } else { t.flagged }, ..t }),
-        ("RMS tripled in one cell of normal errors", "m0", |m, c, t| Truth { scale: if (m, c) == (0, 0) { 3.0 } else { 1.0 }, ..t }),
+        ("RMS doubled in all cells of a method", "m2", |m, _, t| Truth {
+            scale: if m == 2 { 2.0 } else { 1.0 },
+            ..t
+        }),
+        ("coverage 95 to 80 % in all cells of a method", "m2", |m, _, t| Truth {
+            coverage: if m == 2 { 0.8 } else { t.coverage },
+            ..t
+        }),
+        ("flagged 3 to 10 % in all cells of a method", "m2", |m, _, t| Truth {
+            flagged: if m == 2 { 0.1 } else { t.flagged },
+            ..t
+        }),
+        ("RMS tripled in one cell of normal errors", "m0", |m, c, t| Truth {
+            scale: if (m, c) == (0, 0) { 3.0 } else { 1.0 },
+            ..t
+        }),
     ];
     for (number, (what, method, change)) in changes.into_iter().enumerate() {
         let found = alarms(200, 77_000_000 + 1_000_000 * number as u64, [100, 100], &change);
-        let rate = found.iter().filter(|r| r.worse.iter().any(|f| f.method == method)).count() as f64 / 200.0;
+        let rate = found.iter().filter(|r| r.worse.iter().any(|f| f.method == method)).count()
+            as f64
+            / 200.0;
         println!("{what}: {rate}");
         assert!(rate >= 0.99, "{what}: {rate}");
     }
@@ -202,12 +234,20 @@ fn a_method_that_lost_accuracy_or_coverage_is_found() {
 #[test]
 fn what_is_found_in_a_single_cell() {
     let changes: [(&str, Change); 2] = [
-        ("RMS doubled in one cell of normal errors", |m, c, t| Truth { scale: if (m, c) == (0, 0) { 2.0 } else { 1.0 }, ..t }),
-        ("coverage 95 to 80 % in one cell", |m, c, t| Truth { coverage: if (m, c) == (0, 0) { 0.8 } else { t.coverage }, ..t }),
+        ("RMS doubled in one cell of normal errors", |m, c, t| Truth {
+            scale: if (m, c) == (0, 0) { 2.0 } else { 1.0 },
+            ..t
+        }),
+        ("coverage 95 to 80 % in one cell", |m, c, t| Truth {
+            coverage: if (m, c) == (0, 0) { 0.8 } else { t.coverage },
+            ..t
+        }),
     ];
     for (number, (what, change)) in changes.into_iter().enumerate() {
         let found = alarms(200, 99_000_000 + 1_000_000 * number as u64, [100, 100], &change);
-        let [right, wrong] = [true, false].map(|own| found.iter().filter(|r| r.worse.iter().any(|f| (f.method == "m0") == own)).count());
+        let [right, wrong] = [true, false].map(|own| {
+            found.iter().filter(|r| r.worse.iter().any(|f| (f.method == "m0") == own)).count()
+        });
         println!("{what}: found in {right} of 200, others called worse in {wrong}");
         // Other methods stay as they were: a rate of 1 % makes more than 8 of 200 once in a thousand.
         assert!(wrong <= 8, "{what}: {wrong}");
@@ -217,14 +257,20 @@ fn what_is_found_in_a_single_cell() {
 #[test]
 fn a_trivial_change_does_not_fail_however_sure() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    let mut of = |scale: f64| cell("m", 0, Truth { scale, ..truth(Kind::Normal) }, 200_000, &mut rng);
+    let mut of =
+        |scale: f64| cell("m", 0, Truth { scale, ..truth(Kind::Normal) }, 200_000, &mut rng);
     let (before, grown, doubled) = (of(1.0), of(1.05), of(2.0));
     assert!(compared(std::slice::from_ref(&before), std::slice::from_ref(&grown)).worse.is_empty());
-    let report = without_margins().compare(&study(2, vec![grown]), &study(1, vec![before.clone()])).unwrap();
+    let report =
+        without_margins().compare(&study(2, vec![grown]), &study(1, vec![before.clone()])).unwrap();
     assert_eq!(report.worse[0].measured, Measured::RmsSamples);
     let report = compared(&[doubled], std::slice::from_ref(&before));
-    assert!(report.worse.is_empty() && report.better.iter().any(|f| f.measured == Measured::RmsSamples));
-    assert!(compared(std::slice::from_ref(&before), std::slice::from_ref(&before)).worse.is_empty());
+    assert!(
+        report.worse.is_empty() && report.better.iter().any(|f| f.measured == Measured::RmsSamples)
+    );
+    assert!(
+        compared(std::slice::from_ref(&before), std::slice::from_ref(&before)).worse.is_empty()
+    );
 }
 
 #[test]
@@ -251,7 +297,10 @@ fn records_without_noise_are_compared_exactly() {
     let base = with(&[]);
     for (changes, measured) in [
         (vec![("rms_samples", json!(0.001))], Measured::RmsSamples),
-        (vec![("flagged", json!(1)), ("scored", json!(3)), ("intervals", json!(3))], Measured::Flagged),
+        (
+            vec![("flagged", json!(1)), ("scored", json!(3)), ("intervals", json!(3))],
+            Measured::Flagged,
+        ),
         (vec![("unflagged_wrong", json!(1))], Measured::UnflaggedWrong),
     ] {
         let changed = with(&changes);
@@ -271,7 +320,12 @@ fn records_without_noise_are_compared_exactly() {
     // Drawn excitations: exact with equal seeds and numbers of records; else one answer of four is no proof.
     let (before, after) = (
         with(&[("repeatable", json!(false))]),
-        with(&[("repeatable", json!(false)), ("flagged", json!(1)), ("scored", json!(3)), ("intervals", json!(3))]),
+        with(&[
+            ("repeatable", json!(false)),
+            ("flagged", json!(1)),
+            ("scored", json!(3)),
+            ("intervals", json!(3)),
+        ]),
     );
     assert_eq!(compared(&before, &after).worse.len(), 1);
     assert!(Gate::default().compare(&study(2, after), &study(1, before)).unwrap().worse.is_empty());
@@ -284,12 +338,17 @@ fn cells_of_one_record_count_as_one() {
         (0..10)
             .map(|number| {
                 let mut cell = plain("m", if shared { 0 } else { number });
-                for (key, value) in
-                    [("output", json!(format!("y{number}"))), ("snr", json!(100)), ("repeatable", json!(false)), ("trials", json!(100))]
-                {
+                for (key, value) in [
+                    ("output", json!(format!("y{number}"))),
+                    ("snr", json!(100)),
+                    ("repeatable", json!(false)),
+                    ("trials", json!(100)),
+                ] {
                     cell[key] = value;
                 }
-                for (key, value) in [("flagged", flagged), ("scored", 100 - flagged), ("intervals", 100 - flagged)] {
+                for (key, value) in
+                    [("flagged", flagged), ("scored", 100 - flagged), ("intervals", 100 - flagged)]
+                {
                     cell[key] = json!(value);
                 }
                 cell
@@ -303,7 +362,9 @@ fn cells_of_one_record_count_as_one() {
 #[test]
 fn what_cannot_be_compared_is_refused_with_the_remedy() {
     let base = plain("a", 0);
-    let refused = |results: &Study, gate: Gate| gate.compare(results, &study(1, vec![base.clone()])).unwrap_err().to_string();
+    let refused = |results: &Study, gate: Gate| {
+        gate.compare(results, &study(1, vec![base.clone()])).unwrap_err().to_string()
+    };
     let with = |key: &str, value: Value| {
         let mut cell = base.clone();
         cell[key] = value;
@@ -316,7 +377,11 @@ fn what_cannot_be_compared_is_refused_with_the_remedy() {
         (with("plant", json!("x")), default, vec!["none of the baseline's cells", "`update`"]),
         (with("truth", json!("raw")), default, vec!["truth = \"delay\"", "raw", "`update`"]),
         (with("definition", json!("e")), default, vec!["something else", "`update`"]),
-        (with("flagged", json!(9)), default, vec!["the results", "counts above its trials", "run the study again"]),
+        (
+            with("flagged", json!(9)),
+            default,
+            vec!["the results", "counts above its trials", "run the study again"],
+        ),
         (with("rms_samples", json!(-1.0)), default, vec!["out of range"]),
         (with("coverage95", json!(1.5)), default, vec!["out of range"]),
         (study(1, Vec::new()), default, vec!["no cells"]),
@@ -333,10 +398,17 @@ fn what_cannot_be_compared_is_refused_with_the_remedy() {
 fn elements(xml: &str) -> Vec<(String, Vec<(String, String)>)> {
     let unescape = |s: &str| {
         assert!(
-            !s.contains('<') && s.split('&').skip(1).all(|e| ["amp;", "lt;", "gt;", "quot;", "apos;"].iter().any(|k| e.starts_with(k))),
+            !s.contains('<')
+                && s.split('&').skip(1).all(|e| ["amp;", "lt;", "gt;", "quot;", "apos;"]
+                    .iter()
+                    .any(|k| e.starts_with(k))),
             "{s}"
         );
-        s.replace("&lt;", "<").replace("&gt;", ">").replace("&quot;", "\"").replace("&apos;", "'").replace("&amp;", "&")
+        s.replace("&lt;", "<")
+            .replace("&gt;", ">")
+            .replace("&quot;", "\"")
+            .replace("&apos;", "'")
+            .replace("&amp;", "&")
     };
     let mut rest = xml.strip_prefix("<?xml version=\"1.0\" encoding=\"UTF-8\"?>").unwrap();
     let (mut open, mut found) = (Vec::new(), Vec::new());
@@ -389,19 +461,37 @@ fn junit_is_well_formed_and_counts_a_case_per_method() {
     let xml = junit::xml(&report);
     let all = elements(&xml);
     let count = |name: &str| all.iter().filter(|(n, _)| n == name).count();
-    assert_eq!(["testsuites", "testsuite", "testcase", "failure", "skipped"].map(count), [1, 1, 4, 2, 1], "{xml}");
+    assert_eq!(
+        ["testsuites", "testsuite", "testcase", "failure", "skipped"].map(count),
+        [1, 1, 4, 2, 1],
+        "{xml}"
+    );
     let suite = &all[1].1;
-    for (key, value) in [("name", "g, from u"), ("tests", "4"), ("failures", "2"), ("errors", "0"), ("skipped", "1")] {
+    for (key, value) in [
+        ("name", "g, from u"),
+        ("tests", "4"),
+        ("failures", "2"),
+        ("errors", "0"),
+        ("skipped", "1"),
+    ] {
         assert!(suite.contains(&(key.to_owned(), value.to_owned())), "{suite:?}");
     }
-    let names: Vec<&str> = all.iter().filter(|(n, _)| n == "testcase").map(|(_, a)| a[1].1.as_str()).collect();
+    let names: Vec<&str> =
+        all.iter().filter(|(n, _)| n == "testcase").map(|(_, a)| a[1].1.as_str()).collect();
     assert!(names[0].starts_with("a which=a<b & \"c\""), "{names:?}");
     let page = gate::markdown(&report);
-    assert!(page.contains("## Worse") && page.contains("the cell") || page.contains("records without an answer"), "{page}");
+    assert!(
+        page.contains("## Worse") && page.contains("the cell")
+            || page.contains("records without an answer"),
+        "{page}"
+    );
     // A bar in a name is escaped, once.
     assert!(page.contains("\"c\" \\| --") && !page.contains("\\\\\\|"), "{page}");
     let said = gate::text(&report);
-    assert!(!said.contains("NaN") && said.lines().all(|line| line.chars().count() <= 100), "{said}");
+    assert!(
+        !said.contains("NaN") && said.lines().all(|line| line.chars().count() <= 100),
+        "{said}"
+    );
 }
 
 /// The shipped plan and the committed baseline go together, and no method is left out of them. What they say is compared by scripts/gate.
@@ -409,11 +499,22 @@ fn junit_is_well_formed_and_counts_a_case_per_method() {
 fn the_projects_own_baseline_is_of_its_plan_and_has_every_method() {
     let plan = Plan::open("ci").unwrap();
     // It sees what a user can have: every method that needs no model of the states, events, several inputs, loops, missing samples and uneven stamps.
-    let named: Vec<&str> = plan.grids.iter().flat_map(|g| g.method.iter().map(String::as_str)).collect();
-    assert!(["all", "all_events", "state_least_squares"].iter().all(|m| named.contains(m)), "{named:?}");
-    let grid = |sees: &dyn Fn(&deadtime::study::Grid) -> bool| plan.grids.iter().any(|g| g.method.contains(&"all".to_owned()) && sees(g));
-    assert!(grid(&|g| g.loops.contains(&deadtime::study::Loop::Closed)) && grid(&|g| g.plant.contains(&"mixer".to_owned())));
-    let logged = |of: &dyn Fn(&deadtime::study::Logging) -> bool| grid(&|g| g.logging.iter().filter_map(|l| plan.loggings.get(l)).any(of));
+    let named: Vec<&str> =
+        plan.grids.iter().flat_map(|g| g.method.iter().map(String::as_str)).collect();
+    assert!(
+        ["all", "all_events", "state_least_squares"].iter().all(|m| named.contains(m)),
+        "{named:?}"
+    );
+    let grid = |sees: &dyn Fn(&deadtime::study::Grid) -> bool| {
+        plan.grids.iter().any(|g| g.method.contains(&"all".to_owned()) && sees(g))
+    };
+    assert!(
+        grid(&|g| g.loops.contains(&deadtime::study::Loop::Closed))
+            && grid(&|g| g.plant.contains(&"mixer".to_owned()))
+    );
+    let logged = |of: &dyn Fn(&deadtime::study::Logging) -> bool| {
+        grid(&|g| g.logging.iter().filter_map(|l| plan.loggings.get(l)).any(of))
+    };
     assert!(logged(&|l| l.missing > 0.0) && logged(&|l| l.jitter > 0.0));
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/golden/study_ci");
     if !std::path::Path::new(path).exists() {
@@ -421,15 +522,21 @@ fn the_projects_own_baseline_is_of_its_plan_and_has_every_method() {
     }
     let baseline = Study::read(path.as_ref()).unwrap();
     assert_eq!((&baseline.plan, baseline.seed), (&plan.name, plan.seed));
-    let has = |grid: &str, method: &str| baseline.cells.iter().any(|c| c.grid == grid && c.method == method);
+    let has = |grid: &str, method: &str| {
+        baseline.cells.iter().any(|c| c.grid == grid && c.method == method)
+    };
     for grid in &plan.grids {
-        let trials: Vec<usize> = baseline.cells.iter().filter(|c| c.grid == grid.name).map(|c| c.trials).collect();
-        assert!(!trials.is_empty() && trials.iter().all(|t| *t == grid.trials), "{}: {trials:?}", grid.name);
+        let trials: Vec<usize> =
+            baseline.cells.iter().filter(|c| c.grid == grid.name).map(|c| c.trials).collect();
+        assert!(
+            !trials.is_empty() && trials.iter().all(|t| *t == grid.trials),
+            "{}: {trials:?}",
+            grid.name
+        );
         if grid.method == ["all"] {
-            METHODS
-                .iter()
-                .filter(|m| m.scope == Scope::Pair)
-                .for_each(|m| assert!(has(&grid.name, m.entry.name), "{}: {}", grid.name, m.entry.name));
+            METHODS.iter().filter(|m| m.scope == Scope::Pair).for_each(|m| {
+                assert!(has(&grid.name, m.entry.name), "{}: {}", grid.name, m.entry.name)
+            });
         }
     }
     assert!(has("states", "state_least_squares"));
@@ -444,7 +551,11 @@ mod program {
     use std::process::{Command, Output};
 
     fn deadtime(folder: &Path, arguments: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_deadtime")).args(arguments).current_dir(folder).output().unwrap()
+        Command::new(env!("CARGO_BIN_EXE_deadtime"))
+            .args(arguments)
+            .current_dir(folder)
+            .output()
+            .unwrap()
     }
 
     const PLAN: &str = "format = \"deadtime/plan@1\"\nname = \"small\"\nsamples = 120\nmax_delay = 10\ntrials = 6\nplant = \"fast1\"\ndelay_s = [4]\n\
@@ -489,39 +600,63 @@ mod program {
             assert_eq!(out.status.code(), Some(0), "{}{}", text(&out.stdout), text(&out.stderr));
         }
         super::elements(&std::fs::read_to_string(at.join("j.xml")).unwrap());
-        let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(at.join("g.json")).unwrap()).unwrap();
-        assert_eq!((&report["format"], &report["cells"], &report["exact_cells"]), (&"deadtime/gate@1".into(), &4.into(), &2.into()));
+        let report: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(at.join("g.json")).unwrap()).unwrap();
+        assert_eq!(
+            (&report["format"], &report["cells"], &report["exact_cells"]),
+            (&"deadtime/gate@1".into(), &4.into(), &2.into())
+        );
         assert!(std::fs::read_to_string(at.join("m.md")).unwrap().contains("| arxstruc |"));
 
         // A method that finds the baseline's exact answers no more: its window ends before the delay.
         let study = std::fs::read_to_string(at.join("again/study.json")).unwrap();
         let mut worse: serde_json::Value = serde_json::from_str(&study).unwrap();
-        let cell = worse["cells"].as_array_mut().unwrap().iter_mut().find(|c| c["repeatable"] == true).unwrap();
+        let cell = worse["cells"]
+            .as_array_mut()
+            .unwrap()
+            .iter_mut()
+            .find(|c| c["repeatable"] == true)
+            .unwrap();
         cell["rms_samples"] = 3.0.into();
         write("worse.json", &worse.to_string());
         let out = deadtime(at, &["gate", "worse.json", "--baseline", "kept", "--junit", "w.xml"]);
         assert_eq!(out.status.code(), Some(1));
         let said = text(&out.stdout);
         let words: Vec<&str> = said.split_whitespace().collect();
-        assert!(words.windows(4).any(|w| w == ["0", "6", "3.00", "9"]) && words.contains(&"exact"), "{said}");
+        assert!(
+            words.windows(4).any(|w| w == ["0", "6", "3.00", "9"]) && words.contains(&"exact"),
+            "{said}"
+        );
         assert!(said.lines().all(|line| line.chars().count() <= 100), "{said}");
         assert!(std::fs::read_to_string(at.join("w.xml")).unwrap().contains("<failure"));
 
-        for (name, content, word) in
-            [("other.json", "{ \"format\": \"deadtime/study@9\" }", "other.json"), ("no.json", "nothing", "no.json")]
-        {
+        for (name, content, word) in [
+            ("other.json", "{ \"format\": \"deadtime/study@9\" }", "other.json"),
+            ("no.json", "nothing", "no.json"),
+        ] {
             write(name, content);
             let out = deadtime(at, &["gate", name, "--baseline", "kept"]);
             assert_eq!(out.status.code(), Some(2));
             assert!(text(&out.stderr).contains(word), "{}", text(&out.stderr));
         }
         assert_eq!(deadtime(at, &["gate", "nowhere", "--baseline", "kept"]).status.code(), Some(2));
-        assert_eq!(deadtime(at, &["gate", "now", "--baseline", "kept", "--alpha", "2"]).status.code(), Some(2));
+        assert_eq!(
+            deadtime(at, &["gate", "now", "--baseline", "kept", "--alpha", "2"]).status.code(),
+            Some(2)
+        );
     }
 
     /// So many pairs of a bench, the new program so many times as slow as the old one.
     fn pairs(bench: &str, count: usize, times: f64) -> String {
-        (0..count).map(|k| format!("{bench},{k},{},{}\n", 1e-6 * (1.0 + 0.01 * k as f64), times * 1e-6 * (1.0 + 0.01 * k as f64))).collect()
+        (0..count)
+            .map(|k| {
+                format!(
+                    "{bench},{k},{},{}\n",
+                    1e-6 * (1.0 + 0.01 * k as f64),
+                    times * 1e-6 * (1.0 + 0.01 * k as f64)
+                )
+            })
+            .collect()
     }
 
     #[test]
@@ -532,36 +667,66 @@ mod program {
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
         const HEAD: &str = "bench,round,before_s,after_s\n";
         let judged = |more: &[&str]| {
-            let mut arguments = vec!["gate", "--timings", "t.csv", "--junit", "j.xml", "--markdown", "m.md", "--json", "g.json"];
+            let mut arguments = vec![
+                "gate",
+                "--timings",
+                "t.csv",
+                "--junit",
+                "j.xml",
+                "--markdown",
+                "m.md",
+                "--json",
+                "g.json",
+            ];
             arguments.extend(more);
             let out = deadtime(at, &arguments);
             (out.status.code(), text(&out.stdout), text(&out.stderr))
         };
-        let files = || ["j.xml", "m.md", "g.json"].map(|name| std::fs::read_to_string(at.join(name)).unwrap());
-        let failures = |xml: &str| super::elements(xml).iter().filter(|(name, _)| name == "failure").count();
+        let files = || {
+            ["j.xml", "m.md", "g.json"].map(|name| std::fs::read_to_string(at.join(name)).unwrap())
+        };
+        let failures =
+            |xml: &str| super::elements(xml).iter().filter(|(name, _)| name == "failure").count();
 
         // Nothing is slower: another 5 % is within the margin. Two benches at 1 % need 8 pairs: 2⁻⁸ < 0.01/2 < 2⁻⁷.
-        write("t.csv", HEAD.to_owned() + &pairs("scan/fast", 8, 1.0) + &pairs("scan/slow", 8, 1.05));
+        write(
+            "t.csv",
+            HEAD.to_owned() + &pairs("scan/fast", 8, 1.0) + &pairs("scan/slow", 8, 1.05),
+        );
         let (code, said, _) = judged(&[]);
         assert!(code == Some(0) && said.contains("nothing is slower"), "{said}");
         let [xml, page, json] = files();
         assert_eq!((failures(&xml), xml.matches("<testcase").count()), (0, 2), "{xml}");
         assert!(page.contains("nothing is slower") && page.contains("| scan/slow |"), "{page}");
         let json: serde_json::Value = serde_json::from_str(&json).unwrap();
-        assert_eq!((&json["format"], &json["benches"][1]["speed"]), (&"deadtime/timings@1".into(), &"same".into()));
+        assert_eq!(
+            (&json["format"], &json["benches"][1]["speed"]),
+            (&"deadtime/timings@1".into(), &"same".into())
+        );
 
         // Without a margin the same pairs are slower, and so is what takes half as long again.
         assert_eq!(judged(&["--margin", "0"]).0, Some(1));
         write("t.csv", HEAD.to_owned() + &pairs("scan/fast", 8, 1.0) + &pairs("scan/slow", 8, 1.5));
         let (code, said, told) = judged(&[]);
         assert_eq!(code, Some(1), "{said}{told}");
-        assert!(said.contains("slower: scan/slow: ") && said.contains("1.50 times") && !said.contains("slower: scan/fast"), "{said}");
+        assert!(
+            said.contains("slower: scan/slow: ")
+                && said.contains("1.50 times")
+                && !said.contains("slower: scan/fast"),
+            "{said}"
+        );
         assert!(told.contains("1 of 2 benches are slower"), "{told}");
         let [xml, page, json] = files();
         assert_eq!(failures(&xml), 1, "{xml}");
-        assert!(page.lines().any(|line| line.contains("| scan/slow |") && line.contains("slower")), "{page}");
+        assert!(
+            page.lines().any(|line| line.contains("| scan/slow |") && line.contains("slower")),
+            "{page}"
+        );
         let json: serde_json::Value = serde_json::from_str(&json).unwrap();
-        assert_eq!((&json["benches"][0]["speed"], &json["benches"][1]["speed"]), (&"same".into(), &"slower".into()));
+        assert_eq!(
+            (&json["benches"][0]["speed"], &json["benches"][1]["speed"]),
+            (&"same".into(), &"slower".into())
+        );
 
         // What cannot be judged is no pass: a bench that one program lacks, too few pairs, no timings at all.
         let cut = pairs("scan/fast", 8, 1.0);
@@ -578,7 +743,11 @@ mod program {
             assert_eq!(code, Some(2), "{content}: {said}{told}");
             assert!(words.iter().all(|word| told.contains(word)), "{content}: {told}");
         }
-        for wrong in [vec!["gate", "--timings", "nowhere.csv"], vec!["gate", "now", "--timings", "t.csv"], vec!["gate"]] {
+        for wrong in [
+            vec!["gate", "--timings", "nowhere.csv"],
+            vec!["gate", "now", "--timings", "t.csv"],
+            vec!["gate"],
+        ] {
             assert_eq!(deadtime(at, &wrong).status.code(), Some(2), "{wrong:?}");
         }
     }

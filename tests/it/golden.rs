@@ -3,13 +3,15 @@
 //! `cargo test --test golden -- --nocapture` prints the worst disagreement of every field of every file.
 
 use crate::support::compare::{
-    Comparison, apart, cases, complex_list, count, golden, list, list_apart, matrix, number, points_apart, relative, responses_apart,
-    responses_apart_together, sets_apart, text, tolerance, vector,
+    Comparison, apart, cases, complex_list, count, golden, list, list_apart, matrix, number,
+    points_apart, relative, responses_apart, responses_apart_together, sets_apart, text, tolerance,
+    vector,
 };
 use deadtime::delay::{Experiment, PlantModel, Recording, StateLeastSquares};
 use deadtime::identify::{self, Initial, OutputError, Record};
 use deadtime::model::c2d::{
-    Conversion, Feedthrough, FirstOrderHold, ImpulseInvariant, LeastSquares, Tustin, ZeroOrderHold, ZeroPoleMatching,
+    Conversion, Feedthrough, FirstOrderHold, ImpulseInvariant, LeastSquares, Tustin, ZeroOrderHold,
+    ZeroPoleMatching,
 };
 use deadtime::model::{Continuous, ModelError, Sampled, StateSpace, TimeDomain, d2c, dlqr, nu_gap};
 use deadtime::simulate::{Hold, Options, Prehistory, lsim};
@@ -51,7 +53,13 @@ fn sample_time(case: &Value) -> SampleTime {
 }
 
 /// Matrices where the file has them, the frequency response at all points, the response from rest.
-fn compare_sampled(c: &mut Comparison, file: &Value, case: &Value, sys: &StateSpace<Sampled>, ours: f64) {
+fn compare_sampled(
+    c: &mut Comparison,
+    file: &Value,
+    case: &Value,
+    sys: &StateSpace<Sampled>,
+    ours: f64,
+) {
     let id = text(case, "id");
     for (key, got) in [("A", sys.a()), ("B", sys.b()), ("C", sys.c()), ("D", sys.d())] {
         if !case[key].is_null() {
@@ -64,30 +72,55 @@ fn compare_sampled(c: &mut Comparison, file: &Value, case: &Value, sys: &StateSp
         let u = DMatrix::from_fn(rows.len(), 1, |k, _| u[k]);
         let options = Options { prehistory: Prehistory::Rest, ..Options::default() };
         let got = lsim(sys, &u, sys.sample_time(), &options).unwrap();
-        c.check("y (running maximum)", id, responses_apart(&got.y, &matrix(&case["y"])), allowed(file, "y", ours));
+        c.check(
+            "y (running maximum)",
+            id,
+            responses_apart(&got.y, &matrix(&case["y"])),
+            allowed(file, "y", ours),
+        );
     }
 }
 
-fn compare_frequency_response(c: &mut Comparison, file: &Value, case: &Value, sys: &StateSpace<Sampled>, ours: f64) {
+fn compare_frequency_response(
+    c: &mut Comparison,
+    file: &Value,
+    case: &Value,
+    sys: &StateSpace<Sampled>,
+    ours: f64,
+) {
     let (re, im) = (matrix(&case["h_re"]), matrix(&case["h_im"]));
-    let responses: Vec<_> = list(&case["omega_rad_s"]).into_iter().map(|w| sys.frequency_response(w)).collect();
+    let responses: Vec<_> =
+        list(&case["omega_rad_s"]).into_iter().map(|w| sys.frequency_response(w)).collect();
     assert_eq!(responses.len(), re.nrows());
     for output in 0..sys.outputs() {
         let got: Vec<_> = responses.iter().map(|h| h[(output, 0)]).collect();
-        let expected: Vec<_> = (0..re.nrows()).map(|i| Complex::new(re[(i, output)], im[(i, output)])).collect();
-        c.check("H (point by point)", text(case, "id"), points_apart(&got, &expected), allowed(file, "h_re", ours));
+        let expected: Vec<_> =
+            (0..re.nrows()).map(|i| Complex::new(re[(i, output)], im[(i, output)])).collect();
+        c.check(
+            "H (point by point)",
+            text(case, "id"),
+            points_apart(&got, &expected),
+            allowed(file, "h_re", ours),
+        );
     }
 }
 
 /// Every case of `golden/<name>/reference.json` through one conversion, and octave.json where it is there.
-fn conversion(name: &str, convert: impl Fn(&Value, &StateSpace<Continuous>) -> Result<StateSpace<Sampled>, ModelError>) {
+fn conversion(
+    name: &str,
+    convert: impl Fn(&Value, &StateSpace<Continuous>) -> Result<StateSpace<Sampled>, ModelError>,
+) {
     let reference = golden(name, "reference.json");
     let mut c = Comparison::new(&format!("{name}/reference.json"));
     for case in cases(&reference) {
         let converted = convert(case, &continuous(&reference, case));
         if case["h_re"].is_null() {
             // Undefined: the reference says so in a note, ours in an error.
-            assert!(matches!(converted, Err(ModelError::ImpulseBetweenSamples { .. })), "{}", text(case, "id"));
+            assert!(
+                matches!(converted, Err(ModelError::ImpulseBetweenSamples { .. })),
+                "{}",
+                text(case, "id")
+            );
             continue;
         }
         compare_sampled(&mut c, &reference, case, &converted.unwrap(), tolerance::RELATIVE);
@@ -96,7 +129,11 @@ fn conversion(name: &str, convert: impl Fn(&Value, &StateSpace<Continuous>) -> R
 }
 
 /// octave.json of one conversion; `align` maps Octave's realisation to ours (identity but for Tustin).
-fn octave(name: &str, convert: impl Fn(&Value, &StateSpace<Continuous>) -> StateSpace<Sampled>, align: impl Fn(&Value, &str) -> f64) {
+fn octave(
+    name: &str,
+    convert: impl Fn(&Value, &StateSpace<Continuous>) -> StateSpace<Sampled>,
+    align: impl Fn(&Value, &str) -> f64,
+) {
     let (reference, file) = (golden(name, "reference.json"), golden(name, "octave.json"));
     let mut c = Comparison::new(&format!("{name}/octave.json"));
     for case in cases(&file) {
@@ -104,7 +141,12 @@ fn octave(name: &str, convert: impl Fn(&Value, &StateSpace<Continuous>) -> State
         for (key, got) in [("A", sys.a()), ("B", sys.b()), ("C", sys.c()), ("D", sys.d())] {
             if let Some(expected) = case.get(key).filter(|v| !v.is_null()) {
                 let expected = matrix(expected) * align(case, key);
-                c.check(key, text(case, "id"), apart(got, &expected), allowed(&file, key, tolerance::RELATIVE));
+                c.check(
+                    key,
+                    text(case, "id"),
+                    apart(got, &expected),
+                    allowed(&file, key, tolerance::RELATIVE),
+                );
             }
         }
         if case.get("gain").is_some() {
@@ -115,11 +157,27 @@ fn octave(name: &str, convert: impl Fn(&Value, &StateSpace<Continuous>) -> State
     c.finish();
 }
 
-fn compare_zeros_poles_gain(c: &mut Comparison, file: &Value, case: &Value, sys: &StateSpace<Sampled>, ours: f64) {
+fn compare_zeros_poles_gain(
+    c: &mut Comparison,
+    file: &Value,
+    case: &Value,
+    sys: &StateSpace<Sampled>,
+    ours: f64,
+) {
     let id = text(case, "id");
     let tf = sys.transfer_function(0, 0).unwrap();
-    c.check("zeros", id, sets_apart(tf.zeros(), &complex_list(&case["zeros"])), allowed(file, "zeros", ours));
-    c.check("poles", id, sets_apart(tf.poles(), &complex_list(&case["poles"])), allowed(file, "poles", ours));
+    c.check(
+        "zeros",
+        id,
+        sets_apart(tf.zeros(), &complex_list(&case["zeros"])),
+        allowed(file, "zeros", ours),
+    );
+    c.check(
+        "poles",
+        id,
+        sets_apart(tf.poles(), &complex_list(&case["poles"])),
+        allowed(file, "poles", ours),
+    );
     let gain = number(case, "gain");
     c.check("gain", id, relative(tf.gain() - gain, gain), allowed(file, "gain", ours));
 }
@@ -131,7 +189,11 @@ fn zero_order_hold_agrees_with_scipy_and_with_the_exact_solution_under_delay() {
 
 #[test]
 fn zero_order_hold_agrees_with_octave() {
-    octave("c2d_zoh", |case, sys| ZeroOrderHold {}.c2d(sys, sample_time(case)).unwrap(), |_, _| 1.0);
+    octave(
+        "c2d_zoh",
+        |case, sys| ZeroOrderHold {}.c2d(sys, sample_time(case)).unwrap(),
+        |_, _| 1.0,
+    );
 }
 
 #[test]
@@ -141,13 +203,18 @@ fn first_order_hold_agrees_with_scipy_and_with_the_exact_solution_under_delay() 
 
 #[test]
 fn first_order_hold_agrees_with_octave() {
-    octave("c2d_foh", |case, sys| FirstOrderHold {}.c2d(sys, sample_time(case)).unwrap(), |_, _| 1.0);
+    octave(
+        "c2d_foh",
+        |case, sys| FirstOrderHold {}.c2d(sys, sample_time(case)).unwrap(),
+        |_, _| 1.0,
+    );
 }
 
 #[test]
 fn impulse_invariance_agrees_with_scipy_with_feedthrough_kept_and_dropped() {
     conversion("c2d_impulse", |case, sys| {
-        let feedthrough = if text(case, "feedthrough") == "keep" { Feedthrough::Keep } else { Feedthrough::Drop };
+        let feedthrough =
+            if text(case, "feedthrough") == "keep" { Feedthrough::Keep } else { Feedthrough::Drop };
         ImpulseInvariant { feedthrough }.c2d(sys, sample_time(case))
     });
 }
@@ -155,7 +222,10 @@ fn impulse_invariance_agrees_with_scipy_with_feedthrough_kept_and_dropped() {
 fn tustin(case: &Value) -> Tustin {
     Tustin {
         prewarp_rad_s: case["prewarp_rad_s"].as_f64(),
-        fractional_delay_order: case.get("thiran_order").filter(|v| !v.is_null()).map_or(0, |_| count(case, "thiran_order")),
+        fractional_delay_order: case
+            .get("thiran_order")
+            .filter(|v| !v.is_null())
+            .map_or(0, |_| count(case, "thiran_order")),
     }
 }
 
@@ -172,7 +242,8 @@ fn tustin_agrees_with_octave_up_to_the_scale_of_the_state() {
         |case, sys| tustin(case).c2d(sys, sample_time(case)).unwrap(),
         |case, key| {
             let ts = number(case, "sample_time_s");
-            let warped = case["prewarp_rad_s"].as_f64().map_or(ts, |w| 2.0 * (w * ts / 2.0).tan() / w);
+            let warped =
+                case["prewarp_rad_s"].as_f64().map_or(ts, |w| 2.0 * (w * ts / 2.0).tan() / w);
             match key {
                 "B" => warped.sqrt(),
                 "C" => 1.0 / warped.sqrt(),
@@ -188,7 +259,8 @@ fn zero_pole_matching_agrees_with_exact_zeros_poles_and_gain() {
     let file = golden("c2d_matched", "reference.json");
     let mut c = Comparison::new("c2d_matched/reference.json");
     for case in cases(&file).iter().filter(|case| !case["gain"].is_null()) {
-        let sys = ZeroPoleMatching::default().c2d(&continuous(&file, case), sample_time(case)).unwrap();
+        let sys =
+            ZeroPoleMatching::default().c2d(&continuous(&file, case), sample_time(case)).unwrap();
         compare_zeros_poles_gain(&mut c, &file, case, &sys, tolerance::RELATIVE);
     }
     c.finish();
@@ -196,7 +268,11 @@ fn zero_pole_matching_agrees_with_exact_zeros_poles_and_gain() {
 
 #[test]
 fn zero_pole_matching_agrees_with_octave() {
-    octave("c2d_matched", |case, sys| ZeroPoleMatching::default().c2d(sys, sample_time(case)).unwrap(), |_, _| 1.0);
+    octave(
+        "c2d_matched",
+        |case, sys| ZeroPoleMatching::default().c2d(sys, sample_time(case)).unwrap(),
+        |_, _| 1.0,
+    );
 }
 
 #[test]
@@ -234,7 +310,12 @@ fn least_squares_reaches_the_smallest_minimum_known() {
 fn cost(plant: &StateSpace<Continuous>, sys: &StateSpace<Sampled>) -> f64 {
     let nyquist = sys.sample_time().nyquist_rad_s();
     let squares = (0..200).map(|i| (f64::from(i) + 0.5) * nyquist / 200.0);
-    squares.map(|w| (plant.frequency_response(w)[(0, 0)] - sys.frequency_response(w)[(0, 0)]).norm_sqr()).sum::<f64>() / 200.0
+    squares
+        .map(|w| {
+            (plant.frequency_response(w)[(0, 0)] - sys.frequency_response(w)[(0, 0)]).norm_sqr()
+        })
+        .sum::<f64>()
+        / 200.0
 }
 
 #[test]
@@ -242,7 +323,8 @@ fn d2c_finds_the_continuous_model_behind_a_zero_order_hold() {
     let file = golden("d2c_zoh", "reference.json");
     let mut c = Comparison::new("d2c_zoh/reference.json");
     for case in cases(&file) {
-        let [a, b, cm, d] = ["sampled_A", "sampled_B", "sampled_C", "sampled_D"].map(|m| matrix(&case[m]));
+        let [a, b, cm, d] =
+            ["sampled_A", "sampled_B", "sampled_C", "sampled_D"].map(|m| matrix(&case[m]));
         let sys = d2c(&StateSpace::sampled(a, b, cm, d, sample_time(case)).unwrap()).unwrap();
         for (key, got) in [("A", sys.a()), ("B", sys.b()), ("C", sys.c()), ("D", sys.d())] {
             c.check(key, text(case, "id"), apart(got, &matrix(&case[key])), tolerance::RELATIVE);
@@ -256,7 +338,11 @@ fn simulation(case: &Value) -> Options {
     Options {
         initial: Some(vector(&case["x0"])),
         hold: if case["hold"] == "linear" { Hold::Linear } else { Hold::Zero },
-        prehistory: if text(case, "prehistory") == "rest" { Prehistory::Rest } else { Prehistory::Held },
+        prehistory: if text(case, "prehistory") == "rest" {
+            Prehistory::Rest
+        } else {
+            Prehistory::Held
+        },
     }
 }
 
@@ -271,22 +357,46 @@ fn simulations_agree_with_scipy_and_with_the_exact_solution_under_delay() {
         // unstable states that reach 1e12, the stable ones of the whole vehicle are compared with the largest of all states up to the sample.
         let whole = text(case, "model") == "uav";
         let far = |got: &DMatrix<f64>, expected: &DMatrix<f64>| {
-            if whole { responses_apart_together(got, expected) } else { responses_apart(got, expected) }
+            if whole {
+                responses_apart_together(got, expected)
+            } else {
+                responses_apart(got, expected)
+            }
         };
         let mut compare = |how: &str, response: deadtime::simulate::Response| {
             let how = format!("{how}{}", if whole { " uav" } else { "" });
-            c.check(&format!("{how} y (running maximum)"), id, far(&response.y, &y), allowed(&file, "y", tolerance::RELATIVE));
-            c.check(&format!("{how} x (running maximum)"), id, far(&response.x, &x), allowed(&file, "x", tolerance::RELATIVE));
+            c.check(
+                &format!("{how} y (running maximum)"),
+                id,
+                far(&response.y, &y),
+                allowed(&file, "y", tolerance::RELATIVE),
+            );
+            c.check(
+                &format!("{how} x (running maximum)"),
+                id,
+                far(&response.x, &x),
+                allowed(&file, "x", tolerance::RELATIVE),
+            );
         };
         if text(case, "time") == "sampled" {
-            let [a, b, cm, d] = ["sampled_A", "sampled_B", "sampled_C", "sampled_D"].map(|m| matrix(&case[m]));
+            let [a, b, cm, d] =
+                ["sampled_A", "sampled_B", "sampled_C", "sampled_D"].map(|m| matrix(&case[m]));
             let delays = list(&case["delay_samples"]).into_iter().map(|d| d as usize).collect();
-            let sys = StateSpace::sampled(a, b, cm, d, sample_time(case)).unwrap().with_input_delay(delays).unwrap();
-            compare("lsim of a sampled model", lsim(&sys, &u, sample_time(case), &options).unwrap());
+            let sys = StateSpace::sampled(a, b, cm, d, sample_time(case))
+                .unwrap()
+                .with_input_delay(delays)
+                .unwrap();
+            compare(
+                "lsim of a sampled model",
+                lsim(&sys, &u, sample_time(case), &options).unwrap(),
+            );
         } else {
-            let sys = plant(&file, "models", "dynamics", text(case, "model")).with_input_delay(list(&case["delay_s"])).unwrap();
+            let sys = plant(&file, "models", "dynamics", text(case, "model"))
+                .with_input_delay(list(&case["delay_s"]))
+                .unwrap();
             compare("lsim", lsim(&sys, &u, sample_time(case), &options).unwrap());
-            let time_s: Vec<f64> = (0..u.nrows()).map(|k| k as f64 * number(case, "sample_time_s")).collect();
+            let time_s: Vec<f64> =
+                (0..u.nrows()).map(|k| k as f64 * number(case, "sample_time_s")).collect();
             compare("lsim at uneven times", lsim(&sys, &u, time_s.as_slice(), &options).unwrap());
         }
     }
@@ -299,17 +409,33 @@ fn the_whole_vehicle_moves_as_its_four_dynamics_do() {
     use deadtime::model::uav::{self, Dynamics};
     let file = golden("lsim", "reference.json");
     let mut c = Comparison::new("lsim of the whole vehicle against its parts");
-    for case in cases(&file).iter().filter(|case| case["model"] == "uav" && case["time"] == "continuous") {
-        let (id, u, options, ts) = (text(case, "id"), matrix(&case["u"]), simulation(case), sample_time(case));
+    for case in
+        cases(&file).iter().filter(|case| case["model"] == "uav" && case["time"] == "continuous")
+    {
+        let (id, u, options, ts) =
+            (text(case, "id"), matrix(&case["u"]), simulation(case), sample_time(case));
         let delay_s = list(&case["delay_s"]);
-        let whole = lsim(&uav::model().with_input_delay(delay_s.clone()).unwrap(), &u, ts, &options).unwrap();
+        let whole =
+            lsim(&uav::model().with_input_delay(delay_s.clone()).unwrap(), &u, ts, &options)
+                .unwrap();
         let mut at = 0;
         for (input, dynamics) in Dynamics::ALL.into_iter().enumerate() {
             let n = dynamics.states().len();
             let part = dynamics.model().with_input_delay(vec![delay_s[input]]).unwrap();
             let initial = options.initial.as_ref().map(|x| x.rows(at, n).into_owned());
-            let alone = lsim(&part, &u.columns(input, 1).into_owned(), ts, &Options { initial, ..options.clone() }).unwrap();
-            c.check("x (running maximum)", id, responses_apart(&whole.x.columns(at, n).into_owned(), &alone.x), tolerance::RELATIVE);
+            let alone = lsim(
+                &part,
+                &u.columns(input, 1).into_owned(),
+                ts,
+                &Options { initial, ..options.clone() },
+            )
+            .unwrap();
+            c.check(
+                "x (running maximum)",
+                id,
+                responses_apart(&whole.x.columns(at, n).into_owned(), &alone.x),
+                tolerance::RELATIVE,
+            );
             at += n;
         }
     }
@@ -325,8 +451,18 @@ fn regulators(name: &str, answers: &str) {
         assert_eq!(id, text(problem, "id"));
         let [a, b, q, r, n] = ["A", "B", "Q", "R", "N"].map(|m| matrix(&problem[m]));
         let solution = dlqr(&a, &b, &q, &r, Some(&n)).unwrap_or_else(|e| panic!("{id}: {e}"));
-        c.check("K", id, apart(&solution.k, &matrix(&case["K"])), allowed(&file, "K", tolerance::RELATIVE));
-        c.check("S", id, apart(&solution.x, &matrix(&case["S"])), allowed(&file, "S", tolerance::RELATIVE));
+        c.check(
+            "K",
+            id,
+            apart(&solution.k, &matrix(&case["K"])),
+            allowed(&file, "K", tolerance::RELATIVE),
+        );
+        c.check(
+            "S",
+            id,
+            apart(&solution.x, &matrix(&case["S"])),
+            allowed(&file, "S", tolerance::RELATIVE),
+        );
         let poles = sets_apart(&solution.poles, &complex_list(&case["E"]));
         c.check("E", id, poles, allowed(&file, "E", tolerance::RELATIVE));
         if n.amax() == 0.0 {
@@ -369,8 +505,18 @@ fn the_realisations_of_the_regulator_cases_are_ours() {
         };
         let sampled = sampled.unwrap();
         let id = text(case, "id");
-        c.check("A", id, apart(sampled.a(), &matrix(&case["A"])), allowed(&file, "A", tolerance::RELATIVE));
-        c.check("B", id, apart(sampled.b(), &matrix(&case["B"])), allowed(&file, "B", tolerance::RELATIVE));
+        c.check(
+            "A",
+            id,
+            apart(sampled.a(), &matrix(&case["A"])),
+            allowed(&file, "A", tolerance::RELATIVE),
+        );
+        c.check(
+            "B",
+            id,
+            apart(sampled.b(), &matrix(&case["B"])),
+            allowed(&file, "B", tolerance::RELATIVE),
+        );
     }
     c.finish();
 }
@@ -392,7 +538,12 @@ fn arx_losses_and_coefficients_agree_with_numpy_for_every_delay() {
         let id = format!("nk {nk}");
         let coefficients = &scan.coefficients[nk];
         let a: Vec<f64> = coefficients[..na].iter().map(|v| -v).collect();
-        c.check("loss", &id, relative(scan.loss[nk] - number(entry, "loss"), number(entry, "loss")), tolerance::RELATIVE);
+        c.check(
+            "loss",
+            &id,
+            relative(scan.loss[nk] - number(entry, "loss"), number(entry, "loss")),
+            tolerance::RELATIVE,
+        );
         c.check("a", &id, list_apart(&a, &list(&entry["a"])), tolerance::RELATIVE);
         c.check("b", &id, list_apart(&coefficients[na..], &list(&entry["b"])), tolerance::RELATIVE);
     }
@@ -411,7 +562,12 @@ fn the_impulse_response_and_its_standard_deviation_agree_with_numpy() {
     let variance = number(expected, "variance");
     c.check("variance", "", relative(fir.variance - variance, variance), tolerance::RELATIVE);
     let deviation: Vec<f64> = fir.covariance.diagonal().iter().map(|v| v.sqrt()).collect();
-    c.check("standard_deviation", "", list_apart(&deviation, &list(&expected["standard_deviation"])), tolerance::RELATIVE);
+    c.check(
+        "standard_deviation",
+        "",
+        list_apart(&deviation, &list(&expected["standard_deviation"])),
+        tolerance::RELATIVE,
+    );
     c.finish();
 }
 
@@ -433,7 +589,12 @@ fn output_error(key: &str, initial: Initial) {
         }
         let loss = number(entry, "loss");
         c.check("loss", &id, relative(fit.loss - loss, loss), tolerance::RELATIVE);
-        c.check("b", &id, relative(fit.b[0] - number(entry, "b"), number(entry, "b")), tolerance::OE_DENOMINATOR);
+        c.check(
+            "b",
+            &id,
+            relative(fit.b[0] - number(entry, "b"), number(entry, "b")),
+            tolerance::OE_DENOMINATOR,
+        );
         c.check("f", &id, list_apart(&fit.f, &list(&entry["f"])), tolerance::OE_DENOMINATOR);
         if initial == Initial::Estimated {
             // F(q) applied to the model's output without the input's part leaves the start.
@@ -441,7 +602,12 @@ fn output_error(key: &str, initial: Initial) {
             let model: Vec<f64> = records[0].y.iter().zip(&residual).map(|(y, e)| y - e).collect();
             let input = |t: usize| if t >= nk { fit.b[0] * records[0].u[t - nk] } else { 0.0 };
             let start = [model[0] - input(0), model[1] + fit.f[0] * model[0] - input(1)];
-            c.check("initial", &id, list_apart(&start, &list(&entry["initial"])), tolerance::OE_INITIAL);
+            c.check(
+                "initial",
+                &id,
+                list_apart(&start, &list(&entry["initial"])),
+                tolerance::OE_INITIAL,
+            );
         }
     }
     c.finish();
@@ -462,21 +628,38 @@ fn state_least_squares_coefficients_agree_with_numpy() {
     let file = golden("regression", "reference.json");
     let expected = &file["state_least_squares"];
     let mut c = Comparison::new("regression/reference.json state_least_squares");
-    let (a, b, u, x) = (matrix(&expected["A"]), matrix(&expected["B"]), matrix(&expected["u"]), matrix(&expected["x"]));
+    let (a, b, u, x) = (
+        matrix(&expected["A"]),
+        matrix(&expected["B"]),
+        matrix(&expected["u"]),
+        matrix(&expected["x"]),
+    );
     let (n, m) = b.shape();
     let ts = SampleTime::new(1.0).unwrap();
-    let columns =
-        |m: &DMatrix<f64>| m.column_iter().map(|c| c.iter().copied().collect::<Vec<f64>>().into()).collect::<Vec<Cow<'static, [f64]>>>();
+    let columns = |m: &DMatrix<f64>| {
+        m.column_iter()
+            .map(|c| c.iter().copied().collect::<Vec<f64>>().into())
+            .collect::<Vec<Cow<'static, [f64]>>>()
+    };
     let states = columns(&x);
-    let recording = Recording { inputs: columns(&u), outputs: vec![states[0].clone().into()], states };
+    let recording =
+        Recording { inputs: columns(&u), outputs: vec![states[0].clone().into()], states };
     let inputs = (0..m).map(|j| format!("u{j}")).collect();
-    let plant = StateSpace::sampled(a, b, DMatrix::identity(n, n), DMatrix::zeros(n, m), ts).unwrap();
-    let experiment = Experiment::new(ts, inputs, vec!["x0".into()], vec![recording]).unwrap().with_model(PlantModel::Sampled(plant));
+    let plant =
+        StateSpace::sampled(a, b, DMatrix::identity(n, n), DMatrix::zeros(n, m), ts).unwrap();
+    let experiment = Experiment::new(ts, inputs, vec!["x0".into()], vec![recording])
+        .unwrap()
+        .with_model(PlantModel::Sampled(plant));
     let lags = count(expected, "lags");
     let found = StateLeastSquares::default().coefficients(&experiment, lags - 1).unwrap();
     assert_eq!(found.rows, count(expected, "rows"));
     c.check("gamma", "", apart(&found.gamma, &matrix(&expected["gamma"])), tolerance::RELATIVE);
-    c.check("sse", "", relative(found.residual - number(expected, "sse"), number(expected, "sse")), tolerance::RELATIVE);
+    c.check(
+        "sse",
+        "",
+        relative(found.residual - number(expected, "sse"), number(expected, "sse")),
+        tolerance::RELATIVE,
+    );
     for (input, delay) in list(&expected["delay_samples"]).into_iter().enumerate() {
         let largest = found.gamma.row(input).transpose().argmax().0 as f64;
         assert_eq!(largest, delay, "input {input}");
@@ -492,24 +675,46 @@ fn poles_zeros_transfer_functions_and_relative_degrees_agree_with_exact_arithmet
         let id = text(case, "id");
         let [a, b, cm, d] = ["A", "B", "C", "D"].map(|m| matrix(&case[m]));
         let sys = StateSpace::continuous(a, b, cm, d).unwrap();
-        c.check("poles", id, sets_apart(&sys.poles(), &complex_list(&case["poles"])), allowed(&file, "poles", tolerance::RELATIVE));
-        c.check("zeros", id, sets_apart(&sys.zeros(), &complex_list(&case["zeros"])), allowed(&file, "zeros", tolerance::RELATIVE));
+        c.check(
+            "poles",
+            id,
+            sets_apart(&sys.poles(), &complex_list(&case["poles"])),
+            allowed(&file, "poles", tolerance::RELATIVE),
+        );
+        c.check(
+            "zeros",
+            id,
+            sets_apart(&sys.zeros(), &complex_list(&case["zeros"])),
+            allowed(&file, "zeros", tolerance::RELATIVE),
+        );
         for output in 0..sys.outputs() {
             for input in 0..sys.inputs() {
-                let degree = case["relative_degree"][output][input].as_u64().map(|d| usize::try_from(d).unwrap());
+                let degree = case["relative_degree"][output][input]
+                    .as_u64()
+                    .map(|d| usize::try_from(d).unwrap());
                 assert_eq!(sys.relative_degree(output, input), degree, "{id} {output} {input}");
                 if degree.is_none() {
                     continue;
                 }
                 let tf = sys.transfer_function(output, input).unwrap();
                 let denominator = list(&case["denominator"]);
-                c.check("denominator", id, list_apart(&tf.denominator(), &denominator), allowed(&file, "denominator", tolerance::RELATIVE));
+                c.check(
+                    "denominator",
+                    id,
+                    list_apart(&tf.denominator(), &denominator),
+                    allowed(&file, "denominator", tolerance::RELATIVE),
+                );
                 let mut numerator = tf.numerator();
                 while numerator.len() < denominator.len() {
                     numerator.insert(0, 0.0);
                 }
                 let expected = list(&case["numerators"][output][input]);
-                c.check("numerator", id, list_apart(&numerator, &expected), allowed(&file, "numerators", tolerance::RELATIVE));
+                c.check(
+                    "numerator",
+                    id,
+                    list_apart(&numerator, &expected),
+                    allowed(&file, "numerators", tolerance::RELATIVE),
+                );
             }
         }
     }
@@ -526,30 +731,52 @@ fn largest_gains_and_nu_gaps_agree_with_slycot_and_with_dense_grids() {
         let pair = |k: usize| (a[k].clone(), b[k].clone(), cm[k].clone(), d[k].clone());
         let ts = number(case, "sample_time_s");
         if ts > 0.0 {
-            let model = |(a, b, c, d)| StateSpace::sampled(a, b, c, d, SampleTime::new(ts).unwrap()).unwrap();
+            let model = |(a, b, c, d)| {
+                StateSpace::sampled(a, b, c, d, SampleTime::new(ts).unwrap()).unwrap()
+            };
             unstable += norms(&file, &mut c, case, [model(pair(0)), model(pair(1))]);
         } else {
             let model = |(a, b, c, d)| StateSpace::continuous(a, b, c, d).unwrap();
             unstable += norms(&file, &mut c, case, [model(pair(0)), model(pair(1))]);
         }
-        apart_by_turns += usize::from(case["winds_alike"] == false && number(case, "pointwise") < 0.99);
+        apart_by_turns +=
+            usize::from(case["winds_alike"] == false && number(case, "pointwise") < 0.99);
     }
     assert!(apart_by_turns > 2 && unstable > 10, "{apart_by_turns} {unstable}");
     c.finish();
 }
 
 /// Whether the model is unstable, as a number.
-fn norms<T: TimeDomain>(file: &Value, c: &mut Comparison, case: &Value, [sys, other]: [StateSpace<T>; 2]) -> usize {
+fn norms<T: TimeDomain>(
+    file: &Value,
+    c: &mut Comparison,
+    case: &Value,
+    [sys, other]: [StateSpace<T>; 2],
+) -> usize {
     let id = text(case, "id");
     let band = list(&case["band_rad_s"]);
     let gain = |band: [f64; 2]| sys.norm_linf(band).unwrap().gain;
-    let against = |value: f64, key: &str| relative((value - number(case, key)).abs(), number(case, key));
+    let against =
+        |value: f64, key: &str| relative((value - number(case, key)).abs(), number(case, key));
     c.check("gain", id, against(gain([0.0, f64::INFINITY]), "gain"), allowed(file, "gain", 1e-9));
-    c.check("gain_in_band", id, against(gain([band[0], band[1]]), "gain_in_band"), allowed(file, "gain_in_band", 1e-8));
+    c.check(
+        "gain_in_band",
+        id,
+        against(gain([band[0], band[1]]), "gain_in_band"),
+        allowed(file, "gain_in_band", 1e-8),
+    );
     for (one, two) in [(&sys, &other), (&other, &sys)] {
-        c.check("nu_gap", id, against(nu_gap(one, two).unwrap().value, "nu_gap"), allowed(file, "nu_gap", 1e-8));
+        c.check(
+            "nu_gap",
+            id,
+            against(nu_gap(one, two).unwrap().value, "nu_gap"),
+            allowed(file, "nu_gap", 1e-8),
+        );
     }
     let whole = if sys.is_stable() { number(case, "gain") } else { f64::INFINITY };
-    assert!((sys.norm_hinf().gain / whole - 1.0).abs() < 1e-9 || sys.norm_hinf().gain == whole, "{id}");
+    assert!(
+        (sys.norm_hinf().gain / whole - 1.0).abs() < 1e-9 || sys.norm_hinf().gain == whole,
+        "{id}"
+    );
     usize::from(!sys.is_stable())
 }

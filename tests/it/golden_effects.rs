@@ -30,27 +30,41 @@ fn every_effect_agrees_with_an_independent_simulation() {
     let file = golden("effects", "reference.json");
     let folder = tempfile::tempdir().unwrap();
     let model = folder.path().join("model.json");
-    let (mut seen, mut c) = (std::collections::BTreeSet::new(), Comparison::new("effects/reference.json"));
+    let (mut seen, mut c) =
+        (std::collections::BTreeSet::new(), Comparison::new("effects/reference.json"));
     for case in cases(&file) {
         let id = text(case, "id");
         std::fs::write(&model, case["model"].to_string()).unwrap();
-        let system = System::new(&ModelDocument::read(&model).unwrap_or_else(|e| panic!("{id}: {e}")), |_| Ok(0.0)).unwrap();
+        let system = System::new(
+            &ModelDocument::read(&model).unwrap_or_else(|e| panic!("{id}: {e}")),
+            |_| Ok(0.0),
+        )
+        .unwrap();
         let effects: Vec<Applied> = case["effects"]
             .as_array()
             .unwrap()
             .iter()
-            .map(|e| Applied::from_entry(&system, &entry(e)).unwrap_or_else(|e| panic!("{id}: {e}")))
+            .map(|e| {
+                Applied::from_entry(&system, &entry(e)).unwrap_or_else(|e| panic!("{id}: {e}"))
+            })
             .collect();
         let mut plan = Applied::plan(&system, &effects, Chance::Mean).unwrap();
         let (time_s, inputs) = (list(&case["time"]), columns(&case["u"]));
         if let Some(drops) = case["drops"].as_array() {
             for (j, path) in plan.inputs.iter_mut().enumerate().filter(|(_, p)| p.drops.is_some()) {
-                path.drops = Some(Drops::Sequence(drops.iter().map(|row| row[j].as_bool().unwrap()).collect()));
+                path.drops = Some(Drops::Sequence(
+                    drops.iter().map(|row| row[j].as_bool().unwrap()).collect(),
+                ));
             }
         }
         let x0 = if case["x0"].is_null() { system.initial.clone() } else { list(&case["x0"]) };
         let expected = columns(&case["y"]);
-        let run = match system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &x0, None) {
+        let run = match system.simulate(
+            &plan,
+            Commands { time_s: &time_s, inputs: &inputs },
+            &x0,
+            None,
+        ) {
             Ok(run) => run,
             Err(e) => {
                 c.fail(format!("{id}: {e}"));
@@ -60,17 +74,28 @@ fn every_effect_agrees_with_an_independent_simulation() {
         let size = expected.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
         let integrated = id.starts_with("equations")
             || effects.iter().any(|e| {
-                ["coulomb_friction", "stribeck_friction", "hysteresis", "quadratic_drag", "cubic_stiffness"].contains(&e.effect.name())
+                [
+                    "coulomb_friction",
+                    "stribeck_friction",
+                    "hysteresis",
+                    "quadratic_drag",
+                    "cubic_stiffness",
+                ]
+                .contains(&e.effect.name())
             });
         let off = expected.iter().enumerate().flat_map(|(i, c)| {
-            c.iter().zip(run.y.column(i).iter().copied().collect::<Vec<_>>()).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>()
+            c.iter()
+                .zip(run.y.column(i).iter().copied().collect::<Vec<_>>())
+                .map(|(a, b)| (a - b).abs())
+                .collect::<Vec<_>>()
         });
         let off = off.fold(0.0, |m: f64, v| if v.is_nan() { v } else { m.max(v) }) / size;
         let alone = match &effects[..] {
             [one] => one.effect.name(),
             _ => "several at once",
         };
-        let (how, within) = if integrated { ("integrated", INTEGRATED) } else { ("linear or sampled", LINEAR) };
+        let (how, within) =
+            if integrated { ("integrated", INTEGRATED) } else { ("linear or sampled", LINEAR) };
         c.check(&format!("{alone}, {how} (of the largest output)"), id, off, within);
         seen.extend(effects.iter().map(|e| e.effect.name()));
     }

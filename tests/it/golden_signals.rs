@@ -18,10 +18,16 @@ fn event_criteria_agree_with_direct_sums_over_every_offset() {
     for case in file["answers"].as_array().unwrap() {
         let name = text(case, "method");
         let record = &file["records"][text(case, "record")];
-        let events = Events { first: list(&record["first"]), second: list(&record["second"]), ..Events::default() };
-        let experiment = Experiment::of_events(ts(sample_time_s), ["a", "b"], vec![events]).unwrap();
+        let events = Events {
+            first: list(&record["first"]),
+            second: list(&record["second"]),
+            ..Events::default()
+        };
+        let experiment =
+            Experiment::of_events(ts(sample_time_s), ["a", "b"], vec![events]).unwrap();
         let estimator = method(name).unwrap().entry.with(serde_json::json!({})).unwrap();
-        let got = estimator.estimate(&experiment, &Search { max_delay, ..Search::default() }).unwrap();
+        let got =
+            estimator.estimate(&experiment, &Search { max_delay, ..Search::default() }).unwrap();
         for (key, got) in [("raw", got.raw_delay_s), ("delay", got.delay_s)] {
             let apart = got.map_or(f64::NAN, |s| (s - number(case, key)).abs());
             c.check(&format!("{name}, {key} delay (s)"), text(case, "id"), apart, SUMS);
@@ -40,7 +46,11 @@ fn excitations_agree_with_scipy_sample_by_sample() {
     for case in file["cases"].as_array().unwrap() {
         let (id, expected) = (text(case, "id"), list(&case["u"]));
         let entry = by_name(text(case, "excitation")).unwrap();
-        let u = entry.with(case["options"].clone()).unwrap().generate(expected.len(), &mut rng(1)).unwrap();
+        let u = entry
+            .with(case["options"].clone())
+            .unwrap()
+            .generate(expected.len(), &mut rng(1))
+            .unwrap();
         c.check(entry.name, id, list_apart(&u, &expected), SUMS);
     }
     c.finish();
@@ -53,7 +63,8 @@ const CHANCE: f64 = 5.0;
 
 /// The record's own correlations beside those of the process, each over the standard deviation that Bartlett's formula gives it.
 fn correlations(c: &mut Comparison, field: &str, id: &str, x: &[f64], expected: &[f64]) {
-    let sum = |lag: usize| x.iter().zip(&x[lag..]).map(|(a, b)| a * b).sum::<f64>() / x.len() as f64;
+    let sum =
+        |lag: usize| x.iter().zip(&x[lag..]).map(|(a, b)| a * b).sum::<f64>() / x.len() as f64;
     let power = sum(0);
     let rho = |lag: isize| expected.get(lag.unsigned_abs()).copied().unwrap_or(0.0);
     for (lag, own) in expected.iter().enumerate().skip(1) {
@@ -72,12 +83,26 @@ fn noise_and_random_binary_signals_have_the_spectra_of_their_filters() {
     for case in file["noise"].as_array().unwrap() {
         let colour = NoiseColour::Arma { ar: list(&case["ar"]), ma: list(&case["ma"]) };
         let v = unit_noise(DRAWN, &colour, &mut rng(7)).unwrap();
-        correlations(&mut c, "noise (standard deviations of chance)", text(case, "id"), &v, &list(&case["autocorrelation"]));
+        correlations(
+            &mut c,
+            "noise (standard deviations of chance)",
+            text(case, "id"),
+            &v,
+            &list(&case["autocorrelation"]),
+        );
     }
     for case in file["rbs"].as_array().unwrap() {
         let band = list(&case["band"]);
-        let u = Rbs { band: [band[0], band[1]], ..Rbs::default() }.generate(DRAWN, &mut rng(8)).unwrap();
-        correlations(&mut c, "rbs (standard deviations of chance)", text(case, "id"), &u, &list(&case["autocorrelation"]));
+        let u = Rbs { band: [band[0], band[1]], ..Rbs::default() }
+            .generate(DRAWN, &mut rng(8))
+            .unwrap();
+        correlations(
+            &mut c,
+            "rbs (standard deviations of chance)",
+            text(case, "id"),
+            &u,
+            &list(&case["autocorrelation"]),
+        );
     }
     c.finish();
 }
@@ -103,24 +128,36 @@ const DIFFERENCES: f64 = 1e-7;
 #[test]
 fn jacobians_of_equations_agree_with_extrapolated_differences() {
     let file = golden("ode", "reference.json");
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/equations/reference.json");
+    let path =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/equations/reference.json");
     let plants: Plants = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
     let mut c = Comparison::new("ode/reference.json jacobians");
     for case in file["jacobians"].as_array().unwrap() {
         let plant = plants.cases.iter().find(|p| p.id == text(case, "case")).unwrap();
         let equations = plant.model.equations().unwrap();
-        let (sample, mut workspace, p) = (count(case, "sample"), equations.workspace(), equations.nominal());
+        let (sample, mut workspace, p) =
+            (count(case, "sample"), equations.workspace(), equations.nominal());
         let (t, x, u) = (plant.time_s[sample], &plant.x[sample], &plant.u[sample]);
         let n = x.len();
-        for (key, wrt) in [("states", Wrt::States), ("inputs", Wrt::Inputs), ("parameters", Wrt::Parameters)] {
+        for (key, wrt) in
+            [("states", Wrt::States), ("inputs", Wrt::Inputs), ("parameters", Wrt::Parameters)]
+        {
             let expected = matrix(&case[key]);
-            let (mut f, mut g) = (DMatrix::zeros(n, expected.ncols()), DMatrix::zeros(expected.nrows() - n, expected.ncols()));
+            let (mut f, mut g) = (
+                DMatrix::zeros(n, expected.ncols()),
+                DMatrix::zeros(expected.nrows() - n, expected.ncols()),
+            );
             equations.derivatives_jacobian(wrt, t, x, u, &p, &mut workspace, f.as_mut_slice());
             equations.outputs_jacobian(wrt, t, x, u, &p, &mut workspace, g.as_mut_slice());
             for j in 0..expected.ncols() {
                 let got: Vec<f64> = f.column(j).iter().chain(g.column(j).iter()).copied().collect();
                 let column: Vec<f64> = expected.column(j).iter().copied().collect();
-                c.check(&format!("by {key}"), &format!("{}, column {j}", text(case, "id")), list_apart(&got, &column), DIFFERENCES);
+                c.check(
+                    &format!("by {key}"),
+                    &format!("{}, column {j}", text(case, "id")),
+                    list_apart(&got, &column),
+                    DIFFERENCES,
+                );
             }
         }
     }
@@ -181,7 +218,12 @@ fn steppers_agree_with_scipy_on_stiff_and_other_problems() {
             integrator.advance(&mut rhs, t, to, &mut x).unwrap_or_else(|e| panic!("{id}: {e}"));
             t = to;
             let scale = expected.row(row).amax();
-            let apart = x.iter().zip(expected.row(row).iter()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / scale;
+            let apart = x
+                .iter()
+                .zip(expected.row(row).iter())
+                .map(|(a, b)| (a - b).abs())
+                .fold(0.0, f64::max)
+                / scale;
             c.check(&format!("{id} x"), &format!("t {t}"), apart, within);
         }
         let stiff = integrator.method() == Method::Rosenbrock;

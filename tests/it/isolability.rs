@@ -42,12 +42,15 @@ fn log(name: &str, u: Vec<f64>, seed: u64) -> Log {
     let time_s: Vec<f64> = (0..u.len()).map(|k| TS * k as f64).collect();
     let plan = Applied::plan(&system, &[] as &[Applied], Chance::Mean).unwrap();
     let inputs = vec![u];
-    let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &[0.0, 0.0], None).unwrap();
+    let run = system
+        .simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &[0.0, 0.0], None)
+        .unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut channels = vec![Channel::new("u", Some("1"), inputs[0].clone())];
     for (port, y) in system.outputs.iter().zip(run.y.column_iter()) {
         let rms = (y.norm_squared() / y.len() as f64).sqrt();
-        let noisy = y.iter().map(|v| v + 0.05 * rms * rng.sample::<f64, _>(StandardNormal)).collect();
+        let noisy =
+            y.iter().map(|v| v + 0.05 * rms * rng.sample::<f64, _>(StandardNormal)).collect();
         channels.push(Channel::new(&port.name, port.unit.as_deref(), noisy));
     }
     Log::new(name, time_s, channels).unwrap()
@@ -67,17 +70,27 @@ fn doublets(samples: usize) -> Vec<f64> {
 /// 0.1 to 8 Hz, flat, random phases: many amplitudes.
 fn multisine(samples: usize) -> Vec<f64> {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    let lines: Vec<(f64, f64)> = (1..=80).map(|i| (0.1 * f64::from(i), rng.random_range(0.0..TAU))).collect();
-    let value = |t: f64| 0.05 * lines.iter().map(|(hz, phase)| (TAU * hz * t + phase).cos()).sum::<f64>();
+    let lines: Vec<(f64, f64)> =
+        (1..=80).map(|i| (0.1 * f64::from(i), rng.random_range(0.0..TAU))).collect();
+    let value =
+        |t: f64| 0.05 * lines.iter().map(|(hz, phase)| (TAU * hz * t + phase).cos()).sum::<f64>();
     (0..samples).map(|k| value(k as f64 * TS)).collect()
 }
 
 fn look(u: Vec<f64>) -> Isolability {
-    isolability(&document(), &[log("roll.csv", u, 1)], &GapOptions::default(), &deadtime::progress::HowFar::default()).unwrap()
+    isolability(
+        &document(),
+        &[log("roll.csv", u, 1)],
+        &GapOptions::default(),
+        &deadtime::progress::HowFar::default(),
+    )
+    .unwrap()
 }
 
 fn cosine(found: &Isolability, one: &str, other: &str) -> f64 {
-    let at = |name: &str| found.effects.iter().position(|e| format!("{}:{}", e.effect, e.channel) == name).unwrap();
+    let at = |name: &str| {
+        found.effects.iter().position(|e| format!("{}:{}", e.effect, e.channel) == name).unwrap()
+    };
     let (i, j) = (at(one), at(other));
     assert_eq!(found.cosines[i][j], found.cosines[j][i]);
     found.cosines[i][j]
@@ -106,22 +119,38 @@ fn cosines_are_those_of_another_computation() {
         for (found, expected) in found.iter().zip(cosines) {
             let ours = cosine(found, one, other);
             println!("{one} {other}: {ours:.3} for {expected:.3}");
-            assert!((ours - expected).abs() <= off, "{one} and {other}: {ours}, elsewhere {expected}");
+            assert!(
+                (ours - expected).abs() <= off,
+                "{one} and {other}: {ours}, elsewhere {expected}"
+            );
         }
     }
-    println!("{:?}", found.iter().map(|f| f.classes.iter().map(|c| c.members.clone()).collect::<Vec<_>>()).collect::<Vec<_>>());
+    println!(
+        "{:?}",
+        found
+            .iter()
+            .map(|f| f.classes.iter().map(|c| c.members.clone()).collect::<Vec<_>>())
+            .collect::<Vec<_>>()
+    );
 }
 
 #[test]
 fn one_amplitude_cannot_tell_what_depends_on_amplitude_and_a_multisine_can() {
     let [one, many] = [look(doublets(2000)), look(multisine(2000))];
-    for (a, b) in [("deadband:u", "input_gain:u"), ("saturation:u", "input_gain:u"), ("deadband:u", "saturation:u")] {
+    for (a, b) in [
+        ("deadband:u", "input_gain:u"),
+        ("saturation:u", "input_gain:u"),
+        ("deadband:u", "saturation:u"),
+    ] {
         assert!(alike(&one, a, b), "{a} {b}: {:?}", one.classes);
         assert!(!alike(&many, a, b), "{a} {b}: {:?}", many.classes);
     }
     // Identical by structure, whatever the excitation.
     for found in [&one, &many] {
-        assert!(alike(found, "actuator_lag:u", "sensor_lag:*") || cosine(found, "actuator_lag:u", "sensor_lag:*") > 0.999);
+        assert!(
+            alike(found, "actuator_lag:u", "sensor_lag:*")
+                || cosine(found, "actuator_lag:u", "sensor_lag:*") > 0.999
+        );
         assert!(alike(found, "input_delay:u", "clock_offset:*"));
         assert!(!alike(found, "input_delay:u", "output_delay:angle"));
     }
@@ -130,16 +159,27 @@ fn one_amplitude_cannot_tell_what_depends_on_amplitude_and_a_multisine_can() {
 #[test]
 fn what_a_poor_excitation_hides_is_not_visible_and_sizes_follow_the_noise() {
     // A command at rest: nothing on its way shows.
-    let still = look(vec![0.0; 2000].iter().enumerate().map(|(k, _)| if k < 20 { 0.3 } else { 0.0 }).collect());
+    let still = look(
+        vec![0.0; 2000].iter().enumerate().map(|(k, _)| if k < 20 { 0.3 } else { 0.0 }).collect(),
+    );
     let rich = look(multisine(2000));
-    let of =
-        |found: &Isolability, name: &str| found.effects.iter().find(|e| format!("{}:{}", e.effect, e.channel) == name).unwrap().clone();
+    let of = |found: &Isolability, name: &str| {
+        found
+            .effects
+            .iter()
+            .find(|e| format!("{}:{}", e.effect, e.channel) == name)
+            .unwrap()
+            .clone()
+    };
     assert!(!of(&still, "gain_fade:u").visible && of(&rich, "gain_fade:u").visible);
     // The gain's smallest size by hand: √30 noise standard deviations over the length of the signature. With 5 % of noise on each of two outputs the
     // signature of a gain g is g·√(2·1650)/0.05 (350 of 2000 samples carry no weight).
     let size = of(&rich, "input_gain:u").smallest.unwrap();
     let expected = 30.0_f64.sqrt() * 0.05 / (2.0 * 1650.0_f64).sqrt();
-    assert!(((size.value - 1.0).abs() / expected - 1.0).abs() < 0.1, "{size:?}, by hand {expected}");
+    assert!(
+        ((size.value - 1.0).abs() / expected - 1.0).abs() < 0.1,
+        "{size:?}, by hand {expected}"
+    );
 }
 
 #[test]
@@ -149,8 +189,20 @@ fn the_command_needs_no_folder_and_says_what_it_cannot_tell_apart() {
     let csv = folder.path("a.csv");
     log("a.csv", doublets(2000), 1).write_csv(&csv).unwrap();
     let json = folder.path("i.json");
-    let said = deadtime(&["gap", "--model", text(&model), "--log", text(&csv), "--isolability", "--json", text(&json)]).words();
-    for part in ["seen from", "closest rival", "cannot tell apart", "deadband:u", "two or more amplitudes"] {
+    let said = deadtime(&[
+        "gap",
+        "--model",
+        text(&model),
+        "--log",
+        text(&csv),
+        "--isolability",
+        "--json",
+        text(&json),
+    ])
+    .words();
+    for part in
+        ["seen from", "closest rival", "cannot tell apart", "deadband:u", "two or more amplitudes"]
+    {
         assert!(said.contains(part), "`{part}` is not in: {said}");
     }
     let read: Isolability = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
@@ -163,7 +215,8 @@ fn the_command_needs_no_folder_and_says_what_it_cannot_tell_apart() {
 fn three_logs_of_a_minute_take_no_time() {
     let logs: Vec<Log> = (0..3).map(|i| log(&format!("{i}.csv"), multisine(6000), i)).collect();
     let start = std::time::Instant::now();
-    isolability(&document(), &logs, &GapOptions::default(), &deadtime::progress::HowFar::default()).unwrap();
+    isolability(&document(), &logs, &GapOptions::default(), &deadtime::progress::HowFar::default())
+        .unwrap();
     let seconds = start.elapsed().as_secs_f64();
     println!("{seconds:.2} s");
     // 2 s on an idle machine; tests share theirs.

@@ -30,7 +30,8 @@ fn log() -> String {
     let mut text = String::from("time,u [V],y [m]\n");
     let (mut state, mut late, mut y) = (7_u64, [0.0_f64; 3], 0.0_f64);
     for k in 0..2000 {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let u = if state >> 63 == 0 { 1.0 } else { -1.0 };
         let noise = ((state >> 20) % 1000) as f64 / 5e3 - 0.1;
         writeln!(text, "{},{},{}", k as f64 / 10.0, u + 4.0, y + noise + 20.0).unwrap();
@@ -44,7 +45,8 @@ fn log() -> String {
 fn from_a_log_to_an_identified_model_to_physical_parameters() {
     let folder = Folder::new();
     let (data, lag) = (folder.write("log.csv", &log()), folder.write("lag.toml", LAG));
-    let [model, identified, matched, out] = ["model.toml", "model.json", "matched.json", "found.toml"].map(|f| folder.path(f));
+    let [model, identified, matched, out] =
+        ["model.toml", "model.json", "matched.json", "found.toml"].map(|f| folder.path(f));
     deadtime(&[
         "identify",
         text(&data),
@@ -62,27 +64,46 @@ fn from_a_log_to_an_identified_model_to_physical_parameters() {
     .done();
     let truth = [("gain", 2.5), ("tau", 0.1 / (1.0_f64 / 0.6).ln()), ("delay:u", 0.3)];
     let run = |what: &std::path::Path, more: &[&str]| {
-        let common = ["identify", "--structure", text(&lag), "--match", text(what), "--free", "gain,tau,delay:u", "--json", text(&matched)];
+        let common = [
+            "identify",
+            "--structure",
+            text(&lag),
+            "--match",
+            text(what),
+            "--free",
+            "gain,tau,delay:u",
+            "--json",
+            text(&matched),
+        ];
         let said = deadtime(&[&common[..], more].concat()).done();
-        let found: Value = serde_json::from_str(&std::fs::read_to_string(&matched).unwrap()).unwrap();
+        let found: Value =
+            serde_json::from_str(&std::fs::read_to_string(&matched).unwrap()).unwrap();
         (said, found)
     };
     let page = folder.path("page.html");
     let (said, found) = run(&identified, &["--out", text(&out), "--html", text(&page)]);
     assert_eq!(found["format"], "deadtime/match@1");
     page_of(&std::fs::read_to_string(&page).unwrap(), &found);
-    assert!(said.contains("delay:u") && said.contains("Nu-gap") && said.contains("standard deviations"), "{said}");
+    assert!(
+        said.contains("delay:u") && said.contains("Nu-gap") && said.contains("standard deviations"),
+        "{said}"
+    );
     for ((name, truth), p) in truth.iter().zip(found["parameters"].as_array().unwrap()) {
         let (value, std) = (p["value"].as_f64().unwrap(), p["std"].as_f64().unwrap());
         // A delay that was taken out as whole samples is known to half a sample: uniform within one.
-        let (within, known) =
-            if *name == "delay:u" { (0.05, (std - 0.1 / 12.0_f64.sqrt()).abs() < 1e-3) } else { (0.05 * truth, std < 0.03 * truth) };
+        let (within, known) = if *name == "delay:u" {
+            (0.05, (std - 0.1 / 12.0_f64.sqrt()).abs() < 1e-3)
+        } else {
+            (0.05 * truth, std < 0.03 * truth)
+        };
         assert!(p["name"] == *name && (value - truth).abs() < within && known, "{p}");
         assert!(p["standing"] == "unchecked", "{p}");
     }
     // Everything can be had: nothing of the exact delay hides the rest, and every start ends at one minimum.
     assert!(
-        found["unseen"].as_array().unwrap().is_empty() && found["converged"] == true && found["starts"][1].as_u64() > Some(4),
+        found["unseen"].as_array().unwrap().is_empty()
+            && found["converged"] == true
+            && found["starts"][1].as_u64() > Some(4),
         "{found}"
     );
     let written = std::fs::read_to_string(&out).unwrap();
@@ -91,14 +112,22 @@ fn from_a_log_to_an_identified_model_to_physical_parameters() {
     let (said, found) = run(&model, &["--norm", "hinf", "--band", "0.5:30", "--starts", "2"]);
     assert!(said.contains("says nothing of its uncertainty"), "{said}");
     for ((_, truth), p) in truth.iter().zip(found["parameters"].as_array().unwrap()) {
-        assert!(p["std"].is_null() && (p["value"].as_f64().unwrap() / truth - 1.0).abs() < 0.05, "{p}");
+        assert!(
+            p["std"].is_null() && (p["value"].as_f64().unwrap() / truth - 1.0).abs() < 0.05,
+            "{p}"
+        );
     }
 }
 
 /// The page is well formed, and draws the responses that the JSON has.
 fn page_of(page: &str, found: &Value) {
     let said = stands(page);
-    assert!(said.contains("lag matched to model") && said.contains("delay:u") && said.contains("Nu-gap"), "{said}");
+    assert!(
+        said.contains("lag matched to model")
+            && said.contains("delay:u")
+            && said.contains("Nu-gap"),
+        "{said}"
+    );
     let data = drawn(page);
     let view = &data["figures"][0]["views"][0];
     let points = found["responses"][0]["points"].as_array().unwrap();
@@ -127,10 +156,24 @@ fn a_linear_structure_has_its_entries_as_parameters() {
         );
         folder.write(&format!("{name}.toml"), &text)
     };
-    let (structure, identified, json) = (lti("structure", -1.0), lti("identified", -3.0), folder.path("m.json"));
-    deadtime(&["identify", "--structure", text(&structure), "--match", text(&identified), "--free", "all", "--json", text(&json)]).done();
+    let (structure, identified, json) =
+        (lti("structure", -1.0), lti("identified", -3.0), folder.path("m.json"));
+    deadtime(&[
+        "identify",
+        "--structure",
+        text(&structure),
+        "--match",
+        text(&identified),
+        "--free",
+        "all",
+        "--json",
+        text(&json),
+    ])
+    .done();
     let found: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
-    for (p, (name, value)) in found["parameters"].as_array().unwrap().iter().zip([("A_x_x", -3.0), ("B_x_u", 2.0)]) {
+    for (p, (name, value)) in
+        found["parameters"].as_array().unwrap().iter().zip([("A_x_x", -3.0), ("B_x_u", 2.0)])
+    {
         assert!(p["name"] == name && (p["value"].as_f64().unwrap() - value).abs() < 1e-6, "{p}");
     }
 }
@@ -138,10 +181,18 @@ fn a_linear_structure_has_its_entries_as_parameters() {
 #[test]
 fn what_cannot_be_matched_is_refused_with_a_remedy_and_no_file() {
     let folder = Folder::new();
-    let (data, lag, out) = (folder.write("log.csv", &log()), folder.write("lag.toml", LAG), folder.path("out.toml"));
+    let (data, lag, out) =
+        (folder.write("log.csv", &log()), folder.write("lag.toml", LAG), folder.path("out.toml"));
     let broken = folder.write("broken.json", "{\"format\": \"deadtime/identify@1\", \"rows\": 3}");
     let refused = |more: &[&str], words: &[&str]| {
-        deadtime(&[&["identify", "--structure", text(&lag), "--free", "gain", "--out", text(&out)], more].concat()).refused(words);
+        deadtime(
+            &[
+                &["identify", "--structure", text(&lag), "--free", "gain", "--out", text(&out)],
+                more,
+            ]
+            .concat(),
+        )
+        .refused(words);
     };
     refused(&["--match", text(&lag)], &["lag.toml", "no identified model", "deadtime identify"]);
     refused(&["--match", text(&broken)], &["broken.json", "sample_time_s"]);

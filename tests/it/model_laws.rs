@@ -1,7 +1,10 @@
 //! Laws of models and simulations over random ones.
 
 use crate::support::compare::{apart, responses_apart_together};
-use deadtime::model::c2d::{CONVERSIONS, Conversion, Feedthrough, FirstOrderHold, ImpulseInvariant, LeastSquares, Tustin, ZeroOrderHold};
+use deadtime::model::c2d::{
+    CONVERSIONS, Conversion, Feedthrough, FirstOrderHold, ImpulseInvariant, LeastSquares, Tustin,
+    ZeroOrderHold,
+};
 use deadtime::model::uav::Dynamics;
 use deadtime::model::{Continuous, ModelError, Sampled, StateSpace, d2c, dare, dlqr, nu_gap};
 use deadtime::simulate::{Hold, Options, Prehistory, lsim};
@@ -10,14 +13,16 @@ use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
 
 fn matrix(rows: usize, columns: usize) -> impl Strategy<Value = DMatrix<f64>> {
-    prop::collection::vec(-1.0..1.0f64, rows * columns).prop_map(move |v| DMatrix::from_vec(rows, columns, v))
+    prop::collection::vec(-1.0..1.0f64, rows * columns)
+        .prop_map(move |v| DMatrix::from_vec(rows, columns, v))
 }
 
 /// A, B, C, D with entries up to 1 (A up to 2 and damped), orders 1 to 4, one or two inputs and outputs.
 fn model() -> impl Strategy<Value = StateSpace<Continuous>> {
     (1..=4usize, 1..=2usize, 1..=2usize).prop_flat_map(|(n, m, p)| {
-        (matrix(n, n), matrix(n, m), matrix(p, n), matrix(p, m))
-            .prop_map(move |(a, b, c, d)| StateSpace::continuous(a * 2.0 - DMatrix::identity(n, n) * 0.5, b, c, d).unwrap())
+        (matrix(n, n), matrix(n, m), matrix(p, n), matrix(p, m)).prop_map(move |(a, b, c, d)| {
+            StateSpace::continuous(a * 2.0 - DMatrix::identity(n, n) * 0.5, b, c, d).unwrap()
+        })
     })
 }
 
@@ -25,7 +30,8 @@ fn model() -> impl Strategy<Value = StateSpace<Continuous>> {
 fn signal(samples: usize, seed: u64, inputs: usize) -> DMatrix<f64> {
     let mut state = seed | 1;
     DMatrix::from_fn(samples, inputs, |_, _| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     })
 }
@@ -218,10 +224,21 @@ fn the_relative_degree_of_every_sampled_output_is_the_published_bias() {
                 let expected = if ["p", "q", "r"].contains(name) { rates } else { 0 };
                 for delay in [0, 3] {
                     let ts = seconds(0.1);
-                    let sys = dynamics.model().with_input_delay(vec![ts.to_seconds(delay as f64)]).unwrap();
+                    let sys = dynamics
+                        .model()
+                        .with_input_delay(vec![ts.to_seconds(delay as f64)])
+                        .unwrap();
                     let sampled: StateSpace<Sampled> = conversion.c2d(&sys, ts).unwrap();
-                    assert_eq!(sampled.relative_degree(output, 0), Some(expected), "{name} {method}");
-                    assert_eq!(sampled.first_response(output, 0), Some(expected + delay), "{name} {method}");
+                    assert_eq!(
+                        sampled.relative_degree(output, 0),
+                        Some(expected),
+                        "{name} {method}"
+                    );
+                    assert_eq!(
+                        sampled.first_response(output, 0),
+                        Some(expected + delay),
+                        "{name} {method}"
+                    );
                 }
             }
         }
@@ -251,8 +268,10 @@ fn a_chain_of_integrators_is_converted_by_every_method() {
     );
     let sys = sys.unwrap();
     for entry in CONVERSIONS {
-        let sampled =
-            (entry.build)(serde_json::json!({})).unwrap().c2d(&sys, seconds(0.1)).unwrap_or_else(|e| panic!("{}: {e}", entry.name));
+        let sampled = (entry.build)(serde_json::json!({}))
+            .unwrap()
+            .c2d(&sys, seconds(0.1))
+            .unwrap_or_else(|e| panic!("{}: {e}", entry.name));
         let poles = sampled.poles();
         assert!(poles.iter().all(|p| (p - 1.0).norm() < 1e-4), "{}: {poles:?}", entry.name);
     }
@@ -261,8 +280,15 @@ fn a_chain_of_integrators_is_converted_by_every_method() {
 #[test]
 fn single_pair_conversions_say_so_for_more() {
     for entry in CONVERSIONS {
-        let converted = (entry.build)(serde_json::json!({})).unwrap().c2d(&Dynamics::Lateral.model(), seconds(0.1));
+        let converted = (entry.build)(serde_json::json!({}))
+            .unwrap()
+            .c2d(&Dynamics::Lateral.model(), seconds(0.1));
         let single = ["matched", "least_squares"].contains(&entry.name);
-        assert_eq!(matches!(converted, Err(ModelError::NotSingle { inputs: 1, outputs: 2, .. })), single, "{}", entry.name);
+        assert_eq!(
+            matches!(converted, Err(ModelError::NotSingle { inputs: 1, outputs: 2, .. })),
+            single,
+            "{}",
+            entry.name
+        );
     }
 }

@@ -77,11 +77,16 @@ fn a_jump_is_seen_at_its_time_and_by_its_size() {
     for (before, behind) in [(4, 6), (4, 9), (13, 4)] {
         for seed in 0..5 {
             let u = rbs(N, seed);
-            let y = response(&u, |t| if t < 400 { before } else { behind }, &coloured(10.0), seed + 50);
+            let y =
+                response(&u, |t| if t < 400 { before } else { behind }, &coloured(10.0), seed + 50);
             let seen = Watch::default().look(&[record(&u, &y)], &Search::default()).unwrap();
             let found = seen.stretches();
             assert_eq!(found.len(), 2, "{before} to {behind}, seed {seed}: {found:?}");
-            assert_eq!(found[1].delay as i64 - found[0].delay as i64, behind as i64 - before as i64, "seed {seed}: {found:?}");
+            assert_eq!(
+                found[1].delay as i64 - found[0].delay as i64,
+                behind as i64 - before as i64,
+                "seed {seed}: {found:?}"
+            );
             let [from, to] = found[1].began.unwrap();
             assert!(from <= 404 && to + 3 >= 400, "the jump at 400 lies in {from} to {to}");
         }
@@ -95,13 +100,19 @@ fn a_change_while_nothing_moves_is_open_between_two_motions() {
     let y = response(&u, |t| if t < 500 { 4 } else { 10 }, &white(100.0), 7);
     let seen = Watch::default().look(&[record(&u, &y)], &Search::default()).unwrap();
     let [from, to] = seen.stretches()[1].began.unwrap();
-    assert!(from < 450 && to > 580, "nothing moved from 450 to 600, and the change is said to lie in {from} to {to}");
+    assert!(
+        from < 450 && to > 580,
+        "nothing moved from 450 to 600, and the change is said to lie in {from} to {to}"
+    );
 }
 
 #[test]
 fn records_with_delays_of_their_own_are_told_apart() {
     let (u, v) = (rbs(600, 1), rbs(600, 2));
-    let records = [record(&u, &response(&u, |_| 4, &white(30.0), 3)), record(&v, &response(&v, |_| 9, &white(30.0), 4))];
+    let records = [
+        record(&u, &response(&u, |_| 4, &white(30.0), 3)),
+        record(&v, &response(&v, |_| 9, &white(30.0), 4)),
+    ];
     let found = Watch::default().look(&records, &Search::default()).unwrap().stretches();
     assert_eq!(found.iter().map(|s| s.record).collect::<Vec<_>>(), [0, 1], "{found:?}");
     assert_eq!(found[1].delay - found[0].delay, 5);
@@ -114,7 +125,8 @@ fn the_track_follows_a_drift() {
     let y = response(&u, |t| 4 + t / 200, &white(30.0), 6);
     let seen = Watch::default().look(&[record(&u, &y)], &Search::default()).unwrap();
     let track = seen.track();
-    let off: Vec<f64> = track.at.iter().zip(&track.mean).map(|((_, t), d)| d - (4 + t / 200) as f64).collect();
+    let off: Vec<f64> =
+        track.at.iter().zip(&track.mean).map(|((_, t), d)| d - (4 + t / 200) as f64).collect();
     let middle = off.iter().sum::<f64>() / off.len() as f64;
     let rms = (off.iter().map(|d| (d - middle).powi(2)).sum::<f64>() / off.len() as f64).sqrt();
     assert!(rms < 0.5, "the track lies {rms} samples off");
@@ -128,14 +140,17 @@ fn missing_outputs_and_short_records_are_no_change() {
     let mut gaps = record(&u, &response(&u, |_| 5, &white(30.0), 9));
     gaps.present = Some((0..N).map(|t| t % 17 != 0).collect());
     // One row in two sees a missing sample; what is left says what the whole would.
-    assert!(Watch::default().look(&[gaps], &Search::default()).is_some_and(|seen| seen.is_steady()));
+    assert!(
+        Watch::default().look(&[gaps], &Search::default()).is_some_and(|seen| seen.is_steady())
+    );
     let short = record(&u[..100], &response(&u[..100], |_| 5, &white(30.0), 9));
     assert!(Watch::default().look(&[short], &Search::default()).is_none());
 }
 
 /// Alarms of a run, and what was told last.
 fn run(u: &[f64], y: impl Fn(usize) -> Option<f64>) -> (Vec<Alarm>, Option<f64>, Option<[f64; 2]>) {
-    let mut tracker = Tracker::new(SampleTime::new(0.01).unwrap(), TrackerOptions::default()).unwrap();
+    let mut tracker =
+        Tracker::new(SampleTime::new(0.01).unwrap(), TrackerOptions::default()).unwrap();
     let (mut alarms, mut last) = (Vec::new(), (None, None));
     for (t, u) in u.iter().enumerate() {
         let told = tracker.push(*u, y(t)).unwrap();
@@ -153,7 +168,10 @@ fn a_tracker_tells_of_a_jump_and_of_nothing_else() {
     assert!(alarms.is_empty(), "{alarms:?}");
     let ([low, high], delay) = (band.unwrap(), delay.unwrap());
     // Two lags in sampled form answer two samples after the command: one is the assumed relative degree, one is left beside the five.
-    assert!(low <= 0.06 && high >= 0.06 && (delay - 0.06).abs() < 0.005, "{delay} in {low} to {high}");
+    assert!(
+        low <= 0.06 && high >= 0.06 && (delay - 0.06).abs() < 0.005,
+        "{delay} in {low} to {high}"
+    );
     let jumps = response(&u, |t| if t < 2000 { 5 } else { 9 }, &coloured(10.0), 12);
     let (alarms, delay, _) = run(&u, |t| (t % 13 != 0).then(|| jumps[t]));
     let [Alarm::DelayChanged { from_s, to_s, since_s }] = alarms[..] else { panic!("{alarms:?}") };
@@ -166,7 +184,10 @@ fn a_tracker_tells_a_plant_that_changed_from_a_delay_that_did() {
     let u = rbs(3000, 21);
     let before = response(&u, |_| 5, &white(100.0), 22);
     let (alarms, _, _) = run(&u, |t| Some(if t < 2000 { before[t] } else { -3.0 * before[t] }));
-    assert!(matches!(alarms[..], [Alarm::ResponseChanged { since_s }, ..] if (since_s - 20.0).abs() < 0.5), "{alarms:?}");
+    assert!(
+        matches!(alarms[..], [Alarm::ResponseChanged { since_s }, ..] if (since_s - 20.0).abs() < 0.5),
+        "{alarms:?}"
+    );
 }
 
 #[test]
@@ -178,9 +199,16 @@ fn a_tracker_says_nothing_of_a_delay_that_nothing_shows() {
 
 #[test]
 fn a_tracker_refuses_what_is_no_number_and_goes_on() {
-    let mut tracker = Tracker::new(SampleTime::new(0.01).unwrap(), TrackerOptions::default()).unwrap();
-    assert!(matches!(tracker.push(f64::NAN, Some(0.0)), Err(DelayError::NotFinite { role: "input", .. })));
-    assert!(matches!(tracker.push(0.0, Some(f64::INFINITY)), Err(DelayError::NotFinite { role: "output", .. })));
+    let mut tracker =
+        Tracker::new(SampleTime::new(0.01).unwrap(), TrackerOptions::default()).unwrap();
+    assert!(matches!(
+        tracker.push(f64::NAN, Some(0.0)),
+        Err(DelayError::NotFinite { role: "input", .. })
+    ));
+    assert!(matches!(
+        tracker.push(0.0, Some(f64::INFINITY)),
+        Err(DelayError::NotFinite { role: "output", .. })
+    ));
     assert!(tracker.push(0.0, None).is_ok());
     for wrong in [
         TrackerOptions { na: 0, ..TrackerOptions::default() },
@@ -199,7 +227,8 @@ fn a_tracker_refuses_what_is_no_number_and_goes_on() {
 fn a_tracker_needs_no_more_memory_however_long_it_runs() {
     let u = rbs(3000, 21);
     let follows = response(&u, |_| 5, &coloured(10.0), 22);
-    let mut tracker = Tracker::new(SampleTime::new(0.01).unwrap(), TrackerOptions::default()).unwrap();
+    let mut tracker =
+        Tracker::new(SampleTime::new(0.01).unwrap(), TrackerOptions::default()).unwrap();
     let mut push = |rounds: usize, turn: bool| {
         let all = || {
             for round in 0..rounds {
@@ -216,7 +245,12 @@ fn a_tracker_needs_no_more_memory_however_long_it_runs() {
     for turn in [false, true] {
         let few = push(2, turn);
         let many = push(20, turn);
-        assert!(many.bytes_max <= few.bytes_max.max(1 << 20), "{} bytes in 20 rounds, {} in 2", many.bytes_max, few.bytes_max);
+        assert!(
+            many.bytes_max <= few.bytes_max.max(1 << 20),
+            "{} bytes in 20 rounds, {} in 2",
+            many.bytes_max,
+            few.bytes_max
+        );
         // What is left behind of ten times as many samples is no more than one learnt response.
         assert!(many.bytes_current.abs() < 1 << 20, "{} bytes are left", many.bytes_current);
     }

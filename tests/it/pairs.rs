@@ -41,7 +41,11 @@ impl Motion {
     fn new(random: &mut ChaCha8Rng, size: f64) -> Self {
         let line = |_| {
             let hz = 0.1 * 30.0_f64.powf(random.random_range(0.0..1.0));
-            [size * random.random_range(0.2..1.0) / (1.0 + hz), TAU * hz, random.random_range(0.0..TAU)]
+            [
+                size * random.random_range(0.2..1.0) / (1.0 + hz),
+                TAU * hz,
+                random.random_range(0.0..TAU),
+            ]
         };
         Self((0..20).map(line).collect())
     }
@@ -66,14 +70,17 @@ struct Sensor {
 
 impl Sensor {
     fn new(random: &mut ChaCha8Rng, most: f64) -> Self {
-        let colour = if random.random_range(0.0..1.0) < 0.5 { 0.0 } else { random.random_range(0.5..0.95) };
+        let colour =
+            if random.random_range(0.0..1.0) < 0.5 { 0.0 } else { random.random_range(0.5..0.95) };
         Self { noise: most * random.random_range(0.05..1.0), colour }
     }
 
     fn add(self, clean: &mut [f64], random: &mut ChaCha8Rng) {
         let mut last = 0.0;
         for v in clean {
-            last = self.colour * last + (1.0 - self.colour * self.colour).sqrt() * random.sample::<f64, _>(StandardNormal);
+            last = self.colour * last
+                + (1.0 - self.colour * self.colour).sqrt()
+                    * random.sample::<f64, _>(StandardNormal);
             *v += self.noise * last;
         }
     }
@@ -82,9 +89,16 @@ impl Sensor {
 fn checks(model: &str, columns: Vec<(String, Vec<f64>)>, ts: f64) -> Vec<Check> {
     let document = ModelDocument::from_toml(model, std::path::Path::new("m.toml")).unwrap();
     let time_s = (0..columns[0].1.len()).map(|k| ts * k as f64).collect();
-    let channels = columns.into_iter().map(|(name, values)| Channel::new(&name, None, values)).collect();
+    let channels =
+        columns.into_iter().map(|(name, values)| Channel::new(&name, None, values)).collect();
     let log = document.complete(Log::new("log.csv", time_s, channels).unwrap()).unwrap();
-    let found = inspect(&document, &[log], &deadtime::stop::Stop::default(), &deadtime::progress::HowFar::default()).unwrap();
+    let found = inspect(
+        &document,
+        &[log],
+        &deadtime::stop::Stop::default(),
+        &deadtime::progress::HowFar::default(),
+    )
+    .unwrap();
     assert_eq!(found.not_run, None);
     found.checks
 }
@@ -97,14 +111,26 @@ fn cart(seed: u64, factor: f64, late_s: f64, offset: f64) -> Vec<Check> {
     let times: Vec<f64> = (0..samples).map(|k| ts * f64::from(k)).collect();
     let force = times.iter().map(|t| 2.0 * motion.at(*t, 2) + 0.6 * motion.at(*t, 1)).collect();
     let mut place: Vec<f64> = times.iter().map(|t| motion.at(*t, 0)).collect();
-    let mut speed: Vec<f64> = times.iter().map(|t| factor * motion.at(t - late_s, 1) + offset).collect();
+    let mut speed: Vec<f64> =
+        times.iter().map(|t| factor * motion.at(t - late_s, 1) + offset).collect();
     Sensor::new(&mut random, 0.01).add(&mut place, &mut random);
     Sensor::new(&mut random, 0.3).add(&mut speed, &mut random);
-    checks(CART, vec![("force".into(), force), ("position".into(), place), ("speed".into(), speed)], ts)
+    checks(
+        CART,
+        vec![("force".into(), force), ("position".into(), place), ("speed".into(), speed)],
+        ts,
+    )
 }
 
 fn of_pairs(found: &[Check]) -> Vec<&Check> {
-    found.iter().filter(|c| ["the slope of", "the turning of", "the slopes of"].iter().any(|w| c.finding.contains(w))).collect()
+    found
+        .iter()
+        .filter(|c| {
+            ["the slope of", "the turning of", "the slopes of"]
+                .iter()
+                .any(|w| c.finding.contains(w))
+        })
+        .collect()
 }
 
 fn wrong(found: &[Check]) -> Vec<&Check> {
@@ -127,22 +153,40 @@ fn sensors_that_agree_are_left_in_peace() {
 #[test]
 fn a_speed_nine_per_cent_too_large_and_twenty_milliseconds_late_is_named_with_its_size() {
     let (mut large, mut late, mut early, mut off) = (0, 0, 0, 0);
-    let says = |found: &[Check], kind: CheckKind, words: &str| wrong(found).iter().any(|c| c.check == kind && c.finding.contains(words));
+    let says = |found: &[Check], kind: CheckKind, words: &str| {
+        wrong(found).iter().any(|c| c.check == kind && c.finding.contains(words))
+    };
     for seed in 1000..1100 {
-        large += i32::from(says(&cart(seed, 1.09, 0.0, 0.0), CheckKind::Unit, "a gain of one of the two"));
-        late += i32::from(says(&cart(seed, 1.0, 0.02, 0.0), CheckKind::ClockOffset, "s later than"));
-        early += i32::from(says(&cart(seed, 1.0, -0.02, 0.0), CheckKind::ClockOffset, "s earlier than"));
-        off += i32::from(says(&cart(seed, 1.0, 0.0, 1.0), CheckKind::Unit, "an offset of one of the two"));
+        large += i32::from(says(
+            &cart(seed, 1.09, 0.0, 0.0),
+            CheckKind::Unit,
+            "a gain of one of the two",
+        ));
+        late +=
+            i32::from(says(&cart(seed, 1.0, 0.02, 0.0), CheckKind::ClockOffset, "s later than"));
+        early +=
+            i32::from(says(&cart(seed, 1.0, -0.02, 0.0), CheckKind::ClockOffset, "s earlier than"));
+        off += i32::from(says(
+            &cart(seed, 1.0, 0.0, 1.0),
+            CheckKind::Unit,
+            "an offset of one of the two",
+        ));
     }
     println!("of 100: factor {large}, late {late}, early {early}, offset {off}");
-    assert!(large >= 80 && late >= 80 && early >= 80 && off >= 80, "factor {large}, late {late}, early {early}, offset {off}");
+    assert!(
+        large >= 80 && late >= 80 && early >= 80 && off >= 80,
+        "factor {large}, late {late}, early {early}, offset {off}"
+    );
 }
 
 #[test]
 fn a_speed_in_another_unit_is_the_units_finding_and_no_gain() {
     for seed in 0..10 {
         let found = cart(seed, 3.6, 0.0, 0.0);
-        assert!(found.iter().any(|c| c.check == CheckKind::Unit && c.finding.contains("km/h")), "{found:?}");
+        assert!(
+            found.iter().any(|c| c.check == CheckKind::Unit && c.finding.contains("km/h")),
+            "{found:?}"
+        );
         assert!(wrong(&found).is_empty(), "{:?}", wrong(&found));
     }
 }
@@ -153,14 +197,25 @@ struct Flight {
 }
 
 impl Flight {
-    fn new(seed: u64, turn: impl Fn(f64, UnitQuaternion<f64>, Vector3<f64>) -> Vector3<f64>) -> Self {
+    fn new(
+        seed: u64,
+        turn: impl Fn(f64, UnitQuaternion<f64>, Vector3<f64>) -> Vector3<f64>,
+    ) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let (ts, samples) = (0.01, 4000);
         let place: Vec<Motion> = (0..3).map(|_| Motion::new(&mut random, 1.0)).collect();
         let angles: Vec<Motion> = [0.1, 0.1, 0.4].map(|size| Motion::new(&mut random, size)).into();
-        let attitude = |t: f64| UnitQuaternion::from_euler_angles(angles[0].at(t, 0), angles[1].at(t, 0), angles[2].at(t, 0));
-        let names = "m1_rads m2_rads m3_rads m4_rads x y z vx vy vz qx qy qz qw wx wy wz".split(' ');
-        let mut columns: Vec<(String, Vec<f64>)> = names.map(|n| (n.to_owned(), Vec::new())).collect();
+        let attitude = |t: f64| {
+            UnitQuaternion::from_euler_angles(
+                angles[0].at(t, 0),
+                angles[1].at(t, 0),
+                angles[2].at(t, 0),
+            )
+        };
+        let names =
+            "m1_rads m2_rads m3_rads m4_rads x y z vx vy vz qx qy qz qw wx wy wz".split(' ');
+        let mut columns: Vec<(String, Vec<f64>)> =
+            names.map(|n| (n.to_owned(), Vec::new())).collect();
         for k in 0..samples {
             let t = ts * f64::from(k);
             let q = attitude(t);
@@ -169,7 +224,8 @@ impl Flight {
             let rates = (attitude(t - h).inverse() * attitude(t + h)).scaled_axis() / (2.0 * h);
             let speed = turn(t, q, Vector3::from_fn(|i, _| place[i].at(t, 1)));
             let c: &Quaternion<f64> = q.as_ref();
-            let mut row: Vec<f64> = (0..4).map(|_| 1600.0 + random.random_range(-100.0..100.0)).collect();
+            let mut row: Vec<f64> =
+                (0..4).map(|_| 1600.0 + random.random_range(-100.0..100.0)).collect();
             row.extend((0..3).map(|i| place[i].at(t, 0)));
             row.extend(speed.iter().chain([c.i, c.j, c.k, c.w].iter()).chain(rates.iter()));
             columns.iter_mut().zip(row).for_each(|(column, v)| column.1.push(v));
@@ -191,11 +247,15 @@ impl Flight {
 fn a_flights_six_pairs_agree_and_one_reason_is_one_line() {
     let found = Flight::new(1, |_, _, v| v).checks();
     assert!(wrong(&found).is_empty(), "{:?}", wrong(&found));
-    let agree = found.iter().find(|c| c.ok == Some(true) && c.finding.contains("sensors go with each other")).unwrap();
+    let agree = found
+        .iter()
+        .find(|c| c.ok == Some(true) && c.finding.contains("sensors go with each other"))
+        .unwrap();
     for name in ["vx", "vy", "vz", "wx", "wy", "wz"] {
         assert!(agree.finding.contains(&format!("`{name}` is")), "{agree:?}");
     }
-    let untold: Vec<_> = found.iter().filter(|c| c.check == CheckKind::Sign && c.ok.is_none()).collect();
+    let untold: Vec<_> =
+        found.iter().filter(|c| c.check == CheckKind::Sign && c.ok.is_none()).collect();
     assert!(untold.len() == 1 && untold[0].finding.contains("of 13 outputs"), "{untold:?}");
     let text = deadtime::report::checks::lines(&found);
     // Two reasons: no linearisation to compare with, and none to predict a shift by.
@@ -217,7 +277,11 @@ fn turned_axes_are_no_gain() {
     let about = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 30.0_f64.to_radians());
     let found = Flight::new(3, |_, _, v| about * v).checks();
     let [one] = wrong(&found)[..] else { panic!("{:?}", wrong(&found)) };
-    assert!(one.check == CheckKind::Axes && (one.finding.contains("turned by 30°") || one.finding.contains("turned by 30.")), "{one:?}");
+    assert!(
+        one.check == CheckKind::Axes
+            && (one.finding.contains("turned by 30°") || one.finding.contains("turned by 30.")),
+        "{one:?}"
+    );
     let found = Flight::new(4, |_, q, v| q.inverse() * v).checks();
     let [one] = wrong(&found)[..] else { panic!("{:?}", wrong(&found)) };
     assert!(one.check == CheckKind::Axes && one.finding.contains("the body's axes"), "{one:?}");

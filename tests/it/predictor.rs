@@ -2,7 +2,9 @@
 
 use crate::support::plants;
 use crate::support::plants::{TS, answer, rbs, second_order, std_dev, sum, ts, white};
-use deadtime::delay::{Experiment, METHODS, Method, Outcome, PlantModel, Recording, Search, StateLeastSquares};
+use deadtime::delay::{
+    Experiment, METHODS, Method, Outcome, PlantModel, Recording, Search, StateLeastSquares,
+};
 use deadtime::model::c2d::{Conversion, ZeroOrderHold};
 use deadtime::model::uav::Dynamics;
 use deadtime::model::{Sampled, StateSpace, dlqr};
@@ -25,7 +27,11 @@ impl Loop {
         let n = a.len();
         let at = |v: &[f64], i: usize| v.get(i).copied().unwrap_or(0.0);
         Self {
-            a: DMatrix::from_fn(n, n, |i, j| if j == 0 { -a[i] } else { f64::from(u8::from(j == i + 1)) }),
+            a: DMatrix::from_fn(
+                n,
+                n,
+                |i, j| if j == 0 { -a[i] } else { f64::from(u8::from(j == i + 1)) },
+            ),
             b: DMatrix::from_fn(n, 1, |i, _| at(b, i)),
             noise: (0..n).map(|i| at(c, i) - a[i]).collect(),
         }
@@ -69,7 +75,8 @@ fn in_two_threads<T: Send>(work: impl FnOnce() -> T + Send) -> T {
 
 #[test]
 fn unstable_plants_in_many_loops_are_found_where_simulation_cannot_follow() {
-    let colours = ["white equation error", "moving average", "white on the output", "slow on the output"];
+    let colours =
+        ["white equation error", "moving average", "white on the output", "slow on the output"];
     let names = ["armaxstruc", "met1struc", "arxstruc", "oestruc"];
     let experiment = |seed: u64| {
         let (fast, slow) = (0.3 + 0.05 * (seed % 10) as f64, 1.01 + 0.01 * (seed % 9) as f64);
@@ -81,13 +88,21 @@ fn unstable_plants_in_many_loops_are_found_where_simulation_cannot_follow() {
             1 => (a, b.to_vec(), vec![-0.8, 0.3]),
             2 => (a, b.to_vec(), mirrored),
             _ => {
-                let b = times_one_minus(0.7, &[b[1] / b[0]]).iter().map(|v| v * b[0]).collect::<Vec<_>>();
+                let b = times_one_minus(0.7, &[b[1] / b[0]])
+                    .iter()
+                    .map(|v| v * b[0])
+                    .collect::<Vec<_>>();
                 (times_one_minus(0.7, &a), [vec![0.1], b].concat(), mirrored)
             }
         };
         let delay = seed as usize % 7;
         let weight = [0.1, 1.0, 10.0][seed as usize % 3];
-        let (u, y) = Loop::new(&a, &b, &c).fly(delay, weight, &rbs(600, 1.0, seed), &white(600, 0.1, 500 + seed));
+        let (u, y) = Loop::new(&a, &b, &c).fly(
+            delay,
+            weight,
+            &rbs(600, 1.0, seed),
+            &white(600, 0.1, 500 + seed),
+        );
         (delay as f64 * TS, Experiment::siso(ts(TS), u, y).unwrap())
     };
     let mut counts = [[[0_usize; 3]; 4]; 4];
@@ -98,7 +113,9 @@ fn unstable_plants_in_many_loops_are_found_where_simulation_cannot_follow() {
                 let (delay_s, experiment) = experiment(seed);
                 let each = names.map(|name| {
                     let e = answer(method(name), &experiment, &Search::default());
-                    let held = e.ci95_s.is_some_and(|[from, to]| from - 1e-9 <= delay_s && delay_s <= to + 1e-9);
+                    let held = e
+                        .ci95_s
+                        .is_some_and(|[from, to]| from - 1e-9 <= delay_s && delay_s <= to + 1e-9);
                     [
                         e.outcome == Outcome::Found && held,
                         e.delay_s.is_some_and(|d| (d - delay_s).abs() < 1e-9),
@@ -116,7 +133,9 @@ fn unstable_plants_in_many_loops_are_found_where_simulation_cannot_follow() {
     }
     for (name, counts) in names.iter().zip(&counts) {
         for (colour, [held, exact, without]) in colours.iter().zip(counts) {
-            println!("{name}, {colour}: of 30 intervals {held} hold the truth, {exact} delays exact, {without} without a delay");
+            println!(
+                "{name}, {colour}: of 30 intervals {held} hold the truth, {exact} delays exact, {without} without a delay"
+            );
         }
     }
     let held = |name: usize| counts[name].iter().map(|c| c[0]).sum::<usize>();
@@ -128,8 +147,10 @@ fn unstable_plants_in_many_loops_are_found_where_simulation_cannot_follow() {
 
 #[test]
 fn the_unstable_lateral_dynamics_are_found_within_a_sample_for_delays_up_to_ten() {
-    let cases: Vec<(f64, usize, u64)> =
-        [0.1, 0.02].into_iter().flat_map(|t| (0..=10).flat_map(move |d| (0..2).map(move |s| (t, d, s)))).collect();
+    let cases: Vec<(f64, usize, u64)> = [0.1, 0.02]
+        .into_iter()
+        .flat_map(|t| (0..=10).flat_map(move |d| (0..2).map(move |s| (t, d, s))))
+        .collect();
     let names = ["armaxstruc", "met1struc", "arxstruc", "oestruc"];
     let off: Vec<Vec<[Option<f64>; 2]>> = in_two_threads(|| {
         cases
@@ -144,13 +165,29 @@ fn the_unstable_lateral_dynamics_are_found_within_a_sample_for_delays_up_to_ten(
                     .iter()
                     .map(|name| {
                         [0, 1].map(|output| {
-                            let y = sum(&outputs[output], &white(n, 0.01 * std_dev(&outputs[output]), 90 + seed));
-                            let search = Search { bias: vec![vec![1 - output]], min_delay: 1 - output, ..Search::default() };
-                            let e = answer(method(name), &Experiment::siso(ts(seconds), u.clone(), y).unwrap(), &search);
+                            let y = sum(
+                                &outputs[output],
+                                &white(n, 0.01 * std_dev(&outputs[output]), 90 + seed),
+                            );
+                            let search = Search {
+                                bias: vec![vec![1 - output]],
+                                min_delay: 1 - output,
+                                ..Search::default()
+                            };
+                            let e = answer(
+                                method(name),
+                                &Experiment::siso(ts(seconds), u.clone(), y).unwrap(),
+                                &search,
+                            );
                             if e.outcome != Outcome::Found && *name == "armaxstruc" {
-                                println!("{seconds} s, {delay} samples, output {output}: {:?}", e.note);
+                                println!(
+                                    "{seconds} s, {delay} samples, output {output}: {:?}",
+                                    e.note
+                                );
                             }
-                            e.delay_s.filter(|_| e.outcome == Outcome::Found).map(|d| d / seconds - delay as f64)
+                            e.delay_s
+                                .filter(|_| e.outcome == Outcome::Found)
+                                .map(|d| d / seconds - delay as f64)
                         })
                     })
                     .collect()
@@ -163,13 +200,19 @@ fn the_unstable_lateral_dynamics_are_found_within_a_sample_for_delays_up_to_ten(
             let right = of(output).filter(|o| o.is_some_and(|o| o.abs() < 0.5)).count();
             let near = of(output).filter(|o| o.is_some_and(|o| o.abs() < 1.5)).count();
             let none = of(output).filter(Option::is_none).count();
-            println!("{name}, {channel}: of 44 delays {right} exact, {near} within a sample, {none} without an answer");
+            println!(
+                "{name}, {channel}: of 44 delays {right} exact, {near} within a sample, {none} without an answer"
+            );
             if at == 0 {
                 assert_eq!(
                     near,
                     44,
                     "{channel}: {:?}",
-                    cases.iter().zip(of(output)).filter(|(_, o)| o.is_none_or(|o| o.abs() > 1.5)).collect::<Vec<_>>()
+                    cases
+                        .iter()
+                        .zip(of(output))
+                        .filter(|(_, o)| o.is_none_or(|o| o.abs() > 1.5))
+                        .collect::<Vec<_>>()
                 );
             }
         }
@@ -177,7 +220,12 @@ fn the_unstable_lateral_dynamics_are_found_within_a_sample_for_delays_up_to_ten(
 }
 
 /// The sampled plant behind `delay` samples, its input disturbed by gusts, flown by a state feedback that knows the delay: u and the outputs.
-fn flown(plant: &StateSpace<Sampled>, delay: usize, dither: &[f64], gusts: &[f64]) -> (Vec<f64>, Vec<Vec<f64>>) {
+fn flown(
+    plant: &StateSpace<Sampled>,
+    delay: usize,
+    dither: &[f64],
+    gusts: &[f64],
+) -> (Vec<f64>, Vec<Vec<f64>>) {
     let (n, size) = (plant.order(), plant.order() + delay);
     let (mut a, mut b) = (DMatrix::zeros(size, size), DMatrix::zeros(size, 1));
     a.view_mut((0, 0), (n, n)).copy_from(plant.a());
@@ -216,9 +264,14 @@ fn slow_noise_in_open_loop_leaves_instrumental_variables_honest() {
                 let y = second_order(&u, 0.1, [-1.5, 0.56], delay);
                 let mut slow = white(500, 0.3 * std_dev(&y), 900 + seed);
                 (1..500).for_each(|t| slow[t] += 0.9 * slow[t - 1]);
-                let e = answer(method(name), &Experiment::siso(ts(TS), u, sum(&y, &slow)).unwrap(), &Search::default());
+                let e = answer(
+                    method(name),
+                    &Experiment::siso(ts(TS), u, sum(&y, &slow)).unwrap(),
+                    &Search::default(),
+                );
                 let truth = delay as f64 * TS;
-                e.outcome == Outcome::Found && e.ci95_s.is_some_and(|[from, to]| from - 1e-9 <= truth && truth <= to + 1e-9)
+                e.outcome == Outcome::Found
+                    && e.ci95_s.is_some_and(|[from, to]| from - 1e-9 <= truth && truth <= to + 1e-9)
             })
             .count()
     });
@@ -230,13 +283,24 @@ fn slow_noise_in_open_loop_leaves_instrumental_variables_honest() {
 fn two_pushes(left: Vec<f64>, right: Vec<f64>) -> Experiment<'static> {
     let m = DMatrix::from_row_slice;
     let (a, b) = (m(2, 2, &[0.8, 0.1, -0.1, 0.6]), m(2, 2, &[1.0, 0.7, 0.5, 0.35]));
-    let plant = StateSpace::sampled(a, b, m(1, 2, &[1.0, 0.0]), DMatrix::zeros(1, 2), ts(TS)).unwrap();
+    let plant =
+        StateSpace::sampled(a, b, m(1, 2, &[1.0, 0.0]), DMatrix::zeros(1, 2), ts(TS)).unwrap();
     let inputs = vec![left, right];
     let (y, x) = plants::respond(&plant, &inputs, &[3, 8]);
-    let states = x.iter().zip(0..).map(|(x, seed)| sum(x, &white(x.len(), 0.01 * std_dev(x), 70 + seed)).into()).collect();
+    let states = x
+        .iter()
+        .zip(0..)
+        .map(|(x, seed)| sum(x, &white(x.len(), 0.01 * std_dev(x), 70 + seed)).into())
+        .collect();
     let inputs = inputs.into_iter().map(Into::into).collect();
     let recording = Recording { inputs, outputs: y.into_iter().map(Into::into).collect(), states };
-    let experiment = Experiment::new(ts(TS), vec!["left".into(), "right".into()], vec!["y".into()], vec![recording]).unwrap();
+    let experiment = Experiment::new(
+        ts(TS),
+        vec!["left".into(), "right".into()],
+        vec!["y".into()],
+        vec![recording],
+    )
+    .unwrap();
     experiment.with_model(PlantModel::Sampled(plant))
 }
 
@@ -252,18 +316,27 @@ fn state_least_squares_says_when_inputs_move_together() {
             .unwrap()
             .estimate_inputs(&experiment, &Search::default())
             .unwrap();
-        let angle = StateLeastSquares::default().coefficients(&experiment, 35).map(|c| c.angle_deg[0]).ok();
-        println!("{angle:?} {:?}", answers.iter().map(|a| (a.outcome, a.delay_s, &a.note)).collect::<Vec<_>>());
+        let angle =
+            StateLeastSquares::default().coefficients(&experiment, 35).map(|c| c.angle_deg[0]).ok();
+        println!(
+            "{angle:?} {:?}",
+            answers.iter().map(|a| (a.outcome, a.delay_s, &a.note)).collect::<Vec<_>>()
+        );
         (answers, angle)
     };
     // Inputs of their own are told apart.
     let (own, angle) = outcomes(rbs(n, 1.0, 2));
     assert!(angle.unwrap() > 30.0);
-    assert!(own.iter().zip([0.3, 0.8]).all(|(e, d)| e.outcome == Outcome::Found && (e.delay_s.unwrap() - d).abs() < 0.01));
+    assert!(
+        own.iter()
+            .zip([0.3, 0.8])
+            .all(|(e, d)| e.outcome == Outcome::Found && (e.delay_s.unwrap() - d).abs() < 0.01)
+    );
     // The same input twice, and one that is the other's copy some samples later, are not.
     for same in [left.clone(), plants::delayed(&left, 4)] {
         let (answers, _) = outcomes(same);
-        assert!(answers.iter().all(|e| e.outcome == Outcome::Singular && e.note.as_ref().unwrap().contains("moves with the others")));
+        assert!(answers.iter().all(|e| e.outcome == Outcome::Singular
+            && e.note.as_ref().unwrap().contains("moves with the others")));
     }
     // Nearly the same: told apart or not, never wrong, and the reader knows why.
     for share in [0.3, 0.1, 0.03, 0.01, 0.001] {
@@ -271,7 +344,9 @@ fn state_least_squares_says_when_inputs_move_together() {
         let (answers, angle) = outcomes(right);
         for (e, truth) in answers.iter().zip([0.3, 0.8]) {
             assert!(e.delay_s.is_none_or(|d| (d - truth).abs() < 0.1), "{share}: {e:?}");
-            let shown = !e.outcome.has_delay() || e.note.as_ref().unwrap().contains("angle") || angle.unwrap() > 5.0;
+            let shown = !e.outcome.has_delay()
+                || e.note.as_ref().unwrap().contains("angle")
+                || angle.unwrap() > 5.0;
             assert!(shown, "{share}: {e:?}");
         }
     }
@@ -284,22 +359,40 @@ fn arxstruc_with_the_other_input_as_regressor_finds_two_delays_of_correlated_inp
         let wrong = (0..30_u64).filter(|&seed| {
             // The right input follows the left one two samples later, with a part of its own.
             let left = rbs(n, 1.0, seed);
-            let right = sum(&plants::delayed(&left, 2), &plants::times(&rbs(n, 1.0, 100 + seed), 0.7));
+            let right =
+                sum(&plants::delayed(&left, 2), &plants::times(&rbs(n, 1.0, 100 + seed), 0.7));
             let (near, far) = (seed as usize % 5, 5 + seed as usize % 9);
-            let y = sum(&second_order(&left, 0.3, [-1.3, 0.42], far), &second_order(&right, 0.5, [-1.3, 0.42], near));
+            let y = sum(
+                &second_order(&left, 0.3, [-1.3, 0.42], far),
+                &second_order(&right, 0.5, [-1.3, 0.42], near),
+            );
             let y = sum(&y, &white(n, 0.05 * std_dev(&y), 200 + seed));
-            let recording = Recording { inputs: vec![left.into(), right.into()], outputs: vec![y.into()], states: Vec::new() };
-            let experiment = Experiment::new(ts(TS), vec!["left".into(), "right".into()], vec!["y".into()], vec![recording]).unwrap();
-            let estimator = method("arxstruc").entry.with(serde_json::json!({ "others": others })).unwrap();
+            let recording = Recording {
+                inputs: vec![left.into(), right.into()],
+                outputs: vec![y.into()],
+                states: Vec::new(),
+            };
+            let experiment = Experiment::new(
+                ts(TS),
+                vec!["left".into(), "right".into()],
+                vec!["y".into()],
+                vec![recording],
+            )
+            .unwrap();
+            let estimator =
+                method("arxstruc").entry.with(serde_json::json!({ "others": others })).unwrap();
             let right = |at: usize, truth: usize| {
                 let seen = experiment.towards(at, 0).unwrap();
-                plants::whole(&estimator.estimate(&seen, &Search::default()).unwrap(), TS) == Some(truth)
+                plants::whole(&estimator.estimate(&seen, &Search::default()).unwrap(), TS)
+                    == Some(truth)
             };
             !(right(0, far) && right(1, near))
         });
         wrong.count()
     };
     let (apart, together) = (wrong("apart"), wrong("regressors"));
-    println!("of 30 records with one delay or both wrong: {apart} pair by pair, {together} together");
+    println!(
+        "of 30 records with one delay or both wrong: {apart} pair by pair, {together} together"
+    );
     assert!(apart >= 15 && together <= 2, "{apart} {together}");
 }

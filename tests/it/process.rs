@@ -17,7 +17,8 @@ fn drawn(name: &str, seed: u64, samples: usize, noise: f64) -> (f64, Experiment<
     let poles = name[1..2].parse::<usize>().unwrap();
     let zero = name.ends_with('z');
     // From half a sample to thirty.
-    let mut lags: Vec<f64> = (0..poles).map(|_| TS * 10.0_f64.powf(rng.random_range(-0.3..1.5))).collect();
+    let mut lags: Vec<f64> =
+        (0..poles).map(|_| TS * 10.0_f64.powf(rng.random_range(-0.3..1.5))).collect();
     lags.sort_by(|a, b| b.total_cmp(a));
     let zero = zero.then(|| lags[0] * rng.random_range(-0.8..0.8));
     let delay = rng.random_range(0.0..25.0);
@@ -41,7 +42,11 @@ fn interval_holds(noises: &[f64]) {
                         return None;
                     }
                     let [from, to] = e.ci95_s.unwrap();
-                    Some((e.delay_s.unwrap() / TS - delay, e.std_s.unwrap() / TS, from - 1e-9 <= delay * TS && delay * TS <= to + 1e-9))
+                    Some((
+                        e.delay_s.unwrap() / TS - delay,
+                        e.std_s.unwrap() / TS,
+                        from - 1e-9 <= delay * TS && delay * TS <= to + 1e-9,
+                    ))
                 })
                 .collect();
             let found: Vec<&(f64, f64, bool)> = results.iter().flatten().collect();
@@ -62,7 +67,11 @@ fn interval_holds(noises: &[f64]) {
                 clock.elapsed().as_secs_f64() * 1e3 / records as f64
             );
             // 95 % of 40 draws, less three standard deviations of that.
-            assert!(found.len() >= 38 && held as f64 >= 0.847 * found.len() as f64, "{name}, noise {noise}: {held} of {}", found.len());
+            assert!(
+                found.len() >= 38 && held as f64 >= 0.847 * found.len() as f64,
+                "{name}, noise {noise}: {held} of {}",
+                found.len()
+            );
         }
     }
 }
@@ -80,13 +89,19 @@ fn the_interval_holds_a_fractional_delay_as_often_as_it_says_at_every_noise() {
 
 /// 12·e^(−8s)/(s² + 4s + 4) every 0.1 s, PRBS of order 8 held for 20 samples, noise of a signal-to-noise ratio of 15 dB: CONTSID's demonstration of a search that is stuck.
 fn demonstration(seed: u64) -> Experiment<'static> {
-    let u = Prbs { order: 8, clock: 20, ..Prbs::default() }.generate(255 * 20, &mut rng(1)).unwrap();
+    let u =
+        Prbs { order: 8, clock: 20, ..Prbs::default() }.generate(255 * 20, &mut rng(1)).unwrap();
     let y: Vec<f64> = process(&u, &[0.5, 0.5], None, 8.0, 0.1).iter().map(|v| 3.0 * v).collect();
     let noise = white(y.len(), std_dev(&y) * 10.0_f64.powf(-15.0 / 20.0), seed);
     Experiment::siso(ts(0.1), u, sum(&y, &noise)).unwrap()
 }
 
-fn with(name: &str, options: serde_json::Value, experiment: &Experiment, search: &Search) -> deadtime::delay::DelayEstimate {
+fn with(
+    name: &str,
+    options: serde_json::Value,
+    experiment: &Experiment,
+    search: &Search,
+) -> deadtime::delay::DelayEstimate {
     let found: &'static Method = method(name).unwrap();
     found.entry.with(options).unwrap().estimate(experiment, search).unwrap()
 }
@@ -104,7 +119,10 @@ fn eight_seconds_are_found_from_every_start_between_0_and_20() {
     let starts: Vec<f64> = (0..=20).map(f64::from).collect();
     starts.par_iter().for_each(|&start| {
         let e = with("p2d", json!({ "initial_delay_s": start }), &experiment, &search);
-        assert!((e.delay_s.unwrap() - plain.delay_s.unwrap()).abs() < 1e-6, "from {start} s: {e:?}");
+        assert!(
+            (e.delay_s.unwrap() - plain.delay_s.unwrap()).abs() < 1e-6,
+            "from {start} s: {e:?}"
+        );
     });
 }
 
@@ -115,7 +133,12 @@ fn a_record_that_begins_in_motion_is_fitted_with_its_start() {
             let (delay, experiment) = drawn(name, seed, 700, 0.02);
             let recording = &experiment.recordings()[0];
             // The first 200 samples are not seen.
-            let later = Experiment::siso(ts(TS), recording.inputs[0][200..].to_vec(), recording.outputs[0].values[200..].to_vec()).unwrap();
+            let later = Experiment::siso(
+                ts(TS),
+                recording.inputs[0][200..].to_vec(),
+                recording.outputs[0].values[200..].to_vec(),
+            )
+            .unwrap();
             let e = with(name, json!({ "initial": "estimated" }), &later, &Search::default());
             let [from, to] = e.ci95_s.unwrap_or([f64::NAN; 2]);
             from - 1e-9 <= delay * TS && delay * TS <= to + 1e-9
@@ -155,7 +178,12 @@ fn the_search_finds_what_starts_at_every_sample_up_to_twenty_find() {
             let Some(found) = plain.delay_s else { return false };
             // Another start may find a lower minimum only where the search has missed one.
             (0..20).any(|i| {
-                let e = with(name, json!({ "initial_delay_s": f64::from(i) * TS }), &experiment, &Search::default());
+                let e = with(
+                    name,
+                    json!({ "initial_delay_s": f64::from(i) * TS }),
+                    &experiment,
+                    &Search::default(),
+                );
                 e.delay_s.is_none_or(|d| (d - found).abs() > 1e-3 * TS)
             })
         });
@@ -172,13 +200,25 @@ fn a_gain_alone_leaves_the_whole_sample_open() {
         for name in NAMES {
             for delay in [1, 4, 9] {
                 let u = rbs(400, 1.0, 7 + delay as u64);
-                let y: Vec<f64> = (0..400).map(|t| if t < delay { 0.0 } else { -2.5 * u[t - delay] }).collect();
+                let y: Vec<f64> =
+                    (0..400).map(|t| if t < delay { 0.0 } else { -2.5 * u[t - delay] }).collect();
                 let y = sum(&y, &white(400, 2.5 * noise, 40 + delay as u64));
-                let e = answer(method(name).unwrap(), &Experiment::siso(ts(TS), u, y).unwrap(), &Search::default());
-                let (found, [from, to]) = (e.delay_s.unwrap() / TS, e.ci95_s.unwrap().map(|s| s / TS));
+                let e = answer(
+                    method(name).unwrap(),
+                    &Experiment::siso(ts(TS), u, y).unwrap(),
+                    &Search::default(),
+                );
+                let (found, [from, to]) =
+                    (e.delay_s.unwrap() / TS, e.ci95_s.unwrap().map(|s| s / TS));
                 let whole = delay as f64;
-                assert!(from <= whole - 1.0 + 1e-9 && whole - 1e-9 <= to, "{name}, {delay} samples, noise {noise}: {from} to {to}");
-                assert!((whole - 1.0 - 0.2..=whole + 0.2).contains(&found), "{name}, {delay} samples, noise {noise}: {found}");
+                assert!(
+                    from <= whole - 1.0 + 1e-9 && whole - 1e-9 <= to,
+                    "{name}, {delay} samples, noise {noise}: {from} to {to}"
+                );
+                assert!(
+                    (whole - 1.0 - 0.2..=whole + 0.2).contains(&found),
+                    "{name}, {delay} samples, noise {noise}: {found}"
+                );
             }
         }
     }
@@ -188,7 +228,8 @@ fn a_gain_alone_leaves_the_whole_sample_open() {
 fn a_pole_left_out_is_said() {
     let u = rbs(600, 1.0, 4);
     let y = process(&u, &[1.0, 0.6], None, 0.5, TS);
-    let experiment = Experiment::siso(ts(TS), u, sum(&y, &white(600, 0.01 * std_dev(&y), 5))).unwrap();
+    let experiment =
+        Experiment::siso(ts(TS), u, sum(&y, &white(600, 0.01 * std_dev(&y), 5))).unwrap();
     let note = |name| answer(method(name).unwrap(), &experiment, &Search::default()).note;
     assert!(note("p1d").is_some_and(|n| n.contains("still follows the input")));
     assert_eq!(note("p2d"), None);
@@ -204,7 +245,10 @@ fn of_a_million_samples_a_part_is_used_and_that_is_said() {
         let clock = std::time::Instant::now();
         let e = answer(method(name).unwrap(), &experiment, &Search::default());
         println!("{name}: {:?} for a million samples, {:?}", clock.elapsed(), e.delay_s);
-        assert!(e.note.is_some_and(|n| n.contains("used the first 50000 of 1000000 samples")), "{name}");
+        assert!(
+            e.note.is_some_and(|n| n.contains("used the first 50000 of 1000000 samples")),
+            "{name}"
+        );
         let short = drawn("p2d", 8, 500, 0.03).1;
         let clock = std::time::Instant::now();
         for _ in 0..5 {

@@ -59,16 +59,37 @@ fn what_lasts_says_how_far_it_is_to_its_end() {
     let logs: Vec<_> = (1..=2).map(|seed| swing(0.02, 0.9, 0.3, 0.01, 0.001, seed)).collect();
     let names = |list: [&str; 1]| list.map(str::to_owned).to_vec();
     let estimates = told(|far| {
-        let methods =
-            deadtime::delay::chosen(&["arxstruc", "threshold"].map(str::to_owned), &Default::default(), &[deadtime::delay::Scope::Pair])
-                .unwrap();
-        let job = Job { methods, far: far.clone(), feedback: Feedback::Open, ..Job::new(logs.clone(), ["torque"], ["angle"]) };
+        let methods = deadtime::delay::chosen(
+            &["arxstruc", "threshold"].map(str::to_owned),
+            &Default::default(),
+            &[deadtime::delay::Scope::Pair],
+        )
+        .unwrap();
+        let job = Job {
+            methods,
+            far: far.clone(),
+            feedback: Feedback::Open,
+            ..Job::new(logs.clone(), ["torque"], ["angle"])
+        };
         job.run().unwrap();
     });
     advances("estimate", &estimates, 1.0);
-    assert!(estimates.iter().any(|(_, what)| what.starts_with("answers of methods on torque and angle")), "{estimates:?}");
-    advances("check", &told(|far| drop(inspect(&document(), &logs, &Stop::default(), far).unwrap())), 1.0);
-    advances("isolability", &told(|far| drop(isolability(&document(), &logs, &GapOptions::default(), far).unwrap())), 1.0);
+    assert!(
+        estimates
+            .iter()
+            .any(|(_, what)| what.starts_with("answers of methods on torque and angle")),
+        "{estimates:?}"
+    );
+    advances(
+        "check",
+        &told(|far| drop(inspect(&document(), &logs, &Stop::default(), far).unwrap())),
+        1.0,
+    );
+    advances(
+        "isolability",
+        &told(|far| drop(isolability(&document(), &logs, &GapOptions::default(), far).unwrap())),
+        1.0,
+    );
     let learnt = Recordings::from_logs(&logs, &names(["torque"]), &names(["angle"])).unwrap();
     let identified = told(|far| {
         identify_behind_delays(
@@ -83,7 +104,12 @@ fn what_lasts_says_how_far_it_is_to_its_end() {
     });
     advances("identify", &identified, 0.8);
     let fitted = told(|far| {
-        let options = Structured { free: names(["gain"]), horizon: 25, far: far.clone(), ..Structured::default() };
+        let options = Structured {
+            free: names(["gain"]),
+            horizon: 25,
+            far: far.clone(),
+            ..Structured::default()
+        };
         options.fit(&equations(), &logs, &[]).unwrap();
     });
     advances("identify --structure", &fitted, 0.9);

@@ -2,9 +2,15 @@
 //!
 //! Each number in an assertion was measured; what does not hold exactly is asserted as it is, with the rate that was seen.
 
-use crate::support::plants::{TS, answer, delayed, rbs, respond, samples, second_order, std_dev, sum, times, ts, white, whole};
-use deadtime::delay::{DelayEstimate, Experiment, Law, METHODS, Method, Outcome, ReferenceExperiment, Scope, Search};
-use deadtime::model::c2d::{Conversion, Feedthrough, FirstOrderHold, ImpulseInvariant, Tustin, ZeroOrderHold};
+use crate::support::plants::{
+    TS, answer, delayed, rbs, respond, samples, second_order, std_dev, sum, times, ts, white, whole,
+};
+use deadtime::delay::{
+    DelayEstimate, Experiment, Law, METHODS, Method, Outcome, ReferenceExperiment, Scope, Search,
+};
+use deadtime::model::c2d::{
+    Conversion, Feedthrough, FirstOrderHold, ImpulseInvariant, Tustin, ZeroOrderHold,
+};
 use deadtime::model::uav::Dynamics;
 use deadtime::model::{Sampled, StateSpace, dlqr};
 use nalgebra::DMatrix;
@@ -41,7 +47,9 @@ fn stabilised(dynamics: Dynamics, conversion: &dyn Conversion) -> StateSpace<Sam
         Dynamics::Lateral | Dynamics::Longitudinal => {
             let n = sampled.order();
             let identity = DMatrix::identity(n, n);
-            let k = dlqr(sampled.a(), sampled.b(), &identity, &DMatrix::identity(1, 1), None).unwrap().k;
+            let k = dlqr(sampled.a(), sampled.b(), &identity, &DMatrix::identity(1, 1), None)
+                .unwrap()
+                .k;
             sampled.with_state_feedback(&k).unwrap()
         }
     }
@@ -125,7 +133,14 @@ proptest! {
 
 /// Every method that promises it gives a record the same answer, in samples, when the channels are scaled by `gains` and a sample lasts `seconds`.
 /// Of the methods that promise the law, and of those of `besides`.
-fn gain_sign_and_sample_time_change_nothing(plant: &Plant, delay: usize, seed: u64, gains: [f64; 2], seconds: f64, besides: &[&str]) {
+fn gain_sign_and_sample_time_change_nothing(
+    plant: &Plant,
+    delay: usize,
+    seed: u64,
+    gains: [f64; 2],
+    seconds: f64,
+    besides: &[&str],
+) {
     let u = rbs(300, 1.0, seed);
     let (clean, bias) = plant.respond(&u, delay);
     let y = sum(&clean, &white(300, 0.02 * std_dev(&clean), seed + 1));
@@ -133,14 +148,25 @@ fn gain_sign_and_sample_time_change_nothing(plant: &Plant, delay: usize, seed: u
     let plain = Experiment::siso(ts(TS), u, y).unwrap();
     let besides = besides.iter().map(|name| deadtime::delay::method(name).unwrap());
     for method in promising(Law::Gain).filter(|m| m.promises(Law::Sign)).chain(besides) {
-        let (a, b) = (answer(method, &plain, &search(bias)), answer(method, &changed, &search(bias)));
+        let (a, b) =
+            (answer(method, &plain, &search(bias)), answer(method, &changed, &search(bias)));
         assert_eq!(a.outcome, b.outcome, "{}: {a:?} {b:?}", method.entry.name);
-        let apart = |x: Option<f64>, y: Option<f64>| x.map(|v| v / TS).unwrap_or(-1.0) - y.map(|v| v / seconds).unwrap_or(-1.0);
+        let apart = |x: Option<f64>, y: Option<f64>| {
+            x.map(|v| v / TS).unwrap_or(-1.0) - y.map(|v| v / seconds).unwrap_or(-1.0)
+        };
         // A fit whose own leftovers say that the plant is not of its kind may stop anywhere along a valley of nearly equal costs (5 of 4000 such records).
         let holds = |apart: f64, tolerance: f64| a.contradicted || apart.abs() < tolerance;
-        assert!(holds(apart(a.delay_s, b.delay_s), 1e-6_f64.max(0.01 * method.tolerance)), "{}: {a:?} {b:?}", method.entry.name);
+        assert!(
+            holds(apart(a.delay_s, b.delay_s), 1e-6_f64.max(0.01 * method.tolerance)),
+            "{}: {a:?} {b:?}",
+            method.entry.name
+        );
         // The ends of an interval that is searched for are known to a share of the tolerance.
-        assert!(holds(apart(a.std_s, b.std_s), 1e-4_f64.max(0.02 * method.tolerance)), "{}: {a:?} {b:?}", method.entry.name);
+        assert!(
+            holds(apart(a.std_s, b.std_s), 1e-4_f64.max(0.02 * method.tolerance)),
+            "{}: {a:?} {b:?}",
+            method.entry.name
+        );
     }
 }
 
@@ -149,12 +175,33 @@ fn of_delays_that_fit_alike_the_gain_does_not_choose() {
     // p2d promises the law on all but 1 record of 1500, and these are mended ones.
     // A pole that dies away within a sample adds to the dead time: delays from 8.0000 to 8.0018 samples have one cost, and rounding once chose among them.
     let plant = Plant::First { b: -0.05, pole: 0.6101976027082096 };
-    gain_sign_and_sample_time_change_nothing(&plant, 8, 805, [-9.872049108546365, -13.23525408153079], 1e-4, &["p2d"]);
+    gain_sign_and_sample_time_change_nothing(
+        &plant,
+        8,
+        805,
+        [-9.872049108546365, -13.23525408153079],
+        1e-4,
+        &["p2d"],
+    );
     // Here the interval's end is a cliff behind a plain, and the search for it once ran out of steps.
-    gain_sign_and_sample_time_change_nothing(&Plant::First { b: 1.0, pole: 0.03436561152277906 }, 6, 3637, [15.9, -5.6], 90.6, &["p2d"]);
+    gain_sign_and_sample_time_change_nothing(
+        &Plant::First { b: 1.0, pole: 0.03436561152277906 },
+        6,
+        3637,
+        [15.9, -5.6],
+        90.6,
+        &["p2d"],
+    );
     // Here a direct path's neighbour was once fitted from a pole too fast to show.
     let plant = Plant::First { b: 10.513232238453124, pole: 0.013292616674143498 };
-    gain_sign_and_sample_time_change_nothing(&plant, 2, 2546, [13.840696468561141, -11.079315290646536], 48.58889781943347, &["p2d"]);
+    gain_sign_and_sample_time_change_nothing(
+        &plant,
+        2,
+        2546,
+        [13.840696468561141, -11.079315290646536],
+        48.58889781943347,
+        &["p2d"],
+    );
 }
 
 #[test]
@@ -169,15 +216,20 @@ fn delaying_a_noisy_output_moves_nearly_every_answer_by_as_much() {
             let pole = 0.08 * (seed % 11) as f64;
             // A method of skewed signals has nothing to say of a random binary one.
             let u = match method.reference {
-                ReferenceExperiment::Skewed => white(400, 1.0, seed).iter().map(|v| v * v - 1.0).collect(),
+                ReferenceExperiment::Skewed => {
+                    white(400, 1.0, seed).iter().map(|v| v * v - 1.0).collect()
+                }
                 _ => rbs(400, 1.0, seed),
             };
-            let clean = second_order(&u, 0.05 + seed as f64 / 10.0, [-pole, 0.0], seed as usize % 10);
+            let clean =
+                second_order(&u, 0.05 + seed as f64 / 10.0, [-pole, 0.0], seed as usize % 10);
             let noise = white(400 + more, 0.02 * std_dev(&clean), seed + 1000);
             // The noise goes on before the record as it does in it, and moves with the output.
             let plain = sum(&clean, &noise[more..]);
             let later = sum(&delayed(&clean, more), &noise[..400]);
-            let found = |y: Vec<f64>| answer(method, &Experiment::siso(ts(TS), u.clone(), y).unwrap(), &search(1));
+            let found = |y: Vec<f64>| {
+                answer(method, &Experiment::siso(ts(TS), u.clone(), y).unwrap(), &search(1))
+            };
             let (a, b) = (found(plain), found(later));
             let (Some(a), Some(b)) = (a.delay_s, b.delay_s) else { return false };
             (samples(b - a, TS) - more as f64).abs() <= method.tolerance
@@ -200,8 +252,16 @@ fn an_undermodelled_response_is_still_seen_by_oestruc() {
             .map(|seed| {
                 let (u, delay) = (rbs(400, 1.0, seed), seed as usize % 41);
                 let (y, bias) = plant.respond(&u, delay);
-                let estimate = answer(method("oestruc"), &Experiment::siso(ts(TS), u, y).unwrap(), &search(bias));
-                (delay, whole(&estimate, TS).map(|found| i64::try_from(found).unwrap() - i64::try_from(delay).unwrap()))
+                let estimate = answer(
+                    method("oestruc"),
+                    &Experiment::siso(ts(TS), u, y).unwrap(),
+                    &search(bias),
+                );
+                (
+                    delay,
+                    whole(&estimate, TS)
+                        .map(|found| i64::try_from(found).unwrap() - i64::try_from(delay).unwrap()),
+                )
             })
             .collect();
         println!("oestruc, {plant:?}, 400 samples, noise-free: {}", histogram(&off));
@@ -210,8 +270,13 @@ fn an_undermodelled_response_is_still_seen_by_oestruc() {
 }
 
 /// What a method takes for the delay, minus the injected one, in samples, for d = 0 … 10 and some seeds; `None` for no answer.
-fn biases(name: &str, sys: &StateSpace<Sampled>, seeds: std::ops::Range<u64>) -> Vec<(usize, Option<i64>)> {
-    let cases: Vec<(usize, u64)> = (0..=10).flat_map(|d| seeds.clone().map(move |s| (d, s))).collect();
+fn biases(
+    name: &str,
+    sys: &StateSpace<Sampled>,
+    seeds: std::ops::Range<u64>,
+) -> Vec<(usize, Option<i64>)> {
+    let cases: Vec<(usize, u64)> =
+        (0..=10).flat_map(|d| seeds.clone().map(move |s| (d, s))).collect();
     cases
         .par_iter()
         .map(|&(d, seed)| {
@@ -223,7 +288,11 @@ fn biases(name: &str, sys: &StateSpace<Sampled>, seeds: std::ops::Range<u64>) ->
                 &Experiment::siso(ts(TS), u, y).unwrap(),
                 &Search { max_delay: 20, default_bias: 0, ..Search::default() },
             );
-            (d, whole(&estimate, TS).map(|nk| i64::try_from(nk).unwrap() - i64::try_from(d).unwrap()))
+            (
+                d,
+                whole(&estimate, TS)
+                    .map(|nk| i64::try_from(nk).unwrap() - i64::try_from(d).unwrap()),
+            )
         })
         .collect()
 }
@@ -233,7 +302,11 @@ fn histogram(found: &[(usize, Option<i64>)]) -> String {
     for (_, bias) in found {
         *counts.entry(*bias).or_insert(0) += 1;
     }
-    counts.iter().map(|(b, n)| format!("{}×{n}", b.map_or_else(|| "none".to_owned(), |b| format!("{b:+}")))).collect::<Vec<_>>().join(" ")
+    counts
+        .iter()
+        .map(|(b, n)| format!("{}×{n}", b.map_or_else(|| "none".to_owned(), |b| format!("{b:+}"))))
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 const CONVERSIONS: [&str; 4] = ["zoh", "tustin", "foh", "impulse"];
@@ -248,12 +321,17 @@ fn conversion(name: &str, feedthrough: Feedthrough) -> Box<dyn Conversion> {
 }
 
 /// Every cell of the table: dynamics, output, conversion, feedthrough, and the sampled plant of that pair.
-fn cells(feedthrough: Feedthrough, conversions: &[&'static str]) -> Vec<(String, StateSpace<Sampled>)> {
+fn cells(
+    feedthrough: Feedthrough,
+    conversions: &[&'static str],
+) -> Vec<(String, StateSpace<Sampled>)> {
     let mut cells = Vec::new();
     for dynamics in Dynamics::ALL {
         for (output, channel) in dynamics.outputs().iter().enumerate() {
             for by in conversions {
-                let sys = stabilised(dynamics, conversion(by, feedthrough).as_ref()).pair(output, 0).unwrap();
+                let sys = stabilised(dynamics, conversion(by, feedthrough).as_ref())
+                    .pair(output, 0)
+                    .unwrap();
                 cells.push((format!("{} {} {by}", dynamics.name(), channel.0), sys));
             }
         }
@@ -265,7 +343,8 @@ fn cells(feedthrough: Feedthrough, conversions: &[&'static str]) -> Vec<(String,
 fn assert_bias_is_the_relative_degree(name: &str, seeds: std::ops::Range<u64>) {
     for (cell, sys) in cells(Feedthrough::Keep, &CONVERSIONS) {
         let degree = sys.relative_degree(0, 0).unwrap();
-        let behind_hold = cell.ends_with("zoh") && ["p", "q", "r"].contains(&cell.split(' ').nth(1).unwrap());
+        let behind_hold =
+            cell.ends_with("zoh") && ["p", "q", "r"].contains(&cell.split(' ').nth(1).unwrap());
         assert_eq!(degree, usize::from(behind_hold), "{cell}");
         let found = biases(name, &sys, seeds.clone());
         println!("{name} {cell}: {}", histogram(&found));
@@ -303,9 +382,15 @@ fn without_feedthrough_an_impulse_invariant_plant_shows_oestruc_too_late() {
             "ax" => vec![1, 2],
             _ => vec![0],
         };
-        assert!(found.iter().all(|(_, bias)| bias.is_some_and(|b| may.contains(&b))), "{cell}: {found:?}");
+        assert!(
+            found.iter().all(|(_, bias)| bias.is_some_and(|b| may.contains(&b))),
+            "{cell}: {found:?}"
+        );
         let seen = biases("threshold", &sys, 0..2);
-        assert!(seen.iter().all(|(_, bias)| *bias == Some(0)), "threshold sees the direct path, {cell}: {seen:?}");
+        assert!(
+            seen.iter().all(|(_, bias)| *bias == Some(0)),
+            "threshold sees the direct path, {cell}: {seen:?}"
+        );
     }
 }
 
@@ -313,11 +398,14 @@ fn without_feedthrough_an_impulse_invariant_plant_shows_oestruc_too_late() {
 fn three_standard_deviations_cross_falsely_where_five_do_not() {
     let u = |seed| rbs(1000, 1.0, seed);
     let late = |h_std: f64| {
-        let estimator = method("threshold").entry.with(serde_json::json!({ "h_std": h_std })).unwrap();
+        let estimator =
+            method("threshold").entry.with(serde_json::json!({ "h_std": h_std })).unwrap();
         let wrong = (0..60).filter(|&seed| {
             let y = second_order(&u(seed), 1.0, [-0.5, 0.0], 30);
             let y = sum(&y, &white(1000, 0.01 * std_dev(&y), 500 + seed));
-            let found = estimator.estimate(&Experiment::siso(ts(TS), u(seed), y).unwrap(), &Search::default()).unwrap();
+            let found = estimator
+                .estimate(&Experiment::siso(ts(TS), u(seed), y).unwrap(), &Search::default())
+                .unwrap();
             whole(&found, TS) != Some(30)
         });
         wrong.count()
@@ -369,7 +457,11 @@ fn flown_outcomes(name: &str, noise: f64) -> [usize; 3] {
             let (u, outputs) = flown(delay, 1000, 10 * seed + 7);
             for (y, degree) in outputs.iter().zip([1, 0]) {
                 let y = sum(y, &white(1000, noise * std_dev(y), seed + 90));
-                let estimate = answer(method(name), &Experiment::siso(ts(TS), u.clone(), y).unwrap(), &search(degree));
+                let estimate = answer(
+                    method(name),
+                    &Experiment::siso(ts(TS), u.clone(), y).unwrap(),
+                    &search(degree),
+                );
                 let at = match (estimate.outcome, whole(&estimate, TS)) {
                     (Outcome::Found, Some(found)) if found == delay => 0,
                     (Outcome::Found, _) => 1,
@@ -379,7 +471,10 @@ fn flown_outcomes(name: &str, noise: f64) -> [usize; 3] {
             }
         }
     }
-    println!("{name}, {noise} noise: {} right, {} wrong, {} without a delay", counts[0], counts[1], counts[2]);
+    println!(
+        "{name}, {noise} noise: {} right, {} wrong, {} without a delay",
+        counts[0], counts[1], counts[2]
+    );
     counts
 }
 
@@ -406,22 +501,34 @@ fn two_lags_behind_a_hold_do_not_hide_the_delay_from_a_method_that_promises_it()
                 .into_par_iter()
                 .map(|seed| {
                     // Time constants from half a sample to sixteen samples.
-                    let lag_s = |i: u64| 0.05 * 10.0_f64.powf(((seed * 7 + i * 13) % 31) as f64 / 20.0);
+                    let lag_s =
+                        |i: u64| 0.05 * 10.0_f64.powf(((seed * 7 + i * 13) % 31) as f64 / 20.0);
                     let (p, q) = (1.0 / lag_s(0), 1.0 / lag_s(1));
                     let m = DMatrix::from_row_slice;
                     let (a, b) = (m(2, 2, &[-(p + q), -p * q, 1.0, 0.0]), m(2, 1, &[1.0, 0.0]));
-                    let sys = StateSpace::continuous(a, b, m(1, 2, &[0.0, p * q]), m(1, 1, &[0.0])).unwrap();
+                    let sys = StateSpace::continuous(a, b, m(1, 2, &[0.0, p * q]), m(1, 1, &[0.0]))
+                        .unwrap();
                     let sys = ZeroOrderHold {}.c2d(&sys, ts(TS)).unwrap();
                     let (delay, u) = (seed as usize % 41, rbs(400, 1.0, seed));
                     let y = respond(&sys, std::slice::from_ref(&u), &[delay]).0.remove(0);
                     let y = sum(&y, &white(400, noise * std_dev(&y), seed + 500));
-                    let estimate = answer(method, &Experiment::siso(ts(TS), u, y).unwrap(), &search(1));
+                    let estimate =
+                        answer(method, &Experiment::siso(ts(TS), u, y).unwrap(), &search(1));
                     (delay, (!hits(method, &estimate, delay)).then_some(estimate))
                 })
                 .collect();
             let wrong: Vec<_> = found.iter().filter(|(_, wrong)| wrong.is_some()).collect();
-            println!("{} with {noise} noise: {} of {} beyond its tolerance", method.entry.name, wrong.len(), found.len());
-            assert!(wrong.is_empty(), "{}, noise {noise}: (delay, answer) {wrong:?}", method.entry.name);
+            println!(
+                "{} with {noise} noise: {} of {} beyond its tolerance",
+                method.entry.name,
+                wrong.len(),
+                found.len()
+            );
+            assert!(
+                wrong.is_empty(),
+                "{}, noise {noise}: (delay, answer) {wrong:?}",
+                method.entry.name
+            );
         }
     }
 }

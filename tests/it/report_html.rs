@@ -23,11 +23,16 @@ D = [[0.0], [0.0]]
 pub(crate) fn log(samples: usize, late: usize) -> String {
     let mut out = String::from("time,u<b>,\"angle & \"\"co\"\"\",rate\n");
     let (mut x, mut v, mut noise) = (0.0_f64, 0.0_f64, 1_u64);
-    let command = |k: usize| [0.6, -0.9, 0.2, 0.9, -0.4, -0.1, 0.7][(k / 35) % 7] * if (k / 245).is_multiple_of(2) { 1.0 } else { 0.7 };
+    let command = |k: usize| {
+        [0.6, -0.9, 0.2, 0.9, -0.4, -0.1, 0.7][(k / 35) % 7]
+            * if (k / 245).is_multiple_of(2) { 1.0 } else { 0.7 }
+    };
     for k in 0..samples {
         // A linear congruential generator, uniform in ±0.02.
         let mut draw = || {
-            noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            noise = noise
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             0.04 * ((noise >> 40) as f64 / (1_u64 << 24) as f64 - 0.5)
         };
         let (angle, rate) = (x + draw(), v + draw());
@@ -46,10 +51,24 @@ pub(crate) fn log(samples: usize, late: usize) -> String {
 fn report(late: usize) -> (String, Diagnosis) {
     let folder = Folder::new();
     let model = folder.write("model.toml", MODEL);
-    let logs = [("<img>.csv", 900), ("b.csv", 700), ("c.csv", 600)].map(|(name, samples)| folder.write(name, &log(samples, late)));
+    let logs = [("<img>.csv", 900), ("b.csv", 700), ("c.csv", 600)]
+        .map(|(name, samples)| folder.write(name, &log(samples, late)));
     let out = folder.path("out");
     let [a, b, c] = &logs;
-    deadtime(&["gap", "--model", text(&model), "--log", text(a), "--log", text(b), "--holdout", text(c), "--out", text(&out)]).done();
+    deadtime(&[
+        "gap",
+        "--model",
+        text(&model),
+        "--log",
+        text(a),
+        "--log",
+        text(b),
+        "--holdout",
+        text(c),
+        "--out",
+        text(&out),
+    ])
+    .done();
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     (page, Diagnosis::read(&out.join("diagnosis.json")).unwrap())
 }
@@ -74,7 +93,12 @@ pub(crate) fn elements(page: &str) -> Vec<String> {
             assert!(!between.contains('>'), "a bare > in {between:?}");
             for at in between.match_indices('&').map(|m| m.0) {
                 let entity = &between[at..];
-                assert!(["&amp;", "&lt;", "&gt;", "&quot;", "&#39;"].iter().any(|e| entity.starts_with(e)), "a bare & in {between:?}");
+                assert!(
+                    ["&amp;", "&lt;", "&gt;", "&quot;", "&#39;"]
+                        .iter()
+                        .any(|e| entity.starts_with(e)),
+                    "a bare & in {between:?}"
+                );
             }
         }
         let end = start + rest[start..].find('>').expect("a tag ends");
@@ -97,7 +121,8 @@ pub(crate) fn elements(page: &str) -> Vec<String> {
 
 /// What the page's script draws.
 pub(crate) fn drawn(page: &str) -> serde_json::Value {
-    let (_, rest) = page.split_once("<script id=\"data\" type=\"application/json\">").expect("the data");
+    let (_, rest) =
+        page.split_once("<script id=\"data\" type=\"application/json\">").expect("the data");
     serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
 }
 
@@ -119,33 +144,59 @@ fn the_page_is_well_formed_stands_alone_and_says_what_the_diagnosis_says() {
     let (page, d) = report(6);
     let all = elements(&page);
     let count = |name: &str| all.iter().filter(|tag| tag.split(' ').next() == Some(name)).count();
-    assert_eq!((count("html"), count("title"), count("h1"), count("script"), count("style")), (1, 1, 1, 3, 1));
+    assert_eq!(
+        (count("html"), count("title"), count("h1"), count("script"), count("style")),
+        (1, 1, 1, 3, 1)
+    );
     // Nothing from elsewhere, and nothing that acts but the page's own two scripts, whose digests its policy names.
     let read = read(&page);
-    for foreign in ["src=", "@import", "<link", "javascript:", "<img", "<i>", "<iframe", "http:", "https:"] {
+    for foreign in
+        ["src=", "@import", "<link", "javascript:", "<img", "<i>", "<iframe", "http:", "https:"]
+    {
         assert!(!read.contains(foreign), "{foreign}");
     }
-    assert!(!all.iter().flat_map(|tag| tag.split(' ')).any(|word| word.starts_with("on") && word.contains("=\"")), "an event handler");
+    assert!(
+        !all.iter()
+            .flat_map(|tag| tag.split(' '))
+            .any(|word| word.starts_with("on") && word.contains("=\"")),
+        "an event handler"
+    );
     let policy = all.iter().find(|tag| tag.contains("Content-Security-Policy")).expect("a policy");
     assert!(
-        policy.contains("default-src 'none'") && policy.matches("'sha256-").count() == 2 && !policy.contains("script-src 'unsafe"),
+        policy.contains("default-src 'none'")
+            && policy.matches("'sha256-").count() == 2
+            && !policy.contains("script-src 'unsafe"),
         "{policy}"
     );
     for bad in ["NaN", "inf\"", "inf ", "Infinity", "null"] {
-        let around = read.split(bad).map(|part| part.chars().rev().take(200).collect::<Vec<_>>().into_iter().rev().collect::<String>());
+        let around = read.split(bad).map(|part| {
+            part.chars().rev().take(200).collect::<Vec<_>>().into_iter().rev().collect::<String>()
+        });
         assert!(!read.contains(bad), "{bad} behind {:?}", around.collect::<Vec<_>>());
     }
-    assert!(page.contains("<title>Gap of &lt;script&gt;alert(1)&lt;/script&gt;: input_delay on u&lt;b&gt;</title>"));
+    assert!(page.contains(
+        "<title>Gap of &lt;script&gt;alert(1)&lt;/script&gt;: input_delay on u&lt;b&gt;</title>"
+    ));
     assert!(read.contains("angle &amp; &quot;co&quot;") && read.contains("&lt;img&gt;.csv"));
     assert!(page.contains("prefers-color-scheme:dark") && page.contains("@media print"));
     assert_eq!(d.cause.verdict, "input_delay");
     for name in d.cause.indistinguishable.iter().flatten() {
-        assert!(page.contains(&format!("<code>{}</code>", name.replace('<', "&lt;").replace('>', "&gt;"))), "{name}");
+        assert!(
+            page.contains(&format!(
+                "<code>{}</code>",
+                name.replace('<', "&lt;").replace('>', "&gt;")
+            )),
+            "{name}"
+        );
     }
     for row in ["Gap:", "Place:", "Cause:", "Rivals:", "Shrink:"] {
         assert!(page.contains(&format!("<strong>{row}</strong>")), "{row}");
     }
-    assert!(read.contains("What was found to act") && read.contains("Ranking") && read.contains("the budget of the gap"));
+    assert!(
+        read.contains("What was found to act")
+            && read.contains("Ranking")
+            && read.contains("the budget of the gap")
+    );
     assert!(page.len() < 1_000_000, "{} bytes", page.len());
 }
 
@@ -155,17 +206,31 @@ fn the_curves_are_those_of_the_diagnosis_and_names_in_them_are_data() {
     let data = drawn(&page);
     let logs = data["logs"].as_array().unwrap();
     let named: Vec<&str> = logs.iter().map(|l| l["name"].as_str().unwrap()).collect();
-    assert!(named.len() == 3 && named[0].ends_with("<img>.csv") && named[2].ends_with("c.csv"), "{named:?}");
+    assert!(
+        named.len() == 3 && named[0].ends_with("<img>.csv") && named[2].ends_with("c.csv"),
+        "{named:?}"
+    );
     assert!(logs[2]["held"].is_array() && logs[0]["held"].is_null(), "the third was held out");
     for (log, samples) in logs.iter().zip([900, 700, 600]) {
         assert_eq!(log["time"]["count"], samples);
         assert!((log["time"]["step"].as_f64().unwrap() - 0.02).abs() < 1e-9);
         let outputs = log["outputs"].as_array().unwrap();
-        assert_eq!(outputs.iter().map(|o| o["name"].as_str().unwrap()).collect::<Vec<_>>(), ["angle & \"co\"", "rate"]);
+        assert_eq!(
+            outputs.iter().map(|o| o["name"].as_str().unwrap()).collect::<Vec<_>>(),
+            ["angle & \"co\"", "rate"]
+        );
         assert_eq!(log["inputs"][0]["name"], "u<b>");
-        for curve in [&outputs[0]["measured"], &outputs[0]["before"], &outputs[0]["after"], &log["inputs"][0]["values"]] {
+        for curve in [
+            &outputs[0]["measured"],
+            &outputs[0]["before"],
+            &outputs[0]["after"],
+            &log["inputs"][0]["values"],
+        ] {
             // Two bytes a sample, four letters for three bytes.
-            assert_eq!(curve["u16"].as_str().unwrap().len(), (2 * samples as usize).div_ceil(3) * 4);
+            assert_eq!(
+                curve["u16"].as_str().unwrap().len(),
+                (2 * samples as usize).div_ceil(3) * 4
+            );
             assert!(curve["low"].as_f64().unwrap() < curve["high"].as_f64().unwrap());
         }
         assert!(outputs[0]["floor"].as_f64().unwrap() > 0.0);
@@ -200,14 +265,29 @@ fn a_long_log_gives_a_small_page() {
     let mut lines = String::from("time,u,y\n");
     let (mut x, mut noise) = (0.0, 1_u64);
     for k in 0..20_000_u32 {
-        noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        noise =
+            noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let u = if noise >> 63 == 0 { -1.0 } else { 1.0 };
-        lines += &format!("{:.2},{u},{}\n", f64::from(k) * 0.02, x + 1e-3 * f64::from((noise >> 40) as u32 % 1000));
+        lines += &format!(
+            "{:.2},{u},{}\n",
+            f64::from(k) * 0.02,
+            x + 1e-3 * f64::from((noise >> 40) as u32 % 1000)
+        );
         x = 0.5 * x + 0.5 * u;
     }
     let out = folder.path("out");
-    deadtime(&["gap", "--model", text(&model), "--log", text(&folder.write("log.csv", &lines)), "--max-delay", "0.1", "--out", text(&out)])
-        .done();
+    deadtime(&[
+        "gap",
+        "--model",
+        text(&model),
+        "--log",
+        text(&folder.write("log.csv", &lines)),
+        "--max-delay",
+        "0.1",
+        "--out",
+        text(&out),
+    ])
+    .done();
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     elements(&page);
     assert!(page.len() < 500_000, "{} bytes", page.len());
@@ -226,24 +306,51 @@ fn the_page_of_an_estimate_holds_its_curves_and_every_method() {
     }
     let (log, page) = (folder.write("log.csv", &log), folder.path("answer.html"));
     let methods = ["--method", "arxstruc", "--method", "oestruc", "--method", "threshold"];
-    let words = ["estimate", text(&log), "--input", "<script>alert(1)</script>", "--output", "y", "--html", text(&page)];
+    let words = [
+        "estimate",
+        text(&log),
+        "--input",
+        "<script>alert(1)</script>",
+        "--output",
+        "y",
+        "--html",
+        text(&page),
+    ];
     deadtime(&[&words[..], &methods[..]].concat()).done();
     let page = std::fs::read_to_string(page).unwrap();
     elements(&page);
     let read = read(&page);
-    for part in ["Believe a dead time of", "arxstruc", "oestruc", "threshold", "&lt;script&gt;alert(1)&lt;/script&gt; → y"] {
+    for part in [
+        "Believe a dead time of",
+        "arxstruc",
+        "oestruc",
+        "threshold",
+        "&lt;script&gt;alert(1)&lt;/script&gt; → y",
+    ] {
         assert!(read.contains(part), "{part}");
     }
     assert!(!page.contains("<script>alert"));
     let data = drawn(&page);
     let pair = &data["logs"][0]["pairs"][0];
-    assert_eq!((pair["input"].as_str(), pair["unit_y"].as_str()), (Some("<script>alert(1)</script>"), Some("V")));
+    assert_eq!(
+        (pair["input"].as_str(), pair["unit_y"].as_str()),
+        (Some("<script>alert(1)</script>"), Some("V"))
+    );
     assert!(pair["delay_s"].as_f64().is_some_and(|d| (d - 0.3).abs() < 0.11), "{pair}");
     assert!(page.len() < 400_000, "{} bytes", page.len());
     // What the methods look at: y follows u by four samples, and the answer of arxstruc stands on its curve.
     let views = data["figures"][0]["views"].as_array().unwrap();
     let curves: Vec<&str> = views.iter().map(|v| v["keys"][1].as_str().unwrap()).collect();
-    assert_eq!(curves, ["impulse response", "loss over the delay", "probability of the delay", "correlation", "phase"]);
+    assert_eq!(
+        curves,
+        [
+            "impulse response",
+            "loss over the delay",
+            "probability of the delay",
+            "correlation",
+            "phase"
+        ]
+    );
     let [loss, answer] = [0, 1].map(|at| &views[1]["curves"][at]["y"]);
     assert_eq!(
         (&views[1]["x"]["values"][4], &loss[4], &answer[4]),

@@ -79,9 +79,16 @@ fn what_is_predicted_is_what_happens() {
         ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
         let at = |share: f64| ratios[((ratios.len() - 1) as f64 * share) as usize].0;
         let [low, median, high] = [0.05, 0.5, 0.95].map(at);
-        println!("{name}: predicted over actual RMS error in {} plants: 5 % {low:.2}, median {median:.2}, 95 % {high:.2}", ratios.len());
+        println!(
+            "{name}: predicted over actual RMS error in {} plants: 5 % {low:.2}, median {median:.2}, 95 % {high:.2}",
+            ratios.len()
+        );
         println!("   lowest {:?} highest {:?}", &ratios[..4], &ratios[ratios.len() - 4..]);
-        assert!(ratios.len() >= 24 && (0.5..2.0).contains(&median), "{name}: {median} of {} plants", ratios.len());
+        assert!(
+            ratios.len() >= 24 && (0.5..2.0).contains(&median),
+            "{name}: {median} of {} plants",
+            ratios.len()
+        );
     }
 }
 
@@ -95,9 +102,15 @@ fn a_poor_input_shows_before_any_method_runs() {
     };
     let rich = number(&plants::rbs(500, 1.0, 2));
     let ramp: Vec<f64> = (0..500).map(|t| f64::from(t) / 500.0 - 0.5).collect();
-    let sine: Vec<f64> = (0..500).map(|t| (2.0 * std::f64::consts::PI * 0.01 * f64::from(t)).sin()).collect();
+    let sine: Vec<f64> =
+        (0..500).map(|t| (2.0 * std::f64::consts::PI * 0.01 * f64::from(t)).sin()).collect();
     let (ramp, sine) = (number(&ramp), number(&sine));
-    println!("samples, p2d, threshold and p1d: binary {rich:.3?}, ramp {ramp:.3?}, sine {sine:.3?}");
+    println!(
+        "samples, p2d, threshold and p1d: binary {rich:.3?}, ramp {ramp:.3?}, sine {sine:.3?}"
+    );
     assert!(rich[0] < 0.3 && ramp[0] > 20.0 * rich[0] && sine[0] > 20.0 * rich[0]);
-    assert!(ramp[0] > 1.0 && sine[0] > 1.0 && ramp[1] > 5.0 && sine[1] > 5.0, "neighbouring delays are not told apart");
+    assert!(
+        ramp[0] > 1.0 && sine[0] > 1.0 && ramp[1] > 5.0 && sine[1] > 5.0,
+        "neighbouring delays are not told apart"
+    );
 }

@@ -6,7 +6,13 @@ use deadtime::identify::{Initial, OutputError, Record};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-fn estimate(name: &str, options: Value, u: Vec<f64>, y: Vec<f64>, search: &Search) -> DelayEstimate {
+fn estimate(
+    name: &str,
+    options: Value,
+    u: Vec<f64>,
+    y: Vec<f64>,
+    search: &Search,
+) -> DelayEstimate {
     let estimator = method(name).unwrap().entry.with(options).unwrap();
     estimator.estimate(&Experiment::siso(ts(TS), u, y).unwrap(), search).unwrap()
 }
@@ -45,7 +51,9 @@ fn fractions(name: &str, noise: f64, records: u64) -> (f64, usize) {
         .collect();
     let rms = (found.iter().map(|f| f.0 * f.0).sum::<f64>() / records as f64).sqrt();
     let held = found.iter().filter(|f| f.1).count();
-    println!("{name}, {noise} noise: RMS {rms:.4} samples, {held} of {records} intervals hold the truth");
+    println!(
+        "{name}, {noise} noise: RMS {rms:.4} samples, {held} of {records} intervals hold the truth"
+    );
     (rms, held)
 }
 
@@ -110,7 +118,15 @@ fn noisy(names: &[(&str, Value)], noise: f64, records: u64) -> Vec<(f64, f64)> {
 
 #[test]
 fn a_mean_over_the_delays_errs_less_than_the_best_of_them() {
-    let found = noisy(&[("oestruc", json!({})), ("oe_posterior", json!({})), ("oe_posterior", json!({ "center": "median" }))], 1.0, 150);
+    let found = noisy(
+        &[
+            ("oestruc", json!({})),
+            ("oe_posterior", json!({})),
+            ("oe_posterior", json!({ "center": "median" })),
+        ],
+        1.0,
+        150,
+    );
     let [best, mean, median] = [found[0].0, found[1].0, found[2].0];
     // Over 3000 records 0.464, 0.424 and 0.474: of poles as close as these the prior thinks little, which costs the median 2 %; over 300 its ratio to the best strays by 4 %.
     assert!(mean <= best && median <= 1.15 * best, "{best} {mean} {median}");

@@ -25,12 +25,22 @@ fn face() -> Face {
 
 fn call(command: &str, talk: Talk, timeout_s: f64) -> (std::sync::Arc<dyn Simulator>, Children) {
     let children = Children::default();
-    let program = Program { command: command.to_owned(), talk, timeout: Duration::from_secs_f64(timeout_s), folder: None };
+    let program = Program {
+        command: command.to_owned(),
+        talk,
+        timeout: Duration::from_secs_f64(timeout_s),
+        folder: None,
+    };
     (program.simulator(&face(), &children), children)
 }
 
 fn run(simulator: &dyn Simulator, k: f64) -> Result<DMatrix<f64>, String> {
-    simulator.simulate(&DMatrix::from_column_slice(3, 1, &[1.0, -2.5, 1e-7]), &[0.0, 0.5, 1.0], &[0.25], &[k])
+    simulator.simulate(
+        &DMatrix::from_column_slice(3, 1, &[1.0, -2.5, 1e-7]),
+        &[0.0, 0.5, 1.0],
+        &[0.25],
+        &[k],
+    )
 }
 
 /// y = k·u + x, in awk, which every Unix has.
@@ -137,7 +147,8 @@ esac; done
 "#;
 
 fn servo(folder: &Folder) -> [String; 2] {
-    [("servo.awk", SERVO), ("servo.sh", KEPT)].map(|(name, text)| folder.write(name, text).display().to_string())
+    [("servo.awk", SERVO), ("servo.sh", KEPT)]
+        .map(|(name, text)| folder.write(name, text).display().to_string())
 }
 
 /// Machine: the same lag, 0.08 s late.
@@ -167,10 +178,29 @@ fn the_command_line_diagnoses_a_program_either_way_of_asking() {
     let [each, kept] = servo(&folder);
     let log = log(&folder);
     let mut found = Vec::new();
-    for (command, more) in [(format!("awk -f {each} --"), None), (format!("sh {kept} {each}"), Some("--persistent"))] {
+    for (command, more) in
+        [(format!("awk -f {each} --"), None), (format!("sh {kept} {each}"), Some("--persistent"))]
+    {
         let out = folder.path("gap");
-        let mut words = vec!["gap", "--simulator", &command, "--log", &log, "--input", "voltage [V]", "--output", "speed [rad/s]"];
-        words.extend(["--parameter", "gain=2 [rad/s/V]", "--max-delay", "0.2", "--out", out.to_str().unwrap()]);
+        let mut words = vec![
+            "gap",
+            "--simulator",
+            &command,
+            "--log",
+            &log,
+            "--input",
+            "voltage [V]",
+            "--output",
+            "speed [rad/s]",
+        ];
+        words.extend([
+            "--parameter",
+            "gain=2 [rad/s/V]",
+            "--max-delay",
+            "0.2",
+            "--out",
+            out.to_str().unwrap(),
+        ]);
         words.extend(more);
         let said = deadtime(&words).words();
         assert!(said.contains("input_delay"), "{said}");
@@ -179,8 +209,12 @@ fn the_command_line_diagnoses_a_program_either_way_of_asking() {
     }
     assert_eq!(found[0]["cause"]["effects"], found[1]["cause"]["effects"]);
     let delay = &found[0]["cause"]["effects"][0]["parameters"][0];
-    let [value, low, high] = [&delay["value"], &delay["ci95"][0], &delay["ci95"][1]].map(|v| v.as_f64().unwrap());
-    assert!(low <= 0.08 && 0.08 <= high && (value - 0.08).abs() < 0.01, "4 samples of 0.02 s: {delay}");
+    let [value, low, high] =
+        [&delay["value"], &delay["ci95"][0], &delay["ci95"][1]].map(|v| v.as_f64().unwrap());
+    assert!(
+        low <= 0.08 && 0.08 <= high && (value - 0.08).abs() < 0.01,
+        "4 samples of 0.02 s: {delay}"
+    );
 }
 
 #[test]
@@ -188,7 +222,19 @@ fn the_command_line_says_what_a_program_said() {
     let folder = Folder::new();
     let log = log(&folder);
     let with = |command: &str, more: &[&str]| {
-        let words = ["gap", "--log", &log, "--out", "gap", "--simulator", command, "--input", "voltage", "--output", "speed"];
+        let words = [
+            "gap",
+            "--log",
+            &log,
+            "--out",
+            "gap",
+            "--simulator",
+            command,
+            "--input",
+            "voltage",
+            "--output",
+            "speed",
+        ];
         deadtime(&[&words, more].concat())
     };
     with("echo no licence >&2; exit 3 #", &[]).refused(&["run.csv", "exit code 3", "no licence"]);

@@ -61,10 +61,18 @@ fn drawn() -> impl Strategy<Value = Drawn> {
 }
 
 /// A log in which every output is the first input times `gain`, so many samples late, with a little noise.
-fn log(model: &ModelDocument, inputs: usize, gain: f64, late: usize, samples: usize, seed: u64) -> Log {
+fn log(
+    model: &ModelDocument,
+    inputs: usize,
+    gain: f64,
+    late: usize,
+    samples: usize,
+    seed: u64,
+) -> Log {
     let mut state = seed | 1;
     let mut draw = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     };
     let mut held = |_| {
@@ -80,7 +88,8 @@ fn log(model: &ModelDocument, inputs: usize, gain: f64, late: usize, samples: us
     };
     let u: Vec<Vec<f64>> = (0..inputs).map(&mut held).collect();
     let outputs = System::new(model, |_| Ok(0.0)).unwrap().outputs.len();
-    let mut channels: Vec<Channel> = u.iter().enumerate().map(|(j, u)| Channel::new(format!("u{j}"), None, u.clone())).collect();
+    let mut channels: Vec<Channel> =
+        u.iter().enumerate().map(|(j, u)| Channel::new(format!("u{j}"), None, u.clone())).collect();
     for i in 0..outputs {
         let y = (0..samples).map(|k| gain * u[0][k.saturating_sub(late)] + 0.01 * draw()).collect();
         channels.push(Channel::new(format!("y{i}"), None, y));
@@ -163,15 +172,19 @@ fn every_command_of_the_program_answers_or_refuses_in_words() {
         let file = document(&model.text);
         let folder = Folder::new();
         let path = folder.write("model.toml", &model.text);
-        let (first, second, out) = (folder.path("first.csv"), folder.path("second.csv"), folder.path("gap"));
+        let (first, second, out) =
+            (folder.path("first.csv"), folder.path("second.csv"), folder.path("gap"));
         for (path, seed) in [(&first, 1), (&second, 2)] {
-            log(&file, model.inputs, model.gain, model.late + 5, 240, seed).write_csv(path).unwrap();
+            log(&file, model.inputs, model.gain, model.late + 5, 240, seed)
+                .write_csv(path)
+                .unwrap();
         }
         let [path, first, second, out] = [&path, &first, &second, &out].map(|p| text(p));
         deadtime(&["check", "--model", path, "--log", first]).done();
         deadtime(&["list", "effects", "--model", path]).done();
         deadtime(&["simulate", path, first, "--out", text(&folder.path("simulated.csv"))]).done();
-        deadtime(&["gap", "--model", path, "--log", first, "--holdout", second, "--out", out]).done();
+        deadtime(&["gap", "--model", path, "--log", first, "--holdout", second, "--out", out])
+            .done();
         deadtime(&["compare", out, out]).done();
         // Refused or not, the words are the program's own.
         let answered = |arguments: &[&str]| {
@@ -185,11 +198,23 @@ fn every_command_of_the_program_answers_or_refuses_in_words() {
         for target in ["domain-randomisation", "transfer-function", "isaaclab", "mujoco"] {
             answered(&["export", out, "--to", target]);
         }
-        let converted = CONVERSIONS
-            .iter()
-            .filter(|c| answered(&["c2d", path, "--sample-time", "0.02", "--method", c.name, "--input", "u0", "--output", "y0"]));
+        let converted = CONVERSIONS.iter().filter(|c| {
+            answered(&[
+                "c2d",
+                path,
+                "--sample-time",
+                "0.02",
+                "--method",
+                c.name,
+                "--input",
+                "u0",
+                "--output",
+                "y0",
+            ])
+        });
         let converted = converted.count();
-        let estimated = answered(&["estimate", first, "--model", path, "--input", "u0", "--output", "y0"]);
+        let estimated =
+            answered(&["estimate", first, "--model", path, "--input", "u0", "--output", "y0"]);
         answered(&["identify", first, "--structure", path]);
         answered(&["identify", "--structure", path, "--match", path]);
         answered(&["response", first, "--input", "u0", "--output", "y0"]);
@@ -197,7 +222,11 @@ fn every_command_of_the_program_answers_or_refuses_in_words() {
             nonlinear += 1;
         } else {
             linear += 1;
-            assert!(estimated && (converted > 0 || model.text.contains("sample_time_s")), "{}", model.text);
+            assert!(
+                estimated && (converted > 0 || model.text.contains("sample_time_s")),
+                "{}",
+                model.text
+            );
         }
     }
     assert!(linear > 0 && nonlinear > 0, "{linear} {nonlinear}");

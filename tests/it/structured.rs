@@ -50,7 +50,14 @@ fn with(file: &EquationsFile, values: &[(&str, f64)]) -> EquationsFile {
 }
 
 /// The pendulum itself, by steps so short that their error is far below every tolerance here; independent of the crate's integrators.
-pub(crate) fn swing(inertia: f64, gain: f64, stiffness: f64, friction: f64, noise: f64, seed: u64) -> Log {
+pub(crate) fn swing(
+    inertia: f64,
+    gain: f64,
+    stiffness: f64,
+    friction: f64,
+    noise: f64,
+    seed: u64,
+) -> Log {
     let (samples, step, fine) = (601, 0.02, 200);
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let (mut angle, mut rate, mut torque) = (0.4_f64, 0.0_f64, 0.0);
@@ -65,7 +72,9 @@ pub(crate) fn swing(inertia: f64, gain: f64, stiffness: f64, friction: f64, nois
         let h = step / f64::from(fine);
         for _ in 0..fine {
             // Velocity Verlet with the friction at the middle of the step.
-            let slope = |angle: f64, rate: f64| (gain * torque - stiffness * angle.sin() - friction * rate) / inertia;
+            let slope = |angle: f64, rate: f64| {
+                (gain * torque - stiffness * angle.sin() - friction * rate) / inertia
+            };
             let half = rate + h / 2.0 * slope(angle, rate);
             let middle = angle + h / 2.0 * rate;
             angle += h * half;
@@ -73,7 +82,11 @@ pub(crate) fn swing(inertia: f64, gain: f64, stiffness: f64, friction: f64, nois
         }
     }
     let time = (0..samples).map(|k| f64::from(k) * step).collect();
-    let channels = vec![Channel::new("torque", None, u), Channel::new("angle", None, a), Channel::new("rate", None, w)];
+    let channels = vec![
+        Channel::new("torque", None, u),
+        Channel::new("angle", None, a),
+        Channel::new("rate", None, w),
+    ];
     Log::new(format!("swing {seed}"), time, channels).unwrap()
 }
 
@@ -82,21 +95,42 @@ fn value(found: &StructuredFit, name: &str) -> f64 {
 }
 
 fn free(names: &[&str]) -> Structured {
-    Structured { free: names.iter().map(|n| (*n).to_owned()).collect(), horizon: 25, ..Structured::default() }
+    Structured {
+        free: names.iter().map(|n| (*n).to_owned()).collect(),
+        horizon: 25,
+        ..Structured::default()
+    }
 }
 
 #[test]
 fn parameters_are_recovered_from_clean_logs_and_a_held_out_log_is_predicted() {
     let logs: Vec<Log> = (1..=3).map(|seed| swing(0.025, 0.9, 0.24, 0.01, 0.0, seed)).collect();
     let found = free(&["gain", "stiffness", "friction"])
-        .fit(&with(&model(PENDULUM), &[("inertia", 0.025)]), &logs, &[swing(0.025, 0.9, 0.24, 0.01, 0.0, 9)])
+        .fit(
+            &with(&model(PENDULUM), &[("inertia", 0.025)]),
+            &logs,
+            &[swing(0.025, 0.9, 0.24, 0.01, 0.0, 9)],
+        )
         .unwrap();
     assert!(found.converged);
     for (name, truth) in [("gain", 0.9), ("stiffness", 0.24), ("friction", 0.01)] {
-        assert!((value(&found, name) / truth - 1.0).abs() < 1e-4, "{name}: {}", value(&found, name));
+        assert!(
+            (value(&found, name) / truth - 1.0).abs() < 1e-4,
+            "{name}: {}",
+            value(&found, name)
+        );
     }
-    assert!(found.parameters.iter().all(|p| p.standing == Standing::Physical), "{:?}", found.parameters);
-    assert!(found.unseen.is_empty() && found.trades.is_empty(), "{:?} {:?}", found.unseen, found.trades);
+    assert!(
+        found.parameters.iter().all(|p| p.standing == Standing::Physical),
+        "{:?}",
+        found.parameters
+    );
+    assert!(
+        found.unseen.is_empty() && found.trades.is_empty(),
+        "{:?} {:?}",
+        found.unseen,
+        found.trades
+    );
     let [before, after] = found.held_out.unwrap();
     assert!(after.iter().zip(&before).all(|(a, b)| a.sum < 1e-3 * b.sum), "{after:?}");
 }
@@ -106,7 +140,8 @@ fn intervals_hold_the_truth_with_noise_in_the_outputs() {
     let truth = [("gain", 0.9), ("stiffness", 0.24), ("friction", 0.01)];
     let (mut held, mut all) = (0, 0);
     for trial in 0..8 {
-        let logs: Vec<Log> = (1..=3).map(|k| swing(0.02, 0.9, 0.24, 0.01, 0.002, 10 * trial + k)).collect();
+        let logs: Vec<Log> =
+            (1..=3).map(|k| swing(0.02, 0.9, 0.24, 0.01, 0.002, 10 * trial + k)).collect();
         let options = Structured { one_step: false, ..free(&["gain", "stiffness", "friction"]) };
         let found = options.fit(&model(PENDULUM), &logs, &[]).unwrap();
         for (name, truth) in truth {
@@ -126,14 +161,24 @@ fn what_acts_only_as_a_ratio_is_said_in_words_and_gets_no_tight_interval() {
     let found = Structured { one_step: false, ..free(&["inertia", "gain"]) };
     // The pendulum hangs in no field here, so that only gain/inertia is seen.
     let file = with(&model(PENDULUM), &[("stiffness", 0.0)]);
-    let free_swing: Vec<Log> = (1..=3).map(|seed| swing(0.025, 0.9, 0.0, 0.0, 0.001, seed)).collect();
+    let free_swing: Vec<Log> =
+        (1..=3).map(|seed| swing(0.025, 0.9, 0.0, 0.0, 0.001, seed)).collect();
     let found = found.fit(&file, &free_swing, &[]).unwrap();
-    assert!(found.unseen.iter().any(|u| u.words == "inertia and gain only as their ratio"), "{:?}", found.unseen);
-    assert!(found.parameters.iter().all(|p| p.standing == Standing::Open), "{:?}", found.parameters);
+    assert!(
+        found.unseen.iter().any(|u| u.words == "inertia and gain only as their ratio"),
+        "{:?}",
+        found.unseen
+    );
+    assert!(
+        found.parameters.iter().all(|p| p.standing == Standing::Open),
+        "{:?}",
+        found.parameters
+    );
     let ratio = value(&found, "gain") / value(&found, "inertia");
     assert!((ratio / 36.0 - 1.0).abs() < 0.01, "{ratio}");
     // All four at once: every one but for a common factor, which is the one direction that is missing.
-    let found = Structured { one_step: false, ..free(&["all"]) }.fit(&model(PENDULUM), &logs, &[]).unwrap();
+    let found =
+        Structured { one_step: false, ..free(&["all"]) }.fit(&model(PENDULUM), &logs, &[]).unwrap();
     assert_eq!(found.unseen.len(), 1, "{:?}", found.unseen);
 }
 
@@ -141,9 +186,14 @@ fn what_acts_only_as_a_ratio_is_said_in_words_and_gets_no_tight_interval() {
 fn without_noise_a_common_factor_is_still_not_had() {
     let logs: Vec<Log> = (1..=2).map(|seed| swing(0.025, 0.9, 0.24, 0.01, 0.0, seed)).collect();
     for one_step in [false, true] {
-        let found = Structured { one_step, ..free(&["all"]) }.fit(&model(PENDULUM), &logs, &[]).unwrap();
+        let found =
+            Structured { one_step, ..free(&["all"]) }.fit(&model(PENDULUM), &logs, &[]).unwrap();
         assert_eq!(found.unseen.len(), 1, "{:?}", found.unseen);
-        assert!(found.parameters.iter().all(|p| p.standing == Standing::Open), "{:?}", found.parameters);
+        assert!(
+            found.parameters.iter().all(|p| p.standing == Standing::Open),
+            "{:?}",
+            found.parameters
+        );
         let ratio = value(&found, "gain") / value(&found, "inertia");
         assert!((ratio / 36.0 - 1.0).abs() < 0.01, "{ratio}");
     }
@@ -152,7 +202,9 @@ fn without_noise_a_common_factor_is_still_not_had() {
 #[test]
 fn a_nominal_value_that_moves_tenfold_is_called_a_surrogate() {
     let logs: Vec<Log> = (1..=3).map(|seed| swing(0.02, 1.0, 0.3, 0.01, 0.0, seed)).collect();
-    let found = free(&["friction"]).fit(&with(&model(PENDULUM), &[("friction", 0.0005)]), &logs, &[]).unwrap();
+    let found = free(&["friction"])
+        .fit(&with(&model(PENDULUM), &[("friction", 0.0005)]), &logs, &[])
+        .unwrap();
     assert_eq!(found.parameters[0].standing, Standing::Surrogate, "{:?}", found.parameters);
 }
 
@@ -161,8 +213,13 @@ fn the_answer_is_the_same_to_the_bit_on_one_thread_and_on_four() {
     let logs: Vec<Log> = (1..=2).map(|seed| swing(0.025, 0.9, 0.24, 0.01, 0.01, seed)).collect();
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let options = Structured { per_record: vec!["friction".into()], ..free(&["gain", "stiffness", "friction"]) };
-        pool.install(|| serde_json::to_string(&options.fit(&model(PENDULUM), &logs, &[]).unwrap()).unwrap())
+        let options = Structured {
+            per_record: vec!["friction".into()],
+            ..free(&["gain", "stiffness", "friction"])
+        };
+        pool.install(|| {
+            serde_json::to_string(&options.fit(&model(PENDULUM), &logs, &[]).unwrap()).unwrap()
+        })
     };
     assert_eq!(on(1), on(4));
 }
@@ -176,14 +233,20 @@ fn a_start_that_is_not_logged_is_estimated_with_the_parameters() {
     let logs: Vec<Log> = (1..=2)
         .map(|seed| {
             let log = swing(0.02, 0.9, 0.24, 0.01, 0.0, seed);
-            let channels = ["torque", "angle"].map(|n| Channel::new(n, None, log.input(n).unwrap().to_vec()));
+            let channels =
+                ["torque", "angle"].map(|n| Channel::new(n, None, log.input(n).unwrap().to_vec()));
             Log::new("angle only", log.time_s().to_vec(), channels.to_vec()).unwrap()
         })
         .collect();
-    let options = Structured { one_step: false, horizon: 40, ..free(&["gain", "stiffness", "friction"]) };
+    let options =
+        Structured { one_step: false, horizon: 40, ..free(&["gain", "stiffness", "friction"]) };
     let found = options.fit(&model(&text), &logs, &[]).unwrap();
     for (name, truth) in [("gain", 0.9), ("stiffness", 0.24), ("friction", 0.01)] {
-        assert!((value(&found, name) / truth - 1.0).abs() < 1e-3, "{name}: {}", value(&found, name));
+        assert!(
+            (value(&found, name) / truth - 1.0).abs() < 1e-3,
+            "{name}: {}",
+            value(&found, name)
+        );
     }
 }
 
@@ -201,8 +264,14 @@ fn bad_options_and_logs_are_refused_with_the_remedy() {
     let wrong = PENDULUM.replace("drive = \"gain*torque\"", "drive = \"gain*moment\"");
     let told = ModelDocument::from_toml(&wrong, Path::new("test.toml")).unwrap_err().to_string();
     assert!(told.contains("definitions.drive"), "{told}");
-    let attitude = PENDULUM.to_owned() + "[groups]\nheading = { outputs = [\"angle\"], kind = \"attitude\" }\n";
-    assert!(ModelDocument::from_toml(&attitude, Path::new("test.toml")).unwrap_err().to_string().contains("four outputs"));
+    let attitude = PENDULUM.to_owned()
+        + "[groups]\nheading = { outputs = [\"angle\"], kind = \"attitude\" }\n";
+    assert!(
+        ModelDocument::from_toml(&attitude, Path::new("test.toml"))
+            .unwrap_err()
+            .to_string()
+            .contains("four outputs")
+    );
 }
 
 /// The shipped quadrotor against SciPy, which keeps the rotation as a matrix.
@@ -212,8 +281,14 @@ fn the_shipped_quadrotor_agrees_with_scipy_over_ten_seconds() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let golden = golden("quadrotor", "reference.json");
     let mut c = Comparison::new("quadrotor/reference.json");
-    let rows = |v: &serde_json::Value| -> Vec<Vec<f64>> { v.as_array().unwrap().iter().map(list).collect() };
-    let (u, step, every) = (rows(&golden["u"]), golden["step_s"].as_f64().unwrap(), golden["every"].as_u64().unwrap() as usize);
+    let rows = |v: &serde_json::Value| -> Vec<Vec<f64>> {
+        v.as_array().unwrap().iter().map(list).collect()
+    };
+    let (u, step, every) = (
+        rows(&golden["u"]),
+        golden["step_s"].as_f64().unwrap(),
+        golden["every"].as_u64().unwrap() as usize,
+    );
     for case in golden["cases"].as_array().unwrap() {
         let mut file = EquationsFile::read(&root.join("examples/quadrotor.toml")).unwrap();
         for (name, value) in case["parameters"].as_object().unwrap() {
@@ -223,21 +298,34 @@ fn the_shipped_quadrotor_agrees_with_scipy_over_ten_seconds() {
             state.initial = start;
         }
         let time: Vec<f64> = (0..u.len()).map(|k| k as f64 * step).collect();
-        let motors = (0..4).map(|i| Channel::new(format!("m{}_rads", i + 1), None, u.iter().map(|r| r[i]).collect())).collect();
+        let motors = (0..4)
+            .map(|i| {
+                Channel::new(format!("m{}_rads", i + 1), None, u.iter().map(|r| r[i]).collect())
+            })
+            .collect();
         let document = ModelDocument::Equations(file);
         let log = document.complete(Log::new("motors", time, motors).unwrap()).unwrap();
         let y = OnLog::new(&document, &log).unwrap().response().unwrap().y;
-        let (p, v, q, w) = (rows(&case["position"]), rows(&case["velocity"]), rows(&case["quaternion"]), rows(&case["rates"]));
+        let (p, v, q, w) = (
+            rows(&case["position"]),
+            rows(&case["velocity"]),
+            rows(&case["quaternion"]),
+            rows(&case["rates"]),
+        );
         for k in 0..p.len() {
             let got = |i: usize| y[(k * every, i)];
             let size = p[k].iter().chain(&v[k]).fold(1.0, |m: f64, v| m.max(v.abs()));
-            let apart = (0..3).map(|i| (got(i) - p[k][i]).abs().max((got(3 + i) - v[k][i]).abs()) / size).fold(0.0, f64::max);
+            let apart = (0..3)
+                .map(|i| (got(i) - p[k][i]).abs().max((got(3 + i) - v[k][i]).abs()) / size)
+                .fold(0.0, f64::max);
             let turned = (0..4).map(|i| got(6 + i) * q[k][i]).sum::<f64>().abs();
             let rates = (0..3).map(|i| (got(10 + i) - w[k][i]).abs()).fold(0.0, f64::max);
             let id = format!("{} at {k}", case["id"]);
-            for (what, apart) in
-                [("position and velocity", apart), ("rates (rad/s)", rates), ("cosine of half the turn between", 1.0 - turned)]
-            {
+            for (what, apart) in [
+                ("position and velocity", apart),
+                ("rates (rad/s)", rates),
+                ("cosine of half the turn between", 1.0 - turned),
+            ] {
                 c.check(what, &id, apart.abs(), 1e-6);
             }
         }

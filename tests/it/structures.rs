@@ -16,7 +16,9 @@ use crate::support::plants::{rng, white};
 const TS: f64 = 0.5;
 
 fn recordings(records: &[(Vec<Vec<f64>>, Vec<f64>)]) -> Recordings {
-    let named = |names: &[&str]| names.iter().map(|n| Named { name: (*n).to_owned(), unit: None }).collect::<Vec<_>>();
+    let named = |names: &[&str]| {
+        names.iter().map(|n| Named { name: (*n).to_owned(), unit: None }).collect::<Vec<_>>()
+    };
     let stretch = |(u, y): &(Vec<Vec<f64>>, Vec<f64>)| Stretch {
         u: DMatrix::from_fn(u.len(), y.len(), |i, t| u[i][t]),
         y: DMatrix::from_row_slice(1, y.len(), y),
@@ -91,32 +93,52 @@ fn plus(y: Vec<f64>, level: f64) -> Vec<f64> {
 fn near(found: &Identified, wanted: &[(&str, f64)], tolerance: f64) {
     for (name, value) in wanted {
         let p = number(found, name);
-        assert!((p.value - value).abs() <= tolerance * value.abs(), "{} {name}: {p:?}, wanted {value}", found.method);
+        assert!(
+            (p.value - value).abs() <= tolerance * value.abs(),
+            "{} {name}: {p:?}, wanted {value}",
+            found.method
+        );
     }
 }
 
 #[test]
 fn numbers_of_records_without_noise_are_the_closed_forms_own() {
     let u = binary(500, 8, 1);
-    let fit =
-        |method: &str, y: Vec<f64>| identify(method, json!({ "draws": 0 }), &recordings(&[(vec![u.clone()], plus(y, 20.0))])).unwrap();
+    let fit = |method: &str, y: Vec<f64>| {
+        identify(method, json!({ "draws": 0 }), &recordings(&[(vec![u.clone()], plus(y, 20.0))]))
+            .unwrap()
+    };
     let [k, t1, t2, late] = [("K", 1.7), ("T1", 8.0), ("T2", 3.0), ("dead_time", 3.37)];
     near(&fit("p1d", response(&u, 2.0, lags(false, 0.0))), &[k, t1, late], 1e-5);
     near(&fit("p2d", response(&u, 2.0, lags(true, 0.0))), &[k, t1, t2, late], 1e-4);
     near(&fit("p2dz", response(&u, 2.0, lags(true, -2.0))), &[k, t1, t2, late, ("Tz", -2.0)], 1e-3);
     near(&fit("p0di", response(&u, 2.1, integrator(0.0))), &[("K", 0.8), late, ("u0", 2.1)], 1e-5);
-    near(&fit("p1di", response(&u, 2.1, integrator(4.0))), &[("K", 0.8), ("T1", 4.0), late, ("u0", 2.1)], 1e-4);
+    near(
+        &fit("p1di", response(&u, 2.1, integrator(4.0))),
+        &[("K", 0.8), ("T1", 4.0), late, ("u0", 2.1)],
+        1e-4,
+    );
 }
 
 #[test]
 fn a_step_from_rest_is_enough_and_first_guesses_are_near() {
     let u: Vec<f64> = (0..300).map(|t| if t < 40 { 2.0 } else { 5.0 }).collect();
-    let found = identify("p1d", json!({}), &recordings(&[(vec![u.clone()], plus(response(&u, 2.0, lags(false, 0.0)), 20.0))])).unwrap();
+    let found = identify(
+        "p1d",
+        json!({}),
+        &recordings(&[(vec![u.clone()], plus(response(&u, 2.0, lags(false, 0.0)), 20.0))]),
+    )
+    .unwrap();
     near(&found, &[("K", 1.7), ("T1", 8.0), ("dead_time", 3.37)], 1e-4);
     let guesses = &found.parametric.as_ref().unwrap().guesses;
     assert_eq!(guesses.iter().map(|g| g.by).collect::<Vec<_>>(), ["area", "tangent"]);
     for g in guesses {
-        assert!((g.gain - 1.7).abs() < 0.01 && (g.lag_s - 8.0).abs() < 0.8 && (g.dead_time_s - 3.37).abs() < 0.8, "{g:?}");
+        assert!(
+            (g.gain - 1.7).abs() < 0.01
+                && (g.lag_s - 8.0).abs() < 0.8
+                && (g.dead_time_s - 3.37).abs() < 0.8,
+            "{g:?}"
+        );
     }
     // The operating point is a point of the machine: 20 at the input 2.
     let at = found.scales.outputs[0].0 - 1.7 * (found.scales.inputs[0].0 - 2.0);
@@ -127,7 +149,9 @@ fn a_step_from_rest_is_enough_and_first_guesses_are_near() {
 fn records_of_other_levels_and_starts_in_motion_give_the_same_numbers() {
     let u = binary(1200, 8, 3);
     let y = response(&u, 2.0, lags(false, 0.0));
-    let part = |from: usize, to: usize, level: f64| (vec![u[from..to].to_vec()], plus(y[from..to].to_vec(), level));
+    let part = |from: usize, to: usize, level: f64| {
+        (vec![u[from..to].to_vec()], plus(y[from..to].to_vec(), level))
+    };
     let data = recordings(&[part(100, 500, 20.0), part(505, 900, 31.0), part(900, 1200, -4.0)]);
     let found = identify("p1d", json!({ "draws": 0 }), &data).unwrap();
     near(&found, &[("K", 1.7), ("T1", 8.0), ("dead_time", 3.37)], 1e-5);
@@ -169,7 +193,9 @@ fn a_transfer_function_of_two_inputs_has_its_coefficients_and_delays() {
     let data = recordings(&[(vec![cut(&u1), cut(&u2)], plus(cut(&y), 20.0))]);
     let found = identify("riv", json!({}), &data).unwrap();
     let own = found.parametric.as_ref().unwrap();
-    let of = |name: &str, input: &str| own.parameters.iter().find(|p| p.name == name && p.input.as_deref() == Some(input)).unwrap();
+    let of = |name: &str, input: &str| {
+        own.parameters.iter().find(|p| p.name == name && p.input.as_deref() == Some(input)).unwrap()
+    };
     assert_eq!((of("nk", "u1").value, of("nk", "u2").value), (4.0, 2.0));
     assert_eq!(own.delays, [3, 1]);
     let all = [
@@ -192,7 +218,9 @@ fn a_transfer_function_of_two_inputs_has_its_coefficients_and_delays() {
     let mut wanted = vec![0.0; 40];
     for t in 0..40 {
         let past = |lag: usize| if t >= lag { wanted[t - lag] } else { 0.0 };
-        wanted[t] = -f1 * past(1) - f2 * past(2) + if t == 1 { b0 } else { 0.0 } + if t == 2 { b1 } else { 0.0 };
+        wanted[t] = -f1 * past(1) - f2 * past(2)
+            + if t == 1 { b0 } else { 0.0 }
+            + if t == 2 { b1 } else { 0.0 };
     }
     let mut x = found.model.b.column(0).into_owned();
     for (t, wanted) in wanted.iter().enumerate().skip(1) {
@@ -207,10 +235,14 @@ fn a_transfer_function_of_two_inputs_has_its_coefficients_and_delays() {
 #[ignore = "nightly: coverage over draws"]
 fn intervals_hold_the_truth_about_as_often_as_they_say_under_coloured_noise() {
     let records = 120_u64;
-    let held = |method: &'static str, truth: &[(&str, f64)], make: &(dyn Fn(u64) -> Recordings + Sync)| {
+    let held = |method: &'static str,
+                truth: &[(&str, f64)],
+                make: &(dyn Fn(u64) -> Recordings + Sync)| {
         let one = |seed: u64| {
             let found = identify(method, json!({ "draws": 0 }), &make(seed)).ok()?;
-            let holds = |(name, truth): &(&str, f64)| number(&found, name).ci95.is_some_and(|[low, high]| (low..=high).contains(truth));
+            let holds = |(name, truth): &(&str, f64)| {
+                number(&found, name).ci95.is_some_and(|[low, high]| (low..=high).contains(truth))
+            };
             Some(truth.iter().map(holds).collect::<Vec<bool>>())
         };
         let all: Vec<Vec<bool>> = (0..records).into_par_iter().filter_map(one).collect();
@@ -251,7 +283,10 @@ fn bands_of_a_process_model_hold_its_response_and_held_out_errors_are_white() {
     let delays = found.parametric.as_ref().unwrap().delays.clone();
     let check = &found.check(&judged.behind_delays(&delays).unwrap())[0];
     assert!(check.white.unwrap().p > 0.001 && check.inputs[0].test.p > 0.001, "{check:?}");
-    assert!(check.one_step.unwrap().nrmse < check.simulation.unwrap().nrmse, "the noise model predicts: {check:?}");
+    assert!(
+        check.one_step.unwrap().nrmse < check.simulation.unwrap().nrmse,
+        "the noise model predicts: {check:?}"
+    );
     let bands = &found.responses(&delays, 20).unwrap()[0].bands;
     for band in bands.iter().filter(|b| b.omega_rad_s < 1.0) {
         // Behind a hold that is short beside the lags.
@@ -260,7 +295,10 @@ fn bands_of_a_process_model_hold_its_response_and_held_out_errors_are_white() {
         let truth = (hold * 1.7 / ((1.0 + 8.0 * s) * (1.0 + 3.0 * s))).norm();
         let [low, high] = band.gain_ci95.unwrap();
         let width = high - low;
-        assert!(truth > low - width && truth < high + width && width < 0.4 * band.gain, "{band:?} {truth}");
+        assert!(
+            truth > low - width && truth < high + width && width < 0.4 * band.gain,
+            "{band:?} {truth}"
+        );
     }
 }
 
@@ -276,9 +314,21 @@ fn feedback_is_said_where_a_method_does_not_bear_it() {
     let data = recordings(&[(vec![u], y)]);
     for (method, said) in [("riv", true), ("p1d", true), ("pbsidopt", false)] {
         let taken = if said { TakenOut::Estimated } else { TakenOut::Nothing };
-        match identify_behind_delays(&data, &[], method, &json!({ "draws": 0 }), &taken, (&Stop::default(), &HowFar::default())) {
+        match identify_behind_delays(
+            &data,
+            &[],
+            method,
+            &json!({ "draws": 0 }),
+            &taken,
+            (&Stop::default(), &HowFar::default()),
+        ) {
             Ok(found) => {
-                assert_eq!(found.model.notes.iter().any(|n| n.contains("depends on y")), said, "{method}: {:?}", found.model.notes)
+                assert_eq!(
+                    found.model.notes.iter().any(|n| n.contains("depends on y")),
+                    said,
+                    "{method}: {:?}",
+                    found.model.notes
+                )
             }
             Err(error) => assert!(said && method == "p1d", "{method}: {error}"),
         }
@@ -291,9 +341,15 @@ fn what_makes_a_model_impossible_is_said() {
     let y = response(&u, 2.0, lags(false, 0.0));
     let data = recordings(&[(vec![u.clone()], y.clone())]);
     let two_inputs = recordings(&[(vec![u.clone(), binary(400, 8, 42)], y.clone())]);
-    let fails = |method: &str, options: Value, data: &Recordings| identify(method, options, data).err().unwrap();
+    let fails = |method: &str, options: Value, data: &Recordings| {
+        identify(method, options, data).err().unwrap()
+    };
     let error = fails("p1d", json!({}), &two_inputs);
-    assert!(matches!(error, IdentifyError::Inputs { inputs: 2, .. }) && error.to_string().contains("riv"), "{error}");
+    assert!(
+        matches!(error, IdentifyError::Inputs { inputs: 2, .. })
+            && error.to_string().contains("riv"),
+        "{error}"
+    );
     let mut two_outputs = data.clone();
     two_outputs.outputs.push(Named { name: "z".to_owned(), unit: None });
     two_outputs.stretches[0].y = DMatrix::from_fn(2, 400, |i, t| y[t] * (i + 1) as f64);
@@ -303,7 +359,10 @@ fn what_makes_a_model_impossible_is_said() {
     }
     let short = recordings(&[(vec![u[..12].to_vec()], y[..12].to_vec())]);
     for method in ["riv", "p1d", "p1di"] {
-        assert!(matches!(fails(method, json!({}), &short), IdentifyError::TooShort { got: 12, .. }), "{method}");
+        assert!(
+            matches!(fails(method, json!({}), &short), IdentifyError::TooShort { got: 12, .. }),
+            "{method}"
+        );
     }
     let noise = recordings(&[(vec![u.clone()], white(400, 1.0, 43))]);
     for method in ["riv", "p1d", "p0di"] {
@@ -312,16 +371,35 @@ fn what_makes_a_model_impossible_is_said() {
     }
     let still = recordings(&[(vec![vec![2.0; 400]], y)]);
     for method in ["riv", "p1d", "p0di"] {
-        assert!(matches!(fails(method, json!({}), &still), IdentifyError::Constant { .. }), "{method}");
+        assert!(
+            matches!(fails(method, json!({}), &still), IdentifyError::Constant { .. }),
+            "{method}"
+        );
     }
-    assert!(matches!(fails("riv", json!({ "nf": 0 }), &data), IdentifyError::Option { option: "nf", .. }));
+    assert!(matches!(
+        fails("riv", json!({ "nf": 0 }), &data),
+        IdentifyError::Option { option: "nf", .. }
+    ));
     assert!(matches!(fails("riv", json!({ "nk": [1, 2] }), &data), IdentifyError::Option { .. }));
-    assert!(matches!(fails("p1d", json!({ "max_delay_s": -1.0 }), &data), IdentifyError::Option { option: "max_delay_s", .. }));
+    assert!(matches!(
+        fails("p1d", json!({ "max_delay_s": -1.0 }), &data),
+        IdentifyError::Option { option: "max_delay_s", .. }
+    ));
     let given = TakenOut::Given(vec![("u1".to_owned(), 1.0)]);
-    let error = identify_behind_delays(&data, &[], "riv", &json!({}), &given, (&Stop::default(), &HowFar::default())).err().unwrap();
+    let error = identify_behind_delays(
+        &data,
+        &[],
+        "riv",
+        &json!({}),
+        &given,
+        (&Stop::default(), &HowFar::default()),
+    )
+    .err()
+    .unwrap();
     assert!(error.to_string().contains("finds the dead times itself"), "{error}");
     // Of an integrating machine a stable model has too little, and that is said.
     let ramp = recordings(&[(vec![u.clone()], response(&u, 2.1, integrator(0.0)))]);
-    let said = identify("p1d", json!({ "draws": 0 }), &ramp).map_or_else(|e| e.to_string(), |found| found.notes.join(" "));
+    let said = identify("p1d", json!({ "draws": 0 }), &ramp)
+        .map_or_else(|e| e.to_string(), |found| found.notes.join(" "));
     assert!(said.contains("p0di") || said.contains("still follows the input"), "{said}");
 }

@@ -38,7 +38,9 @@ fn estimates(folder: &Path) -> Vec<Vec<String>> {
     let mut csv = csv::Reader::from_path(folder.join("estimates.csv")).unwrap();
     let columns = csv.headers().unwrap().clone();
     let time = columns.iter().position(|c| c == "time_s").unwrap();
-    let line = |r: csv::StringRecord| r.iter().enumerate().filter(|(c, _)| *c != time).map(|(_, v)| v.to_owned()).collect();
+    let line = |r: csv::StringRecord| {
+        r.iter().enumerate().filter(|(c, _)| *c != time).map(|(_, v)| v.to_owned()).collect()
+    };
     csv.records().map(|r| line(r.unwrap())).collect()
 }
 
@@ -55,7 +57,11 @@ fn any_number_of_threads_gives_the_same_bits() {
     let plan = write(folder.path(), "small.toml", SMALL);
     let run = |threads: &str| {
         let out = folder.path().join(threads);
-        let done = program().args(["study", &plan, "--threads", threads, "--out"]).arg(&out).output().unwrap();
+        let done = program()
+            .args(["study", &plan, "--threads", threads, "--out"])
+            .arg(&out)
+            .output()
+            .unwrap();
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
         (estimates(&out), results(&out))
     };
@@ -72,9 +78,13 @@ fn a_run_that_is_killed_goes_on_where_it_was() {
     let plan = write(folder.path(), "small.toml", &long);
     let out = folder.path().join("killed");
     let parts = out.join("parts");
-    let finished =
-        || std::fs::read_dir(&parts).map_or(0, |d| d.flatten().filter(|f| f.path().extension().is_some_and(|e| e == "csv")).count());
-    let mut running = program().args(["study", &plan, "--out"]).arg(&out).stdout(Stdio::null()).spawn().unwrap();
+    let finished = || {
+        std::fs::read_dir(&parts).map_or(0, |d| {
+            d.flatten().filter(|f| f.path().extension().is_some_and(|e| e == "csv")).count()
+        })
+    };
+    let mut running =
+        program().args(["study", &plan, "--out"]).arg(&out).stdout(Stdio::null()).spawn().unwrap();
     while finished() < 3 && running.try_wait().unwrap().is_none() {
         std::thread::sleep(Duration::from_millis(5));
     }
@@ -83,24 +93,38 @@ fn a_run_that_is_killed_goes_on_where_it_was() {
     running.wait().unwrap();
     let done = finished();
     assert!(done >= 3 && !out.join("study.json").exists(), "it finished too soon to be killed");
-    let before: Vec<_> =
-        std::fs::read_dir(&parts).unwrap().flatten().map(|f| (f.path(), f.metadata().unwrap().modified().unwrap())).collect();
+    let before: Vec<_> = std::fs::read_dir(&parts)
+        .unwrap()
+        .flatten()
+        .map(|f| (f.path(), f.metadata().unwrap().modified().unwrap()))
+        .collect();
 
     let refused = program().args(["study", &plan, "--out"]).arg(&out).output().unwrap();
     assert_eq!(refused.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&refused.stderr).contains("--resume"));
-    let other = program().args(["study", &plan, "--resume", "--seed", "9", "--out"]).arg(&out).output().unwrap();
+    let other = program()
+        .args(["study", &plan, "--resume", "--seed", "9", "--out"])
+        .arg(&out)
+        .output()
+        .unwrap();
     assert_eq!(other.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&other.stderr).contains("another plan"));
     for (path, time) in before {
-        assert_eq!(path.metadata().unwrap().modified().unwrap(), time, "{} was touched", path.display());
+        assert_eq!(
+            path.metadata().unwrap().modified().unwrap(),
+            time,
+            "{} was touched",
+            path.display()
+        );
     }
 
     let resumed = program().args(["study", &plan, "--resume", "--out"]).arg(&out).output().unwrap();
     assert!(resumed.status.success(), "{}", String::from_utf8_lossy(&resumed.stderr));
     assert!(!parts.exists());
     let whole = folder.path().join("whole");
-    assert!(program().args(["study", &plan, "--out"]).arg(&whole).output().unwrap().status.success());
+    assert!(
+        program().args(["study", &plan, "--out"]).arg(&whole).output().unwrap().status.success()
+    );
     assert!(estimates(&out) == estimates(&whole) && results(&out) == results(&whole));
 }
 
@@ -108,13 +132,23 @@ fn a_run_that_is_killed_goes_on_where_it_was() {
 fn tables_are_what_the_estimates_say() {
     let folder = tempfile::tempdir().unwrap();
     let plan = write(folder.path(), "small.toml", SMALL);
-    assert!(program().args(["study", &plan, "--out"]).arg(folder.path().join("out")).output().unwrap().status.success());
+    assert!(
+        program()
+            .args(["study", &plan, "--out"])
+            .arg(folder.path().join("out"))
+            .output()
+            .unwrap()
+            .status
+            .success()
+    );
     let out = folder.path().join("out");
     let study = results(&out);
     let mut csv = csv::Reader::from_path(out.join("estimates.csv")).unwrap();
     let names = csv.headers().unwrap().clone();
     let rows: Vec<csv::StringRecord> = csv.records().map(Result::unwrap).collect();
-    let at = |r: &csv::StringRecord, name: &str| r[names.iter().position(|n| n == name).unwrap()].to_owned();
+    let at = |r: &csv::StringRecord, name: &str| {
+        r[names.iter().position(|n| n == name).unwrap()].to_owned()
+    };
     let number = |r: &csv::StringRecord, name: &str| at(r, name).parse::<f64>().ok();
     for cell in &study.cells {
         let snr = cell.snr.unwrap().to_string();
@@ -128,15 +162,27 @@ fn tables_are_what_the_estimates_say() {
             })
             .collect();
         assert_eq!(mine.len(), 60);
-        let errors: Vec<f64> = mine.iter().filter_map(|r| Some(number(r, "delay_s")? - number(r, "true_delay_s")?)).collect();
+        let errors: Vec<f64> = mine
+            .iter()
+            .filter_map(|r| Some(number(r, "delay_s")? - number(r, "true_delay_s")?))
+            .collect();
         assert_eq!(cell.flagged, 60 - errors.len());
         let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
-        assert!((cell.rms_samples.unwrap_or(f64::NAN) - rms).abs() < 1e-9 || errors.is_empty(), "{}", cell.key());
+        assert!(
+            (cell.rms_samples.unwrap_or(f64::NAN) - rms).abs() < 1e-9 || errors.is_empty(),
+            "{}",
+            cell.key()
+        );
         let held = mine.iter().filter(|r| {
-            let (lo, hi, truth) = (number(r, "lo_s"), number(r, "hi_s"), number(r, "true_delay_s").unwrap());
+            let (lo, hi, truth) =
+                (number(r, "lo_s"), number(r, "hi_s"), number(r, "true_delay_s").unwrap());
             lo.is_some_and(|lo| lo - 1e-9 <= truth) && hi.is_some_and(|hi| truth <= hi + 1e-9)
         });
-        assert!(errors.is_empty() || (cell.coverage95.unwrap() - held.count() as f64 / errors.len() as f64).abs() < 1e-12);
+        assert!(
+            errors.is_empty()
+                || (cell.coverage95.unwrap() - held.count() as f64 / errors.len() as f64).abs()
+                    < 1e-12
+        );
         // White noise, an open loop and few poles: the bound is known, and no unbiased estimate of a fraction is better.
         assert!(cell.bound_rms_samples.unwrap() > 0.0);
     }
@@ -145,12 +191,20 @@ fn tables_are_what_the_estimates_say() {
     seeds.sort_unstable();
     seeds.dedup();
     assert_eq!(seeds.len(), 2 * 2 * 2 * 60);
-    let drawn: Vec<f64> = rows.iter().filter(|r| at(r, "injected") == "2..9").filter_map(|r| number(r, "true_delay_s")).collect();
+    let drawn: Vec<f64> = rows
+        .iter()
+        .filter(|r| at(r, "injected") == "2..9")
+        .filter_map(|r| number(r, "true_delay_s"))
+        .collect();
     assert!(drawn.iter().all(|d| (2.0..9.0).contains(d)) && drawn.iter().any(|d| d.fract() > 0.1));
     #[cfg(unix)]
     for name in ["study.json", "estimates.csv", "tables.md", "report.html"] {
         use std::os::unix::fs::PermissionsExt;
-        assert_eq!(out.join(name).metadata().unwrap().permissions().mode() & 0o777, 0o644, "{name}");
+        assert_eq!(
+            out.join(name).metadata().unwrap().permissions().mode() & 0o777,
+            0o644,
+            "{name}"
+        );
     }
     let tables = std::fs::read_to_string(out.join("tables.md")).unwrap();
     for heading in [
@@ -183,12 +237,20 @@ fn every_input_has_a_delay_of_its_own() {
     "#;
     let plan = Plan::parse("inputs", text, Path::new(".")).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let study = Runner::new(&plan).unwrap().run(&folder.path().join("out"), false, &Stop::default(), &|_| ()).unwrap();
+    let study = Runner::new(&plan)
+        .unwrap()
+        .run(&folder.path().join("out"), false, &Stop::default(), &|_| ())
+        .unwrap();
     assert_eq!(study.cells.len(), 8);
     for cell in &study.cells {
         // Without noise whole samples are exact, and so is the half sample where the model is continuous.
         let limit = if cell.delay_s.to_string() == "0.35" { 0.3 } else { 1e-6 };
-        assert!(cell.flagged == 0 && cell.rms_samples.unwrap() < limit, "{}: {:?}", cell.key(), cell.rms_samples);
+        assert!(
+            cell.flagged == 0 && cell.rms_samples.unwrap() < limit,
+            "{}: {:?}",
+            cell.key(),
+            cell.rms_samples
+        );
     }
 }
 
@@ -196,7 +258,10 @@ fn every_input_has_a_delay_of_its_own() {
 fn run(text: &str) -> Study {
     let plan = Plan::parse("here", text, Path::new(".")).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    Runner::new(&plan).unwrap().run(&folder.path().join("out"), false, &Stop::default(), &|_| ()).unwrap()
+    Runner::new(&plan)
+        .unwrap()
+        .run(&folder.path().join("out"), false, &Stop::default(), &|_| ())
+        .unwrap()
 }
 
 #[test]
@@ -216,8 +281,9 @@ fn missing_samples_and_uneven_stamps_are_those_of_the_same_plant() {
         gaps = { missing = 0.2 }
         uneven = { jitter = 0.4 }
     "#);
-    let of =
-        |method: &str, logging: Option<&str>| study.cells.iter().find(|c| c.method == method && c.logging.as_deref() == logging).unwrap();
+    let of = |method: &str, logging: Option<&str>| {
+        study.cells.iter().find(|c| c.method == method && c.logging.as_deref() == logging).unwrap()
+    };
     // Without noise and with every sample the answer is exact; it stays so where samples are missing.
     assert_eq!(of("arxstruc", None).rms_samples, Some(0.0));
     assert_eq!(of("arxstruc", Some("gaps")).rms_samples, Some(0.0));
@@ -226,7 +292,13 @@ fn missing_samples_and_uneven_stamps_are_those_of_the_same_plant() {
         let bias = of(method, Some("uneven")).bias_samples.unwrap();
         assert!((-1.0..=0.0).contains(&bias), "{method}: {bias}");
     }
-    assert!(study.cells.iter().filter(|c| c.logging.is_some()).all(|c| c.key().contains(" gaps:") || c.key().contains(" uneven:")));
+    assert!(
+        study
+            .cells
+            .iter()
+            .filter(|c| c.logging.is_some())
+            .all(|c| c.key().contains(" gaps:") || c.key().contains(" uneven:"))
+    );
 }
 
 #[test]
@@ -250,10 +322,21 @@ fn the_five_event_criteria_are_studied_like_any_method() {
     "#);
     assert_eq!(study.cells.len(), 20);
     for cell in &study.cells {
-        assert_eq!((cell.input.as_str(), cell.output.as_str(), cell.unflagged_wrong), ("u", "y", 0), "{}", cell.key());
+        assert_eq!(
+            (cell.input.as_str(), cell.output.as_str(), cell.unflagged_wrong),
+            ("u", "y", 0),
+            "{}",
+            cell.key()
+        );
         // Errors of 5 hundredths over the root of 60 events, and what a lost one may add.
         let limit = if cell.snr.is_none() { 1e-6 } else { 2.0 };
-        assert!(cell.flagged < 12 && cell.rms_samples.unwrap() < limit, "{}: {:?} {}", cell.key(), cell.rms_samples, cell.flagged);
+        assert!(
+            cell.flagged < 12 && cell.rms_samples.unwrap() < limit,
+            "{}: {:?} {}",
+            cell.key(),
+            cell.rms_samples,
+            cell.flagged
+        );
     }
 }
 
@@ -279,8 +362,13 @@ fn a_closed_loop_is_estimated_from_its_input_and_from_its_reference() {
     "#;
     let plan = Plan::parse("loop", text, Path::new(".")).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let study = Runner::new(&plan).unwrap().run(&folder.path().join("out"), false, &Stop::default(), &|_| ()).unwrap();
-    let of = |place: &str| study.cells.iter().find(|c| c.place.name() == place && c.method == "armaxstruc").unwrap();
+    let study = Runner::new(&plan)
+        .unwrap()
+        .run(&folder.path().join("out"), false, &Stop::default(), &|_| ())
+        .unwrap();
+    let of = |place: &str| {
+        study.cells.iter().find(|c| c.place.name() == place && c.method == "armaxstruc").unwrap()
+    };
     assert!(of("u").flagged <= 1 && of("u").rms_samples.unwrap() < 1.0, "{:?}", of("u"));
     // The reference acts through the controller at once and through the loop later; an answer is not as sharp, but it is one about the same delay.
     assert!(of("r").trials == 10);
@@ -303,17 +391,37 @@ fn plans_that_cannot_be_are_refused_with_key_and_remedy() {
         ("unknown excitation".into(), small("\"rbs\"", "\"rsb\""), "prbs"),
         ("unknown conversion".into(), small("seed = 3", "seed = 3\nc2d = \"zho\""), "zoh"),
         ("unknown noise".into(), small("seed = 3", "seed = 3\nnoise = \"pink\""), "white"),
-        ("unknown controller".into(), small("seed = 3", "seed = 3\nloop = \"closed\"\ncontroller = \"f9\""), "dlqr"),
-        ("reference of an open loop".into(), small("seed = 3", "seed = 3\nplace = \"r\""), "closed"),
+        (
+            "unknown controller".into(),
+            small("seed = 3", "seed = 3\nloop = \"closed\"\ncontroller = \"f9\""),
+            "dlqr",
+        ),
+        (
+            "reference of an open loop".into(),
+            small("seed = 3", "seed = 3\nplace = \"r\""),
+            "closed",
+        ),
         ("ratio".into(), small("snr = [100, 1]", "snr = [-1]"), "snr"),
         ("ratio as a word".into(), small("snr = [100, 1]", "snr = \"none\""), "inf"),
         ("delay".into(), small("delay_s = [4,", "delay_s = [-4,"), "delay_s"),
         ("delays of two inputs".into(), small("delay_s = [4,", "delay_s = [[4, 5],"), "inputs"),
-        ("a fraction that Tustin rounds".into(), small("seed = 3", "seed = 3\nc2d = \"tustin\""), "fractional_delay_order"),
+        (
+            "a fraction that Tustin rounds".into(),
+            small("seed = 3", "seed = 3\nc2d = \"tustin\""),
+            "fractional_delay_order",
+        ),
         ("too short for the window".into(), small("samples = 200", "samples = 15"), "max_delay"),
         ("unknown logging".into(), small("seed = 3", "seed = 3\nlogging = \"gaps\""), "plain"),
-        ("too little logged".into(), small("[scoring]", "[loggings.gaps]\nmissing = 0.95\n[scoring]"), "loggings.gaps"),
-        ("stamps that change places".into(), small("[scoring]", "[loggings.late]\njitter = 0.5\n[scoring]"), "0.45"),
+        (
+            "too little logged".into(),
+            small("[scoring]", "[loggings.gaps]\nmissing = 0.95\n[scoring]"),
+            "loggings.gaps",
+        ),
+        (
+            "stamps that change places".into(),
+            small("[scoring]", "[loggings.late]\njitter = 0.5\n[scoring]"),
+            "0.45",
+        ),
         (
             "uneven stamps in a loop".into(),
             small("seed = 3", "seed = 3\nloop = \"stabilised\"\nlogging = \"late\"")
@@ -322,17 +430,26 @@ fn plans_that_cannot_be_are_refused_with_key_and_remedy() {
         ),
         (
             "events through a plant".into(),
-            small("\"rbs\"", "\"events\"").replace("[\"arxstruc\", \"oestruc\", \"crosscorr\"]", "\"all_events\""),
+            small("\"rbs\"", "\"events\"")
+                .replace("[\"arxstruc\", \"oestruc\", \"crosscorr\"]", "\"all_events\""),
             "gain",
         ),
         ("methods of samples on events".into(), small("\"rbs\"", "\"events\""), "arxstruc"),
-        ("methods of events on samples".into(), small("\"oestruc\"", "\"event_correlation\""), "event_correlation"),
+        (
+            "methods of events on samples".into(),
+            small("\"oestruc\"", "\"event_correlation\""),
+            "event_correlation",
+        ),
         ("no trials".into(), small("trials = 60", "trials = 0"), "trials"),
         ("no plant".into(), small("plant = [\"slow2\", \"fast1\"]", ""), "plant"),
         ("share".into(), small("kept_percent = [100, 90]", "kept_percent = [0]"), "kept_percent"),
         ("no TOML".into(), "plan".into(), "plan"),
         ("grids are tables".into(), small("seed = 3", "seed = 3\ngrids = 7"), "[[grids]]"),
-        ("twins".into(), small("[scoring]", "[[grids]]\ngrid = \"a\"\n[[grids]]\ngrid = \"a\"\n[scoring]"), "two grids"),
+        (
+            "twins".into(),
+            small("[scoring]", "[[grids]]\ngrid = \"a\"\n[[grids]]\ngrid = \"a\"\n[scoring]"),
+            "two grids",
+        ),
     ];
     let folder = tempfile::tempdir().unwrap();
     for (what, text, told) in cases {
@@ -344,21 +461,26 @@ fn plans_that_cannot_be_are_refused_with_key_and_remedy() {
         assert!(said.contains(told), "{what}: {said}");
         assert!(!out.exists(), "{what} left something behind");
     }
-    let refused = program().args(["study", "bjorkland"]).current_dir(folder.path()).output().unwrap();
+    let refused =
+        program().args(["study", "bjorkland"]).current_dir(folder.path()).output().unwrap();
     assert!(String::from_utf8_lossy(&refused.stderr).contains("bjorklund"));
 }
 
 #[test]
 fn a_model_file_is_a_plant() {
     let folder = tempfile::tempdir().unwrap();
-    std::fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/uav_lateral_stabilised.toml"), folder.path().join("uav.toml"))
-        .unwrap();
+    std::fs::copy(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/uav_lateral_stabilised.toml"),
+        folder.path().join("uav.toml"),
+    )
+    .unwrap();
     let text = SMALL
         .replace("\"slow2\", \"fast1\"", "\"uav.toml\"")
         .replace("trials = 60", "trials = 2\nsample_time_s = 0.02\noutput = \"p\"")
         .replace("delay_s = [4, { uniform_s = [2, 9] }]", "delay_s = [0.06]");
     let plan = write(folder.path(), "plan.toml", &text);
-    let done = program().args(["study", &plan, "--out"]).arg(folder.path().join("out")).output().unwrap();
+    let done =
+        program().args(["study", &plan, "--out"]).arg(folder.path().join("out")).output().unwrap();
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     let study = results(&folder.path().join("out"));
     assert!(study.cells.iter().all(|c| c.output == "p" && c.input == "r"), "{:?}", study.cells[0]);
@@ -376,7 +498,10 @@ fn a_study_that_is_no_longer_wanted_stops_and_goes_on_later() {
             stop.set();
         }
     };
-    assert!(matches!(runner.run(&out, false, &stop, &enough), Err(deadtime::study::Error::Stopped(_))));
+    assert!(matches!(
+        runner.run(&out, false, &stop, &enough),
+        Err(deadtime::study::Error::Stopped(_))
+    ));
     let done = std::fs::read_dir(out.join("parts")).unwrap().count();
     assert!(done > 2 && done < 25, "{done}");
     let study = runner.run(&out, true, &Stop::default(), &|_| ()).unwrap();

@@ -31,13 +31,27 @@ fn parquet_holds_what_the_csv_holds() {
     let plan = folder.path().join("small.toml");
     std::fs::write(&plan, SMALL).unwrap();
     let out = folder.path().join("out");
-    assert!(Command::new(env!("CARGO_BIN_EXE_deadtime")).arg("study").arg(&plan).arg("--out").arg(&out).output().unwrap().status.success());
+    assert!(
+        Command::new(env!("CARGO_BIN_EXE_deadtime"))
+            .arg("study")
+            .arg(&plan)
+            .arg("--out")
+            .arg(&out)
+            .output()
+            .unwrap()
+            .status
+            .success()
+    );
     let mut csv = csv::Reader::from_path(out.join("estimates.csv")).unwrap();
     let names = csv.headers().unwrap().clone();
-    let reader = SerializedFileReader::new(std::fs::File::open(out.join("estimates.parquet")).unwrap()).unwrap();
+    let reader =
+        SerializedFileReader::new(std::fs::File::open(out.join("estimates.parquet")).unwrap())
+            .unwrap();
     let mut rows = 0;
     for (line, row) in csv.records().map(Result::unwrap).zip(reader.get_row_iter(None).unwrap()) {
-        for ((name, text), (column, field)) in names.iter().zip(line.iter()).zip(row.unwrap().get_column_iter()) {
+        for ((name, text), (column, field)) in
+            names.iter().zip(line.iter()).zip(row.unwrap().get_column_iter())
+        {
             assert_eq!(name, column);
             let same = match field {
                 Field::Str(s) => s == text,
@@ -66,7 +80,10 @@ fn parts_of_many_tasks_say_what_one_run_says() {
     // Eight settings of 60 records, three blocks each: tasks of two blocks never straddle settings.
     let tasks = Tasks::new(&runner, &out, runner.tasks_of(2)).unwrap();
     assert_eq!((runner.blocks(), tasks.len()), (24, 16));
-    assert_eq!((0..tasks.len()).map(|t| runner.estimates_of(tasks.blocks(t))).sum::<usize>(), runner.estimates());
+    assert_eq!(
+        (0..tasks.len()).map(|t| runner.estimates_of(tasks.blocks(t))).sum::<usize>(),
+        runner.estimates()
+    );
     // Whoever comes first, and twice.
     for task in (0..tasks.len()).rev().chain([3]) {
         assert!(task == 3 || missing(&tasks).contains(&task));
@@ -75,8 +92,8 @@ fn parts_of_many_tasks_say_what_one_run_says() {
     assert!(missing(&tasks).is_empty());
     tasks.gather(&runner, &Stop::default()).unwrap();
     assert!(results(&out) == results(&whole));
-    let [mut ours, mut theirs] =
-        [tasks.paths(), vec![whole.join("estimates.parquet")]].map(|paths| columns(&paths, &Stop::default()).unwrap());
+    let [mut ours, mut theirs] = [tasks.paths(), vec![whole.join("estimates.parquet")]]
+        .map(|paths| columns(&paths, &Stop::default()).unwrap());
     for columns in [&mut ours, &mut theirs] {
         columns.retain(|(name, _)| name != "time_s");
     }
@@ -86,7 +103,13 @@ fn parts_of_many_tasks_say_what_one_run_says() {
     // What is damaged is missing; what belongs to another plan is refused.
     std::fs::write(tasks.path(5), "no part").unwrap();
     assert_eq!(missing(&tasks), [5]);
-    assert!(tasks.gather(&runner, &Stop::default()).unwrap_err().to_string().contains("part-00000005.parquet"));
+    assert!(
+        tasks
+            .gather(&runner, &Stop::default())
+            .unwrap_err()
+            .to_string()
+            .contains("part-00000005.parquet")
+    );
     let again = Tasks::open(&runner, &out, true).unwrap().unwrap();
     assert_eq!(again, tasks);
     assert!(Tasks::open(&runner, &out, false).unwrap_err().to_string().contains("resume"));
@@ -102,7 +125,8 @@ fn any_byte_of_a_parquet_part_that_is_flipped_or_cut_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let runner = Runner::new(&Plan::parse("short", SHORT, Path::new(".")).unwrap()).unwrap();
     let tasks = Tasks::new(&runner, folder.path(), runner.tasks_of(2)).unwrap();
-    let made: Vec<Vec<u8>> = (0..2).map(|task| runner.part(tasks.blocks(task), &Stop::default()).unwrap()).collect();
+    let made: Vec<Vec<u8>> =
+        (0..2).map(|task| runner.part(tasks.blocks(task), &Stop::default()).unwrap()).collect();
     (0..2).for_each(|task| tasks.keep(task, &made[task]).unwrap());
     let state = || tasks.missing(&Stop::default()).unwrap();
     assert!(state().0.is_empty());
@@ -119,7 +143,13 @@ fn any_byte_of_a_parquet_part_that_is_flipped_or_cut_is_found() {
     }
     std::fs::write(tasks.path(0), &made[1]).unwrap();
     assert!(state().1[0].to_string().contains("another task"), "{:?}", state().1);
-    assert!(tasks.gather(&runner, &Stop::default()).unwrap_err().to_string().contains("part-00000000.parquet"));
+    assert!(
+        tasks
+            .gather(&runner, &Stop::default())
+            .unwrap_err()
+            .to_string()
+            .contains("part-00000000.parquet")
+    );
     tasks.keep(0, &made[0]).unwrap();
     assert!(state().0.is_empty() && tasks.gather(&runner, &Stop::default()).is_ok());
 }

@@ -8,7 +8,8 @@ use deadtime::stop::Stop;
 use deadtime::study::{Beside, Cell, Loop, PLANS, Plan, Runner, Standing, Statistic, Study};
 
 fn folder(name: &str) -> PathBuf {
-    let folder = std::env::temp_dir().join(format!("deadtime-study-thesis-{name}-{}", std::process::id()));
+    let folder =
+        std::env::temp_dir().join(format!("deadtime-study-thesis-{name}-{}", std::process::id()));
     let _ = std::fs::remove_dir_all(&folder);
     folder
 }
@@ -31,7 +32,10 @@ fn thesis() -> &'static (Plan, Study) {
 
 fn beside() -> Vec<Beside<'static>> {
     let (plan, study) = thesis();
-    plan.published.iter().map(|p| p.beside(study).unwrap_or_else(|| panic!("no cell for {p:?}"))).collect()
+    plan.published
+        .iter()
+        .map(|p| p.beside(study).unwrap_or_else(|| panic!("no cell for {p:?}")))
+        .collect()
 }
 
 #[test]
@@ -56,8 +60,16 @@ fn every_cell_of_the_eight_tables_has_its_number() {
         let entries: Vec<_> = plan.published.iter().filter(|p| p.source == source).collect();
         assert_eq!(entries.len(), wanted, "{source}");
         for (at, entry) in entries.iter().enumerate() {
-            assert!(!entries[..at].iter().any(|e| e.cells == entry.cells && e.statistic == entry.statistic), "twice: {entry:?}");
-            assert!(entry.value.is_some() || entry.statistic == Statistic::Failed, "no number: {entry:?}");
+            assert!(
+                !entries[..at]
+                    .iter()
+                    .any(|e| e.cells == entry.cells && e.statistic == entry.statistic),
+                "twice: {entry:?}"
+            );
+            assert!(
+                entry.value.is_some() || entry.statistic == Statistic::Failed,
+                "no number: {entry:?}"
+            );
         }
     }
     let stood = beside();
@@ -66,8 +78,13 @@ fn every_cell_of_the_eight_tables_has_its_number() {
     let (plan, study) = thesis();
     for p in &plan.published {
         let cells = study.cells.iter().filter(|c| p.cells.holds(c)).count();
-        let outputs =
-            if p.statistic == Statistic::Failed && ["Table 4.1", "Table 4.2", "Table 4.5"].contains(&p.source.as_str()) { 2 } else { 1 };
+        let outputs = if p.statistic == Statistic::Failed
+            && ["Table 4.1", "Table 4.2", "Table 4.5"].contains(&p.source.as_str())
+        {
+            2
+        } else {
+            1
+        };
         assert_eq!(cells, outputs, "{p:?}");
     }
 }
@@ -76,16 +93,21 @@ fn every_cell_of_the_eight_tables_has_its_number() {
 fn what_can_come_out_does() {
     let stood = beside();
     let of = |b: &Beside, source: &str, method: &str| {
-        b.published.source == source && b.published.cells.method.as_deref().unwrap().starts_with(method)
+        b.published.source == source
+            && b.published.cells.method.as_deref().unwrap().starts_with(method)
     };
     let stabilised = |b: &Beside| b.published.cells.loops == Some(Loop::Stabilised);
     // Stabilised oestruc, odd values such as 0.5 and 3.1 s included; every failed threshold; the least squares' zeros; RBS thresholds; the directional oestruc.
     for b in &stood {
-        let must = (["Table 4.1", "Table 4.2", "Table 4.5", "Table 4.8"].iter().any(|t| of(b, t, "oestruc")) && stabilised(b))
+        let must = (["Table 4.1", "Table 4.2", "Table 4.5", "Table 4.8"]
+            .iter()
+            .any(|t| of(b, t, "oestruc"))
+            && stabilised(b))
             || b.published.statistic == Statistic::Failed
             || (of(b, "Table 4.8", "threshold") && stabilised(b))
             || of(b, "Table 4.3", "")
-            || (b.published.cells.method.as_deref().unwrap().starts_with("state") && b.published.value == Some(0.0));
+            || (b.published.cells.method.as_deref().unwrap().starts_with("state")
+                && b.published.value == Some(0.0));
         assert!(!must || b.standing == Standing::Matching, "{b:?}");
     }
     // What differs without a known reason: the vertical plant's ramps under Tustin and FOH, whose published 0 s asks for a start at rest.
@@ -115,11 +137,14 @@ fn with_every_true_delay_at_zero_a_constant_would_do_as_well() {
     plan.grids.retain(|g| g.name == "unstable");
     plan.grids[0].plant = vec!["lateral".to_owned()];
     plan.grids[0].excitation = vec!["two_ramps".to_owned()];
-    plan.grids[0].method.retain(|m| m.starts_with("oestruc") || m == "state_least_squares prewindow=rest");
+    plan.grids[0]
+        .method
+        .retain(|m| m.starts_with("oestruc") || m == "state_least_squares prewindow=rest");
     plan.grids[0].trials = 1;
     let study = run(&plan, "constant");
     let slope = |method: &str| {
-        let answers: Vec<&Cell> = study.cells.iter().filter(|c| c.method == method && c.output != "ay").collect();
+        let answers: Vec<&Cell> =
+            study.cells.iter().filter(|c| c.method == method && c.output != "ay").collect();
         let [first, last] = [answers[0], answers[answers.len() - 1]];
         // From no delay to one of ten samples.
         (10.0 + last.bias_samples.unwrap() - first.bias_samples.unwrap()) / 10.0
@@ -136,13 +161,19 @@ fn published_lists_are_spread_and_wrong_ones_refused() {
         );
         Plan::parse("x", &text, std::path::Path::new("."))
     };
-    let head = "[[published]]\nsource = \"s\"\nstatistic = \"failed\"\ncells = { plant = \"slow2\" }\n";
+    let head =
+        "[[published]]\nsource = \"s\"\nstatistic = \"failed\"\ncells = { plant = \"slow2\" }\n";
     let two = plan(&format!("{head}each = [{{ c2d = \"zoh\" }}, {{ c2d = \"foh\", statistic = \"mean_raw_s\", value = 1.0 }}]")).unwrap();
     assert_eq!(two.published.len(), 2);
     assert_eq!(two.published[1].cells.plant.as_deref(), Some("slow2"));
-    assert_eq!((two.published[1].cells.c2d.as_deref(), two.published[1].value), (Some("foh"), Some(1.0)));
+    assert_eq!(
+        (two.published[1].cells.c2d.as_deref(), two.published[1].value),
+        (Some("foh"), Some(1.0))
+    );
     assert_eq!(two.published[0].statistic, Statistic::Failed);
-    for (wrong, says) in [("each = 1", "each"), ("each = [1]", "each"), ("each = [{ plent = \"slow2\" }]", "plent")] {
+    for (wrong, says) in
+        [("each = 1", "each"), ("each = [1]", "each"), ("each = [{ plent = \"slow2\" }]", "plent")]
+    {
         let told = plan(&format!("{head}{wrong}")).unwrap_err().to_string();
         assert!(told.contains(says), "{told}");
     }

@@ -13,13 +13,17 @@ fn example(name: &str) -> String {
 
 fn flight(more: &[&str]) -> String {
     let (log, model) = (example("uav_flight.csv"), example("uav_lateral_stabilised.toml"));
-    deadtime(&[&["estimate", &log, "--input", "r", "--output", "ay", "--model", &model], more].concat()).done()
+    deadtime(
+        &[&["estimate", &log, "--input", "r", "--output", "ay", "--model", &model], more].concat(),
+    )
+    .done()
 }
 
 fn gap(folder: &Folder, more: &[&str]) -> String {
     let (log, model) = (example("uav_flight.csv"), example("uav_lateral_stabilised.toml"));
     let out = folder.path("out");
-    deadtime(&[&["gap", "--model", &model, "--log", &log, "--out", text(&out)], more].concat()).done()
+    deadtime(&[&["gap", "--model", &model, "--log", &log, "--out", text(&out)], more].concat())
+        .done()
 }
 
 #[test]
@@ -29,7 +33,13 @@ fn no_line_of_an_estimate_is_wider_than_80_columns() {
         ("unstable_loop.csv", &["--input", "torque", "--output", "rate"]),
         ("irregular.csv", &["--input", "valve", "--output", "pressure", "--resample", "0.05"]),
         ("missing.csv", &["--input", "pump", "--output", "level"]),
-        ("moving.csv", &["--input", "command", "--output", "speed", "--method", "oestruc", "--method", "arxstruc", "--track"]),
+        (
+            "moving.csv",
+            &[
+                "--input", "command", "--output", "speed", "--method", "oestruc", "--method",
+                "arxstruc", "--track",
+            ],
+        ),
     ];
     for (log, words) in logs {
         let log = example(log);
@@ -47,7 +57,9 @@ fn the_answer_comes_first_and_alone_where_it_is_asked_for_alone() {
     let lines: Vec<&str> = said.lines().collect();
     assert_eq!(lines[0], "r → ay");
     assert!(
-        lines[1].starts_with("Believe a dead time of 0.140 s (") && lines[1].contains(" s): ") && lines[2].starts_with("Against it: "),
+        lines[1].starts_with("Believe a dead time of 0.140 s (")
+            && lines[1].contains(" s): ")
+            && lines[2].starts_with("Against it: "),
         "{said}"
     );
     let brief = flight(&["--brief"]);
@@ -60,7 +72,16 @@ fn the_answer_comes_first_and_alone_where_it_is_asked_for_alone() {
 
 #[test]
 fn a_bar_stands_where_its_number_does() {
-    let said = flight(&["--method", "oestruc", "--method", "armaxstruc", "--method", "met1struc", "--method", "oedap"]);
+    let said = flight(&[
+        "--method",
+        "oestruc",
+        "--method",
+        "armaxstruc",
+        "--method",
+        "met1struc",
+        "--method",
+        "oedap",
+    ]);
     let row = |name: &str| said.lines().find(|l| l.starts_with(&format!("  {name} "))).unwrap();
     let at = |name: &str| row(name).chars().position(|c| c == '●');
     assert!(at("oestruc") == at("believed") && at("oestruc") < at("met1struc"), "{said}");
@@ -72,7 +93,8 @@ fn no_line_of_a_gap_is_wider_than_80_columns_and_the_cause_comes_first() {
     let folder = Folder::new();
     let said = gap(&folder, &[]);
     assert!(
-        said.starts_with("Cause: input_delay on `r`, delay 0.129") && said.lines().take(3).any(|l| l.starts_with("Rivals: ")),
+        said.starts_with("Cause: input_delay on `r`, delay 0.129")
+            && said.lines().take(3).any(|l| l.starts_with("Rivals: ")),
         "{said}"
     );
     // The folder's name is a test's and may be long.
@@ -83,7 +105,9 @@ fn no_line_of_a_gap_is_wider_than_80_columns_and_the_cause_comes_first() {
     let full = gap(&folder, &["--full"]);
     assert!(full.starts_with("Gap: the model ") && full.contains("nrmse alone"), "{full}");
     let (log, model) = (example("uav_flight.csv"), example("uav_lateral_stabilised.toml"));
-    assert!(widest(&deadtime(&["gap", "--model", &model, "--log", &log, "--isolability"]).done()) <= 80);
+    assert!(
+        widest(&deadtime(&["gap", "--model", &model, "--log", &log, "--isolability"]).done()) <= 80
+    );
 }
 
 #[test]
@@ -101,9 +125,16 @@ fn long_and_wide_names_do_not_widen_the_tables() {
     }
     let log = folder.write("log.csv", &log);
     let methods = ["--method", "arxstruc", "--method", "threshold", "--method", "p1d"];
-    let said = deadtime(&[&["estimate", text(&log), "--input", &input, "--output", &output], &methods[..]].concat()).done();
+    let said = deadtime(
+        &[&["estimate", text(&log), "--input", &input, "--output", &output], &methods[..]].concat(),
+    )
+    .done();
     // Each of the script's characters takes two columns.
-    let columns = |line: &str| line.chars().map(|c| if c.len_utf8() == 3 && c >= '\u{3000}' { 2 } else { 1 }).sum::<usize>();
+    let columns = |line: &str| {
+        line.chars()
+            .map(|c| if c.len_utf8() == 3 && c >= '\u{3000}' { 2 } else { 1 })
+            .sum::<usize>()
+    };
     assert!(said.lines().all(|l| columns(l) <= 80), "{said}");
 }
 
@@ -127,7 +158,10 @@ fn colours_come_where_they_are_wanted_and_change_no_word() {
 fn no_line_of_a_study_is_wider_than_100_columns() {
     let folder = Folder::new();
     let out = folder.path("out");
-    let said = deadtime(&["study", &example("gate_plan.toml"), "--trials", "3", "--out", text(&out)]).done().replace(text(&out), "out");
+    let said =
+        deadtime(&["study", &example("gate_plan.toml"), "--trials", "3", "--out", text(&out)])
+            .done()
+            .replace(text(&out), "out");
     assert!(widest(&said) <= 100 && said.contains("RMS/bound"), "{said}");
 }
 

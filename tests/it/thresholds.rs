@@ -10,7 +10,13 @@ use serde_json::{Value, json};
 
 const SAMPLES: usize = 151;
 
-fn estimate(name: &str, options: Value, u: Vec<f64>, y: Vec<f64>, search: &Search) -> DelayEstimate {
+fn estimate(
+    name: &str,
+    options: Value,
+    u: Vec<f64>,
+    y: Vec<f64>,
+    search: &Search,
+) -> DelayEstimate {
     let estimator = method(name).unwrap().entry.with(options).unwrap();
     estimator.estimate(&Experiment::siso(ts(TS), u, y).unwrap(), search).unwrap()
 }
@@ -28,7 +34,15 @@ fn a_known_rest_before_the_record_makes_poor_inputs_excite_every_coefficient() {
     for (name, u, rank) in poor() {
         let y = second_order(&u, 0.4, [-1.3, 0.42], 4);
         let y = sum(&y, &white(SAMPLES, 1e-3 * std_dev(&y), 3));
-        let found = |prewindow: &str| estimate("threshold", json!({ "prewindow": prewindow }), u.clone(), y.clone(), &Search::default());
+        let found = |prewindow: &str| {
+            estimate(
+                "threshold",
+                json!({ "prewindow": prewindow }),
+                u.clone(),
+                y.clone(),
+                &Search::default(),
+            )
+        };
         let without = found("none");
         assert_eq!(without.outcome, Outcome::NotRichEnough, "{name}: {without:?}");
         let said = without.note.unwrap();
@@ -38,7 +52,8 @@ fn a_known_rest_before_the_record_makes_poor_inputs_excite_every_coefficient() {
         assert_ne!(rested.outcome, Outcome::NotRichEnough, "{name}: {rested:?}");
         let before = |x: &[f64]| [&[0.0; 70], x].concat();
         assert!(
-            fir(&[Record::new(u.clone(), y.clone())], 71).is_none() && fir(&[Record::new(before(&u), before(&y))], 71).is_some(),
+            fir(&[Record::new(u.clone(), y.clone())], 71).is_none()
+                && fir(&[Record::new(before(&u), before(&y))], 71).is_some(),
             "{name}"
         );
     }
@@ -49,7 +64,13 @@ fn the_delay_of_two_ramps_an_impulse_and_a_step_is_found_from_rest() {
     for (name, u, _) in poor() {
         let y = second_order(&u, 0.4, [-1.3, 0.42], 4);
         let y = sum(&y, &white(SAMPLES, 1e-6 * std_dev(&y), 3));
-        let found = estimate("threshold", json!({ "prewindow": "rest" }), u, y, &Search { max_delay: 15, ..Search::default() });
+        let found = estimate(
+            "threshold",
+            json!({ "prewindow": "rest" }),
+            u,
+            y,
+            &Search { max_delay: 15, ..Search::default() },
+        );
         assert_eq!(found.outcome, Outcome::Found, "{name}: {found:?}");
         assert!((found.delay_s.unwrap() - 4.0 * TS).abs() < 1e-9, "{name}: {found:?}");
     }
@@ -59,14 +80,24 @@ fn the_delay_of_two_ramps_an_impulse_and_a_step_is_found_from_rest() {
 fn auto_takes_a_still_start_for_a_rest_only_where_it_must_and_says_so() {
     let [(_, ramps, _), (_, impulse, _), (_, late, _)] = poor();
     let run = |u: &[f64], offset: f64, prewindow: &str| {
-        let y: Vec<f64> = second_order(u, 0.4, [-1.3, 0.42], 4).iter().map(|v| v + offset).collect();
+        let y: Vec<f64> =
+            second_order(u, 0.4, [-1.3, 0.42], 4).iter().map(|v| v + offset).collect();
         let u: Vec<f64> = u.iter().map(|v| v - 0.3).collect();
         let noise = white(u.len(), 1e-5, 3);
-        estimate("threshold", json!({ "prewindow": prewindow }), u, sum(&y, &noise), &Search { max_delay: 15, ..Search::default() })
+        estimate(
+            "threshold",
+            json!({ "prewindow": prewindow }),
+            u,
+            sum(&y, &noise),
+            &Search { max_delay: 15, ..Search::default() },
+        )
     };
     // Levels are taken from the rest: offsets on both channels change nothing.
     let found = run(&late, 5.0, "auto");
-    assert!((found.delay_s.unwrap() - 4.0 * TS).abs() < 1e-9 && found.note.unwrap().contains("still at first"));
+    assert!(
+        (found.delay_s.unwrap() - 4.0 * TS).abs() < 1e-9
+            && found.note.unwrap().contains("still at first")
+    );
     for moving in [ramps, impulse] {
         assert_eq!(run(&moving, 0.0, "auto").outcome, Outcome::NotRichEnough);
     }
@@ -95,7 +126,13 @@ fn a_cusum_gives_as_many_false_alarms_as_it_was_asked_for() {
                 }
                 let y = second_order(&u, 0.4, [-0.6, 0.0], 50);
                 let y = sum(&y, &white(600, std_dev(&y), 60_000 + seed));
-                let found = estimate(name, json!({ "false_alarm": 0.05 }), u, y, &Search { max_delay: 60, ..Search::default() });
+                let found = estimate(
+                    name,
+                    json!({ "false_alarm": 0.05 }),
+                    u,
+                    y,
+                    &Search { max_delay: 60, ..Search::default() },
+                );
                 found.delay_s.is_some_and(|d| d < 35.0 * TS)
             })
             .count();
@@ -106,7 +143,14 @@ fn a_cusum_gives_as_many_false_alarms_as_it_was_asked_for() {
 }
 
 /// RMS error in samples, share of intervals that hold the truth, and answers, over plants of two lags with delays from 0 to 19.
-fn study(name: &str, options: &Value, b: f64, f: [f64; 2], noise: f64, records: u64) -> (f64, f64, usize) {
+fn study(
+    name: &str,
+    options: &Value,
+    b: f64,
+    f: [f64; 2],
+    noise: f64,
+    records: u64,
+) -> (f64, f64, usize) {
     let found: Vec<(f64, bool)> = (0..records)
         .into_par_iter()
         .filter_map(|seed| {
@@ -123,18 +167,25 @@ fn study(name: &str, options: &Value, b: f64, f: [f64; 2], noise: f64, records: 
     let n = found.len() as f64;
     let rms = (found.iter().map(|f| f.0 * f.0).sum::<f64>() / n).sqrt();
     let held = found.iter().filter(|f| f.1).count() as f64 / n;
-    println!("{name} {options}, {noise} noise, poles {f:?}: {n} of {records} answered, RMS {rms:.3}, {:.1} % held", 100.0 * held);
+    println!(
+        "{name} {options}, {noise} noise, poles {f:?}: {n} of {records} answered, RMS {rms:.3}, {:.1} % held",
+        100.0 * held
+    );
     (rms, held, found.len())
 }
 
 #[test]
 fn sums_and_priors_see_slow_responses_earlier_than_single_coefficients() {
     for noise in [0.1, 0.5] {
-        let [single, sums, prior] = ["threshold", "cusum", "impulseest"].map(|name| study(name, &json!({}), 0.1, [-1.7, 0.72], noise, 200));
+        let [single, sums, prior] = ["threshold", "cusum", "impulseest"]
+            .map(|name| study(name, &json!({}), 0.1, [-1.7, 0.72], noise, 200));
         study("threshold_step", &json!({}), 0.1, [-1.7, 0.72], noise, 200);
         study("cusum_step", &json!({}), 0.1, [-1.7, 0.72], noise, 200);
         // With little noise one record of 200 has a coefficient of noise 5 standard deviations large, which the prior takes for a start; its interval holds both.
-        assert!(noise < 0.5 || sums.0 < single.0 && prior.0 < single.0, "{single:?} {sums:?} {prior:?}");
+        assert!(
+            noise < 0.5 || sums.0 < single.0 && prior.0 < single.0,
+            "{single:?} {sums:?} {prior:?}"
+        );
         assert!(sums.1 > 0.9 && prior.1 > 0.9, "{sums:?} {prior:?}");
     }
 }

@@ -31,12 +31,16 @@ fn polynomials_and_zeros_and_poles_give_the_response_of_their_formula() {
     let zpk = TF
         .replace("\"tf\"", "\"zpk\"")
         .replace("numerator = [3.0]\ndenominator = [4.0, 1.0]", "poles = [-0.25]\ngain = 0.75")
-        .replace("numerator = [1.0, 2.0]\ndenominator = [1.0, 2.0, 5.0]", "zeros = [-2]\npoles = [[-1, 2], [-1, -2]]\ngain = 1");
+        .replace(
+            "numerator = [1.0, 2.0]\ndenominator = [1.0, 2.0, 5.0]",
+            "zeros = [-2]\npoles = [[-1, 2], [-1, -2]]\ngain = 1",
+        );
     for text in [TF, &zpk] {
         let ModelDocument::Lti(file) = read(text).unwrap() else { panic!("not linear") };
         let (omega, system) = (0.7, file.continuous().unwrap());
         let s = Complex::new(0.0, omega);
-        let wanted = [(s * 4.0 + 1.0).inv() * 3.0 * (-s * 1.5).exp(), (s + 2.0) / (s * s + s * 2.0 + 5.0)];
+        let wanted =
+            [(s * 4.0 + 1.0).inv() * 3.0 * (-s * 1.5).exp(), (s + 2.0) / (s * s + s * 2.0 + 5.0)];
         for (got, wanted) in system.frequency_response(omega).iter().zip(wanted) {
             assert!((got - wanted).norm() < 1e-12, "{got} {wanted}");
         }
@@ -66,7 +70,8 @@ fn faults_name_the_file_and_the_pair() {
 
 #[test]
 fn every_example_of_the_page_on_model_files_is_read() {
-    let page = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/models.md")).unwrap();
+    let page =
+        std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/models.md")).unwrap();
     let mut kinds = Vec::new();
     for block in page.split("```toml\n").skip(1) {
         let model = read(block.split("```").next().unwrap()).unwrap();

@@ -8,19 +8,29 @@ use crate::{gap_coarse, gap_nominal, gap_nuisances, gap_rest};
 #[test]
 fn what_comes_first_is_the_first_sentence_and_names_the_remedy() {
     let said = summary(&gap_nominal::MOVED);
-    assert!(said.starts_with("First: `angle` is ") && said.contains("operating = \"mean\""), "{said}");
+    assert!(
+        said.starts_with("First: `angle` is ") && said.contains("operating = \"mean\""),
+        "{said}"
+    );
 }
 
 #[test]
 fn a_cause_beside_something_else_is_one_in_part_with_a_budget() {
     let said = summary(&gap_coarse::HUMMING);
-    assert!(said.contains("Cause: unknown in part") && said.contains("Budget: input_delay on `u` with delay = 0.0"), "{said}");
+    assert!(
+        said.contains("Cause: unknown in part")
+            && said.contains("Budget: input_delay on `u` with delay = 0.0"),
+        "{said}"
+    );
 }
 
 #[test]
 fn nuisances_are_told_log_by_log_with_their_unit() {
     let said = summary(&gap_nuisances::TRIMMED);
-    assert!(said.contains("Nuisances: input_offset:u = 0.") && said.contains(" V in log6101.csv, "), "{said}");
+    assert!(
+        said.contains("Nuisances: input_offset:u = 0.") && said.contains(" V in log6101.csv, "),
+        "{said}"
+    );
 }
 
 #[test]
@@ -34,8 +44,16 @@ fn the_remainder_has_its_sentence() {
 #[test]
 fn caveats_of_nuisances_name_the_remedy() {
     let nuisance = || "input_offset:u".to_owned();
-    let beyond = Caveat::NuisanceBeyondPrior { nuisance: nuisance(), value: "0.6".into(), log: "a.csv".into(), std: "0.05".into() };
-    assert!(beyond.to_string().contains("a.csv, more than three times its `std` of 0.05: widen that"), "{beyond}");
+    let beyond = Caveat::NuisanceBeyondPrior {
+        nuisance: nuisance(),
+        value: "0.6".into(),
+        log: "a.csv".into(),
+        std: "0.05".into(),
+    };
+    assert!(
+        beyond.to_string().contains("a.csv, more than three times its `std` of 0.05: widen that"),
+        "{beyond}"
+    );
     let alike = Caveat::NuisanceAlike { nuisance: nuisance(), value: "0.3".into() };
     assert!(alike.to_string().contains("alike in all logs"), "{alike}");
 }

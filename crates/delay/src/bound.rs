@@ -50,7 +50,9 @@ pub fn reference(signal: &[f64], noise_std: f64) -> f64 {
     let energy: f64 = spectrum
         .iter()
         .enumerate()
-        .map(|(k, s)| (2.0 * std::f64::consts::PI * count(k.min(n - k)) / count(n)).powi(2) * s.norm_sqr())
+        .map(|(k, s)| {
+            (2.0 * std::f64::consts::PI * count(k.min(n - k)) / count(n)).powi(2) * s.norm_sqr()
+        })
         .sum::<f64>()
         / count(n.max(1));
     noise_std / energy.sqrt()

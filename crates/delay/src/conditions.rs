@@ -44,24 +44,39 @@ pub fn conditions(records: &[Record], max_delay: usize) -> Vec<Finding> {
 /// The same without feedback.
 pub(super) fn of_the_plant(records: &[Record], max_delay: usize) -> Vec<Finding> {
     let mut found = Vec::new();
-    let missing: usize = records.iter().filter_map(|r| r.present.as_ref()).map(|p| p.iter().filter(|p| !**p).count()).sum();
+    let missing: usize = records
+        .iter()
+        .filter_map(|r| r.present.as_ref())
+        .map(|p| p.iter().filter(|p| !**p).count())
+        .sum();
     if missing > 0 {
-        found.push(Finding { condition: Condition::MissingOutputs, evidence: format!("{missing} output samples are missing").into() });
+        found.push(Finding {
+            condition: Condition::MissingOutputs,
+            evidence: format!("{missing} output samples are missing").into(),
+        });
     }
     let Arxstruc { na, nb, .. } = Arxstruc::default();
     let scan = arx_scan(records, na, nb, max_delay);
     let rows = scan.rows as f64;
-    let best = (0..scan.loss.len()).filter(|&nk| scan.loss[nk].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
+    let best = (0..scan.loss.len())
+        .filter(|&nk| scan.loss[nk].is_finite())
+        .min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
     let Some(best) = best.filter(|_| scan.rows > 4 * (na + nb)) else { return found };
     let coefficients = &scan.coefficients[best];
     let a: Vec<f64> = coefficients[..na].iter().map(|c| -c).collect();
     let pole = largest_pole(&a);
     if pole > 1.0 + 3.0 / rows {
-        found.push(Finding { condition: Condition::UnstablePlant, evidence: format!("a pole at |z| = {pole:.4}").into() });
+        found.push(Finding {
+            condition: Condition::UnstablePlant,
+            evidence: format!("a pole at |z| = {pole:.4}").into(),
+        });
     }
     let lag = lag(&a, &coefficients[na..]);
     if lag > LAG {
-        found.push(Finding { condition: Condition::Dynamics, evidence: format!("the response lasts {lag:.1} samples on average").into() });
+        found.push(Finding {
+            condition: Condition::Dynamics,
+            evidence: format!("the response lasts {lag:.1} samples on average").into(),
+        });
     }
     found.extend(colour(records, na, max_delay));
     found
@@ -78,7 +93,11 @@ const STANDS_OFF: f64 = 5.0;
 pub fn standing_off(records: &[Record]) -> usize {
     let mut off: Vec<Vec<f64>> = Vec::with_capacity(records.len());
     for record in records {
-        let there = record.y.iter().enumerate().filter(|(t, _)| record.present.as_ref().is_none_or(|p| p[*t]));
+        let there = record
+            .y
+            .iter()
+            .enumerate()
+            .filter(|(t, _)| record.present.as_ref().is_none_or(|p| p[*t]));
         let values: Vec<f64> = there.map(|(_, y)| *y).collect();
         off.push(values.windows(5).map(|w| (w[2] - point(w.to_vec(), 10)).abs()).collect());
     }
@@ -101,22 +120,28 @@ const TOGETHER: f64 = 0.3;
 #[must_use]
 pub fn moving_together(experiment: &Experiment<'_>, max_delay: usize) -> Option<Finding> {
     let correlation = |other: usize| {
-        let lags = -isize::try_from(max_delay).unwrap_or(0)..=isize::try_from(max_delay).unwrap_or(0);
+        let lags =
+            -isize::try_from(max_delay).unwrap_or(0)..=isize::try_from(max_delay).unwrap_or(0);
         let mut sums = vec![0.0; 2 * max_delay + 1];
         let (mut power, mut other_power) = (0.0, 0.0);
         for recording in experiment.recordings() {
             let (u, v) = (&recording.inputs[0], &recording.inputs[other]);
             power += u.iter().map(|x| x * x).sum::<f64>();
             other_power += v.iter().map(|x| x * x).sum::<f64>();
-            for (sum, product) in sums.iter_mut().zip(deadtime_signal::correlation(u, v, lags.clone())) {
+            for (sum, product) in
+                sums.iter_mut().zip(deadtime_signal::correlation(u, v, lags.clone()))
+            {
                 *sum += product;
             }
         }
-        sums.iter().fold(0.0, |m: f64, s| m.max(s.abs())) / (power * other_power).sqrt().max(f64::MIN_POSITIVE)
+        sums.iter().fold(0.0, |m: f64, s| m.max(s.abs()))
+            / (power * other_power).sqrt().max(f64::MIN_POSITIVE)
     };
     let others = (1..experiment.inputs().len()).map(|other| (other, correlation(other)));
-    let (other, most) = others.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, most)| *most > TOGETHER)?;
-    let evidence = format!("`{}` is correlated with it by {most:.2}", experiment.inputs()[other]).into();
+    let (other, most) =
+        others.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, most)| *most > TOGETHER)?;
+    let evidence =
+        format!("`{}` is correlated with it by {most:.2}", experiment.inputs()[other]).into();
     Some(Finding { condition: Condition::OtherInputs, evidence })
 }
 
@@ -124,7 +149,12 @@ pub fn moving_together(experiment: &Experiment<'_>, max_delay: usize) -> Option<
 fn lag(a: &[f64], b: &[f64]) -> f64 {
     let mut response: Vec<f64> = Vec::with_capacity(10 * LAGS);
     for k in 0..10 * LAGS {
-        let past: f64 = a.iter().enumerate().filter(|(i, _)| *i < k).map(|(i, c)| c * response[k - 1 - i]).sum();
+        let past: f64 = a
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| *i < k)
+            .map(|(i, c)| c * response[k - 1 - i])
+            .sum();
         let next = b.get(k).copied().unwrap_or(0.0) - past;
         if !next.is_finite() || next.abs() > 1e100 {
             return f64::INFINITY;
@@ -132,7 +162,8 @@ fn lag(a: &[f64], b: &[f64]) -> f64 {
         response.push(next);
     }
     let least = BEGUN * response.iter().fold(0.0, |m: f64, h| m.max(h.abs()));
-    let counted: Vec<(usize, f64)> = response.iter().map(|h| h.abs()).enumerate().filter(|(_, h)| *h > least).collect();
+    let counted: Vec<(usize, f64)> =
+        response.iter().map(|h| h.abs()).enumerate().filter(|(_, h)| *h > least).collect();
     let begun = counted.first().map_or(0, |(k, _)| *k);
     let total: f64 = counted.iter().map(|(_, h)| h).sum();
     let moment: f64 = counted.iter().map(|(k, h)| (k - begun) as f64 * h).sum();
@@ -143,9 +174,13 @@ fn colour(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
     let lags = lags(records, max_delay);
     let (free, rows) = residual(Regression { na: 0, lags }, records)?;
     let (white, fewer) = residual(Regression { na, lags }, records)?;
-    let ratio = free / (rows - lags) as f64 / (white / (fewer - lags - na) as f64).max(f64::MIN_POSITIVE);
+    let ratio =
+        free / (rows - lags) as f64 / (white / (fewer - lags - na) as f64).max(f64::MIN_POSITIVE);
     (ratio > COLOURED && ratio.is_finite()).then(|| Finding {
         condition: Condition::ColouredNoise,
-        evidence: format!("past outputs lower the error of {lags} free coefficients {ratio:.1} times").into(),
+        evidence: format!(
+            "past outputs lower the error of {lags} free coefficients {ratio:.1} times"
+        )
+        .into(),
     })
 }

@@ -97,7 +97,9 @@ pub enum DelayError {
         remedy: LengthRemedy,
     },
     /// A channel that never changes.
-    #[error("{role} `{channel}` never changes (it is {value} throughout); a dead time shows only where it moves")]
+    #[error(
+        "{role} `{channel}` never changes (it is {value} throughout); a dead time shows only where it moves"
+    )]
     Constant {
         /// Input or output.
         role: &'static str,
@@ -141,7 +143,9 @@ pub enum DelayError {
         allowed: &'static str,
     },
     /// Regressors that are combinations of each other, where the coefficients themselves were asked for.
-    #[error("{method}: the lags of the inputs are combinations of each other; use inputs that move more, and not together")]
+    #[error(
+        "{method}: the lags of the inputs are combinations of each other; use inputs that move more, and not together"
+    )]
     Dependent {
         /// The method.
         method: &'static str,
@@ -153,7 +157,9 @@ pub enum DelayError {
         method: &'static str,
     },
     /// Event times that do not increase.
-    #[error("event {event} of `{channel}` is at {time}, not behind the one before it ({before}); event times must increase")]
+    #[error(
+        "event {event} of `{channel}` is at {time}, not behind the one before it ({before}); event times must increase"
+    )]
     EventOrder {
         /// The channel.
         channel: String,
@@ -226,7 +232,9 @@ pub enum DelayError {
         events: bool,
     },
     /// A model as equations.
-    #[error("model {model} is written as equations; estimation needs a linear one (kind = \"lti\")")]
+    #[error(
+        "model {model} is written as equations; estimation needs a linear one (kind = \"lti\")"
+    )]
     Equations {
         /// The model.
         model: String,

@@ -100,12 +100,26 @@ impl DelayEstimate {
     }
 
     /// An answer of a method that counts samples: raw value, standard deviation and interval in samples, before the bias is taken off.
-    pub(super) fn counted(raw: f64, std: f64, interval: [f64; 2], at_edge: bool, bias: usize, sample_time: SampleTime) -> Self {
+    pub(super) fn counted(
+        raw: f64,
+        std: f64,
+        interval: [f64; 2],
+        at_edge: bool,
+        bias: usize,
+        sample_time: SampleTime,
+    ) -> Self {
         Self::measured(raw, std, interval, at_edge, bias as f64, sample_time)
     }
 
     /// The same of a method that resolves fractions of a sample, and whose bias may be one (half a sample for a phase behind a zero-order hold).
-    pub(super) fn measured(raw: f64, std: f64, interval: [f64; 2], at_edge: bool, off: f64, sample_time: SampleTime) -> Self {
+    pub(super) fn measured(
+        raw: f64,
+        std: f64,
+        interval: [f64; 2],
+        at_edge: bool,
+        off: f64,
+        sample_time: SampleTime,
+    ) -> Self {
         let seconds = |samples: f64| sample_time.to_seconds(samples - off);
         if [raw, std, interval[0], interval[1]].iter().any(|v| v.is_nan()) {
             return Self::without(
@@ -131,7 +145,10 @@ impl DelayEstimate {
     /// The answer of a method that knows no samples: everything in seconds, nothing to take off.
     pub(super) fn in_seconds(delay_s: f64, std_s: f64, ci95_s: [f64; 2], at_edge: bool) -> Self {
         if [delay_s, std_s, ci95_s[0], ci95_s[1]].iter().any(|v| !v.is_finite()) {
-            return Self::without(Outcome::Singular, "the numbers leave no finite answer: too large, too small, or too alike");
+            return Self::without(
+                Outcome::Singular,
+                "the numbers leave no finite answer: too large, too small, or too alike",
+            );
         }
         Self {
             outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
@@ -151,7 +168,9 @@ impl DelayEstimate {
     /// The answer for a record whose input was given `later` seconds too late: no delay is below zero, and one that would be is said.
     pub(super) fn finished(mut self, later_s: f64) -> Self {
         let whole = |v: f64| (v + later_s).max(0.0);
-        let within = self.delay_s.is_some_and(|d| d + later_s < -1e-9 * self.raw_delay_s.map_or(1.0, |r| r.abs().max(1e-12)));
+        let within = self.delay_s.is_some_and(|d| {
+            d + later_s < -1e-9 * self.raw_delay_s.map_or(1.0, |r| r.abs().max(1e-12))
+        });
         self.delay_s = self.delay_s.map(whole);
         self.ci95_s = self.ci95_s.map(|ends| ends.map(whole));
         self.raw_delay_s = self.raw_delay_s.map(|v| v + later_s);

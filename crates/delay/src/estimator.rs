@@ -24,7 +24,13 @@ pub struct Search {
 
 impl Default for Search {
     fn default() -> Self {
-        Self { min_delay: 0, max_delay: 35, bias: Vec::new(), default_bias: 1, stop: Stop::default() }
+        Self {
+            min_delay: 0,
+            max_delay: 35,
+            bias: Vec::new(),
+            default_bias: 1,
+            stop: Stop::default(),
+        }
     }
 }
 
@@ -58,13 +64,21 @@ pub trait DelayEstimator: Send + Sync {
     ///
     /// # Errors
     /// [`DelayError`] where the data cannot be used at all; what the data do not show is an [`Outcome`].
-    fn estimate(&self, experiment: &Experiment<'_>, search: &Search) -> Result<DelayEstimate, DelayError>;
+    fn estimate(
+        &self,
+        experiment: &Experiment<'_>,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError>;
 
     /// The delays of all inputs of a method that finds them together; of any other method that of the first.
     ///
     /// # Errors
     /// As [`DelayEstimator::estimate`].
-    fn estimate_inputs(&self, experiment: &Experiment<'_>, search: &Search) -> Result<Vec<DelayEstimate>, DelayError> {
+    fn estimate_inputs(
+        &self,
+        experiment: &Experiment<'_>,
+        search: &Search,
+    ) -> Result<Vec<DelayEstimate>, DelayError> {
         Ok(vec![self.estimate(experiment, search)?])
     }
 
@@ -104,8 +118,11 @@ pub(super) fn joint_inputs(
 ) -> Result<Vec<DelayEstimate>, DelayError> {
     search.go_on()?;
     let skip = search.skip();
-    let logged = (0..experiment.inputs().len()).map(|input| experiment.pair(input, 0)).collect::<Result<Vec<_>, _>>()?;
-    let inputs: Vec<Vec<Record<'_>>> = logged.iter().map(|records| records.iter().map(|r| r.ahead(skip)).collect()).collect();
+    let logged = (0..experiment.inputs().len())
+        .map(|input| experiment.pair(input, 0))
+        .collect::<Result<Vec<_>, _>>()?;
+    let inputs: Vec<Vec<Record<'_>>> =
+        logged.iter().map(|records| records.iter().map(|r| r.ahead(skip)).collect()).collect();
     let bias: Vec<usize> = (0..inputs.len()).map(|input| search.bias(input, 0)).collect();
     let mut estimates = method(&inputs, search.max_delay - skip, &bias)?;
     search.go_on()?;

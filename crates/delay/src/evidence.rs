@@ -71,7 +71,13 @@ pub struct Phase {
 ///
 /// # Errors
 /// As [`Experiment::from_logs`].
-pub fn evidence(logs: &[Log], input: &str, output: &str, detrend: Detrend, max_delay: usize) -> Result<Evidence> {
+pub fn evidence(
+    logs: &[Log],
+    input: &str,
+    output: &str,
+    detrend: Detrend,
+    max_delay: usize,
+) -> Result<Evidence> {
     let logged = Experiment::from_logs(logs, &[input.to_owned()], &[output.to_owned()])?;
     let experiment = logged.detrended(detrend)?;
     let records = experiment.pair(0, 0)?;
@@ -89,7 +95,12 @@ pub fn evidence(logs: &[Log], input: &str, output: &str, detrend: Detrend, max_d
 ///
 /// # Errors
 /// As [`Experiment::from_logs`].
-pub fn impulse_response(logs: &[Log], input: &str, output: &str, detrend: Detrend) -> Result<Option<Response>> {
+pub fn impulse_response(
+    logs: &[Log],
+    input: &str,
+    output: &str,
+    detrend: Detrend,
+) -> Result<Option<Response>> {
     let logged = Experiment::from_logs(logs, &[input.to_owned()], &[output.to_owned()])?;
     let experiment = logged.detrended(detrend)?;
     Ok(response(&experiment.pair(0, 0)?, Threshold::default().taps))
@@ -110,8 +121,17 @@ fn scan(records: &[Record], max_delay: usize) -> Option<Scan> {
         return None;
     }
     let posterior = posterior_of_start(&scan.by_count, scan.power, scan.rows as f64)?;
-    let smallest = scan.loss.iter().copied().filter(|v| v.is_finite()).min_by(f64::total_cmp).filter(|v| *v > 0.0)?;
-    Some(Scan { loss: scan.loss.iter().map(|v| v / smallest).collect(), probability: posterior.weights })
+    let smallest = scan
+        .loss
+        .iter()
+        .copied()
+        .filter(|v| v.is_finite())
+        .min_by(f64::total_cmp)
+        .filter(|v| *v > 0.0)?;
+    Some(Scan {
+        loss: scan.loss.iter().map(|v| v / smallest).collect(),
+        probability: posterior.weights,
+    })
 }
 
 /// Products of two signals at the lags from 0 to the last.
@@ -124,7 +144,10 @@ fn correlated(records: &[Record], max_delay: usize) -> Option<Correlated> {
     // Products of lags beyond a quarter of a record are of few samples, and mostly chance.
     let memory = isize::try_from(centred.records().map(|(u, _)| u.len()).min()? / 4).ok()?;
     let sum = |products: Products, last: isize| -> Option<Vec<f64>> {
-        centred.records().map(|(u, y)| products(u, y, last)).reduce(|a, b| a.iter().zip(&b).map(|(a, b)| a + b).collect())
+        centred
+            .records()
+            .map(|(u, y)| products(u, y, last))
+            .reduce(|a, b| a.iter().zip(&b).map(|(a, b)| a + b).collect())
     };
     let own_u = sum(|u, _, last| correlation(u, u, 0..=last), memory)?;
     let own_y = sum(|_, y, last| correlation(y, y, 0..=last), memory)?;
@@ -133,8 +156,10 @@ fn correlated(records: &[Record], max_delay: usize) -> Option<Correlated> {
     if !(scale > 0.0 && scale.is_finite()) {
         return None;
     }
-    let coefficient: Vec<f64> = sum(|u, y, last| correlation(u, y, 0..=last), last)?.iter().map(|v| v / scale).collect();
-    let likeness: f64 = own_u.iter().zip(&own_y).skip(1).map(|(u, y)| u * y).sum::<f64>() / (power_u * power_y);
+    let coefficient: Vec<f64> =
+        sum(|u, y, last| correlation(u, y, 0..=last), last)?.iter().map(|v| v / scale).collect();
+    let likeness: f64 =
+        own_u.iter().zip(&own_y).skip(1).map(|(u, y)| u * y).sum::<f64>() / (power_u * power_y);
     // Estimated products of long lags may sum up to less than white signals have.
     let variance = (1.0 + 2.0 * likeness).max(1.0) / samples as f64;
     Some(Correlated { coefficient, chance: NORMAL_95 * variance.sqrt() })
@@ -148,7 +173,11 @@ fn phase(records: &[Record], max_delay: usize, longest: usize, step_s: f64) -> O
     let (found, seen) = alike(&Centred::new(records), segment, hannan_thomson::weight, max_delay);
     let (seen, fraction) = (seen?, found.fraction?);
     let delay = found.lag as f64 + fraction;
-    let coherent = seen.lines.iter().zip(&seen.spectra.uy).filter(|(line, _)| line.times > 1.0 && line.coherence > COHERENT);
+    let coherent = seen
+        .lines
+        .iter()
+        .zip(&seen.spectra.uy)
+        .filter(|(line, _)| line.times > 1.0 && line.coherence > COHERENT);
     let points: Vec<[f64; 2]> = coherent
         .map(|(line, s)| {
             // Spectra are of y moved back by the whole lag: what is left of the phase beside the fraction is small.
@@ -179,7 +208,8 @@ mod tests {
 
     fn log(u: Vec<f64>, y: Vec<f64>) -> Log {
         let time_s = (0..u.len()).map(|t| 0.1 * t as f64).collect();
-        Log::new("test", time_s, vec![Channel::new("u", None, u), Channel::new("y", None, y)]).unwrap()
+        Log::new("test", time_s, vec![Channel::new("u", None, u), Channel::new("y", None, y)])
+            .unwrap()
     }
 
     fn lowest(values: &[f64]) -> usize {
@@ -191,17 +221,27 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let (u, e) = (white(2000, &mut rng), white(2000, &mut rng));
         // Seven samples late, and turned round.
-        let y: Vec<f64> = (0..u.len()).map(|t| 0.1 * e[t] - if t < 7 { 0.0 } else { u[t - 7] }).collect();
+        let y: Vec<f64> =
+            (0..u.len()).map(|t| 0.1 * e[t] - if t < 7 { 0.0 } else { u[t - 7] }).collect();
         let found = evidence(&[log(u, y)], "u", "y", Detrend::Mean, 20).unwrap();
         let response = found.response.unwrap();
         let size: Vec<f64> = response.values.iter().map(|v| -v.abs()).collect();
         assert_eq!(lowest(&size), 7);
         assert_abs_diff_eq!(response.values[7], -1.0, epsilon = 5.0 * response.std[7]);
         let scan = found.scan.unwrap();
-        assert_eq!((scan.loss.len(), scan.loss[7]), (21, scan.loss.iter().copied().fold(f64::INFINITY, f64::min)), "{:?}", scan.loss);
+        assert_eq!(
+            (scan.loss.len(), scan.loss[7]),
+            (21, scan.loss.iter().copied().fold(f64::INFINITY, f64::min)),
+            "{:?}",
+            scan.loss
+        );
         assert!(scan.probability[7] > 0.9, "{:?}", scan.probability);
         let correlation = found.correlation.unwrap();
-        assert!(correlation.coefficient[7] < -0.95 && correlation.coefficient.iter().filter(|c| c.abs() > correlation.chance).count() <= 5);
+        assert!(
+            correlation.coefficient[7] < -0.95
+                && correlation.coefficient.iter().filter(|c| c.abs() > correlation.chance).count()
+                    <= 5
+        );
         let phase = found.phase.unwrap();
         assert_abs_diff_eq!(phase.delay_s, 0.7, epsilon = 0.01);
         for (f, turned) in phase.frequency_hz.iter().zip(&phase.phase_rad) {
@@ -226,15 +266,25 @@ mod tests {
         for _ in 0..400 {
             let (u, y) = (slow(&mut rng), slow(&mut rng));
             let log = log(u, y);
-            let experiment = Experiment::from_logs(std::slice::from_ref(&log), &["u".to_owned()], &["y".to_owned()]).unwrap();
+            let experiment = Experiment::from_logs(
+                std::slice::from_ref(&log),
+                &["u".to_owned()],
+                &["y".to_owned()],
+            )
+            .unwrap();
             let found = correlated(&experiment.pair(0, 0).unwrap(), 30).unwrap();
             all += found.coefficient.len();
             beyond += found.coefficient.iter().filter(|c| c.abs() > found.chance).count();
-            beyond_white += found.coefficient.iter().filter(|c| c.abs() > NORMAL_95 / 1500_f64.sqrt()).count();
+            beyond_white +=
+                found.coefficient.iter().filter(|c| c.abs() > NORMAL_95 / 1500_f64.sqrt()).count();
         }
         let share = |count: usize| count as f64 / all as f64;
         assert!((0.02..0.08).contains(&share(beyond)), "{}", share(beyond));
-        assert!(share(beyond_white) > 0.3, "the limit of white signals is no limit here: {}", share(beyond_white));
+        assert!(
+            share(beyond_white) > 0.3,
+            "the limit of white signals is no limit here: {}",
+            share(beyond_white)
+        );
     }
 
     #[test]
@@ -242,8 +292,13 @@ mod tests {
         let step: Vec<f64> = (0..60).map(|t| f64::from(u8::from(t >= 30))).collect();
         let found = evidence(&[log(step.clone(), step)], "u", "y", Detrend::Mean, 10).unwrap();
         assert_eq!(found.response, None, "a step does not excite 71 coefficients in 60 samples");
-        for curve in
-            [found.scan.map(|s| s.loss), found.correlation.map(|c| c.coefficient), found.phase.map(|p| p.phase_rad)].into_iter().flatten()
+        for curve in [
+            found.scan.map(|s| s.loss),
+            found.correlation.map(|c| c.coefficient),
+            found.phase.map(|p| p.phase_rad),
+        ]
+        .into_iter()
+        .flatten()
         {
             assert!(curve.iter().all(|v| v.is_finite()), "{curve:?}");
         }

@@ -32,7 +32,10 @@ impl Series<'_> {
     }
 
     fn borrowed(&self) -> Series<'_> {
-        Series { values: Cow::Borrowed(&self.values), present: self.present.as_deref().map(Cow::Borrowed) }
+        Series {
+            values: Cow::Borrowed(&self.values),
+            present: self.present.as_deref().map(Cow::Borrowed),
+        }
     }
 
     /// A weight of 0 does not silence a NaN: what was not measured is zero.
@@ -97,8 +100,16 @@ impl<'a> Experiment<'a> {
     ///
     /// # Errors
     /// As [`Experiment::new`].
-    pub fn siso(sample_time: SampleTime, u: impl Into<Cow<'a, [f64]>>, y: impl Into<Cow<'a, [f64]>>) -> Result<Self, DelayError> {
-        let recording = Recording { inputs: vec![u.into()], outputs: vec![y.into().into()], states: Vec::new() };
+    pub fn siso(
+        sample_time: SampleTime,
+        u: impl Into<Cow<'a, [f64]>>,
+        y: impl Into<Cow<'a, [f64]>>,
+    ) -> Result<Self, DelayError> {
+        let recording = Recording {
+            inputs: vec![u.into()],
+            outputs: vec![y.into().into()],
+            states: Vec::new(),
+        };
         Self::new(sample_time, vec!["u".into()], vec!["y".into()], vec![recording])
     }
 
@@ -106,12 +117,17 @@ impl<'a> Experiment<'a> {
     ///
     /// # Errors
     /// [`DelayError::Count`] without a sequence, [`DelayError::NotFinite`] and [`DelayError::EventOrder`].
-    pub fn of_events(sample_time: SampleTime, [first, second]: [&str; 2], events: Vec<Events>) -> Result<Self, DelayError> {
+    pub fn of_events(
+        sample_time: SampleTime,
+        [first, second]: [&str; 2],
+        events: Vec<Events>,
+    ) -> Result<Self, DelayError> {
         if events.is_empty() {
             return Err(DelayError::Count { what: "sequences of events", needed: 1, got: 0 });
         }
         let (inputs, outputs) = (vec![first.to_owned()], vec![second.to_owned()]);
-        let experiment = Self { sample_time, inputs, outputs, recordings: Vec::new(), model: None, events };
+        let experiment =
+            Self { sample_time, inputs, outputs, recordings: Vec::new(), model: None, events };
         check_times(&experiment)?;
         Ok(experiment)
     }
@@ -144,18 +160,23 @@ impl<'a> Experiment<'a> {
                     return Err(DelayError::Count { what, needed: needed.max(1), got });
                 }
             }
-            let outputs = recording
-                .outputs
-                .iter()
-                .map(|s| s.values.len())
-                .chain(recording.outputs.iter().filter_map(|s| Some(s.present.as_ref()?.len())));
-            let lengths = recording.inputs.iter().chain(&recording.states).map(|x| x.len()).chain(outputs);
+            let outputs =
+                recording.outputs.iter().map(|s| s.values.len()).chain(
+                    recording.outputs.iter().filter_map(|s| Some(s.present.as_ref()?.len())),
+                );
+            let lengths =
+                recording.inputs.iter().chain(&recording.states).map(|x| x.len()).chain(outputs);
             if let Some(got) = lengths.into_iter().find(|&l| l != samples) {
-                return Err(DelayError::Count { what: "samples of a channel", needed: samples, got });
+                return Err(DelayError::Count {
+                    what: "samples of a channel",
+                    needed: samples,
+                    got,
+                });
             }
         }
         for (i, channel) in self.inputs.iter().enumerate() {
-            let samples = || self.recordings.iter().flat_map(move |r| r.inputs[i].iter().map(|v| (*v, true)));
+            let samples =
+                || self.recordings.iter().flat_map(move |r| r.inputs[i].iter().map(|v| (*v, true)));
             moves("input", channel, samples)?;
         }
         for (i, channel) in self.outputs.iter().enumerate() {
@@ -169,8 +190,15 @@ impl<'a> Experiment<'a> {
         }
         // A state may rest, but it must be a number; states have no names here but those of the model.
         for state in self.recordings.iter().flat_map(|r| r.states.iter().enumerate()) {
-            if let (number, Some(sample)) = (state.0 + 1, state.1.iter().position(|v| !v.is_finite())) {
-                return Err(DelayError::NotFinite { role: "state", channel: format!("x{number}"), sample, value: state.1[sample] });
+            if let (number, Some(sample)) =
+                (state.0 + 1, state.1.iter().position(|v| !v.is_finite()))
+            {
+                return Err(DelayError::NotFinite {
+                    role: "state",
+                    channel: format!("x{number}"),
+                    sample,
+                    value: state.1[sample],
+                });
             }
         }
         self.recordings.iter_mut().flat_map(|r| &mut r.outputs).for_each(Series::silence);
@@ -219,7 +247,11 @@ impl<'a> Experiment<'a> {
     /// [`DelayError::Count`] for a pair that does not exist.
     pub fn pair(&self, input: usize, output: usize) -> Result<Vec<Record<'_>>, DelayError> {
         if input >= self.inputs.len() || output >= self.outputs.len() {
-            let (needed, got) = if input >= self.inputs.len() { (input + 1, self.inputs.len()) } else { (output + 1, self.outputs.len()) };
+            let (needed, got) = if input >= self.inputs.len() {
+                (input + 1, self.inputs.len())
+            } else {
+                (output + 1, self.outputs.len())
+            };
             return Err(DelayError::Count { what: "channels", needed, got });
         }
         if self.recordings.is_empty() {
@@ -244,7 +276,11 @@ impl<'a> Experiment<'a> {
             inputs: vec![self.inputs[input].clone()],
             outputs: vec![self.outputs[output].clone()],
             recordings: recordings
-                .map(|r| Recording { inputs: vec![r.u], outputs: vec![Series { values: r.y, present: r.present }], states: Vec::new() })
+                .map(|r| Recording {
+                    inputs: vec![r.u],
+                    outputs: vec![Series { values: r.y, present: r.present }],
+                    states: Vec::new(),
+                })
                 .collect(),
             model: None,
             events: Vec::new(),
@@ -291,8 +327,13 @@ impl<'a> Experiment<'a> {
 }
 
 /// All values are finite and not all are equal.
-fn moves<I: Iterator<Item = (f64, bool)>>(role: &'static str, channel: &str, samples: impl Fn() -> I) -> Result<(), DelayError> {
-    let present = || samples().enumerate().filter(|(_, (_, present))| *present).map(|(t, (v, _))| (t, v));
+fn moves<I: Iterator<Item = (f64, bool)>>(
+    role: &'static str,
+    channel: &str,
+    samples: impl Fn() -> I,
+) -> Result<(), DelayError> {
+    let present =
+        || samples().enumerate().filter(|(_, (_, present))| *present).map(|(t, (v, _))| (t, v));
     if let Some((sample, value)) = present().find(|(_, v)| !v.is_finite()) {
         return Err(DelayError::NotFinite { role, channel: channel.to_owned(), sample, value });
     }
@@ -323,8 +364,13 @@ pub enum Detrend {
 impl Detrend {
     /// Takes the trend off the samples that are there.
     fn apply(self, series: &mut Series<'_>) {
-        let points: Vec<(f64, f64)> =
-            series.values.iter().enumerate().filter(|(t, _)| series.has(*t)).map(|(t, v)| (t as f64, *v)).collect();
+        let points: Vec<(f64, f64)> = series
+            .values
+            .iter()
+            .enumerate()
+            .filter(|(t, _)| series.has(*t))
+            .map(|(t, v)| (t as f64, *v))
+            .collect();
         // A constant leaves nothing, not the rounding of its mean.
         if let Some(&(_, level)) = points.first()
             && points.iter().all(|p| p.1 == level)
@@ -335,13 +381,20 @@ impl Detrend {
             return;
         }
         let count = points.len().max(1) as f64;
-        let (mean_t, mean) = (points.iter().map(|p| p.0).sum::<f64>() / count, points.iter().map(|p| p.1).sum::<f64>() / count);
+        let (mean_t, mean) = (
+            points.iter().map(|p| p.0).sum::<f64>() / count,
+            points.iter().map(|p| p.1).sum::<f64>() / count,
+        );
         let slope = match self {
             Self::None => return,
             Self::Mean => 0.0,
             Self::Line => {
                 let spread: f64 = points.iter().map(|p| (p.0 - mean_t).powi(2)).sum();
-                if spread > 0.0 { points.iter().map(|p| (p.0 - mean_t) * (p.1 - mean)).sum::<f64>() / spread } else { 0.0 }
+                if spread > 0.0 {
+                    points.iter().map(|p| (p.0 - mean_t) * (p.1 - mean)).sum::<f64>() / spread
+                } else {
+                    0.0
+                }
             }
         };
         for (t, value) in series.values.to_mut().iter_mut().enumerate() {
@@ -377,7 +430,11 @@ impl<'a> Experiment<'a> {
     /// # Errors
     /// [`deadtime_log::LogError`] for an unknown channel, a missing input sample or an uneven grid; [`deadtime_signal::time::TimeError::Mismatch`] for logs of different sample times;
     /// as [`Experiment::new`].
-    pub fn from_logs(logs: &'a [Log], inputs: &[String], outputs: &[String]) -> super::error::Result<Self> {
+    pub fn from_logs(
+        logs: &'a [Log],
+        inputs: &[String],
+        outputs: &[String],
+    ) -> super::error::Result<Self> {
         let (sample_time, recordings) = recordings(logs, inputs, outputs)?;
         Ok(Self::new(sample_time, inputs.to_vec(), outputs.to_vec(), recordings)?)
     }
@@ -404,7 +461,8 @@ impl<'a> Experiment<'a> {
                 u.to_mut().iter_mut().for_each(|v| *v -= level);
             }
             for y in &mut recording.outputs {
-                let before: Vec<f64> = (0..rest).filter(|&t| y.has(t)).map(|t| y.values[t]).collect();
+                let before: Vec<f64> =
+                    (0..rest).filter(|&t| y.has(t)).map(|t| y.values[t]).collect();
                 let level = stats::mean(before)?;
                 y.values.to_mut().iter_mut().for_each(|v| *v -= level);
                 y.silence();
@@ -432,7 +490,10 @@ pub(super) fn recordings<'a>(
         }
         for name in outputs {
             let measured = log.output(name)?;
-            recording.outputs.push(Series { values: Cow::Borrowed(measured.values), present: measured.present.map(Cow::Borrowed) });
+            recording.outputs.push(Series {
+                values: Cow::Borrowed(measured.values),
+                present: measured.present.map(Cow::Borrowed),
+            });
         }
         recordings.push(recording);
     }

@@ -72,12 +72,18 @@ impl InLoop {
             evidence.push("the input is a function of the output alone".to_owned());
         }
         if let Some(share) = self.later {
-            evidence.push(format!("later inputs explain {:.1} % of the output's innovations", 100.0 * share));
+            evidence.push(format!(
+                "later inputs explain {:.1} % of the output's innovations",
+                100.0 * share
+            ));
         }
         if let Some(correlation) = self.same_sample {
             evidence.push(format!("innovations of both go together within the sample by {correlation:.2}, and the plant is not the cause"));
         }
-        (!evidence.is_empty()).then(|| Finding { condition: Condition::Feedback, evidence: evidence.join("; ").into() })
+        (!evidence.is_empty()).then(|| Finding {
+            condition: Condition::Feedback,
+            evidence: evidence.join("; ").into(),
+        })
     }
 }
 
@@ -101,7 +107,8 @@ pub fn in_loop(records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop 
         && let Some(same) = same_sample(records, na, lags)
     {
         let matters = same.correlation.powi(2) > SAME_SAMPLE;
-        seen.same_sample = (matters && (same.against || chance < ALSO || seen.tied)).then_some(same.correlation);
+        seen.same_sample =
+            (matters && (same.against || chance < ALSO || seen.tied)).then_some(same.correlation);
         seen.direct = same.along && !seen.closed();
     }
     seen
@@ -122,7 +129,8 @@ pub(super) fn residual(regression: Regression, records: &[Record<'_>]) -> Option
     let triangle = regression.factor(records);
     let last = regression.columns();
     let whole: f64 = (0..=last).map(|i| triangle.r[(i, last)].powi(2)).sum();
-    (triangle.rows > 2 * last).then(|| (triangle.r[(last, last)].powi(2).max(ROUNDING * whole), triangle.rows))
+    (triangle.rows > 2 * last)
+        .then(|| (triangle.r[(last, last)].powi(2).max(ROUNDING * whole), triangle.rows))
 }
 
 /// The share of the residual that goes with `more` columns, and the probability that chance explains as much.
@@ -137,7 +145,8 @@ fn later(records: &[Record<'_>], na: usize, lags: usize) -> Option<(Option<f64>,
     let long: Vec<&Record<'_>> = records.iter().filter(|r| r.len() > 2 * FUTURE + lags).collect();
     // The same rows: with the input advanced by FUTURE samples the first of its lags lie after the output.
     let with: Vec<Record<'_>> = long.iter().map(|r| r.part(FUTURE, 0, r.len() - FUTURE)).collect();
-    let without: Vec<Record<'_>> = long.iter().map(|r| r.part(FUTURE, FUTURE, r.len() - 2 * FUTURE)).collect();
+    let without: Vec<Record<'_>> =
+        long.iter().map(|r| r.part(FUTURE, FUTURE, r.len() - 2 * FUTURE)).collect();
     let by = |na: usize| {
         let (more, rows) = residual(Regression { na, lags: lags + FUTURE }, &with)?;
         let (less, _) = residual(Regression { na, lags }, &without)?;
@@ -166,16 +175,19 @@ fn same_sample(records: &[Record<'_>], na: usize, lags: usize) -> Option<SameSam
     if rows <= 2 * last {
         return None;
     }
-    let later: Vec<Record<'_>> = records.iter().filter(|r| r.len() > lags).map(|r| r.ahead(1)).collect();
+    let later: Vec<Record<'_>> =
+        records.iter().filter(|r| r.len() > lags).map(|r| r.ahead(1)).collect();
     let (less, _) = residual(Regression { na, lags: lags - 1 }, &later)?;
     let (share, chance) = explained(less, triangle.r[(last, last)].powi(2), 1, rows - na - lags);
     let solution = triangle.solve()?;
     let coefficients: Vec<f64> = solution.coefficients.iter().copied().collect();
     let (past, input) = coefficients.split_at(na);
     // The response to the input, and that of noise to its innovations, whose squares widen what is known of a coefficient.
-    let (mut response, mut noise): (Vec<f64>, Vec<f64>) = (Vec::with_capacity(lags), Vec::with_capacity(lags));
+    let (mut response, mut noise): (Vec<f64>, Vec<f64>) =
+        (Vec::with_capacity(lags), Vec::with_capacity(lags));
     for (k, b) in input.iter().enumerate() {
-        let before = |x: &[f64]| past.iter().take(k).enumerate().map(|(i, a)| a * x[k - 1 - i]).sum::<f64>();
+        let before =
+            |x: &[f64]| past.iter().take(k).enumerate().map(|(i, a)| a * x[k - 1 - i]).sum::<f64>();
         let (next, echo) = (b + before(&response), if k == 0 { 1.0 } else { before(&noise) });
         response.push(next);
         noise.push(echo);
@@ -198,7 +210,11 @@ fn same_sample(records: &[Record<'_>], na: usize, lags: usize) -> Option<SameSam
     let correlation = first.signum() * share.max(0.0).sqrt();
     let sure = chance < BY_CHANCE && share > DIRECT && correlation.is_finite();
     let clear = follows.abs() > FOLLOWS;
-    sure.then_some(SameSample { correlation, against: clear && first * follows < 0.0, along: clear && first * follows > 0.0 })
+    sure.then_some(SameSample {
+        correlation,
+        against: clear && first * follows < 0.0,
+        along: clear && first * follows > 0.0,
+    })
 }
 
 /// Nothing but the output moves the input.
@@ -221,7 +237,9 @@ fn tied(records: &[Record<'_>], bias: usize) -> bool {
     let total: f64 = turned.iter().flat_map(|r| r.y.iter()).map(|v| v * v).sum();
     let past = residual(Regression { na: own, lags: 0 }, &turned);
     let all = residual(Regression { na: own, lags: outputs }, &turned);
-    past.zip(all).is_some_and(|((past, _), (all, _))| total > 0.0 && past > NEWS * total && all < TIED * total)
+    past.zip(all).is_some_and(|((past, _), (all, _))| {
+        total > 0.0 && past > NEWS * total && all < TIED * total
+    })
 }
 
 /// The records with the part of the input that the output did not cause in its place, or `None` where there is too little of it or samples are missing.
@@ -233,7 +251,11 @@ fn tied(records: &[Record<'_>], bias: usize) -> bool {
 /// reference (Caines and Chan, 1975, IEEE Trans. Autom. Control 20(4), 498-508, doi:10.1109/TAC.1975.1101008).
 /// Fails when: the reference is a function of its own past (nothing is new), the controller remembers more than 20 samples and its own output, or does not react linearly.
 #[must_use]
-pub fn open_part(records: &[Record<'_>], max_delay: usize, bias: usize) -> Option<Vec<Record<'static>>> {
+pub fn open_part(
+    records: &[Record<'_>],
+    max_delay: usize,
+    bias: usize,
+) -> Option<Vec<Record<'static>>> {
     if records.iter().any(|r| r.present.is_some()) {
         return None;
     }
@@ -243,7 +265,11 @@ pub fn open_part(records: &[Record<'_>], max_delay: usize, bias: usize) -> Optio
     // The output takes the input's place; its present sample explains the input only where the plant cannot be the cause.
     let skip = usize::from(bias == 0);
     let turned: Vec<Record<'_>> = (records.iter().filter(|r| r.len() > memory + lags + 1))
-        .map(|r| Record { u: Cow::Borrowed(&r.y[..r.len() - skip]), y: Cow::Borrowed(&r.u[skip..]), present: None })
+        .map(|r| Record {
+            u: Cow::Borrowed(&r.y[..r.len() - skip]),
+            y: Cow::Borrowed(&r.u[skip..]),
+            present: None,
+        })
         .collect();
     let joint = Regression { na: memory, lags: memory + 1 };
     let coefficients = joint.factor(&turned).solve()?.coefficients;
@@ -263,7 +289,9 @@ pub fn open_part(records: &[Record<'_>], max_delay: usize, bias: usize) -> Optio
     let mut open = Vec::with_capacity(news.len());
     let long = records.iter().filter(|r| r.len() > memory + lags + 1);
     for (record, new) in long.zip(&news) {
-        let of = |t: usize| -> f64 { response.iter().take(t + 1).enumerate().map(|(j, h)| h * new.u[t - j]).sum() };
+        let of = |t: usize| -> f64 {
+            response.iter().take(t + 1).enumerate().map(|(j, h)| h * new.u[t - j]).sum()
+        };
         let u: Vec<f64> = (0..new.len()).map(of).collect();
         part += u.iter().map(|v| v * v).sum::<f64>();
         whole += new.y.iter().map(|v| v * v).sum::<f64>();
@@ -278,7 +306,8 @@ pub fn held_for(records: &[Record<'_>]) -> usize {
     let mut waits: Vec<usize> = Vec::new();
     let (mut moved, mut pairs) = (0, 0);
     for record in records {
-        let changes: Vec<usize> = (1..record.len()).filter(|t| record.u[*t] != record.u[*t - 1]).collect();
+        let changes: Vec<usize> =
+            (1..record.len()).filter(|t| record.u[*t] != record.u[*t - 1]).collect();
         waits.extend(changes.windows(2).map(|w| w[1] - w[0]));
         moved += record.y.windows(2).filter(|w| w[0] != w[1]).count();
         pairs += record.len().saturating_sub(1);
@@ -325,14 +354,18 @@ pub fn lead(records: &[Record<'_>], max_delay: usize, bias: usize) -> Option<usi
         let products = long().flat_map(|r| r.u[lead..].iter().zip(r.y.iter()).map(|(u, y)| u * y));
         products.sum::<f64>().abs()
     };
-    (1..=window).map(|lead| (lead, like(lead))).max_by(|a, b| a.1.total_cmp(&b.1)).map(|(lead, _)| lead)
+    (1..=window)
+        .map(|lead| (lead, like(lead)))
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(lead, _)| lead)
 }
 
 /// Past inputs help to predict the output beyond its own past.
 fn follows(records: &[Record<'_>], max_delay: usize) -> bool {
     let na = Arxstruc::default().na;
     let lags = lags(records, max_delay).max(na + 2);
-    let later: Vec<Record<'_>> = records.iter().filter(|r| r.len() > lags).map(|r| r.ahead(1)).collect();
+    let later: Vec<Record<'_>> =
+        records.iter().filter(|r| r.len() > lags).map(|r| r.ahead(1)).collect();
     let alone = residual(Regression { na, lags: 0 }, &later);
     let both = residual(Regression { na, lags }, &later);
     alone.zip(both).is_some_and(|((alone, more), (both, rows))| {

@@ -27,13 +27,24 @@ pub const IDENTIFIERS: &[IdentifierLine] = &[
     N4SID,
     MOESP,
     IdentifierLine {
-        entry: entry!("riv", "transfer functions of given orders by refined instrumental variables, with delays", Riv, dyn Identifier),
+        entry: entry!(
+            "riv",
+            "transfer functions of given orders by refined instrumental variables, with delays",
+            Riv,
+            dyn Identifier
+        ),
         needs: "rich inputs that do not depend on the output (no feedback), a stable plant, one output",
         finds_delays: true,
         open_loop: true,
     },
     process!("p1d", "process model K/(1 + T1·s)·e^(−τ·s)", 1, false, false),
-    process!("p1dz", "process model K(1 + Tz·s)/(1 + T1·s)·e^(−τ·s), whole samples of delay", 1, true, false),
+    process!(
+        "p1dz",
+        "process model K(1 + Tz·s)/(1 + T1·s)·e^(−τ·s), whole samples of delay",
+        1,
+        true,
+        false
+    ),
     process!("p2d", "process model K/((1 + T1·s)(1 + T2·s))·e^(−τ·s)", 2, false, false),
     process!("p2dz", "process model K(1 + Tz·s)/((1 + T1·s)(1 + T2·s))·e^(−τ·s)", 2, true, false),
     process!("p0di", "integrating process model K/s·e^(−τ·s)", 0, false, true),

@@ -77,7 +77,12 @@ impl Ready {
     pub fn all() -> Vec<Self> {
         let methods = METHODS.iter().filter(|m| m.scope != Scope::Events);
         methods
-            .filter_map(|method| Some(Self { method, estimator: method.entry.with(Value::Object(serde_json::Map::new())).ok()? }))
+            .filter_map(|method| {
+                Some(Self {
+                    method,
+                    estimator: method.entry.with(Value::Object(serde_json::Map::new())).ok()?,
+                })
+            })
             .collect()
     }
 }
@@ -89,21 +94,34 @@ pub const STEP_METHODS: [&str; 6] = ["p1d", "p2d", "p3d", "p2dz", "area1", "cusu
 ///
 /// # Errors
 /// [`RegistryError`] for a name or an option that there is not; [`DelayError::WrongScope`] for a method that looks at something else.
-pub fn chosen(names: &[String], options: &BTreeMap<String, Value>, scopes: &[Scope]) -> Result<Vec<Ready>> {
+pub fn chosen(
+    names: &[String],
+    options: &BTreeMap<String, Value>,
+    scopes: &[Scope],
+) -> Result<Vec<Ready>> {
     let known = || METHODS.iter().map(|m| m.entry.name).collect::<Vec<_>>();
     let all = names.iter().any(|n| n == "all");
     let mut named = names.iter().filter(|n| *n != "all").chain(options.keys());
     if let Some(name) = named.find(|n| !known().contains(&n.as_str())) {
-        return Err(RegistryError::Unknown { kind: "method", name: name.clone(), known: known() }.into());
+        return Err(
+            RegistryError::Unknown { kind: "method", name: name.clone(), known: known() }.into()
+        );
     }
     let mut ready = Vec::new();
     for method in METHODS {
         let named = names.iter().any(|n| n == method.entry.name);
         if named && (method.scope == Scope::Events) != scopes.contains(&Scope::Events) {
-            return Err(DelayError::WrongScope { method: method.entry.name, events: method.scope == Scope::Events }.into());
+            return Err(DelayError::WrongScope {
+                method: method.entry.name,
+                events: method.scope == Scope::Events,
+            }
+            .into());
         }
         if named || (all && scopes.contains(&method.scope)) {
-            let given = options.get(method.entry.name).cloned().unwrap_or_else(|| Value::Object(serde_json::Map::new()));
+            let given = options
+                .get(method.entry.name)
+                .cloned()
+                .unwrap_or_else(|| Value::Object(serde_json::Map::new()));
             ready.push(Ready { method, estimator: method.entry.with(given)? });
         }
     }
@@ -178,9 +196,17 @@ impl Job {
             pairs.extend(self.inputs_by_state(model, ts, &search)?);
         }
         let samples = self.logs.iter().map(Log::len).sum();
-        let searched = Searched::Samples { samples, records: self.logs.len(), bias, early_s: self.early_s() };
+        let searched =
+            Searched::Samples { samples, records: self.logs.len(), bias, early_s: self.early_s() };
         let max_delay_s = ts.to_seconds(search.max_delay as f64);
-        Ok(Report { format: FORMAT, log: self.name.clone(), sample_time_s: ts.seconds(), max_delay_s, pairs, searched })
+        Ok(Report {
+            format: FORMAT,
+            log: self.name.clone(),
+            sample_time_s: ts.seconds(),
+            max_delay_s,
+            pairs,
+            searched,
+        })
     }
 
     /// The impulse responses of a report's pairs, where the inputs allow them.
@@ -215,7 +241,8 @@ impl Job {
     pub fn expected(&self) -> Result<Vec<Expected>> {
         let (logged, search, _) = self.prepared()?;
         let experiment = self.detrended(&logged)?;
-        let methods: Vec<&Method> = self.methods.iter().map(|r| r.method).filter(|m| m.scope == Scope::Pair).collect();
+        let methods: Vec<&Method> =
+            self.methods.iter().map(|r| r.method).filter(|m| m.scope == Scope::Pair).collect();
         let mut expected = Vec::new();
         for (o, output) in self.outputs.iter().enumerate() {
             let shares = Shares::of(&experiment.towards(0, o)?, search.max_delay, &self.stop)?;
@@ -241,13 +268,17 @@ impl Job {
     /// The channels as they were logged, so that a message shows the values that are in the file; the window and the bias.
     fn prepared(&self) -> Result<(Experiment<'_>, Search, Bias)> {
         for channels in [&self.inputs, &self.outputs] {
-            if let Some((_, twice)) = channels.iter().enumerate().find(|(i, c)| channels[..*i].contains(c)) {
+            if let Some((_, twice)) =
+                channels.iter().enumerate().find(|(i, c)| channels[..*i].contains(c))
+            {
                 return Err(DelayError::Twice { channel: twice.clone() }.into());
             }
         }
         let (ts, recordings) = recordings(&self.logs, &self.inputs, &self.outputs)?;
-        let logged = Experiment::new(ts, self.inputs.clone(), self.outputs.clone(), recordings).map_err(self.in_log())?;
-        let mut search = Search { max_delay: self.max_delay(ts)?, stop: self.stop.clone(), ..Search::default() };
+        let logged = Experiment::new(ts, self.inputs.clone(), self.outputs.clone(), recordings)
+            .map_err(self.in_log())?;
+        let mut search =
+            Search { max_delay: self.max_delay(ts)?, stop: self.stop.clone(), ..Search::default() };
         let mut bias = Bias::Assumed;
         if let Some(model) = &self.model {
             search.bias = self.relative_degrees(model, ts)?;
@@ -268,7 +299,9 @@ impl Job {
     fn max_delay(&self, ts: SampleTime) -> Result<usize> {
         let samples = self.logs.iter().map(Log::len).max().unwrap_or(0);
         // Of a short record no method could search more.
-        let Some(seconds) = self.max_delay_s else { return Ok(Search::default().max_delay.min(samples / 4).max(1)) };
+        let Some(seconds) = self.max_delay_s else {
+            return Ok(Search::default().max_delay.min(samples / 4).max(1));
+        };
         let longest = whole(ts, seconds)?;
         if longest == 0 || longest >= samples {
             return Err(DelayError::MaxDelay { seconds, step_s: ts.seconds(), samples }.into());
@@ -277,8 +310,14 @@ impl Job {
     }
 
     /// Every pair by every method that looks at pairs.
-    fn pairs(&self, logged: &Experiment<'_>, experiment: &Experiment<'_>, search: &Search) -> Result<Vec<Pair>> {
-        let methods: Vec<&Ready> = self.methods.iter().filter(|r| r.method.scope == Scope::Pair).collect();
+    fn pairs(
+        &self,
+        logged: &Experiment<'_>,
+        experiment: &Experiment<'_>,
+        search: &Search,
+    ) -> Result<Vec<Pair>> {
+        let methods: Vec<&Ready> =
+            self.methods.iter().filter(|r| r.method.scope == Scope::Pair).collect();
         let mut pairs = Vec::new();
         if methods.is_empty() {
             return Ok(pairs);
@@ -287,12 +326,20 @@ impl Job {
             let shares = Shares::of(&experiment.towards(0, o)?, search.max_delay, &self.stop)?;
             for (i, input) in self.inputs.iter().enumerate() {
                 self.stop.check()?;
-                let share = |done: usize| done as f64 / (self.inputs.len() * self.outputs.len()) as f64;
-                let far = self.far.part(share(o * self.inputs.len() + i), share(o * self.inputs.len() + i + 1));
+                let share =
+                    |done: usize| done as f64 / (self.inputs.len() * self.outputs.len()) as f64;
+                let far = self
+                    .far
+                    .part(share(o * self.inputs.len() + i), share(o * self.inputs.len() + i + 1));
                 far.at(0.0, &format_args!("what the record of {input} and {output} shows"));
                 let seen = self.seen(logged, experiment, search, (i, o), shares.as_ref())?;
                 let mut search = seen.search.clone();
-                let bias = search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
+                let bias = search
+                    .bias
+                    .first()
+                    .and_then(|row| row.first())
+                    .copied()
+                    .unwrap_or(search.default_bias);
                 let records = seen.one.pair(0, 0)?;
                 let looped = &seen.looped;
                 let mut findings = of_the_plant(&seen.alone().pair(0, 0)?, search.max_delay);
@@ -305,41 +352,67 @@ impl Job {
                     search.min_delay = bias;
                 }
                 let ts = experiment.sample_time();
-                let open = if closed { open_experiment(&seen.one, search.max_delay, bias)? } else { None };
+                let open =
+                    if closed { open_experiment(&seen.one, search.max_delay, bias)? } else { None };
                 let looks: Vec<&Method> = methods.iter().map(|r| r.method).collect();
                 // What has no prediction has none; why it cannot be used at all each method says itself.
-                let predicted = richness(seen.by_start(Start::Rest), &search, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
-                let (answering, what) = (far.part(LOOKED, ANSWERED), format!("answers of methods on {input} and {output}"));
+                let predicted = richness(seen.by_start(Start::Rest), &search, &looks)
+                    .unwrap_or_else(|_| vec![None; looks.len()]);
+                let (answering, what) = (
+                    far.part(LOOKED, ANSWERED),
+                    format!("answers of methods on {input} and {output}"),
+                );
                 let steps = answering.steps(methods.len(), &what);
                 let answer = |(ready, predicted): (&&Ready, Option<Richness>)| -> Result<Answer> {
                     self.stop.check()?;
                     let clock = Instant::now();
                     // What a method cannot do with this log is its answer; the others go on.
-                    let sees =
-                        if ready.estimator.is_joint() { seen.all_inputs(ready.method.start) } else { seen.by_start(ready.method.start) };
+                    let sees = if ready.estimator.is_joint() {
+                        seen.all_inputs(ready.method.start)
+                    } else {
+                        seen.by_start(ready.method.start)
+                    };
                     // What does not withstand feedback sees what is free of it.
-                    let freed = open.as_ref().filter(|_| !ready.method.withstands(Condition::Feedback));
+                    let freed =
+                        open.as_ref().filter(|_| !ready.method.withstands(Condition::Feedback));
                     let estimate = match ready.estimator.estimate(freed.unwrap_or(sees), &search) {
                         Ok(estimate) if freed.is_some() => estimate.of_open_part(),
                         Ok(estimate) => estimate,
                         // What was typed wrong stops the work.
-                        Err(e @ (DelayError::Option { .. } | DelayError::Stopped)) => return Err(e.into()),
+                        Err(e @ (DelayError::Option { .. } | DelayError::Stopped)) => {
+                            return Err(e.into());
+                        }
                         Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
                     };
                     steps.one_more();
-                    Ok(Answer { method: ready.method, estimate, predicted, time_s: clock.elapsed().as_secs_f64() })
+                    Ok(Answer {
+                        method: ready.method,
+                        estimate,
+                        predicted,
+                        time_s: clock.elapsed().as_secs_f64(),
+                    })
                 };
-                let mut answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
+                let mut answers: Vec<Answer> =
+                    methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
                 let one_step = records.iter().all(Record::is_one_step);
                 let others_act = seen.freed.is_some();
                 if one_step || others_act {
                     judge_orders(answers.iter_mut().map(|a| (a.method, &mut a.estimate)));
                 }
                 self.stop.check()?;
-                far.at(ANSWERED, &format_args!("whether the delay of {output} behind {input} changes"));
-                let held = if closed && self.feedback == Feedback::Auto { held_for(&records) } else { 1 };
+                far.at(
+                    ANSWERED,
+                    &format_args!("whether the delay of {output} behind {input} changes"),
+                );
+                let held =
+                    if closed && self.feedback == Feedback::Auto { held_for(&records) } else { 1 };
                 let held_s = ts.to_seconds(held as f64 - 1.0);
-                let facts = RecordFacts { early_s: self.early_s().max(held_s), direct: looped.direct, one_step, others_act };
+                let facts = RecordFacts {
+                    early_s: self.early_s().max(held_s),
+                    direct: looped.direct,
+                    one_step,
+                    others_act,
+                };
                 let mut pair = pair(input, output, &answers, findings, ts, &facts);
                 if let Some(shares) = shares.as_ref().filter(|_| others_act) {
                     pair.verdict.why.push_str(&taken_off_note(&self.inputs, &shares.beside(i)));
@@ -351,13 +424,23 @@ impl Job {
                 if self.early_s() == 0.0 {
                     pair.standing_off = standing_off(&seen.one.pair(0, 0)?);
                 }
-                let lead = if self.feedback == Feedback::Auto { lead(&records, search.max_delay, bias) } else { None };
+                let lead = if self.feedback == Feedback::Auto {
+                    lead(&records, search.max_delay, bias)
+                } else {
+                    None
+                };
                 if looped.tied {
                     pair.verdict = none(tied_note(input, output));
                 } else if let Some(samples) = lead {
                     pair.verdict = none(lead_note(input, output, samples, ts));
                 } else {
-                    watched::tell(&mut pair, seen.alone(), &search, &methods, &watched::Asked { track: self.track, facts })?;
+                    watched::tell(
+                        &mut pair,
+                        seen.alone(),
+                        &search,
+                        &methods,
+                        &watched::Asked { track: self.track, facts },
+                    )?;
                 }
                 far.at(1.0, &format_args!("{input} and {output} done"));
                 pairs.push(pair);
@@ -381,17 +464,28 @@ impl Job {
         // What a loop makes of several inputs is no sum of what each does.
         let closed = self.feedback.said().is_some() || looped.finding().is_some();
         let shares = shares.filter(|s| !closed && !s.beside(i).is_empty());
-        let without = |together: &Experiment<'_>, from| shares.map(|s| s.without_others(together, i, from)).transpose();
+        let without = |together: &Experiment<'_>, from| {
+            shares.map(|s| s.without_others(together, i, from)).transpose()
+        };
         let freed = without(&together, Measured::FromMean)?;
         let at_mean = freed.as_ref().unwrap_or(&one);
         let rested = if self.detrend == Detrend::Mean {
-            let all_rested = together.from_rest().map(|t| without(&t, Measured::FromRest)).transpose()?.flatten();
-            let before_moving = all_rested.or_else(|| at_mean.from_rest()).map(|e| (e, Level::BeforeMoving));
+            let all_rested = together
+                .from_rest()
+                .map(|t| without(&t, Measured::FromRest))
+                .transpose()?
+                .flatten();
+            let before_moving =
+                all_rested.or_else(|| at_mean.from_rest()).map(|e| (e, Level::BeforeMoving));
             let as_logged = match without(&logged.towards(i, o)?, Measured::FromRest)? {
                 Some(freed) => freed,
                 None => logged.select(i, o)?,
             };
-            self.best_start(at_mean, [before_moving, Some((as_logged, Level::AsLogged))], search.max_delay)?
+            self.best_start(
+                at_mean,
+                [before_moving, Some((as_logged, Level::AsLogged))],
+                search.max_delay,
+            )?
         } else {
             None
         };
@@ -430,26 +524,35 @@ impl Job {
     fn looped(&self, records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop {
         let seen = in_loop(records, max_delay, bias);
         match self.feedback {
-            Feedback::Open => InLoop { direct: seen.direct || seen.same_sample.is_some(), ..InLoop::default() },
+            Feedback::Open => {
+                InLoop { direct: seen.direct || seen.same_sample.is_some(), ..InLoop::default() }
+            }
             Feedback::Auto | Feedback::Closed => seen,
         }
     }
 
     /// Every input of the model by every method that looks at the states.
-    fn inputs_by_state(&self, model: &ModelFile, ts: SampleTime, search: &Search) -> Result<Vec<Pair>> {
+    fn inputs_by_state(
+        &self,
+        model: &ModelFile,
+        ts: SampleTime,
+        search: &Search,
+    ) -> Result<Vec<Pair>> {
         let experiment = self.with_states(model, ts)?;
         let mut pairs = Vec::new();
         for ready in self.methods.iter().filter(|r| r.method.scope == Scope::States) {
             self.stop.check()?;
             let clock = Instant::now();
-            let answers = experiment.as_ref().map_err(Clone::clone).and_then(|e| ready.estimator.estimate_inputs(e, search));
+            let answers = experiment
+                .as_ref()
+                .map_err(Clone::clone)
+                .and_then(|e| ready.estimator.estimate_inputs(e, search));
             let time_s = clock.elapsed().as_secs_f64();
             for (i, input) in model.inputs.iter().enumerate() {
                 let estimate = match &answers {
-                    Ok(estimates) => estimates
-                        .get(i)
-                        .cloned()
-                        .unwrap_or_else(|| DelayEstimate::without(Outcome::NotApplicable, "no answer for this input")),
+                    Ok(estimates) => estimates.get(i).cloned().unwrap_or_else(|| {
+                        DelayEstimate::without(Outcome::NotApplicable, "no answer for this input")
+                    }),
                     Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
                 };
                 let answer = Answer { method: ready.method, estimate, predicted: None, time_s };
@@ -468,14 +571,26 @@ impl Job {
             let input = model.inputs.iter().position(|c| &c.name == input)?;
             sampled.relative_degree(output, input)
         };
-        Ok(self.outputs.iter().map(|o| self.inputs.iter().map(|i| degree(o, i).unwrap_or(1)).collect()).collect())
+        Ok(self
+            .outputs
+            .iter()
+            .map(|o| self.inputs.iter().map(|i| degree(o, i).unwrap_or(1)).collect())
+            .collect())
     }
 
     /// All inputs of the model and its states, as logged: A and B are about the channels themselves, so nothing is detrended. Channels that no method could use are an
     /// error inside, as they are the methods' answer.
-    fn with_states(&self, model: &ModelFile, ts: SampleTime) -> Result<std::result::Result<Experiment<'_>, DelayError>> {
+    fn with_states(
+        &self,
+        model: &ModelFile,
+        ts: SampleTime,
+    ) -> Result<std::result::Result<Experiment<'_>, DelayError>> {
         let inputs: Vec<String> = model.inputs.iter().map(|c| c.name.clone()).collect();
-        let plant = if model.is_sampled() { PlantModel::Sampled(sampled(model, ts)?) } else { PlantModel::Continuous(model.continuous()?) };
+        let plant = if model.is_sampled() {
+            PlantModel::Sampled(sampled(model, ts)?)
+        } else {
+            PlantModel::Continuous(model.continuous()?)
+        };
         let (ts, mut recordings) = recordings(&self.logs, &inputs, &self.outputs)?;
         for (log, recording) in self.logs.iter().zip(&mut recordings) {
             for (channel, values) in model.inputs.iter().zip(&mut recording.inputs) {
@@ -486,10 +601,12 @@ impl Job {
                 values.to_mut().iter_mut().for_each(|v| *v -= operating);
             }
             // The states, where the log has all of them.
-            let columns: std::result::Result<Vec<&[f64]>, _> = model.states.iter().map(|s| log.input(&s.name)).collect();
+            let columns: std::result::Result<Vec<&[f64]>, _> =
+                model.states.iter().map(|s| log.input(&s.name)).collect();
             recording.states = columns.unwrap_or_default().into_iter().map(Into::into).collect();
         }
-        Ok(Experiment::new(ts, inputs, self.outputs.clone(), recordings).map(|e| e.with_model(plant)))
+        Ok(Experiment::new(ts, inputs, self.outputs.clone(), recordings)
+            .map(|e| e.with_model(plant)))
     }
 }
 
@@ -541,7 +658,11 @@ impl<'a> Seen<'a> {
 }
 
 /// A pair with the part of the input that the output did not cause, where there is enough of it.
-fn open_experiment<'a>(one: &Experiment<'_>, max_delay: usize, bias: usize) -> Result<Option<Experiment<'a>>> {
+fn open_experiment<'a>(
+    one: &Experiment<'_>,
+    max_delay: usize,
+    bias: usize,
+) -> Result<Option<Experiment<'a>>> {
     let Some(records) = open_part(&one.pair(0, 0)?, max_delay, bias) else { return Ok(None) };
     let recordings = records.into_iter().map(|r| Recording {
         inputs: vec![r.u],
@@ -564,8 +685,13 @@ fn tied_note(input: &str, output: &str) -> String {
 
 /// Which inputs were taken off first, each with its share of the output's power.
 fn taken_off_note(inputs: &[String], shares: &[(usize, f64)]) -> String {
-    let each = shares.iter().map(|(other, share)| format!("`{}` ({:.0} % of the output's power)", inputs[*other], 100.0 * share));
-    format!("; what other inputs do was taken off for methods that see one input: {}", each.collect::<Vec<_>>().join(", "))
+    let each = shares.iter().map(|(other, share)| {
+        format!("`{}` ({:.0} % of the output's power)", inputs[*other], 100.0 * share)
+    });
+    format!(
+        "; what other inputs do was taken off for methods that see one input: {}",
+        each.collect::<Vec<_>>().join(", ")
+    )
 }
 
 fn lead_note(input: &str, output: &str, samples: usize, ts: SampleTime) -> String {
@@ -597,7 +723,10 @@ fn held_verdict(verdict: Verdict, input: &str, samples: usize, ts: SampleTime) -
             ts.seconds(),
             verdict.why
         )),
-        (Some(_), _) => Verdict { why: format!("{}; {held}, and the interval ends that much later", verdict.why), ..verdict },
+        (Some(_), _) => Verdict {
+            why: format!("{}; {held}, and the interval ends that much later", verdict.why),
+            ..verdict
+        },
         (None, _) => Verdict { why: format!("{}; {held}", verdict.why), ..verdict },
     }
 }
@@ -667,21 +796,24 @@ impl EventsJob {
     /// [`DelayError::OneEvent`], [`DelayError::Intervals`], [`DelayError::NoWindow`], [`deadtime_signal::time::TimeError`]; [`super::error::Error::Stopped`]. What a method cannot do with the
     /// events is its answer.
     pub fn run(&self) -> Result<Report> {
-        let Self { name, channels: [a, b], events: [first, second], methods, max_delay_s, stop } = self;
+        let Self { name, channels: [a, b], events: [first, second], methods, max_delay_s, stop } =
+            self;
         if let Some(none) = [first, second].into_iter().find(|e| e.times.is_empty()) {
-            return Err(DelayError::Count { what: "events", needed: 2, got: none.times.len() }.into());
+            return Err(
+                DelayError::Count { what: "events", needed: 2, got: none.times.len() }.into()
+            );
         }
-        let (counts, units) = ([first.times.len(), second.times.len()], [first.unit.clone(), second.unit.clone()]);
+        let (counts, units) =
+            ([first.times.len(), second.times.len()], [first.unit.clone(), second.unit.clone()]);
         let intervals: Vec<f64> = first.times.windows(2).map(|w| w[1] - w[0]).collect();
-        let events = vec![Events { first: first.times.clone(), second: second.times.clone(), units }];
+        let events =
+            vec![Events { first: first.times.clone(), second: second.times.clone(), units }];
         let experiment = Experiment::of_events(SampleTime::new(1.0)?, [a, b], events)?;
         let Some(interval_s) = stats::upper_median(intervals) else {
             return Err(DelayError::OneEvent { log: name.clone(), channel: a.clone() }.into());
         };
-        let step = SampleTime::new(interval_s / f64::from(PARTS)).map_err(|error| DelayError::Intervals {
-            log: name.clone(),
-            channel: a.clone(),
-            error,
+        let step = SampleTime::new(interval_s / f64::from(PARTS)).map_err(|error| {
+            DelayError::Intervals { log: name.clone(), channel: a.clone(), error }
         })?;
         let max_delay = match max_delay_s {
             None => Search::default().max_delay * usize::from(PARTS),
@@ -702,13 +834,28 @@ impl EventsJob {
                 Err(DelayError::Stopped) => return Err(DelayError::Stopped.into()),
                 Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
             };
-            answers.push(Answer { method: ready.method, estimate, predicted: None, time_s: clock.elapsed().as_secs_f64() });
+            answers.push(Answer {
+                method: ready.method,
+                estimate,
+                predicted: None,
+                time_s: clock.elapsed().as_secs_f64(),
+            });
         }
         let max_delay_s = step.to_seconds(max_delay as f64);
         let jitter = Jitter::of(&experiment, &search);
-        let pairs = vec![Pair { jitter, ..pair(a, b, &answers, Vec::new(), step, &RecordFacts::default()) }];
+        let pairs = vec![Pair {
+            jitter,
+            ..pair(a, b, &answers, Vec::new(), step, &RecordFacts::default())
+        }];
         let searched = Searched::Events { counts, interval_s };
-        Ok(Report { format: FORMAT, log: name.clone(), sample_time_s: step.seconds(), max_delay_s, pairs, searched })
+        Ok(Report {
+            format: FORMAT,
+            log: name.clone(),
+            sample_time_s: step.seconds(),
+            max_delay_s,
+            pairs,
+            searched,
+        })
     }
 }
 
@@ -724,15 +871,31 @@ struct Answer {
     time_s: f64,
 }
 
-fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, sample_time: SampleTime, facts: &RecordFacts) -> Pair {
-    let by_trust: Vec<_> = answers.iter().map(|a| (a.method, &a.estimate, a.predicted.map(|p| p.std_s))).collect();
+fn pair(
+    input: &str,
+    output: &str,
+    answers: &[Answer],
+    findings: Vec<Finding>,
+    sample_time: SampleTime,
+    facts: &RecordFacts,
+) -> Pair {
+    let by_trust: Vec<_> =
+        answers.iter().map(|a| (a.method, &a.estimate, a.predicted.map(|p| p.std_s))).collect();
     let verdict = verdict(&by_trust, &findings, sample_time, facts);
     Pair {
         input: input.to_owned(),
         output: output.to_owned(),
         estimates: answers
             .iter()
-            .map(|a| Estimate::new(a.method, &a.estimate, a.predicted.map(|p| p.std_s), a.time_s, &findings))
+            .map(|a| {
+                Estimate::new(
+                    a.method,
+                    &a.estimate,
+                    a.predicted.map(|p| p.std_s),
+                    a.time_s,
+                    &findings,
+                )
+            })
             .collect(),
         poor_std_s: poor(answers, &findings, verdict.ci95_s),
         standing_off: 0,
@@ -749,18 +912,25 @@ fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, s
 /// then no model of this plant.
 fn poor(answers: &[Answer], findings: &[Finding], believed_s: Option<[f64; 2]>) -> Option<f64> {
     // The predictions are of stable plants in open loop.
-    if findings.iter().any(|f| matches!(f.condition, Condition::Feedback | Condition::UnstablePlant)) {
+    if findings
+        .iter()
+        .any(|f| matches!(f.condition, Condition::Feedback | Condition::UnstablePlant))
+    {
         return None;
     }
     let counts = |a: &Answer| {
-        a.estimate.outcome == Outcome::Found && !a.estimate.contradicted && distrust(a.method, &a.estimate, findings).is_empty()
+        a.estimate.outcome == Outcome::Found
+            && !a.estimate.contradicted
+            && distrust(a.method, &a.estimate, findings).is_empty()
     };
     let of_poles = |a: &&Answer| matches!(a.method.information, Information::Poles(_));
     let best = |which: &dyn Fn(&Answer) -> bool| {
-        let expected = answers.iter().filter(of_poles).filter(|a| which(a)).filter_map(|a| a.predicted);
+        let expected =
+            answers.iter().filter(of_poles).filter(|a| which(a)).filter_map(|a| a.predicted);
         expected.max_by(|a, b| a.separation.total_cmp(&b.separation))
     };
-    let predicted = best(&counts).or_else(|| best(&|_| true)).filter(|p| p.separation < TOLD_APART)?;
+    let predicted =
+        best(&counts).or_else(|| best(&|_| true)).filter(|p| p.separation < TOLD_APART)?;
     let narrower = believed_s.is_some_and(|[from, to]| to - from < NORMAL_95 * predicted.std_s);
     (!narrower).then_some(predicted.std_s)
 }
@@ -792,8 +962,10 @@ mod tests {
         let experiment = experiment(400);
         let recording = &experiment.recordings()[0];
         let time_s = (0..400).map(|k| 0.1 * f64::from(k)).collect();
-        let channels =
-            vec![Channel::new("u", None, recording.inputs[0].to_vec()), Channel::new("y", None, recording.outputs[0].values.to_vec())];
+        let channels = vec![
+            Channel::new("u", None, recording.inputs[0].to_vec()),
+            Channel::new("y", None, recording.outputs[0].values.to_vec()),
+        ];
         let logs = vec![Log::new("log", time_s, channels).unwrap()];
         let methods = chosen(&["arxstruc".to_owned()], &BTreeMap::new(), &[Scope::Pair]).unwrap();
         Job { methods, stop, ..Job::new(logs, ["u"], ["y"]) }
@@ -811,8 +983,11 @@ mod tests {
     #[test]
     fn a_method_that_is_stopped_in_the_middle_does_not_answer() {
         let experiment = experiment(60_000);
-        for name in ["p3d", "p1dz", "ivstruc", "armaxstruc", "oestruc", "oe_posterior", "sampling_zero"] {
-            let ready = chosen(&[name.to_owned()], &BTreeMap::new(), &[Scope::Pair]).unwrap().remove(0);
+        for name in
+            ["p3d", "p1dz", "ivstruc", "armaxstruc", "oestruc", "oe_posterior", "sampling_zero"]
+        {
+            let ready =
+                chosen(&[name.to_owned()], &BTreeMap::new(), &[Scope::Pair]).unwrap().remove(0);
             for wait in [0, 20, 60] {
                 let search = Search::default();
                 let wish = search.stop.clone();

@@ -91,7 +91,9 @@ pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use feedback::{InLoop, held_for, in_loop, lead, open_part};
 pub use identifiers::{IDENTIFIERS, identifier};
 pub use job::{EventsJob, Expected, Feedback, Job, Ready, STEP_METHODS, chosen};
-pub use method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start, method};
+pub use method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start, method,
+};
 pub use methods::METHODS;
 pub use richness::{Richness, richness};
 pub use taken_out::{BehindDelays, TakenOut, identify_behind_delays};

@@ -52,7 +52,12 @@ impl Class {
     pub fn vote_weight(self) -> f64 {
         match self {
             Self::Parametric | Self::Process | Self::States | Self::Events => 1.0,
-            Self::Threshold | Self::Correlation | Self::Frequency | Self::Laguerre | Self::Area | Self::HigherOrder => 0.5,
+            Self::Threshold
+            | Self::Correlation
+            | Self::Frequency
+            | Self::Laguerre
+            | Self::Area
+            | Self::HigherOrder => 0.5,
         }
     }
 
@@ -241,7 +246,11 @@ impl Method {
         data["needs"] = self.needs.into();
         data["cannot_see"] = self.blind_to.into();
         data["withstands"] = self.withstands.iter().map(|c| c.words()).collect();
-        data["does_not_promise"] = self.exempt.iter().map(|(law, why)| serde_json::json!({ "law": law, "why": why })).collect();
+        data["does_not_promise"] = self
+            .exempt
+            .iter()
+            .map(|(law, why)| serde_json::json!({ "law": law, "why": why }))
+            .collect();
         data
     }
 

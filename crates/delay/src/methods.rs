@@ -1,7 +1,10 @@
 //! The list of estimators.
 
 use super::method::Method;
-use super::{area, correlation, events, frequency, higher_order, laguerre, parametric, process, states, threshold};
+use super::{
+    area, correlation, events, frequency, higher_order, laguerre, parametric, process, states,
+    threshold,
+};
 
 /// Every estimator, within a class the most trusted first.
 pub const METHODS: &[Method] = &[

@@ -57,39 +57,67 @@ pub(super) fn posterior(losses: &[f64], power: f64, samples: f64) -> Option<Post
 /// V^(−N/2)·N^(−m/2), Schwarz's approximation of its evidence, so that coefficients that are zero are not paid for.
 ///
 /// Source: Schwarz (1978), Ann. Statist. 6(2), 461-464, doi:10.1214/aos/1176344136.
-pub(super) fn posterior_of_start(losses: &[Vec<f64>], power: f64, samples: f64) -> Option<Posterior> {
+pub(super) fn posterior_of_start(
+    losses: &[Vec<f64>],
+    power: f64,
+    samples: f64,
+) -> Option<Posterior> {
     let floor = ROUNDING * power;
-    let evidence = |m: usize, loss: f64| log_weight(loss, floor, samples) - 0.5 * (m as f64 + 1.0) * samples.ln();
-    let logs: Vec<f64> =
-        losses.iter().map(|counts| log_sum(&counts.iter().enumerate().map(|(m, &loss)| evidence(m, loss)).collect::<Vec<f64>>())).collect();
+    let evidence = |m: usize, loss: f64| {
+        log_weight(loss, floor, samples) - 0.5 * (m as f64 + 1.0) * samples.ln()
+    };
+    let logs: Vec<f64> = losses
+        .iter()
+        .map(|counts| {
+            log_sum(
+                &counts
+                    .iter()
+                    .enumerate()
+                    .map(|(m, &loss)| evidence(m, loss))
+                    .collect::<Vec<f64>>(),
+            )
+        })
+        .collect();
     from_logs(&logs, 1)
 }
 
 /// The same from −2·ln of each delay's marginal likelihood.
 pub(super) fn posterior_of_misfits(misfits: &[f64]) -> Option<Posterior> {
-    let logs: Vec<f64> = misfits.iter().map(|m| if m.is_finite() { -0.5 * m } else { f64::NEG_INFINITY }).collect();
+    let logs: Vec<f64> =
+        misfits.iter().map(|m| if m.is_finite() { -0.5 * m } else { f64::NEG_INFINITY }).collect();
     from_logs(&logs, 1)
 }
 
 /// ln V^(−N/2), V no smaller than `floor`.
 pub(super) fn log_weight(loss: f64, floor: f64, samples: f64) -> f64 {
-    if loss.is_finite() { -0.5 * samples * loss.max(floor).max(f64::MIN_POSITIVE).ln() } else { f64::NEG_INFINITY }
+    if loss.is_finite() {
+        -0.5 * samples * loss.max(floor).max(f64::MIN_POSITIVE).ln()
+    } else {
+        f64::NEG_INFINITY
+    }
 }
 
 /// ln Σ e^l.
 pub(super) fn log_sum(logs: &[f64]) -> f64 {
     let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if largest.is_finite() { largest + logs.iter().map(|l| (l - largest).exp()).sum::<f64>().ln() } else { largest }
+    if largest.is_finite() {
+        largest + logs.iter().map(|l| (l - largest).exp()).sum::<f64>().ln()
+    } else {
+        largest
+    }
 }
 
 /// The posterior of log-probabilities, whatever their common factor; `ties` of the delays fit exactly.
 pub(super) fn from_logs(logs: &[f64], ties: usize) -> Option<Posterior> {
-    let best = (0..logs.len()).filter(|&nk| logs[nk] > f64::NEG_INFINITY).max_by(|&a, &b| logs[a].total_cmp(&logs[b]))?;
+    let best = (0..logs.len())
+        .filter(|&nk| logs[nk] > f64::NEG_INFINITY)
+        .max_by(|&a, &b| logs[a].total_cmp(&logs[b]))?;
     let weight = |nk: usize| (logs[nk] - logs[best]).exp();
     let total: f64 = (0..logs.len()).map(weight).sum();
     let weights: Vec<f64> = (0..logs.len()).map(|nk| weight(nk) / total).collect();
     let real = |nk: usize| nk as f64;
-    let variance: f64 = weights.iter().enumerate().map(|(nk, w)| w * (real(nk) - real(best)).powi(2)).sum();
+    let variance: f64 =
+        weights.iter().enumerate().map(|(nk, w)| w * (real(nk) - real(best)).powi(2)).sum();
     let mut order: Vec<usize> = (0..logs.len()).collect();
     order.sort_by(|&a, &b| weights[b].total_cmp(&weights[a]));
     let mut mass = 0.0;
@@ -98,8 +126,17 @@ pub(super) fn from_logs(logs: &[f64], ties: usize) -> Option<Posterior> {
         mass >= 0.95
     });
     let set = enough.map_or(order.len(), |last| last + 1);
-    let (first, last) = order[..set].iter().fold((best, best), |(a, b), &nk| (a.min(nk), b.max(nk)));
-    Some(Posterior { best, ties, std: (variance + RESOLUTION).sqrt(), ends: [real(first), real(last)], set, weights, order })
+    let (first, last) =
+        order[..set].iter().fold((best, best), |(a, b), &nk| (a.min(nk), b.max(nk)));
+    Some(Posterior {
+        best,
+        ties,
+        std: (variance + RESOLUTION).sqrt(),
+        ends: [real(first), real(last)],
+        set,
+        weights,
+        order,
+    })
 }
 
 /// Variance of a delay that is only known to the nearest sample.
@@ -114,7 +151,12 @@ pub(super) fn effective_samples(residuals: &[f64]) -> f64 {
     }
     let mut sum = 0.0;
     for lag in 1..(residuals.len() / 4).max(1) {
-        let rho: f64 = residuals.iter().zip(residuals.get(lag..).unwrap_or_default()).map(|(a, b)| a * b).sum::<f64>() / power;
+        let rho: f64 = residuals
+            .iter()
+            .zip(residuals.get(lag..).unwrap_or_default())
+            .map(|(a, b)| a * b)
+            .sum::<f64>()
+            / power;
         if rho <= 0.0 {
             break;
         }
@@ -128,7 +170,9 @@ pub(super) fn effective_samples(residuals: &[f64]) -> f64 {
 /// Source: Bartlett (1935), J. R. Stat. Soc. 98(3), 536-543, doi:10.2307/2342284.
 pub(super) fn samples_under(signal: &[f64], residuals: &[f64]) -> f64 {
     let n = residuals.len() as f64;
-    let product = |x: &[f64], lag: usize| -> f64 { x.iter().zip(x.get(lag..).unwrap_or_default()).map(|(a, b)| a * b).sum() };
+    let product = |x: &[f64], lag: usize| -> f64 {
+        x.iter().zip(x.get(lag..).unwrap_or_default()).map(|(a, b)| a * b).sum()
+    };
     let power = product(signal, 0) * product(residuals, 0);
     if power <= 0.0 {
         return n;
@@ -196,7 +240,8 @@ mod tests {
     #[test]
     fn leading_zeros_are_not_paid_for() {
         // Three coefficients from lag 0 on fit as well as two from lag 1 and one from lag 2.
-        let losses = [vec![9.0, 4.0, 1.0], vec![4.0, 1.0, 1.0], vec![1.0, 1.0, 1.0], vec![9.0, 9.0, 9.0]];
+        let losses =
+            [vec![9.0, 4.0, 1.0], vec![4.0, 1.0, 1.0], vec![1.0, 1.0, 1.0], vec![9.0, 9.0, 9.0]];
         let p = posterior_of_start(&losses, 10.0, 500.0).unwrap();
         assert_eq!((p.best, p.ends), (2, [2.0, 2.0]));
     }

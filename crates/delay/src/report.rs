@@ -49,7 +49,13 @@ pub struct Estimate {
 impl Estimate {
     /// An answer with its method, what was to be expected of it, its run time, and what the record shows.
     #[must_use]
-    pub fn new(method: &Method, estimate: &DelayEstimate, predicted_std_s: Option<f64>, time_s: f64, findings: &[Finding]) -> Self {
+    pub fn new(
+        method: &Method,
+        estimate: &DelayEstimate,
+        predicted_std_s: Option<f64>,
+        time_s: f64,
+        findings: &[Finding],
+    ) -> Self {
         Self {
             method: method.entry.name.to_owned(),
             outcome: estimate.outcome,
@@ -145,7 +151,9 @@ impl Report {
     pub fn worded(mut self, words: Words) -> Self {
         for pair in &mut self.pairs {
             pair.findings.iter_mut().for_each(|f| f.evidence = f.evidence.worded(words).into());
-            pair.estimates.iter_mut().for_each(|e| e.note = e.note.as_ref().map(|note| note.worded(words).into()));
+            pair.estimates
+                .iter_mut()
+                .for_each(|e| e.note = e.note.as_ref().map(|note| note.worded(words).into()));
         }
         self
     }
@@ -218,5 +226,9 @@ impl Estimate {
 
 /// A whole number without a point, as the format has it.
 fn whole_if_it_is<S: serde::Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
-    if value.fract() == 0.0 && value.abs() < 1e15 { serializer.serialize_i64(*value as i64) } else { serializer.serialize_f64(*value) }
+    if value.fract() == 0.0 && value.abs() < 1e15 {
+        serializer.serialize_i64(*value as i64)
+    } else {
+        serializer.serialize_f64(*value)
+    }
 }

@@ -31,7 +31,11 @@ use deadtime_identify::{Record, fir};
 ///
 /// # Errors
 /// [`DelayError`] where the experiment or the pair cannot be used at all.
-pub fn richness(experiment: &Experiment<'_>, search: &Search, methods: &[&Method]) -> Result<Vec<Option<Richness>>, DelayError> {
+pub fn richness(
+    experiment: &Experiment<'_>,
+    search: &Search,
+    methods: &[&Method],
+) -> Result<Vec<Option<Richness>>, DelayError> {
     let records = experiment.pair(0, 0)?;
     let step = experiment.sample_time().seconds();
     let data = Data { records: &records, max_delay: search.max_delay, bias: search.bias(0, 0) };
@@ -42,9 +46,14 @@ pub fn richness(experiment: &Experiment<'_>, search: &Search, methods: &[&Method
             let std = stds.iter().find(|(information, _)| *information == m.information)?.1?;
             // The spread of a first coefficient is counted in samples as it is.
             let counts = m.tolerance <= WHOLE && m.information != Information::Response;
-            let with_resolution = if counts { (std * std + posterior::RESOLUTION).sqrt() } else { std };
+            let with_resolution =
+                if counts { (std * std + posterior::RESOLUTION).sqrt() } else { std };
             // d(1) ≈ ‖P⊥ψ‖, ψ per sample.
-            Some(Richness { std_s: step * with_resolution, data_std_s: step * std, separation: 0.5 / std })
+            Some(Richness {
+                std_s: step * with_resolution,
+                data_std_s: step * std,
+                separation: 0.5 / std,
+            })
         })
         .collect())
 }
@@ -74,13 +83,17 @@ impl Data<'_> {
         // The output visibly follows the input, as the first rough model sees it.
         let mut seen = None;
         for method in methods {
-            let Some(poles) = poles(method.information).filter(|_| stds.iter().all(|(known, _)| *known != method.information)) else {
+            let Some(poles) = poles(method.information)
+                .filter(|_| stds.iter().all(|(known, _)| *known != method.information))
+            else {
                 continue;
             };
             let taps = Threshold::default().taps.max(self.max_delay + 1);
             let rough = rough(self.records, poles, self.max_delay, taps);
             for also in methods {
-                if self::poles(also.information) == Some(poles) && stds.iter().all(|(known, _)| *known != also.information) {
+                if self::poles(also.information) == Some(poles)
+                    && stds.iter().all(|(known, _)| *known != also.information)
+                {
                     let std = rough.as_ref().and_then(|rough| {
                         let seen = *seen.get_or_insert_with(|| visible(rough, self.max_delay + 1));
                         self.std(also.information, rough, seen, taps)
@@ -102,7 +115,10 @@ impl Data<'_> {
             Information::Poles(_) => rough.bound(&rough.alone),
             Information::KnownModel => rough.bound(&rough.slope),
             Information::TwoSensors => bound::reference(&rough.model, rough.noise(&rough.model)),
-            Information::Response => first_coefficient(self.records, rough, taps, self.bias, self.max_delay).unwrap_or(prior),
+            Information::Response => {
+                first_coefficient(self.records, rough, taps, self.bias, self.max_delay)
+                    .unwrap_or(prior)
+            }
             Information::Events => return None,
         };
         let std = (std.powi(-2) + prior.powi(-2)).powf(-0.5);
@@ -137,13 +153,21 @@ impl Rough {
 /// More than chance makes of it over so many delays.
 fn visible(rough: &Rough, delays: usize) -> bool {
     let cost: f64 = rough.residual.iter().map(|e| e * e).sum();
-    let counting = rough.samples * posterior::samples_under(&rough.model, &rough.residual) / rough.residual.len().max(1) as f64;
-    counting * (rough.power / cost.max(posterior::ROUNDING * rough.power).max(f64::MIN_POSITIVE)).ln()
+    let counting = rough.samples * posterior::samples_under(&rough.model, &rough.residual)
+        / rough.residual.len().max(1) as f64;
+    counting
+        * (rough.power / cost.max(posterior::ROUNDING * rough.power).max(f64::MIN_POSITIVE)).ln()
         >= posterior::visible_gain(rough.parameters, delays)
 }
 
 /// Root mean square of (first coefficient above its threshold − bias − delay), over the records in which there is one; `None` where the input does not excite all.
-fn first_coefficient(records: &[Record], rough: &Rough, taps: usize, bias: usize, max_delay: usize) -> Option<f64> {
+fn first_coefficient(
+    records: &[Record],
+    rough: &Rough,
+    taps: usize,
+    bias: usize,
+    max_delay: usize,
+) -> Option<f64> {
     let limit = Threshold::default().h_std;
     let covariance = fir(records, taps)?.covariance;
     let normal = Normal::standard();

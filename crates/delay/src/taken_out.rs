@@ -68,7 +68,10 @@ pub fn identify_behind_delays(
         }
         let mut model = whole.identify(learnt, far)?;
         model.notes.extend(feedback(line, learnt));
-        let delays = model.parametric.as_ref().map_or_else(|| vec![0; learnt.inputs.len()], |p| p.delays.clone());
+        let delays = model
+            .parametric
+            .as_ref()
+            .map_or_else(|| vec![0; learnt.inputs.len()], |p| p.delays.clone());
         return Ok(BehindDelays { model, delays, notes: Vec::new() });
     }
     let none = vec![0; learnt.inputs.len()];
@@ -86,21 +89,39 @@ pub fn identify_behind_delays(
         }
         let quick = line.entry.with(quick)?;
         let longest = delays.iter().max().copied().unwrap_or(0);
-        let same_rows = learnt.behind_delays(&vec![longest; delays.len()]).and(learnt.behind_delays(&delays))?;
-        let (with, without) = (quick.identify(&same_rows, &far.part(DELAYS, 0.5))?, quick.identify(learnt, &far.part(0.5, 0.6))?);
+        let same_rows = learnt
+            .behind_delays(&vec![longest; delays.len()])
+            .and(learnt.behind_delays(&delays))?;
+        let (with, without) = (
+            quick.identify(&same_rows, &far.part(DELAYS, 0.5))?,
+            quick.identify(learnt, &far.part(0.5, 0.6))?,
+        );
         let criterion = |m: &Identified| {
             let parameters = m.order.order * (m.inputs.len() + 2 * m.outputs.len());
-            let loss = m.order.candidates.get(m.order.order - 1).and_then(|c| c.log_loss).unwrap_or(f64::INFINITY);
+            let loss = m
+                .order
+                .candidates
+                .get(m.order.order - 1)
+                .and_then(|c| c.log_loss)
+                .unwrap_or(f64::INFINITY);
             loss * m.rows as f64 + parameters as f64 * (m.rows as f64).ln()
         };
         let scaled = criterion(&without) * with.rows as f64 / without.rows as f64;
         if criterion(&with) > scaled + WORSE {
             notes.push("the estimated delays make the model worse, so none was taken out; give them if they are known".to_owned());
-            return Ok(BehindDelays { model: whole.identify(learnt, &far.part(0.6, 1.0))?, delays: none, notes });
+            return Ok(BehindDelays {
+                model: whole.identify(learnt, &far.part(0.6, 1.0))?,
+                delays: none,
+                notes,
+            });
         }
         stop.check()?;
     }
-    Ok(BehindDelays { model: whole.identify(&learnt.behind_delays(&delays)?, &far.part(0.6, 1.0))?, delays, notes })
+    Ok(BehindDelays {
+        model: whole.identify(&learnt.behind_delays(&delays)?, &far.part(0.6, 1.0))?,
+        delays,
+        notes,
+    })
 }
 
 /// What records show of a loop that the method does not bear, for each input and output.
@@ -112,7 +133,8 @@ fn feedback(line: &IdentifierLine, learnt: &Recordings) -> Vec<String> {
                 let mean = m.row(i).mean();
                 m.row(i).iter().map(|v| v - mean).collect::<Vec<f64>>()
             };
-            let records: Vec<Record<'_>> = learnt.stretches.iter().map(|s| Record::new(row(&s.u, j), row(&s.y, i))).collect();
+            let records: Vec<Record<'_>> =
+                learnt.stretches.iter().map(|s| Record::new(row(&s.u, j), row(&s.y, i))).collect();
             if let Some(found) = in_loop(&records, LOOP, 1).finding() {
                 notes.push(format!(
                     "{} depends on {} ({}): a controller; {} is biased then, use pbsidopt",
@@ -124,17 +146,24 @@ fn feedback(line: &IdentifierLine, learnt: &Recordings) -> Vec<String> {
     notes
 }
 
-fn whole_samples(learnt: &Recordings, given: &[(String, f64)]) -> Result<(Vec<usize>, Vec<String>)> {
+fn whole_samples(
+    learnt: &Recordings,
+    given: &[(String, f64)],
+) -> Result<(Vec<usize>, Vec<String>)> {
     let (mut delays, mut notes) = (vec![0; learnt.inputs.len()], Vec::new());
     for (name, delay_s) in given {
-        let Some((_, delay)) = learnt.inputs.iter().zip(&mut delays).find(|(input, _)| input.name == *name) else {
+        let Some((_, delay)) =
+            learnt.inputs.iter().zip(&mut delays).find(|(input, _)| input.name == *name)
+        else {
             let inputs = learnt.inputs.iter().map(|i| i.name.clone()).collect();
             return Err(DelayError::NoInput { input: name.clone(), inputs }.into());
         };
         let samples = learnt.sample_time.samples(*delay_s)?;
         if samples.fraction != 0.0 {
             let share = samples.fraction;
-            notes.push(format!("{name}: {share:.2} of a sample of its delay stays within the model"));
+            notes.push(format!(
+                "{name}: {share:.2} of a sample of its delay stays within the model"
+            ));
         }
         *delay = samples.whole;
     }
@@ -142,11 +171,17 @@ fn whole_samples(learnt: &Recordings, given: &[(String, f64)]) -> Result<(Vec<us
 }
 
 /// The shortest delay of each input to any output that is to be believed.
-fn estimated(learnt: &Recordings, logs: &[Log], (stop, far): (&Stop, &HowFar)) -> Result<(Vec<usize>, Vec<String>)> {
+fn estimated(
+    learnt: &Recordings,
+    logs: &[Log],
+    (stop, far): (&Stop, &HowFar),
+) -> Result<(Vec<usize>, Vec<String>)> {
     let step_s = learnt.sample_time.seconds();
     let mut notes = Vec::new();
     let methods = chosen(&METHODS.map(str::to_owned), &BTreeMap::new(), &[Scope::Pair])?;
-    let names = |named: &[deadtime_identify::subspace::Named]| named.iter().map(|n| n.name.clone()).collect::<Vec<_>>();
+    let names = |named: &[deadtime_identify::subspace::Named]| {
+        named.iter().map(|n| n.name.clone()).collect::<Vec<_>>()
+    };
     let job = Job {
         name: String::new(),
         methods,

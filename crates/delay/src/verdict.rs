@@ -66,10 +66,17 @@ pub struct RecordFacts {
 /// plant's lag is in the model.
 #[must_use]
 pub fn distrust(method: &Method, estimate: &DelayEstimate, findings: &[Finding]) -> Vec<Condition> {
-    let shown = findings.iter().map(|f| f.condition).filter(|c| !(estimate.open_part && *c == Condition::Feedback));
+    let shown = findings
+        .iter()
+        .map(|f| f.condition)
+        .filter(|c| !(estimate.open_part && *c == Condition::Feedback));
     let shown = shown.filter(|c| !(estimate.enough_poles && *c == Condition::Dynamics));
-    let coloured = estimate.open_part && findings.iter().all(|f| f.condition != Condition::ColouredNoise);
-    shown.chain(coloured.then_some(Condition::ColouredNoise)).filter(|c| !method.withstands(*c)).collect()
+    let coloured =
+        estimate.open_part && findings.iter().all(|f| f.condition != Condition::ColouredNoise);
+    shown
+        .chain(coloured.then_some(Condition::ColouredNoise))
+        .filter(|c| !method.withstands(*c))
+        .collect()
 }
 
 /// The experiment that tells a plant from the loop around it.
@@ -92,12 +99,19 @@ pub(super) const EXPERIMENT: &str = "move the set point, or add a random binary 
 /// Source: Gaba, Tsetlin and Winkler (2017), Decision Analysis 14(1), 1-20, doi:10.1287/deca.2016.0340, for trimming the ends of many intervals. How much is left to the
 /// user there; tests/verdicts.rs measures how often what 15 % leave holds an injected dead time.
 #[must_use]
-pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTime, facts: &RecordFacts) -> Verdict {
-    let found: Vec<Found<'_>> = answers.iter().filter_map(|answer| Found::new(answer, findings, sample_time)).collect();
+pub fn verdict(
+    answers: &[Said<'_>],
+    findings: &[Finding],
+    sample_time: SampleTime,
+    facts: &RecordFacts,
+) -> Verdict {
+    let found: Vec<Found<'_>> =
+        answers.iter().filter_map(|answer| Found::new(answer, findings, sample_time)).collect();
     if found.is_empty() {
         let looped = findings.iter().any(|f| f.condition == Condition::Feedback);
         let advice = if looped { format!("; {EXPERIMENT}") } else { String::new() };
-        let why = format!("no method found a delay to believe ({}){advice}", outcomes(answers, |_| true));
+        let why =
+            format!("no method found a delay to believe ({}){advice}", outcomes(answers, |_| true));
         return Verdict::none(why);
     }
     if let Some(judges) = unseen(answers) {
@@ -108,10 +122,14 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
         );
         return Verdict::none(why);
     }
-    let trusted: Vec<&Found<'_>> = found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
+    let trusted: Vec<&Found<'_>> =
+        found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
     let nobody = trusted.is_empty();
     if nobody && findings.iter().any(|f| f.condition == Condition::Feedback) {
-        let why = format!("no method that answered withstands what the record shows beside feedback ({}): {EXPERIMENT}", named(&found));
+        let why = format!(
+            "no method that answered withstands what the record shows beside feedback ({}): {EXPERIMENT}",
+            named(&found)
+        );
         return Verdict::none(why);
     }
     if let Some(vague) = too_many_poles(answers).filter(|_| nobody && facts.one_step) {
@@ -137,18 +155,25 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
         group = Group::of(&counted);
     }
     let Group { lead, agree, differ } = group;
-    let of_all_inputs: Vec<(&Found<'_>, f64)> =
-        agree.iter().filter(|_| facts.others_act).filter_map(|(f, _)| Some((*f, f.of_all_inputs_s?.recip()))).collect();
+    let of_all_inputs: Vec<(&Found<'_>, f64)> = agree
+        .iter()
+        .filter(|_| facts.others_act)
+        .filter_map(|(f, _)| Some((*f, f.of_all_inputs_s?.recip())))
+        .collect();
     let judges = if of_all_inputs.is_empty() { &agree } else { &of_all_inputs };
     let middle = quantile(judges.iter().map(|(f, w)| (f.delay_s, *w)), 0.5);
     let chosen = judges.iter().find(|(f, _)| f.delay_s == middle).map_or(lead, |(f, _)| *f);
     let first = quantile(judges.iter().map(|(f, w)| (f.interval_s[0], *w)), BEYOND);
     let last = -quantile(judges.iter().map(|(f, w)| (-f.interval_s[1], *w)), BEYOND);
     let interval_s = [first.min(chosen.delay_s), last.max(chosen.delay_s) + facts.early_s];
-    let others: Vec<&str> = agree.iter().filter(|(f, _)| f.method != chosen.method).map(|(f, _)| f.method).collect();
+    let others: Vec<&str> =
+        agree.iter().filter(|(f, _)| f.method != chosen.method).map(|(f, _)| f.method).collect();
     let mut why = who(chosen.method, &others, &differ);
     let mut grounds = Grounds {
-        agree: std::iter::once(chosen.method).chain(others.iter().copied()).map(str::to_owned).collect(),
+        agree: std::iter::once(chosen.method)
+            .chain(others.iter().copied())
+            .map(str::to_owned)
+            .collect(),
         differ: differ.iter().map(|(f, _)| (f.method.to_owned(), f.delay_s)).collect(),
         doubts: Vec::new(),
     };
@@ -157,7 +182,10 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
         grounds.doubts.push(words.to_owned());
     };
     if nobody {
-        doubt(&mut why, "no method is made for what the record shows, or the data contradict its model, so this is a guess");
+        doubt(
+            &mut why,
+            "no method is made for what the record shows, or the data contradict its model, so this is a guess",
+        );
     }
     if !of_all_inputs.is_empty() {
         why.push_str("; number and interval are those of the models that fit all inputs together");
@@ -166,15 +194,25 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
     if chosen.delay_s == 0.0 && facts.direct {
         why.push_str("; the output reacts within the sample: a direct path, and no dead time");
     }
-    let silent = outcomes(answers, |e| !matches!(e.outcome, Outcome::Found | Outcome::NotApplicable));
+    let silent =
+        outcomes(answers, |e| !matches!(e.outcome, Outcome::Found | Outcome::NotApplicable));
     if !silent.is_empty() {
         why.push_str(&format!("; {silent}"));
     }
     let total = |side: &[(&Found<'_>, f64)]| side.iter().map(|(_, w)| w).sum::<f64>();
     if total(&differ) >= total(&agree) {
-        doubt(&mut why, "the methods disagree: check excitation, feedback and the search window before using the number");
+        doubt(
+            &mut why,
+            "the methods disagree: check excitation, feedback and the search window before using the number",
+        );
     }
-    Verdict { delay_s: Some(chosen.delay_s), ci95_s: Some(interval_s), why, method: Some(chosen.method.to_owned()), grounds }
+    Verdict {
+        delay_s: Some(chosen.delay_s),
+        ci95_s: Some(interval_s),
+        why,
+        method: Some(chosen.method.to_owned()),
+        grounds,
+    }
 }
 
 /// Who says so, who agrees and who says otherwise.
@@ -183,7 +221,12 @@ fn who(chosen: &str, others: &[&str], differ: &[(&Found<'_>, f64)]) -> String {
         0 => format!("{chosen} alone"),
         1 => format!("{chosen} says so, and {} agrees with it", others[0]),
         2..=4 => format!("{chosen} says so, and {} agree with it", others.join(", ")),
-        n => format!("{chosen} says so, and {}, {} and {} more agree with it", others[0], others[1], n - 2),
+        n => format!(
+            "{chosen} says so, and {}, {} and {} more agree with it",
+            others[0],
+            others[1],
+            n - 2
+        ),
     };
     for (f, _) in differ.iter().take(MOST_NAMED) {
         why.push_str(&format!("; {} says {:.4} s", f.method, f.delay_s));
@@ -198,10 +241,19 @@ fn who(chosen: &str, others: &[&str], differ: &[(&Found<'_>, f64)]) -> String {
 fn left_out(found: &[Found<'_>], nobody: bool, implausible: bool) -> String {
     let mut words = String::new();
     for (conditions, methods) in by_reason(found).iter().filter(|_| !nobody) {
-        words.push_str(&format!("; not counted because of {}: {}", joined(conditions.iter().map(|c| c.words())), methods.join(", ")));
+        words.push_str(&format!(
+            "; not counted because of {}: {}",
+            joined(conditions.iter().map(|c| c.words())),
+            methods.join(", ")
+        ));
     }
     let those = |which: &dyn Fn(&Found<'_>) -> bool| {
-        found.iter().filter(|f| f.distrust.is_empty() && which(f)).map(|f| f.method).collect::<Vec<_>>().join(", ")
+        found
+            .iter()
+            .filter(|f| f.distrust.is_empty() && which(f))
+            .map(|f| f.method)
+            .collect::<Vec<_>>()
+            .join(", ")
     };
     if implausible {
         let within = those(&|f| f.within && !f.contradicted);
@@ -209,7 +261,9 @@ fn left_out(found: &[Found<'_>], nobody: bool, implausible: bool) -> String {
     }
     let contradicted = those(&|f| f.contradicted);
     if !(nobody || contradicted.is_empty()) {
-        words.push_str(&format!("; not counted because the data contradict their model: {contradicted}"));
+        words.push_str(&format!(
+            "; not counted because the data contradict their model: {contradicted}"
+        ));
     }
     words
 }
@@ -225,8 +279,14 @@ impl<'a, 'b> Group<'a, 'b> {
     /// `counted` has one answer at least.
     fn of(counted: &[&'b Found<'a>]) -> Self {
         let vote_weights = vote_weights(counted);
-        let support =
-            |at: &Found<'_>| -> f64 { counted.iter().zip(&vote_weights).filter(|(f, _)| f.holds(at.delay_s)).map(|(_, v)| v).sum() };
+        let support = |at: &Found<'_>| -> f64 {
+            counted
+                .iter()
+                .zip(&vote_weights)
+                .filter(|(f, _)| f.holds(at.delay_s))
+                .map(|(_, v)| v)
+                .sum()
+        };
         // Ties go to the most trusted method: the order is that of the list.
         let mut lead = counted[0];
         for f in &counted[1..] {
@@ -242,28 +302,45 @@ impl<'a, 'b> Group<'a, 'b> {
     /// The share of those who agree that answers within the sample.
     fn within(&self) -> f64 {
         let all: f64 = self.agree.iter().map(|(_, w)| w).sum();
-        self.agree.iter().filter(|(f, _)| f.within).map(|(_, w)| w).sum::<f64>() / all.max(f64::MIN_POSITIVE)
+        self.agree.iter().filter(|(f, _)| f.within).map(|(_, w)| w).sum::<f64>()
+            / all.max(f64::MIN_POSITIVE)
     }
 }
 
 /// What the first few say.
 fn named(found: &[Found<'_>]) -> String {
-    found.iter().take(MOST_NAMED).map(|f| format!("{} says {:.4} s", f.method, f.delay_s)).collect::<Vec<_>>().join("; ")
+    found
+        .iter()
+        .take(MOST_NAMED)
+        .map(|f| format!("{} says {:.4} s", f.method, f.delay_s))
+        .collect::<Vec<_>>()
+        .join("; ")
 }
 
 /// The methods that can tell a response from slow noise, resonant noise and feedback alike, if two or more of them looked and none saw one. The others test against noise that
 /// is white or nearly so, and take what rings or drifts by itself for a response.
 fn unseen<'a>(answers: &[Said<'a>]) -> Option<Vec<&'a str>> {
-    let any = [Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics];
+    let any = [
+        Condition::UnstablePlant,
+        Condition::Feedback,
+        Condition::ColouredNoise,
+        Condition::Dynamics,
+    ];
     let judges = || answers.iter().filter(|(m, _, _)| any.iter().all(|c| m.withstands(*c)));
-    let blind: Vec<&str> = judges().filter(|(_, e, _)| e.outcome == Outcome::NotVisible).map(|(m, _, _)| m.entry.name).collect();
+    let blind: Vec<&str> = judges()
+        .filter(|(_, e, _)| e.outcome == Outcome::NotVisible)
+        .map(|(m, _, _)| m.entry.name)
+        .collect();
     (blind.len() >= 2 && !judges().any(|(_, e, _)| e.outcome.has_delay())).then_some(blind)
 }
 
 /// What a process model says of which many delays fit alike, where there is one.
 fn too_many_poles(answers: &[Said<'_>]) -> Option<String> {
-    let flat = answers.iter().find(|(m, e, _)| m.class == Class::Process && e.outcome == Outcome::Flat);
-    flat.map(|(m, e, _)| format!("{} says {}", m.entry.name, e.note.as_deref().unwrap_or("that many delays fit")))
+    let flat =
+        answers.iter().find(|(m, e, _)| m.class == Class::Process && e.outcome == Outcome::Flat);
+    flat.map(|(m, e, _)| {
+        format!("{} says {}", m.entry.name, e.note.as_deref().unwrap_or("that many delays fit"))
+    })
 }
 
 /// Share of the weight that may lie beyond an end of the interval.
@@ -295,7 +372,10 @@ fn outcomes(answers: &[Said<'_>], which: impl Fn(&DelayEstimate) -> bool) -> Str
             None => groups.push((e.outcome, vec![m.entry.name])),
         }
     }
-    let texts: Vec<String> = groups.iter().map(|(o, methods)| format!("{}: {}", o.name().replace('_', " "), methods.join(", "))).collect();
+    let texts: Vec<String> = groups
+        .iter()
+        .map(|(o, methods)| format!("{}: {}", o.name().replace('_', " "), methods.join(", ")))
+        .collect();
     texts.join("; ")
 }
 
@@ -332,7 +412,11 @@ struct Found<'a> {
 }
 
 impl<'a> Found<'a> {
-    fn new((method, estimate, predicted_s): &Said<'a>, findings: &[Finding], sample_time: SampleTime) -> Option<Self> {
+    fn new(
+        (method, estimate, predicted_s): &Said<'a>,
+        findings: &[Finding],
+        sample_time: SampleTime,
+    ) -> Option<Self> {
         let delay_s = estimate.delay_s.filter(|_| estimate.outcome == Outcome::Found)?;
         let resolution_s = sample_time.to_seconds(RESOLUTION.sqrt());
         let interval_s = estimate.ci95_s.unwrap_or([delay_s, delay_s]);
@@ -343,13 +427,22 @@ impl<'a> Found<'a> {
             class: method.class,
             basis: method.basis,
             delay_s,
-            std_s: estimate.std_s.unwrap_or(f64::INFINITY).max(predicted_s.unwrap_or(0.0)).max(sample_time.seconds()),
+            std_s: estimate
+                .std_s
+                .unwrap_or(f64::INFINITY)
+                .max(predicted_s.unwrap_or(0.0))
+                .max(sample_time.seconds()),
             interval_s,
-            open_s: [interval_s[0].min(delay_s - NORMAL_95 * resolution_s), interval_s[1].max(delay_s + NORMAL_95 * resolution_s)],
+            open_s: [
+                interval_s[0].min(delay_s - NORMAL_95 * resolution_s),
+                interval_s[1].max(delay_s + NORMAL_95 * resolution_s),
+            ],
             distrust: distrust(method, estimate, findings),
             contradicted: estimate.contradicted,
             of_all_inputs_s: estimate.std_s.filter(|_| resolves).map(|std_s| std_s.max(least_s)),
-            within: estimate.raw_delay_s.is_some_and(|raw| raw < sample_time.to_seconds(estimate.degree_bias_samples - 0.5)),
+            within: estimate.raw_delay_s.is_some_and(|raw| {
+                raw < sample_time.to_seconds(estimate.degree_bias_samples - 0.5)
+            }),
         })
     }
 
@@ -361,11 +454,17 @@ impl<'a> Found<'a> {
 
 /// The vote of each class, shared by what its methods read their answers from; and the part of each such basis shared by all methods that read it, of other classes too.
 fn vote_weights(found: &[&Found<'_>]) -> Vec<f64> {
-    let same = |f: &Found<'_>, g: &Found<'_>| if f.basis == Basis::Own { f.method == g.method } else { f.basis == g.basis };
+    let same = |f: &Found<'_>, g: &Found<'_>| {
+        if f.basis == Basis::Own { f.method == g.method } else { f.basis == g.basis }
+    };
     let weight = |f: &&Found<'_>| {
         let class: Vec<&&Found<'_>> = found.iter().filter(|g| g.class == f.class).collect();
         // The first of its basis stands for all.
-        let bases = class.iter().enumerate().filter(|(i, g)| class[..*i].iter().all(|h| !same(g, h))).count();
+        let bases = class
+            .iter()
+            .enumerate()
+            .filter(|(i, g)| class[..*i].iter().all(|h| !same(g, h)))
+            .count();
         let sharing = found.iter().filter(|g| same(f, g)).count();
         f.class.vote_weight() / (bases * sharing) as f64
     };
@@ -388,7 +487,8 @@ mod tests {
     }
 
     fn of(answers: &[(&str, &DelayEstimate)], findings: &[Finding]) -> Verdict {
-        let answers: Vec<Said<'_>> = answers.iter().map(|(m, e)| (method(m).unwrap(), *e, None)).collect();
+        let answers: Vec<Said<'_>> =
+            answers.iter().map(|(m, e)| (method(m).unwrap(), *e, None)).collect();
         verdict(&answers, findings, SampleTime::new(0.01).unwrap(), &RecordFacts::default())
     }
 
@@ -402,53 +502,84 @@ mod tests {
         let v = of(&[("oestruc", &a), ("threshold", &b), ("state_least_squares", &c)], &[]);
         assert_eq!(v.delay_s, Some(2.1));
         assert!(
-            v.why.starts_with("state_least_squares says so, and threshold agrees") && v.why.contains("oestruc says 1.0000 s"),
+            v.why.starts_with("state_least_squares says so, and threshold agrees")
+                && v.why.contains("oestruc says 1.0000 s"),
             "{}",
             v.why
         );
     }
 
     #[test]
-    fn of_a_step_that_no_model_of_few_poles_fits_nothing_is_believed_where_many_delays_fit_one_of_more() {
+    fn of_a_step_that_no_model_of_few_poles_fits_nothing_is_believed_where_many_delays_fit_one_of_more()
+     {
         let few = answer(1.0, 0.1).contradicted(Some("p2d fits better".to_owned()));
-        let many = DelayEstimate::without(Outcome::Flat, "delays from 3.2 to 24.9 samples fit equally well");
-        let said: Vec<Said<'_>> = vec![(method("p1d").unwrap(), &few, None), (method("p3d").unwrap(), &many, None)];
-        let v = |one_step| verdict(&said, &[], SampleTime::new(0.1).unwrap(), &RecordFacts { one_step, ..RecordFacts::default() });
+        let many = DelayEstimate::without(
+            Outcome::Flat,
+            "delays from 3.2 to 24.9 samples fit equally well",
+        );
+        let said: Vec<Said<'_>> =
+            vec![(method("p1d").unwrap(), &few, None), (method("p3d").unwrap(), &many, None)];
+        let v = |one_step| {
+            verdict(
+                &said,
+                &[],
+                SampleTime::new(0.1).unwrap(),
+                &RecordFacts { one_step, ..RecordFacts::default() },
+            )
+        };
         assert_eq!((v(true).delay_s, v(false).delay_s), (None, Some(1.0)));
-        assert!(v(true).why.contains("p3d says delays from 3.2 to 24.9 samples"), "{}", v(true).why);
+        assert!(
+            v(true).why.contains("p3d says delays from 3.2 to 24.9 samples"),
+            "{}",
+            v(true).why
+        );
     }
 
     #[test]
     fn methods_of_one_class_share_their_vote() {
         let (sharp, early, early_too) = (answer(2.0, 0.1), answer(1.0, 0.1), answer(1.0, 0.1));
-        let v = of(&[("oestruc", &sharp), ("threshold", &early), ("threshold_step", &early_too)], &[]);
+        let v =
+            of(&[("oestruc", &sharp), ("threshold", &early), ("threshold_step", &early_too)], &[]);
         assert_eq!(v.delay_s, Some(2.0), "two thresholds on one response are one vote: {}", v.why);
-        assert!(v.why.contains("threshold says 1.0000 s; threshold_step says 1.0000 s"), "{}", v.why);
+        assert!(
+            v.why.contains("threshold says 1.0000 s; threshold_step says 1.0000 s"),
+            "{}",
+            v.why
+        );
     }
 
     #[test]
     fn methods_of_two_classes_that_read_one_model_share_their_vote() {
         let (wrong, right) = (answer(1.0, 0.1), answer(2.0, 0.1));
         // arxdap reads the polynomials of the scan that arxstruc reads the losses of: together half of the class's vote, as much as p2d has on its own is more.
-        let v = of(&[("arxstruc", &wrong), ("delayest", &wrong), ("arxdap", &wrong), ("p2d", &right)], &[]);
+        let v = of(
+            &[("arxstruc", &wrong), ("delayest", &wrong), ("arxdap", &wrong), ("p2d", &right)],
+            &[],
+        );
         assert_eq!(v.delay_s, Some(2.0), "{}", v.why);
-        let v = of(&[("arxstruc", &wrong), ("oestruc", &wrong), ("lagudap", &wrong), ("p2d", &right)], &[]);
+        let v = of(
+            &[("arxstruc", &wrong), ("oestruc", &wrong), ("lagudap", &wrong), ("p2d", &right)],
+            &[],
+        );
         assert_eq!(v.delay_s, Some(1.0), "models of their own have votes of their own: {}", v.why);
     }
 
     #[test]
     fn a_vague_answer_does_not_move_the_median() {
         let (vague, sharp, late) = (answer(0.0, 8.0), answer(2.0, 0.5), answer(12.0, 4.0));
-        let v = of(&[("threshold", &vague), ("oestruc", &sharp), ("state_least_squares", &late)], &[]);
+        let v =
+            of(&[("threshold", &vague), ("oestruc", &sharp), ("state_least_squares", &late)], &[]);
         assert_eq!((v.delay_s, v.ci95_s), (Some(2.0), Some([1.0, 3.0])));
     }
 
     #[test]
     fn an_answer_more_certain_than_the_data_let_expect_does_not_decide() {
         let (bold, plain, other) = (answer(5.0, 0.01), answer(7.0, 2.0), answer(7.5, 2.0));
-        let (p2d, oestruc, arxdap) = (method("p2d").unwrap(), method("oestruc").unwrap(), method("arxdap").unwrap());
+        let (p2d, oestruc, arxdap) =
+            (method("p2d").unwrap(), method("oestruc").unwrap(), method("arxdap").unwrap());
         let weighed = |expected: Option<f64>| {
-            let answers = [(p2d, &bold, expected), (oestruc, &plain, expected), (arxdap, &other, expected)];
+            let answers =
+                [(p2d, &bold, expected), (oestruc, &plain, expected), (arxdap, &other, expected)];
             verdict(&answers, &[], SampleTime::new(0.01).unwrap(), &RecordFacts::default())
         };
         assert_eq!(weighed(None).delay_s, Some(5.0));
@@ -460,23 +591,40 @@ mod tests {
         let (narrow, wide, widest) = (answer(2.0, 0.1), answer(2.1, 0.3), answer(2.0, 2.0));
         let v = of(&[("oestruc", &narrow), ("p2d", &wide)], &[]);
         assert_eq!(v.delay_s, Some(2.0));
-        assert_eq!(v.ci95_s.map(|ends| ends.map(|end| (100.0 * end).round())), Some([150.0, 270.0]), "{}", v.why);
+        assert_eq!(
+            v.ci95_s.map(|ends| ends.map(|end| (100.0 * end).round())),
+            Some([150.0, 270.0]),
+            "{}",
+            v.why
+        );
         let v = of(&[("oestruc", &narrow), ("p2d", &wide), ("arxdap", &widest)], &[]);
-        assert_eq!(v.ci95_s.map(|ends| ends.map(|end| (100.0 * end).round())), Some([150.0, 270.0]), "{}", v.why);
+        assert_eq!(
+            v.ci95_s.map(|ends| ends.map(|end| (100.0 * end).round())),
+            Some([150.0, 270.0]),
+            "{}",
+            v.why
+        );
     }
 
     #[test]
     fn what_another_grid_made_early_is_inside_the_interval() {
         let (at, method) = (answer(2.0, 0.1), method("oestruc").unwrap());
-        let v =
-            verdict(&[(method, &at, None)], &[], SampleTime::new(0.1).unwrap(), &RecordFacts { early_s: 0.3, ..RecordFacts::default() });
+        let v = verdict(
+            &[(method, &at, None)],
+            &[],
+            SampleTime::new(0.1).unwrap(),
+            &RecordFacts { early_s: 0.3, ..RecordFacts::default() },
+        );
         assert_eq!((v.delay_s, v.ci95_s), (Some(2.0), Some([1.8, 2.5])));
     }
 
     #[test]
     fn a_method_that_does_not_withstand_the_record_is_not_counted_and_the_reason_is_said() {
         let (open, closed) = (answer(1.0, 0.1), answer(2.0, 0.1));
-        let v = of(&[("oestruc", &open), ("threshold", &open), ("arxstruc", &closed)], &shows(Condition::Feedback));
+        let v = of(
+            &[("oestruc", &open), ("threshold", &open), ("arxstruc", &closed)],
+            &shows(Condition::Feedback),
+        );
         assert_eq!(v.delay_s, Some(2.0));
         assert!(v.why.contains("not counted because of feedback: oestruc, threshold"), "{}", v.why);
         let v = of(&[("oestruc", &open), ("threshold", &open)], &shows(Condition::Feedback));
@@ -488,47 +636,97 @@ mod tests {
         let freed = DelayEstimate { open_part: true, ..open };
         let v = of(&[("oestruc", &freed), ("threshold", &freed)], &shows(Condition::Feedback));
         assert_eq!(v.delay_s, Some(1.0), "what the output did not cause is free of feedback");
-        assert!(v.why.starts_with("oestruc alone") && v.why.contains("not counted because of coloured noise: threshold"), "{}", v.why);
+        assert!(
+            v.why.starts_with("oestruc alone")
+                && v.why.contains("not counted because of coloured noise: threshold"),
+            "{}",
+            v.why
+        );
     }
 
     #[test]
     fn an_answer_within_the_sample_counts_where_the_record_shows_a_direct_path() {
-        let within = DelayEstimate { raw_delay_s: Some(0.0), degree_bias_samples: 1.0, ..answer(0.0, 0.001) };
-        let later = DelayEstimate { raw_delay_s: Some(0.04), degree_bias_samples: 1.0, ..answer(0.03, 0.005) };
-        let said = [("oestruc", &within), ("arxdap", &within), ("p2d", &later)].map(|(m, e)| (method(m).unwrap(), e, None));
-        let v = |direct| verdict(&said, &[], SampleTime::new(0.01).unwrap(), &RecordFacts { direct, ..RecordFacts::default() });
+        let within = DelayEstimate {
+            raw_delay_s: Some(0.0),
+            degree_bias_samples: 1.0,
+            ..answer(0.0, 0.001)
+        };
+        let later = DelayEstimate {
+            raw_delay_s: Some(0.04),
+            degree_bias_samples: 1.0,
+            ..answer(0.03, 0.005)
+        };
+        let said = [("oestruc", &within), ("arxdap", &within), ("p2d", &later)]
+            .map(|(m, e)| (method(m).unwrap(), e, None));
+        let v = |direct| {
+            verdict(
+                &said,
+                &[],
+                SampleTime::new(0.01).unwrap(),
+                &RecordFacts { direct, ..RecordFacts::default() },
+            )
+        };
         assert_eq!((v(true).delay_s, v(false).delay_s), (Some(0.0), Some(0.03)));
         assert!(v(true).why.contains("a direct path, and no dead time"), "{}", v(true).why);
         assert!(
-            v(false).why.contains("answer within the sample, where the record shows no direct path: oestruc, arxdap"),
+            v(false).why.contains(
+                "answer within the sample, where the record shows no direct path: oestruc, arxdap"
+            ),
             "{}",
             v(false).why
         );
-        let alone = verdict(&said[..2], &[], SampleTime::new(0.01).unwrap(), &RecordFacts::default());
-        assert!(alone.delay_s.is_none() && alone.why.contains("sooner than a strictly proper plant answers"), "{}", alone.why);
+        let alone =
+            verdict(&said[..2], &[], SampleTime::new(0.01).unwrap(), &RecordFacts::default());
+        assert!(
+            alone.delay_s.is_none()
+                && alone.why.contains("sooner than a strictly proper plant answers"),
+            "{}",
+            alone.why
+        );
     }
 
     #[test]
     fn beside_other_inputs_the_models_of_all_inputs_tell_the_fraction_and_the_rest_vote() {
         let fitted = |at: f64, std: f64| DelayEstimate { enough_poles: true, ..answer(at, std) };
-        let (p1d, p2d, whole, outdone) = (fitted(0.618, 0.001), fitted(0.616, 0.013), answer(0.6, 0.03), answer(0.64, 0.05));
-        let said = [("arxstruc", &whole), ("oestruc", &whole), ("p1d", &p1d), ("p2d", &p2d), ("p3d", &outdone)]
-            .map(|(m, e)| (method(m).unwrap(), e, None));
+        let (p1d, p2d, whole, outdone) =
+            (fitted(0.618, 0.001), fitted(0.616, 0.013), answer(0.6, 0.03), answer(0.64, 0.05));
+        let said = [
+            ("arxstruc", &whole),
+            ("oestruc", &whole),
+            ("p1d", &p1d),
+            ("p2d", &p2d),
+            ("p3d", &outdone),
+        ]
+        .map(|(m, e)| (method(m).unwrap(), e, None));
         let v = |others_act, said: &[Said<'_>]| {
-            verdict(said, &[], SampleTime::new(0.1).unwrap(), &RecordFacts { others_act, ..RecordFacts::default() })
+            verdict(
+                said,
+                &[],
+                SampleTime::new(0.1).unwrap(),
+                &RecordFacts { others_act, ..RecordFacts::default() },
+            )
         };
         let (beside, alone) = (v(true, &said), v(false, &said));
-        assert_eq!((beside.delay_s, beside.ci95_s), (Some(0.618), Some([0.616 - 0.026, 0.616 + 0.026])), "{}", beside.why);
+        assert_eq!(
+            (beside.delay_s, beside.ci95_s),
+            (Some(0.618), Some([0.616 - 0.026, 0.616 + 0.026])),
+            "{}",
+            beside.why
+        );
         assert_eq!(alone.delay_s, Some(0.6), "with one input nothing changes: {}", alone.why);
         // Where most votes hold another delay, two models are not believed for being fine.
         let far = answer(0.9, 0.03);
-        let most = [("arxstruc", &far), ("threshold", &far), ("arxdap", &far), ("p1d", &p1d)].map(|(m, e)| (method(m).unwrap(), e, None));
+        let most = [("arxstruc", &far), ("threshold", &far), ("arxdap", &far), ("p1d", &p1d)]
+            .map(|(m, e)| (method(m).unwrap(), e, None));
         assert_eq!(v(true, &most).delay_s, Some(0.9));
     }
 
     #[test]
     fn an_answer_that_its_own_leftovers_contradict_is_not_counted() {
-        let (sharp, plain) = (answer(1.0, 0.001).contradicted(Some("the leftovers follow the input".to_owned())), answer(2.0, 0.1));
+        let (sharp, plain) = (
+            answer(1.0, 0.001).contradicted(Some("the leftovers follow the input".to_owned())),
+            answer(2.0, 0.1),
+        );
         let v = of(&[("p2d", &sharp), ("oestruc", &plain)], &[]);
         assert_eq!(v.delay_s, Some(2.0));
         assert!(v.why.contains("the data contradict their model: p2d"), "{}", v.why);
@@ -539,7 +737,12 @@ mod tests {
         let (none, found) = (DelayEstimate::without(Outcome::NotVisible, ""), answer(1.0, 0.1));
         let v = of(&[("oestruc", &found), ("arxstruc", &none), ("armaxstruc", &none)], &[]);
         assert_eq!(v.delay_s, None);
-        assert!(v.why.starts_with("arxstruc, armaxstruc withstand") && v.why.ends_with("oestruc says 1.0000 s"), "{}", v.why);
+        assert!(
+            v.why.starts_with("arxstruc, armaxstruc withstand")
+                && v.why.ends_with("oestruc says 1.0000 s"),
+            "{}",
+            v.why
+        );
         let v = of(&[("oestruc", &found), ("arxstruc", &none), ("armaxstruc", &found)], &[]);
         assert_eq!(v.delay_s, Some(1.0), "one of them sees it");
         let v = of(&[("oestruc", &found), ("arxstruc", &none)], &[]);

@@ -30,7 +30,13 @@ const OWN: f64 = 3.0;
 const NAMED: usize = 6;
 
 /// Watches the delay of a pair over time, tells of it, and takes the one number back where one delay does not describe the records.
-pub(super) fn tell(pair: &mut Pair, one: &Experiment<'_>, search: &Search, methods: &[&Ready], asked: &Asked) -> Result<(), DelayError> {
+pub(super) fn tell(
+    pair: &mut Pair,
+    one: &Experiment<'_>,
+    search: &Search,
+    methods: &[&Ready],
+    asked: &Asked,
+) -> Result<(), DelayError> {
     let records = one.pair(0, 0)?;
     let watch = Watch::default();
     let Some(seen) = watch.look(&records, search) else { return Ok(()) };
@@ -41,7 +47,8 @@ pub(super) fn tell(pair: &mut Pair, one: &Experiment<'_>, search: &Search, metho
     let track = seen.track();
     search.go_on()?;
     let ts = one.sample_time();
-    let bias = search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
+    let bias =
+        search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
     // The delay that lasts longest.
     let longest = seen.stretches().into_iter().max_by_key(|s| s.samples.len());
     let reference = longest.map_or(bias as f64, |s| s.delay as f64);
@@ -59,7 +66,11 @@ pub(super) fn tell(pair: &mut Pair, one: &Experiment<'_>, search: &Search, metho
     let own = ts.to_seconds(reference - bias as f64);
     let anchor = match (straight.delay_s, straight.ci95_s) {
         (Some(delay_s), Some(ci95_s)) => Anchor { reference, delay_s, ci95_s },
-        _ => Anchor { reference, delay_s: own.max(0.0), ci95_s: [own - ts.to_seconds(OWN), own + ts.to_seconds(OWN)] },
+        _ => Anchor {
+            reference,
+            delay_s: own.max(0.0),
+            ci95_s: [own - ts.to_seconds(OWN), own + ts.to_seconds(OWN)],
+        },
     };
     if asked.track {
         pair.track = Some(tracked(&track, &anchor, ts));
@@ -68,8 +79,13 @@ pub(super) fn tell(pair: &mut Pair, one: &Experiment<'_>, search: &Search, metho
         let drift = seen.drift(&track, watch.price);
         let lengths: Vec<usize> = records.iter().map(deadtime_identify::Record::len).collect();
         let moving = Moving::new(&seen, &track, drift, &anchor, &lengths, bias, ts);
-        pair.verdict =
-            Verdict { delay_s: None, ci95_s: None, why: sentence(&moving, lengths.len(), ts), method: None, grounds: Grounds::default() };
+        pair.verdict = Verdict {
+            delay_s: None,
+            ci95_s: None,
+            why: sentence(&moving, lengths.len(), ts),
+            method: None,
+            grounds: Grounds::default(),
+        };
         pair.moving = Some(moving);
     }
     Ok(())
@@ -83,8 +99,10 @@ fn straight_verdict(
     methods: &[&Ready],
     asked: &Asked,
 ) -> Result<Verdict, DelayError> {
-    let known: Vec<&&Ready> = methods.iter().filter(|r| ANCHORS.contains(&r.method.entry.name)).collect();
-    let ask: Vec<&&Ready> = if known.is_empty() { methods.iter().take(MOST).collect() } else { known };
+    let known: Vec<&&Ready> =
+        methods.iter().filter(|r| ANCHORS.contains(&r.method.entry.name)).collect();
+    let ask: Vec<&&Ready> =
+        if known.is_empty() { methods.iter().take(MOST).collect() } else { known };
     let mut answers: Vec<DelayEstimate> = Vec::with_capacity(ask.len());
     for ready in &ask {
         answers.push(match ready.estimator.estimate(straight, search) {
@@ -109,7 +127,11 @@ fn sentence(moving: &Moving, records: usize, ts: SampleTime) -> String {
     let what = if records > 1 { "these records" } else { "this record" };
     let intro = format!("One delay does not describe {what}");
     if let (Kind::Drifts, Some(rate)) = (moving.kind, moving.rate) {
-        return format!("{intro}: it drifts by {rate:.2e} s each second, between {} and {} s", delay(low), delay(high));
+        return format!(
+            "{intro}: it drifts by {rate:.2e} s each second, between {} and {} s",
+            delay(low),
+            delay(high)
+        );
     }
     let changes = moving.stretches.len().saturating_sub(1);
     if changes >= NAMED {
@@ -123,13 +145,27 @@ fn sentence(moving: &Moving, records: usize, ts: SampleTime) -> String {
     let part = |(i, s): (usize, &AtOneDelay)| {
         let next = moving.stretches.get(i + 1).filter(|n| n.record == s.record);
         let first = i == 0 || moving.stretches[i - 1].record != s.record;
-        let which = if records > 1 && first { format!("in record {} ", s.record + 1) } else { String::new() };
-        let value = format!("{which}{} s ({} to {} s)", delay(s.delay_s), delay(s.ci95_s[0]), delay(s.ci95_s[1]));
+        let which = if records > 1 && first {
+            format!("in record {} ", s.record + 1)
+        } else {
+            String::new()
+        };
+        let value = format!(
+            "{which}{} s ({} to {} s)",
+            delay(s.delay_s),
+            delay(s.ci95_s[0]),
+            delay(s.ci95_s[1])
+        );
         match (next.and_then(|n| n.from_ci95_s), first) {
-            (Some([a, b]), _) => format!("{value} until {} s ({} to {} s)", time(s.to_s), time(a), time(b)),
+            (Some([a, b]), _) => {
+                format!("{value} until {} s ({} to {} s)", time(s.to_s), time(a), time(b))
+            }
             (None, true) => value,
             (None, false) => format!("{value} from then on"),
         }
     };
-    format!("{intro}: {}", moving.stretches.iter().enumerate().map(part).collect::<Vec<_>>().join(", "))
+    format!(
+        "{intro}: {}",
+        moving.stretches.iter().enumerate().map(part).collect::<Vec<_>>().join(", ")
+    )
 }

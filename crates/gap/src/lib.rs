@@ -31,15 +31,22 @@ mod watch;
 
 pub use crate::answer::experiment::proposed;
 pub use crate::answer::force_profile::ForceProfile;
-pub use crate::answer::isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size};
+pub use crate::answer::isolability::{
+    Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size,
+};
 pub use crate::answer::traces::{CommandTrace, Trace};
-pub use crate::checks::inspection::{ChannelReport, Inspection, InspectionFormat, LogReport, Role, inspect};
+pub use crate::checks::inspection::{
+    ChannelReport, Inspection, InspectionFormat, LogReport, Role, inspect,
+};
 pub use crate::checks::topics::{ClockOffset, LogClocks, TopicClock, clocks};
 pub use crate::format::caveat::{Caveat, Constancy};
-pub use crate::format::contributions::{Contribution, Description, Explained, Recalibration, Remainder, Share, Strength};
+pub use crate::format::contributions::{
+    Contribution, Description, Explained, Recalibration, Remainder, Share, Strength,
+};
 pub use crate::format::diagnosis::{
-    Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, Gap, GapOutput, Holdout, HorizonError, Metric, Mode, NotTried,
-    Prediction, RankedPair, RankedSingle, RankingRow, Shrink, ShrinkOutput,
+    Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, Gap, GapOutput, Holdout,
+    HorizonError, Metric, Mode, NotTried, Prediction, RankedPair, RankedSingle, RankingRow, Shrink,
+    ShrinkOutput,
 };
 pub use crate::format::error::GapError;
 pub use crate::format::found::{FoundEffect, FoundParameter};

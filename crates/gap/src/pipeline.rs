@@ -30,7 +30,9 @@ use crate::baseline::runaway::must_not_explode;
 use crate::checks::every::checks;
 use crate::compose::composed::{Compose, Composed};
 use crate::format::caveat::Caveat;
-use crate::format::diagnosis::{Cause, Check, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, Mode, NotTried};
+use crate::format::diagnosis::{
+    Cause, Check, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, Mode, NotTried,
+};
 use crate::format::error::GapError;
 use crate::format::progress::Stage;
 use crate::input::first_part::Parts;
@@ -83,10 +85,19 @@ pub struct Diagnosed {
 ///
 /// # Errors
 /// As [`diagnose`], and of files that cannot be read.
-pub fn diagnose_files(model: &Path, logs: &[impl AsRef<Path>], holdout: &[impl AsRef<Path>], options: &GapOptions) -> Result<Diagnosed> {
+pub fn diagnose_files(
+    model: &Path,
+    logs: &[impl AsRef<Path>],
+    holdout: &[impl AsRef<Path>],
+    options: &GapOptions,
+) -> Result<Diagnosed> {
     let document = ModelDocument::read(model)?;
-    let logs = logs.iter().map(|path| deadtime_log::read(path.as_ref())).collect::<Result<Vec<_>, _>>()?;
-    let holdout = holdout.iter().map(|path| deadtime_log::read(path.as_ref())).collect::<Result<Vec<_>, _>>()?;
+    let logs =
+        logs.iter().map(|path| deadtime_log::read(path.as_ref())).collect::<Result<Vec<_>, _>>()?;
+    let holdout = holdout
+        .iter()
+        .map(|path| deadtime_log::read(path.as_ref()))
+        .collect::<Result<Vec<_>, _>>()?;
     diagnose(&document, &logs, &holdout, options, &|_| ())
 }
 
@@ -108,14 +119,22 @@ pub fn diagnose<'a>(
         let (logs, holdout) = (subject.completed(logs)?, subject.completed(holdout)?);
         let parts = Parts::of(&logs, &holdout, options.rows)?;
         let simulator = Simulator::of(subject, &parts.logs, &options.stop)?;
-        let mut found = in_stages(subject, &simulator, &parts.logs, &parts.holdout, options, progress)?;
+        let mut found =
+            in_stages(subject, &simulator, &parts.logs, &parts.holdout, options, progress)?;
         let later = match (subject, &found.model, found.diagnosis.prediction.mode) {
-            (Subject::Model(nominal), Some(model), Mode::Simulation) => {
-                later_rows(&parts.cut, nominal, model, &found.diagnosis.nuisances, &options.criteria)
-            }
+            (Subject::Model(nominal), Some(model), Mode::Simulation) => later_rows(
+                &parts.cut,
+                nominal,
+                model,
+                &found.diagnosis.nuisances,
+                &options.criteria,
+            ),
             _ => Vec::new(),
         };
-        found.caveats.splice(0..0, whole_turns(subject, &parts.logs).into_iter().chain(parts.caveats).chain(later));
+        found.caveats.splice(
+            0..0,
+            whole_turns(subject, &parts.logs).into_iter().chain(parts.caveats).chain(later),
+        );
         if let Some(memory) = &simulator.memory {
             let calls = memory.calls();
             if let (failed, Some(why)) = memory.failures() {
@@ -134,7 +153,12 @@ pub fn diagnose<'a>(
 ///
 /// # Errors
 /// As [`diagnose`].
-pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &GapOptions, far: &HowFar) -> Result<Isolability> {
+pub fn isolability<'a>(
+    subject: impl Into<Subject<'a>>,
+    logs: &[Log],
+    options: &GapOptions,
+    far: &HowFar,
+) -> Result<Isolability> {
     let subject = subject.into();
     let begin = || {
         far.at(0.0, &Stage::Simulating);
@@ -145,13 +169,31 @@ pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &
         inputs.learn_from_all(&simulator.system);
         let baseline = Baseline::of(&simulator, &inputs, options)?;
         let likelihood = baseline.likelihood(&simulator, &inputs, options)?;
-        let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
-        let mut scales = baseline.motion.scales(&simulator.system, &inputs.records, &before, inputs.longest_delay_s);
-        let candidates = catalogue(&simulator.system, &inputs.nuisances, inputs.probed.as_ref(), &scales).candidates;
+        let before =
+            residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
+        let mut scales = baseline.motion.scales(
+            &simulator.system,
+            &inputs.records,
+            &before,
+            inputs.longest_delay_s,
+        );
+        let candidates =
+            catalogue(&simulator.system, &inputs.nuisances, inputs.probed.as_ref(), &scales)
+                .candidates;
         scales.scanned = typical(&simulator.system, &candidates, &scales);
-        let names = Names { model: subject.name(), logs: logs.iter().map(|l| l.source().to_owned()).collect() };
-        isolability_of::isolability(&likelihood, candidates, &scales, &baseline.noise_std, names, far)
-            .ok_or_else(|| not_finite(&inputs.records))
+        let names = Names {
+            model: subject.name(),
+            logs: logs.iter().map(|l| l.source().to_owned()).collect(),
+        };
+        isolability_of::isolability(
+            &likelihood,
+            candidates,
+            &scales,
+            &baseline.noise_std,
+            names,
+            far,
+        )
+        .ok_or_else(|| not_finite(&inputs.records))
     };
     let found = begin();
     options.stop.check()?;
@@ -170,16 +212,36 @@ impl Baseline {
     fn of(simulator: &Simulator, inputs: &Inputs, options: &GapOptions) -> Result<Self> {
         let (system, probed) = (&simulator.system, inputs.probed.as_ref());
         let predictor = match inputs.horizon {
-            Some(horizon) => Predictor::over(horizon, system, &inputs.model_effects, &inputs.records, &inputs.poles, &options.criteria)?,
-            None => Predictor::of(system, &inputs.records, &inputs.poles, probed, options.prediction, &options.criteria),
+            Some(horizon) => Predictor::over(
+                horizon,
+                system,
+                &inputs.model_effects,
+                &inputs.records,
+                &inputs.poles,
+                &options.criteria,
+            )?,
+            None => Predictor::of(
+                system,
+                &inputs.records,
+                &inputs.poles,
+                probed,
+                options.prediction,
+                &options.criteria,
+            ),
         };
-        let motion = Motion::of(system, &inputs.model_effects, &inputs.records, &predictor, probed)?;
+        let motion =
+            Motion::of(system, &inputs.model_effects, &inputs.records, &predictor, probed)?;
         let noise_std = motion.innovations(&inputs.records, &options.criteria);
         Ok(Self { predictor, motion, noise_std })
     }
 
     /// The likelihood of the logs under white noise of the first size.
-    fn likelihood<'a>(&'a self, simulator: &'a Simulator, inputs: &'a Inputs, options: &GapOptions) -> Result<Likelihood<'a>> {
+    fn likelihood<'a>(
+        &'a self,
+        simulator: &'a Simulator,
+        inputs: &'a Inputs,
+        options: &GapOptions,
+    ) -> Result<Likelihood<'a>> {
         let system = &simulator.system;
         Likelihood::new(Terms {
             system,
@@ -213,7 +275,8 @@ impl Judgement {
         progress: &dyn Fn(Stage),
     ) -> Option<Self> {
         let judged = judge(likelihood, found, candidates, scales)?;
-        let composed = Compose { likelihood, found, catalogue: candidates, scales, smallest }.from(judged, progress)?;
+        let composed = Compose { likelihood, found, catalogue: candidates, scales, smallest }
+            .from(judged, progress)?;
         let judged = &composed.judged;
         let searched = judged.found.as_ref().is_none_or(|e| e.effects.len() < 3);
         let sensitivities = match judged.verdict {
@@ -242,7 +305,8 @@ fn in_stages(
     let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
     must_not_explode(system, &inputs.records, &before)?;
     let longer_s = f64::min(options.criteria.longer * inputs.longest_delay_s, 0.5 * inputs.limit_s);
-    let may_be_longer = options.longest_delay_s.is_none() && longer_s > options.criteria.longer_at_least * inputs.longest_delay_s;
+    let may_be_longer = options.longest_delay_s.is_none()
+        && longer_s > options.criteria.longer_at_least * inputs.longest_delay_s;
     let once_more = |longer_s: f64| {
         progress(Stage::Longer);
         let longer = GapOptions { longest_delay_s: Some(longer_s), ..options.clone() };
@@ -250,27 +314,48 @@ fn in_stages(
     };
     if may_be_longer && likelihood.predictor.mode == Mode::Simulation {
         let (longest_s, limit_s) = (inputs.longest_delay_s, 0.5 * inputs.limit_s);
-        if let Some(shift_s) = shift_beyond(&inputs.records, &before, longest_s, limit_s, &options.criteria) {
-            return once_more(f64::min(f64::max(longer_s, options.criteria.longer_than_moved * shift_s), limit_s));
+        if let Some(shift_s) =
+            shift_beyond(&inputs.records, &before, longest_s, limit_s, &options.criteria)
+        {
+            return once_more(f64::min(
+                f64::max(longer_s, options.criteria.longer_than_moved * shift_s),
+                limit_s,
+            ));
         }
     }
-    let mut scales = baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);
+    let mut scales =
+        baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);
 
-    let chosen = Predictor::of(system, &inputs.records, &inputs.poles, inputs.probed.as_ref(), None, &options.criteria);
-    let checked = checks(system, &inputs.model_effects, &inputs.records, chosen, &HowFar::default());
-    let Catalogue { candidates, left_out } = catalogue(system, &inputs.nuisances, inputs.probed.as_ref(), &scales);
+    let chosen = Predictor::of(
+        system,
+        &inputs.records,
+        &inputs.poles,
+        inputs.probed.as_ref(),
+        None,
+        &options.criteria,
+    );
+    let checked =
+        checks(system, &inputs.model_effects, &inputs.records, chosen, &HowFar::default());
+    let Catalogue { candidates, left_out } =
+        catalogue(system, &inputs.nuisances, inputs.probed.as_ref(), &scales);
     scales.scanned = scanned(&likelihood, &candidates, &scales);
-    let Searched { likelihood, found } =
-        search(likelihood, candidates.clone(), &checked.remedies, &scales, &baseline.motion.smallest, progress)
-            .ok_or_else(|| not_finite(&inputs.records))?;
+    let Searched { likelihood, found } = search(
+        likelihood,
+        candidates.clone(),
+        &checked.remedies,
+        &scales,
+        &baseline.motion.smallest,
+        progress,
+    )
+    .ok_or_else(|| not_finite(&inputs.records))?;
     if may_be_longer && found.wants_longer_delays(&likelihood, &scales, &options.criteria) {
         return once_more(longer_s);
     }
 
     progress(Stage::Judging);
     let smallest = &baseline.motion.smallest;
-    let judgement =
-        Judgement::of(&likelihood, &found, &candidates, &scales, smallest, progress).ok_or_else(|| not_finite(&inputs.records))?;
+    let judgement = Judgement::of(&likelihood, &found, &candidates, &scales, smallest, progress)
+        .ok_or_else(|| not_finite(&inputs.records))?;
     progress(Stage::Describing);
     let answer = Answer {
         subject,
@@ -302,13 +387,15 @@ struct Answer<'a> {
 impl Answer<'_> {
     /// `None` where the model cannot be simulated.
     fn sections(self, judgement: Judgement, logs: &[Log], seed: u64) -> Option<Diagnosed> {
-        let (system, records, likelihood) = (&self.simulator.system, &self.inputs.records, self.likelihood);
+        let (system, records, likelihood) =
+            (&self.simulator.system, &self.inputs.records, self.likelihood);
         let composed = &judgement.composed;
         let handed = in_a_form_that_helps(likelihood, composed.hypothesis.as_ref(), self.scales);
         let active = ActiveEffects::from(&handed.effects);
         let before = residuals(likelihood, NO_EFFECT)?;
         let after = residuals(likelihood, active)?;
-        let (run_before, run_after) = (simulated(likelihood, NO_EFFECT)?, simulated(likelihood, active)?);
+        let (run_before, run_after) =
+            (simulated(likelihood, NO_EFFECT)?, simulated(likelihood, active)?);
         let decoded = match composed.hypothesis.as_ref().filter(|e| e.lost.is_some()) {
             Some(sequences) => Some(residuals(likelihood, sequences)?),
             None => None,
@@ -319,13 +406,22 @@ impl Answer<'_> {
         let predictor = likelihood.predictor;
         // A hidden sequence takes its share once it is known: what it is handed over as is another model.
         let explained_by = decoded.as_deref().unwrap_or(&after);
-        let budget = GapBudget { likelihood, composed, before: &before, after: explained_by, scales: self.scales, seed };
-        let (mut contributions, recalibration, mut remainder) = budget.sections(composed.estimate.as_ref());
+        let budget = GapBudget {
+            likelihood,
+            composed,
+            before: &before,
+            after: explained_by,
+            scales: self.scales,
+            seed,
+        };
+        let (mut contributions, recalibration, mut remainder) =
+            budget.sections(composed.estimate.as_ref());
         let cause = self.cause(&judgement);
         share_classes(&mut contributions, &cause.indistinguishable);
         let mut missing_force = None;
         if composed.judged.verdict != GapVerdict::Effects {
-            (remainder.description, missing_force) = describe(likelihood, &handed.effects, &after, seed).unzip();
+            (remainder.description, missing_force) =
+                describe(likelihood, &handed.effects, &after, seed).unzip();
         }
         let diagnosis = Diagnosis {
             format: DiagnosisFormat::V2,
@@ -343,10 +439,17 @@ impl Answer<'_> {
                 remainder: Some(remainder),
                 ..cause
             },
-            shrink: improvement(likelihood, [&run_before, &run_after], decoded.as_deref(), &floor.floor, seed),
+            shrink: improvement(
+                likelihood,
+                [&run_before, &run_after],
+                decoded.as_deref(),
+                &floor.floor,
+                seed,
+            ),
             nuisances: nuisance_estimates(likelihood, composed.hypothesis.as_ref(), self.scales),
         };
-        let effects: Vec<Applied> = composed.hypothesis.iter().flat_map(|e| e.effects.clone()).collect();
+        let effects: Vec<Applied> =
+            composed.hypothesis.iter().flat_map(|e| e.effects.clone()).collect();
         let traces = traces(likelihood, Some(active).filter(|_| !effects.is_empty()), &floor.floor);
         let mut caveats = match self.with_nuisances() {
             Some(predicted) => nominal_caveats(system, records, &predicted, &diagnosis),
@@ -354,7 +457,12 @@ impl Answer<'_> {
         };
         caveats.extend(self.caveats(&composed.judged));
         caveats.extend(nuisance_caveats(likelihood, &diagnosis.nuisances));
-        caveats.extend(constant_caveats(likelihood, composed.hypothesis.as_ref(), self.scales, &self.motion.smallest));
+        caveats.extend(constant_caveats(
+            likelihood,
+            composed.hypothesis.as_ref(),
+            self.scales,
+            &self.motion.smallest,
+        ));
         caveats.extend(handed.caveat);
         let model = self.subject.with(handed.effects.iter().map(Applied::to_entry), logs);
         let commands = command_traces(likelihood);
@@ -374,7 +482,9 @@ impl Answer<'_> {
     /// What the model as it came predicts with what every log has of its own; `None` without nuisances of the model file.
     fn with_nuisances(&self) -> Option<Vec<DMatrix<f64>>> {
         let likelihood = self.likelihood;
-        let predicted = |(at, record): (usize, &LogRecord)| likelihood.predict_from_posterior(at, NO_EFFECT, record.estimated_from()?);
+        let predicted = |(at, record): (usize, &LogRecord)| {
+            likelihood.predict_from_posterior(at, NO_EFFECT, record.estimated_from()?)
+        };
         likelihood.declared.first()?;
         likelihood.records.iter().enumerate().map(predicted).collect()
     }
@@ -385,7 +495,8 @@ impl Answer<'_> {
             overall(&Errors::of(self.likelihood.records, &residuals, |r| r.train).nrmse())
         };
         let Judgement { composed, sensitivities } = judgement;
-        let mut cause = cause(self.likelihood, composed, self.found, self.scales, sensitivities, after);
+        let mut cause =
+            cause(self.likelihood, composed, self.found, self.scales, sensitivities, after);
         cause.not_tried.clone_from(&self.left_out);
         cause
     }
@@ -395,13 +506,18 @@ impl Answer<'_> {
         let mut caveats = log_caveats(system, &self.inputs.records);
         caveats.extend(self.inputs.probed.iter().flat_map(|p| p.caveats.clone()));
         let remedy = match system.dynamics {
-            Dynamics::Equations(..) => "`deadtime identify --structure MODEL.toml --free all` fits them",
+            Dynamics::Equations(..) => {
+                "`deadtime identify --structure MODEL.toml --free all` fits them"
+            }
             Dynamics::Linear(_) | Dynamics::BlackBox(..) => {
                 "written as equations, the model's numbers are fitted by `deadtime identify --structure MODEL.toml --free all`"
             }
             Dynamics::Sampled(..) => "`deadtime identify` fits a sampled model to the logs",
         };
-        let of_the_numbers = |effect: &String| Caveat::OfTheNumbers { effect: effect.clone(), remedy: remedy.to_owned() };
+        let of_the_numbers = |effect: &String| Caveat::OfTheNumbers {
+            effect: effect.clone(),
+            remedy: remedy.to_owned(),
+        };
         caveats.extend(judged.of_the_numbers.iter().map(of_the_numbers));
         let named = judged.found.as_ref().is_some_and(|found| !found.effects.is_empty());
         if let Some((output, times)) = judged.left_over.filter(|_| named) {
@@ -421,7 +537,15 @@ fn gap(likelihood: &Likelihood<'_>, before: &[DMatrix<f64>], floor: &[f64]) -> G
     let (each, each_floor) = (nothing.nrmse(), nothing.relative(floor));
     let shares = output_shares(&each, &each_floor);
     let names = likelihood.system.outputs.iter().map(|o| o.name.clone());
-    let outputs = names.enumerate().map(|(i, name)| GapOutput { name, before: each[i], floor: each_floor[i], share: shares[i] }).collect();
+    let outputs = names
+        .enumerate()
+        .map(|(i, name)| GapOutput {
+            name,
+            before: each[i],
+            floor: each_floor[i],
+            share: shares[i],
+        })
+        .collect();
     Gap { metric: Metric::Nrmse, before: overall(&each), floor: overall(&each_floor), outputs }
 }
 

@@ -80,9 +80,16 @@ impl GapWatch {
         let mut model = model.clone();
         match &mut model {
             ModelDocument::Lti(file) => file.initial_std.clear(),
-            ModelDocument::Equations(file) => file.states.iter_mut().for_each(|(_, state)| state.initial_std = None),
+            ModelDocument::Equations(file) => {
+                file.states.iter_mut().for_each(|(_, state)| state.initial_std = None)
+            }
         }
-        let mut names: Vec<String> = model.inputs().iter().filter(|c| c.derivative_of.is_none()).map(|c| c.name.clone()).collect();
+        let mut names: Vec<String> = model
+            .inputs()
+            .iter()
+            .filter(|c| c.derivative_of.is_none())
+            .map(|c| c.name.clone())
+            .collect();
         names.extend(model.outputs().iter().map(|c| c.name.clone()));
         let values = vec![Vec::new(); names.len()];
         Self { model, options, length_s, names, time_s: Vec::new(), values, last: None }
@@ -125,7 +132,10 @@ impl GapWatch {
 
     /// Diagnoses the rows so far, and lets them go.
     fn stretch(&mut self) -> Result<GapTold> {
-        let (from_s, to_s) = (self.time_s.first().copied().unwrap_or(0.0), self.time_s.last().copied().unwrap_or(0.0));
+        let (from_s, to_s) = (
+            self.time_s.first().copied().unwrap_or(0.0),
+            self.time_s.last().copied().unwrap_or(0.0),
+        );
         let told = match self.diagnosed() {
             Ok(found) => self.told(from_s, to_s, &found),
             Err(stopped @ super::error::Error::Stopped(_)) => return Err(stopped),
@@ -137,7 +147,8 @@ impl GapWatch {
 
     fn diagnosed(&self) -> Result<Diagnosed> {
         let first_s = self.time_s.first().copied().unwrap_or(0.0);
-        let source = format!("{first_s:.3} s to {:.3} s", self.time_s.last().copied().unwrap_or(0.0));
+        let source =
+            format!("{first_s:.3} s to {:.3} s", self.time_s.last().copied().unwrap_or(0.0));
         let column = |(name, values): (&String, &Vec<Option<f64>>)| {
             let present = values.iter().map(Option::is_some).collect();
             Channel::partial(name, None, values.iter().map(|v| v.unwrap_or(0.0)).collect(), present)
@@ -160,20 +171,35 @@ impl GapWatch {
             parameters: parameters.to_vec(),
         };
         let effects: Vec<ActingEffect> = match cause.contributions.as_slice() {
-            [] => cause.effects.iter().map(|e| acting(&e.effect, &e.channel, &e.parameters)).collect(),
-            contributions => contributions.iter().map(|c| acting(&c.effect, &c.channel, &c.parameters)).collect(),
+            [] => {
+                cause.effects.iter().map(|e| acting(&e.effect, &e.channel, &e.parameters)).collect()
+            }
+            contributions => {
+                contributions.iter().map(|c| acting(&c.effect, &c.channel, &c.parameters)).collect()
+            }
         };
         let changed = self.last.as_ref().is_none_or(|before| differ(before, &effects));
         self.last = Some(effects.clone());
         let (error, floor) = (found.diagnosis.gap.before, found.diagnosis.gap.floor);
-        GapTold::Gap { from_s, to_s, error, floor, verdict: cause.verdict.clone(), effects, changed }
+        GapTold::Gap {
+            from_s,
+            to_s,
+            error,
+            floor,
+            verdict: cause.verdict.clone(),
+            effects,
+            changed,
+        }
     }
 }
 
 /// Other effects act, or the 95 % intervals of one of their numbers lie beside each other.
 fn differ(before: &[ActingEffect], now: &[ActingEffect]) -> bool {
     let beside = |(a, b): (&FoundParameter, &FoundParameter)| matches!((a.ci95, b.ci95), (Some(a), Some(b)) if a[1] < b[0] || b[1] < a[0]);
-    let moved = |a: &ActingEffect| match now.iter().find(|b| a.effect == b.effect && a.channel == b.channel) {
+    let moved = |a: &ActingEffect| match now
+        .iter()
+        .find(|b| a.effect == b.effect && a.channel == b.channel)
+    {
         None => true,
         Some(b) => a.parameters.iter().zip(&b.parameters).any(beside),
     };
@@ -187,13 +213,26 @@ mod tests {
     #[test]
     fn only_other_effects_and_numbers_apart_are_a_change() {
         let of = |effect: &str, ci95| {
-            let delay = FoundParameter { name: "delay".into(), unit: "s".into(), value: None, std: None, ci95 };
-            vec![ActingEffect { effect: effect.into(), channel: "u".into(), parameters: vec![delay] }]
+            let delay = FoundParameter {
+                name: "delay".into(),
+                unit: "s".into(),
+                value: None,
+                std: None,
+                ci95,
+            };
+            vec![ActingEffect {
+                effect: effect.into(),
+                channel: "u".into(),
+                parameters: vec![delay],
+            }]
         };
         let first = of("input_delay", Some([0.1, 0.2]));
         assert!(!differ(&first, &of("input_delay", Some([0.19, 0.3]))));
         assert!(differ(&first, &of("input_delay", Some([0.21, 0.3]))));
-        assert!(!differ(&first, &of("input_delay", None)) && differ(&first, &of("actuator_lag", Some([0.1, 0.2]))));
+        assert!(
+            !differ(&first, &of("input_delay", None))
+                && differ(&first, &of("actuator_lag", Some([0.1, 0.2])))
+        );
         assert!(differ(&first, &[]) && !differ(&[], &[]));
     }
 }

@@ -81,7 +81,8 @@ impl Stretch<'_> {
     fn column(&self, filtered: &[f64], from: usize, c: &[f64]) -> Vec<f64> {
         let mut column = filtered[from..from + self.rows].to_vec();
         for k in 0..c.len() {
-            let carried: f64 = (k + 1..=c.len().min(from + k)).map(|j| c[j - 1] * filtered[from + k - j]).sum();
+            let carried: f64 =
+                (k + 1..=c.len().min(from + k)).map(|j| c[j - 1] * filtered[from + k - j]).sum();
             self.add_impulse(&mut column, k, carried);
         }
         column
@@ -133,7 +134,8 @@ impl<'a> Problem<'a> {
                 let first = (from + na).max(most);
                 // A stretch must say more than it asks for.
                 if t > first + nc {
-                    let (rows, y, u) = (t - first, &record.y[first - na..t], &record.u[first - most..t]);
+                    let (rows, y, u) =
+                        (t - first, &record.y[first - na..t], &record.u[first - most..t]);
                     total += rows;
                     power += dot(&y[na..], &y[na..]);
                     stretches.push(Stretch {
@@ -150,7 +152,17 @@ impl<'a> Problem<'a> {
                 from = t + 1;
             }
         }
-        Self { orders, most, stretches, nk: 0, m: nb, power, rows: total, c: Vec::new(), linear: DVector::zeros(0) }
+        Self {
+            orders,
+            most,
+            stretches,
+            nk: 0,
+            m: nb,
+            power,
+            rows: total,
+            c: Vec::new(),
+            linear: DVector::zeros(0),
+        }
     }
 
     fn filter(&mut self, c: &[f64]) {
@@ -255,7 +267,9 @@ impl<'a> Problem<'a> {
         for (s, block) in stretches.iter().zip(&gram.blocks) {
             let (past, target) = s.e.split_at(nc);
             // What is already taken off as errors before weighs against more of it.
-            let before = DVector::from_fn(nc, |j, _| dot(&s.before[j], &target[..s.before[j].len()]) - past[nc - 1 - j]);
+            let before = DVector::from_fn(nc, |j, _| {
+                dot(&s.before[j], &target[..s.before[j].len()]) - past[nc - 1 - j]
+            });
             let of_columns = DVector::from_fn(right.len(), |i, _| dot(&block.columns[i], target));
             right += of_columns - block.cross.tr_mul(&block.own.solve(&before));
             of_before.push(before);
@@ -265,7 +279,9 @@ impl<'a> Problem<'a> {
         for ((s, block), before) in stretches.iter_mut().zip(&gram.blocks).zip(of_before) {
             let own = block.own.solve(&(before - &block.cross * &change));
             let (past, e) = s.e.split_at_mut(nc);
-            for (column, weight) in block.columns.iter().zip(change.iter()).chain(s.before.iter().zip(own.iter())) {
+            for (column, weight) in
+                block.columns.iter().zip(change.iter()).chain(s.before.iter().zip(own.iter()))
+            {
                 for (e, x) in e.iter_mut().zip(column) {
                     *e -= weight * x;
                 }
@@ -335,9 +351,15 @@ impl<'a> Problem<'a> {
             shifted[i] = c[i];
             slope[i] = 0.5 * (up - down) / (2.0 * DIFFERENCE);
         }
-        information += &gradient * slope.transpose() + &slope * gradient.transpose() + &slope * slope.transpose() * cost;
+        information += &gradient * slope.transpose()
+            + &slope * gradient.transpose()
+            + &slope * slope.transpose() * cost;
         gradient += &slope * cost;
-        Some(Normal { cost: cost * scale, gradient: gradient * scale, information: information * scale })
+        Some(Normal {
+            cost: cost * scale,
+            gradient: gradient * scale,
+            information: information * scale,
+        })
     }
 
     /// The second stage of Hannan and Rissanen: `errors` of a long ARX model, one per row of each stretch, as if they were measured.
@@ -493,7 +515,13 @@ impl Armax {
 
     /// [`Self::scan`] that breaks off once it is wished; what it gives then says nothing.
     #[must_use]
-    pub fn scan_until(&self, records: &[Record], first: usize, max_delay: usize, stop: &Stop) -> ArmaxScan {
+    pub fn scan_until(
+        &self,
+        records: &[Record],
+        first: usize,
+        max_delay: usize,
+        stop: &Stop,
+    ) -> ArmaxScan {
         let mut problem = Problem::new(*self, records, max_delay);
         let delays = max_delay + 1;
         let rows = problem.rows.max(1) as f64;
@@ -505,12 +533,19 @@ impl Armax {
         let (long, errors) = self.long(&problem, records, first, max_delay);
         let without_input = self.without_input(&mut problem, &errors);
         let hopeless = {
-            let smallest = long.iter().skip(first).copied().fold(f64::INFINITY, f64::min).max(1e-20 * power).max(f64::MIN_POSITIVE);
+            let smallest = long
+                .iter()
+                .skip(first)
+                .copied()
+                .fold(f64::INFINITY, f64::min)
+                .max(1e-20 * power)
+                .max(f64::MIN_POSITIVE);
             move |nk: usize| long.get(nk).is_some_and(|v| rows * (v / smallest).ln() > HOPELESS)
         };
         for m in 1..=self.nb {
             problem.m = m;
-            let seeds = self.seeds(&mut problem, (first..delays).filter(|nk| !hopeless(*nk)), delays);
+            let seeds =
+                self.seeds(&mut problem, (first..delays).filter(|nk| !hopeless(*nk)), delays);
             for upwards in [true, false] {
                 for step in first..delays {
                     if stop.is_set() {
@@ -519,17 +554,27 @@ impl Armax {
                     let nk = if upwards { step } else { max_delay + first - step };
                     problem.nk = nk;
                     let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1) };
-                    let neighbour = neighbour.and_then(|n| fits.get(n)?[m - 1].as_ref()).map(|f| f.c.clone());
-                    let fewer = m.checked_sub(2).and_then(|at| fits[nk][at].as_ref()).map(|f| f.c.clone());
+                    let neighbour =
+                        neighbour.and_then(|n| fits.get(n)?[m - 1].as_ref()).map(|f| f.c.clone());
+                    let fewer =
+                        m.checked_sub(2).and_then(|at| fits[nk][at].as_ref()).map(|f| f.c.clone());
                     let starts: Vec<Vec<f64>> = if hopeless(nk) {
-                        let smallest = fits.iter().filter_map(|f| Some(f[m - 1].as_ref()?.loss)).fold(f64::INFINITY, f64::min);
-                        let near = |f: &ArmaxFit| rows * (f.loss / smallest.max(f64::MIN_POSITIVE)).ln() <= HOPELESS;
+                        let smallest = fits
+                            .iter()
+                            .filter_map(|f| Some(f[m - 1].as_ref()?.loss))
+                            .fold(f64::INFINITY, f64::min);
+                        let near = |f: &ArmaxFit| {
+                            rows * (f.loss / smallest.max(f64::MIN_POSITIVE)).ln() <= HOPELESS
+                        };
                         // On the way back a delay that the long model wrongly gave up is searched after all.
                         match &fits[nk][m - 1] {
                             Some(fit) if !upwards && near(fit) => {
                                 let seeds = self.seeds(&mut problem, std::iter::once(nk), delays);
                                 problem.nk = nk;
-                                self.best_seed(&mut problem, &errors, &seeds[nk]).into_iter().chain(neighbour).collect()
+                                self.best_seed(&mut problem, &errors, &seeds[nk])
+                                    .into_iter()
+                                    .chain(neighbour)
+                                    .collect()
                             }
                             _ if upwards => vec![vec![0.0; self.nc]],
                             _ => Vec::new(),
@@ -542,12 +587,21 @@ impl Armax {
                     };
                     for start in starts {
                         let known = fits[nk][m - 1].as_ref();
-                        if known.is_some_and(|f| f.to_gain.is_finite() && f.c.iter().zip(&start).all(|(a, b)| (a - b).abs() <= 1e-3)) {
+                        if known.is_some_and(|f| {
+                            f.to_gain.is_finite()
+                                && f.c.iter().zip(&start).all(|(a, b)| (a - b).abs() <= 1e-3)
+                        }) {
                             continue;
                         }
-                        let fit = if upwards && hopeless(nk) { at(&mut problem, &start) } else { search(&mut problem, &start) };
+                        let fit = if upwards && hopeless(nk) {
+                            at(&mut problem, &start)
+                        } else {
+                            search(&mut problem, &start)
+                        };
                         if let Some(fit) = fit
-                            && known.is_none_or(|k| fit.loss < k.loss || k.to_gain.is_infinite() && fit.loss <= k.loss)
+                            && known.is_none_or(|k| {
+                                fit.loss < k.loss || k.to_gain.is_infinite() && fit.loss <= k.loss
+                            })
                         {
                             fits[nk][m - 1] = Some(fit);
                         }
@@ -559,10 +613,18 @@ impl Armax {
     }
 
     /// The losses of a long ARX model for every delay, and the errors of the best of them.
-    fn long(&self, problem: &Problem<'_>, records: &[Record], first: usize, max_delay: usize) -> (Vec<f64>, Vec<Vec<f64>>) {
+    fn long(
+        &self,
+        problem: &Problem<'_>,
+        records: &[Record],
+        first: usize,
+        max_delay: usize,
+    ) -> (Vec<f64>, Vec<Vec<f64>>) {
         let na = LONG.min(problem.rows / 10).max(self.na);
         let scan = arx_scan(records, na, self.nb, max_delay);
-        let best = (first..scan.loss.len()).filter(|&nk| scan.loss[nk].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
+        let best = (first..scan.loss.len())
+            .filter(|&nk| scan.loss[nk].is_finite())
+            .min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
         // Too few rows for the long model: no bound, no errors.
         match best.filter(|_| scan.rows > 2 * (na + self.nb)) {
             Some(nk) => {
@@ -581,7 +643,12 @@ impl Armax {
     }
 
     /// The costs of the table's noise polynomials at these of all `delays`: each filters the signals once for all of them.
-    fn seeds(&self, problem: &mut Problem<'_>, wanted: impl Iterator<Item = usize>, delays: usize) -> Vec<Vec<(f64, Vec<f64>)>> {
+    fn seeds(
+        &self,
+        problem: &mut Problem<'_>,
+        wanted: impl Iterator<Item = usize>,
+        delays: usize,
+    ) -> Vec<Vec<(f64, Vec<f64>)>> {
         let wanted: Vec<usize> = wanted.collect();
         let mut seeds = vec![Vec::new(); delays];
         for c in table(self.nc).into_iter().filter(|c| is_stable(c)) {
@@ -598,21 +665,36 @@ impl Armax {
     }
 
     /// The best of the starts that need no other fit.
-    fn best_seed(&self, problem: &mut Problem<'_>, errors: &[Vec<f64>], seeds: &[(f64, Vec<f64>)]) -> Option<Vec<f64>> {
+    fn best_seed(
+        &self,
+        problem: &mut Problem<'_>,
+        errors: &[Vec<f64>],
+        seeds: &[(f64, Vec<f64>)],
+    ) -> Option<Vec<f64>> {
         let own = problem.start_by_errors(errors).and_then(|c| Some((problem.cost(&c)?, c)));
         seeds.iter().cloned().chain(own).min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, c)| c)
     }
 
     /// The prediction errors of a fitted model and the inputs at the same rows, stretch after stretch; nothing where it cannot be evaluated.
     #[must_use]
-    pub fn residuals(&self, records: &[Record], max_delay: usize, nk: usize, fit: &ArmaxFit) -> Vec<(Vec<f64>, Vec<f64>)> {
+    pub fn residuals(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        nk: usize,
+        fit: &ArmaxFit,
+    ) -> Vec<(Vec<f64>, Vec<f64>)> {
         let mut problem = Problem::new(*self, records, max_delay);
         (problem.nk, problem.m) = (nk, fit.b.len());
         if problem.cost(&fit.c).is_none() {
             return Vec::new();
         }
         let most = problem.most;
-        problem.stretches.into_iter().map(|s| (s.e[self.nc..].to_vec(), s.u[most..].to_vec())).collect()
+        problem
+            .stretches
+            .into_iter()
+            .map(|s| (s.e[self.nc..].to_vec(), s.u[most..].to_vec()))
+            .collect()
     }
 }
 
@@ -633,7 +715,9 @@ fn search(problem: &mut Problem<'_>, start: &[f64]) -> Option<ArmaxFit> {
     let cost = problem.cost(&fit.parameters)?;
     let Normal { gradient, information, .. } = fit.normal;
     let step = ridged(information).cholesky().map(|c| c.solve(&gradient));
-    let to_gain = step.map_or(f64::INFINITY, |s| problem.rows as f64 * s.dot(&gradient) / cost.max(f64::MIN_POSITIVE));
+    let to_gain = step.map_or(f64::INFINITY, |s| {
+        problem.rows as f64 * s.dot(&gradient) / cost.max(f64::MIN_POSITIVE)
+    });
     Some(problem.fit(cost, fit.parameters, fit.stopped, to_gain))
 }
 
@@ -659,7 +743,9 @@ mod tests {
     fn record(samples: usize, gaps: &[usize]) -> Record<'static> {
         let mut state = 7_u64;
         let mut next = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
         };
         let u: Vec<f64> = (0..samples).map(|_| next()).collect();
@@ -667,14 +753,21 @@ mod tests {
         let mut y = vec![0.0; samples];
         for t in 0..samples {
             let past = |x: &[f64], lag: usize| if t >= lag { x[t - lag] } else { 0.0 };
-            y[t] = 1.2 * past(&y, 1) - 0.4 * past(&y, 2) + 0.5 * past(&u, 3) + e[t] - 0.7 * past(&e, 1);
+            y[t] = 1.2 * past(&y, 1) - 0.4 * past(&y, 2) + 0.5 * past(&u, 3) + e[t]
+                - 0.7 * past(&e, 1);
         }
-        let present = (!gaps.is_empty()).then(|| (0..samples).map(|t| !gaps.contains(&t)).collect());
+        let present =
+            (!gaps.is_empty()).then(|| (0..samples).map(|t| !gaps.contains(&t)).collect());
         Record { present, ..Record::new(u, y) }
     }
 
     /// The oracle: generalised least squares with the covariance matrix written out.
-    fn direct(record: &Record, stretches: &[(usize, usize)], (na, nk, m): (usize, usize, usize), c: &[f64]) -> f64 {
+    fn direct(
+        record: &Record,
+        stretches: &[(usize, usize)],
+        (na, nk, m): (usize, usize, usize),
+        c: &[f64],
+    ) -> f64 {
         let nc = c.len();
         let rows: usize = stretches.iter().map(|(from, to)| to - from).sum();
         let (mut x, mut y) = (DMatrix::zeros(rows, na + m), DVector::zeros(rows));
@@ -713,7 +806,9 @@ mod tests {
         let orders = Armax { na: 2, nb: 2, nc: 2 };
         let records = [record.clone()];
         let mut problem = Problem::new(orders, &records, 6);
-        for (nk, m, c) in [(0, 2, [-0.5, 0.3]), (6, 1, [-1.9, 0.9999]), (3, 2, [0.0, 0.0]), (2, 2, [1.2, 0.9])] {
+        for (nk, m, c) in
+            [(0, 2, [-0.5, 0.3]), (6, 1, [-1.9, 0.9999]), (3, 2, [0.0, 0.0]), (2, 2, [1.2, 0.9])]
+        {
             (problem.nk, problem.m) = (nk, m);
             let expected = direct(&record, &[(7, 40), (44, 90), (93, 160)], (2, nk, m), &c);
             let got = problem.cost(&c).unwrap();
@@ -735,7 +830,11 @@ mod tests {
                     problem.cost(&shifted).unwrap()
                 };
                 let numeric = (at(1e-6) - at(-1e-6)) / 4e-6;
-                assert!((normal.gradient[i] - numeric).abs() < 1e-5 * numeric.abs().max(1.0), "{} {numeric}", normal.gradient[i]);
+                assert!(
+                    (normal.gradient[i] - numeric).abs() < 1e-5 * numeric.abs().max(1.0),
+                    "{} {numeric}",
+                    normal.gradient[i]
+                );
             }
         }
     }
@@ -744,8 +843,15 @@ mod tests {
     fn a_scan_finds_the_polynomials_that_made_the_record() {
         let records = [record(20_000, &[])];
         let scan = Armax { na: 2, nb: 1, nc: 1 }.scan(&records, 0, 8);
-        let best =
-            (0..9).min_by(|&a, &b| scan.fits[a][0].as_ref().unwrap().loss.total_cmp(&scan.fits[b][0].as_ref().unwrap().loss)).unwrap();
+        let best = (0..9)
+            .min_by(|&a, &b| {
+                scan.fits[a][0]
+                    .as_ref()
+                    .unwrap()
+                    .loss
+                    .total_cmp(&scan.fits[b][0].as_ref().unwrap().loss)
+            })
+            .unwrap();
         let fit = scan.fits[best][0].as_ref().unwrap();
         assert_eq!(best, 3);
         for (got, want) in fit.a.iter().chain(&fit.b).chain(&fit.c).zip([-1.2, 0.4, 0.5, -0.7]) {

@@ -59,7 +59,9 @@ impl JointArx {
     pub fn scan(&self, input: usize, others: &[(usize, usize)]) -> ArxScan {
         let Self { triangle, na, nb, max_delay } = self;
         let lags = max_delay + nb;
-        let of = |input: usize, from: usize, count: usize| (0..count).map(move |i| na + input * lags + from + i);
+        let of = |input: usize, from: usize, count: usize| {
+            (0..count).map(move |i| na + input * lags + from + i)
+        };
         let last = triangle.r.ncols() - 1;
         let mut columns: Vec<usize> = (0..*na).collect();
         others.iter().for_each(|&(other, nk)| columns.extend(of(other, nk, *nb)));
@@ -69,7 +71,11 @@ impl JointArx {
         // The factor stands for the rows: fewer columns of it have a factor of their own.
         let mut r = DMatrix::zeros(columns.len().max(last + 1), columns.len());
         r.rows_mut(0, last + 1).copy_from(&triangle.r.select_columns(&columns));
-        let triangle = Triangle { r: upper(r), rows: triangle.rows, norms: columns.iter().map(|&c| triangle.norms[c]).collect() };
+        let triangle = Triangle {
+            r: upper(r),
+            rows: triangle.rows,
+            norms: columns.iter().map(|&c| triangle.norms[c]).collect(),
+        };
         read(&triangle, beside, *nb, *max_delay)
     }
 
@@ -106,7 +112,8 @@ fn read(triangle: &Triangle, na: usize, nb: usize, max_delay: usize) -> ArxScan 
     let (r, norms) = (&triangle.r, &triangle.norms);
     let last = na + max_delay + nb;
     // Rows that the past outputs use up; where one of them repeats the others, its row stays with the input.
-    let (used, free): (Vec<usize>, Vec<usize>) = (0..na).partition(|&i| r[(i, i)].abs() > DEPENDENT * norms[i]);
+    let (used, free): (Vec<usize>, Vec<usize>) =
+        (0..na).partition(|&i| r[(i, i)].abs() > DEPENDENT * norms[i]);
     let rows = triangle.rows.max(1) as f64;
     let tail = |column: usize, from: usize| -> Vec<f64> {
         free.iter().map(|&i| r[(i, column)]).chain((na..from).map(|i| r[(i, column)])).collect()

@@ -140,7 +140,9 @@ pub enum IdentifyError {
         needed: usize,
     },
     /// An order that the windows cannot show.
-    #[error("order {order}: a past window of {past} samples shows at most {most} states; choose a smaller order or a longer past")]
+    #[error(
+        "order {order}: a past window of {past} samples shows at most {most} states; choose a smaller order or a longer past"
+    )]
     Order {
         /// The order asked for.
         order: usize,
@@ -194,7 +196,9 @@ pub enum IdentifyError {
         rule: &'static str,
     },
     /// A method of one output and several outputs.
-    #[error("{method} makes a model of one output, and {outputs} are named; run it once for each of them, or use pbsidopt")]
+    #[error(
+        "{method} makes a model of one output, and {outputs} are named; run it once for each of them, or use pbsidopt"
+    )]
     Outputs {
         /// The method.
         method: &'static str,
@@ -202,7 +206,9 @@ pub enum IdentifyError {
         outputs: usize,
     },
     /// A method of one input and several inputs.
-    #[error("{method} makes a model of one input, and {inputs} are named; riv takes several (common poles), and so does pbsidopt")]
+    #[error(
+        "{method} makes a model of one input, and {inputs} are named; riv takes several (common poles), and so does pbsidopt"
+    )]
     Inputs {
         /// The method.
         method: &'static str,

@@ -23,7 +23,11 @@ pub struct Fir {
 /// Source: Ljung (1999), "System Identification", 2nd ed., section 4.2.
 pub fn estimate(records: &[Record], taps: usize) -> Result<Fir, Rank> {
     let triangle = Regression { na: 0, lags: taps }.factor(records);
-    let rank = (0..taps).filter(|&i| triangle.r[(i, i)].abs() > DEPENDENT * triangle.norms[i].max(f64::MIN_POSITIVE)).count();
+    let rank = (0..taps)
+        .filter(|&i| {
+            triangle.r[(i, i)].abs() > DEPENDENT * triangle.norms[i].max(f64::MIN_POSITIVE)
+        })
+        .count();
     if rank < taps || triangle.rows <= taps {
         return Err(Rank { rank: rank.min(triangle.rows), columns: taps });
     }
@@ -33,7 +37,12 @@ pub fn estimate(records: &[Record], taps: usize) -> Result<Fir, Rank> {
     let coefficients = r.solve_upper_triangular(&target).ok_or(singular)?;
     let inverse = r.solve_upper_triangular(&DMatrix::identity(taps, taps)).ok_or(singular)?;
     let variance = triangle.r[(taps, taps)].powi(2) / (triangle.rows - taps) as f64;
-    Ok(Fir { coefficients, covariance: &inverse * inverse.transpose() * variance, variance, rows: triangle.rows })
+    Ok(Fir {
+        coefficients,
+        covariance: &inverse * inverse.transpose() * variance,
+        variance,
+        rows: triangle.rows,
+    })
 }
 
 /// A finite impulse response of `taps` coefficients, `None` where the input does not excite all of them (or the records are too short).

@@ -83,8 +83,12 @@ impl Evidence {
             power: target.norm_squared() + triangle.r[(taps, taps)].powi(2),
             unit: r.norm_squared() / count,
         };
-        (rows > 0.0 && evidence.unit > 0.0 && evidence.power > 0.0 && evidence.unit.is_finite() && evidence.power.is_finite())
-            .then_some(evidence)
+        (rows > 0.0
+            && evidence.unit > 0.0
+            && evidence.power > 0.0
+            && evidence.unit.is_finite()
+            && evidence.power.is_finite())
+        .then_some(evidence)
     }
 
     /// Standard deviations of the increments h(i) − h(i + 1) of a response from `start` on, in units of √c; the last coefficient stands alone.
@@ -107,8 +111,12 @@ impl Evidence {
             left.map_or(g[(i, j)], |l| g[(i, j)] - g[(i, l)] - g[(l, j)] + g[(l, l)])
         };
         let count = weights.len();
-        let system = DMatrix::from_fn(count, count, |i, j| gamma * weights[i] * weights[j] * entry(i, j) + if i == j { 1.0 } else { 0.0 });
-        let right = DVector::from_fn(count, |i, _| weights[i] * (self.right[i + start] - left.map_or(0.0, |l| self.right[l])));
+        let system = DMatrix::from_fn(count, count, |i, j| {
+            gamma * weights[i] * weights[j] * entry(i, j) + if i == j { 1.0 } else { 0.0 }
+        });
+        let right = DVector::from_fn(count, |i, _| {
+            weights[i] * (self.right[i + start] - left.map_or(0.0, |l| self.right[l]))
+        });
         Some(System { factor: system.cholesky()?, right, weights })
     }
 
@@ -116,7 +124,9 @@ impl Evidence {
     ///
     /// Source: Chen, Ohlsson and Ljung (2012), doi:10.1016/j.automatica.2012.05.026, section 4.
     pub fn misfit(&self, start: usize, prior: Prior) -> f64 {
-        let Some(System { factor: system, right, .. }) = self.system(start, prior) else { return f64::INFINITY };
+        let Some(System { factor: system, right, .. }) = self.system(start, prior) else {
+            return f64::INFINITY;
+        };
         let gamma = prior.scale.exp() / self.unit;
         let left = self.power - gamma * right.dot(&system.solve(&right));
         let determinant: f64 = system.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
@@ -147,7 +157,10 @@ impl Evidence {
         while by_decay > 0.03 {
             let moves = [(by_decay, 0.0), (-by_decay, 0.0), (0.0, by_scale), (0.0, -by_scale)];
             let found = moves.into_iter().any(|(d, s)| {
-                let prior = Prior { decay: (best.decay + d).clamp(-7.0, 1.5), scale: (best.scale + s).clamp(-15.0, 40.0) };
+                let prior = Prior {
+                    decay: (best.decay + d).clamp(-7.0, 1.5),
+                    scale: (best.scale + s).clamp(-15.0, 40.0),
+                };
                 offer(prior, &mut least, &mut best)
             });
             if !found {
@@ -167,7 +180,9 @@ impl Evidence {
         let spread = system.inverse() * (gamma * variance);
         // h(i) = Σ of the increments from i on.
         let count = weights.len();
-        let sum = DMatrix::from_fn(self.taps, count, |i, j| if i >= start && j + start >= i { weights[j] } else { 0.0 });
+        let sum = DMatrix::from_fn(self.taps, count, |i, j| {
+            if i >= start && j + start >= i { weights[j] } else { 0.0 }
+        });
         Some(RegularisedFir {
             coefficients: &sum * increments,
             covariance: &sum * spread * sum.transpose(),
@@ -199,7 +214,10 @@ mod tests {
     fn record(samples: usize) -> Record<'static> {
         let u: Vec<f64> = (0..samples).map(|k| f64::from((k * 7919 % 13) as u8) - 6.0).collect();
         let y: Vec<f64> = (0..samples)
-            .map(|t| (2..t.min(12)).map(|i| 0.7_f64.powi(i as i32) * u[t - i]).sum::<f64>() + ((t * 31 % 17) as f64 - 8.0) * 0.1)
+            .map(|t| {
+                (2..t.min(12)).map(|i| 0.7_f64.powi(i as i32) * u[t - i]).sum::<f64>()
+                    + ((t * 31 % 17) as f64 - 8.0) * 0.1
+            })
             .collect();
         Record::new(u, y)
     }
@@ -215,13 +233,17 @@ mod tests {
         for start in [0, 3] {
             let prior = Prior { decay: -1.3, scale: 2.0 };
             let gamma = prior.scale.exp() / evidence.unit;
-            let kernel =
-                DMatrix::from_fn(taps, taps, |i, j| if i.min(j) < start { 0.0 } else { prior.lambda().powi((i.max(j) - start) as i32) });
+            let kernel = DMatrix::from_fn(taps, taps, |i, j| {
+                if i.min(j) < start { 0.0 } else { prior.lambda().powi((i.max(j) - start) as i32) }
+            });
             let covariance = DMatrix::identity(n, n) + gamma * &phi * &kernel * phi.transpose();
             let inverse = covariance.clone().try_inverse().unwrap();
             let quadratic = (&inverse * &y).dot(&y);
             let expected = n as f64 * quadratic.ln() + covariance.determinant().ln();
-            assert!((evidence.misfit(start, prior) - expected).abs() < 1e-6 * expected.abs(), "{start}");
+            assert!(
+                (evidence.misfit(start, prior) - expected).abs() < 1e-6 * expected.abs(),
+                "{start}"
+            );
             // The posterior as the textbook writes it: KΦᵀ(ΦKΦᵀ + I/γ)⁻¹y, and K less what the data took off it.
             let gain = gamma * &kernel * phi.transpose() * inverse;
             let posterior = evidence.response(start, prior).unwrap();
@@ -239,7 +261,10 @@ mod tests {
         let least = evidence.misfit(0, best);
         for decay in (-20..6).map(|k| f64::from(k) * 0.25) {
             for scale in (-10..60).map(|k| f64::from(k) * 0.5) {
-                assert!(evidence.misfit(0, Prior { decay, scale }) > least - 0.05, "{decay} {scale}");
+                assert!(
+                    evidence.misfit(0, Prior { decay, scale }) > least - 0.05,
+                    "{decay} {scale}"
+                );
             }
         }
     }

@@ -68,7 +68,10 @@ fn through(x: &[f64], f: &[f64]) -> Vec<f64> {
 pub(crate) fn whitened(x: &[f64], d: &[f64]) -> Vec<f64> {
     if let &[d1, d2, d3, d4] = d {
         let padded = [&[0.0; 4], x].concat();
-        return padded.windows(5).map(|w| w[4] + d1 * w[3] + d2 * w[2] + d3 * w[1] + d4 * w[0]).collect();
+        return padded
+            .windows(5)
+            .map(|w| w[4] + d1 * w[3] + d2 * w[2] + d3 * w[1] + d4 * w[0])
+            .collect();
     }
     let mut out = x.to_vec();
     for (i, d) in d.iter().enumerate() {
@@ -119,18 +122,29 @@ pub struct IvProblem<'a> {
 impl<'a> IvProblem<'a> {
     fn single(records: &'a [Record], lag: usize, count: usize) -> Self {
         let samples = records.iter().map(|r| Some(Cow::Borrowed(&r.u[..r.len()]))).collect();
-        Self { inputs: vec![IvInput { samples, lag, count }], outputs: records.iter().map(|r| &r.y[..r.len()]).collect() }
+        Self {
+            inputs: vec![IvInput { samples, lag, count }],
+            outputs: records.iter().map(|r| &r.y[..r.len()]).collect(),
+        }
     }
 
     /// Input and lag of every coefficient.
     fn places(&self) -> Vec<(usize, usize)> {
-        self.inputs.iter().enumerate().flat_map(|(j, input)| (0..input.count).map(move |i| (j, input.lag + i))).collect()
+        self.inputs
+            .iter()
+            .enumerate()
+            .flat_map(|(j, input)| (0..input.count).map(move |i| (j, input.lag + i)))
+            .collect()
     }
 
     /// Every record with its inputs divided by F.
     fn filtered(&self, f: &[f64]) -> Vec<Filtered<'_>> {
         let one = |(r, y): (usize, &&'a [f64])| {
-            let uf = self.inputs.iter().map(|input| input.samples.get(r)?.as_ref().map(|u| through(u, f))).collect();
+            let uf = self
+                .inputs
+                .iter()
+                .map(|input| input.samples.get(r)?.as_ref().map(|u| through(u, f)))
+                .collect();
             Filtered { y, uf }
         };
         self.outputs.iter().enumerate().map(one).collect()
@@ -158,7 +172,10 @@ struct Regressors {
 
 impl Filtered<'_> {
     fn white(&self, d: &[f64]) -> White {
-        White { u: self.uf.iter().map(|u| u.as_ref().map(|u| whitened(u, d))).collect(), y: whitened(self.y, d) }
+        White {
+            u: self.uf.iter().map(|u| u.as_ref().map(|u| whitened(u, d))).collect(),
+            y: whitened(self.y, d),
+        }
     }
 }
 
@@ -174,7 +191,12 @@ impl White {
 }
 
 /// Σ b·u(t − lag) over all coefficients, the inputs being zero before the record.
-fn combined(u: &[Option<Vec<f64>>], places: &[(usize, usize)], b: &[f64], samples: usize) -> Vec<f64> {
+fn combined(
+    u: &[Option<Vec<f64>>],
+    places: &[(usize, usize)],
+    b: &[f64],
+    samples: usize,
+) -> Vec<f64> {
     let mut out = vec![0.0; samples];
     for ((input, lag), b) in places.iter().zip(b) {
         for (o, x) in out.iter_mut().skip(*lag).zip(u[*input].iter().flatten()) {
@@ -193,7 +215,12 @@ impl RefinedIv {
 
     /// [`Self::scan`] that breaks off once it is wished; what it gives then says nothing.
     #[must_use]
-    pub fn scan_until(&self, records: &[Record], max_delay: usize, stop: &Stop) -> Vec<Option<IvFit>> {
+    pub fn scan_until(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        stop: &Stop,
+    ) -> Vec<Option<IvFit>> {
         let mut fits: Vec<Option<IvFit>> = vec![None; max_delay + 1];
         for upwards in [true, false] {
             for step in 0..=max_delay {
@@ -206,7 +233,9 @@ impl RefinedIv {
                 let first = if upwards { self.least_squares(records, nk) } else { None };
                 for start in first.into_iter().chain(neighbour) {
                     let known = fits[nk].as_ref();
-                    if known.is_some_and(|k| k.f.iter().zip(&start).all(|(a, b)| (a - b).abs() <= 1e-3)) {
+                    if known
+                        .is_some_and(|k| k.f.iter().zip(&start).all(|(a, b)| (a - b).abs() <= 1e-3))
+                    {
                         continue;
                     }
                     if let Some(fit) = self.refine(&IvProblem::single(records, nk, self.nb), start)
@@ -234,7 +263,12 @@ impl RefinedIv {
     }
 
     /// Σ over rows of instruments times regressors, and of instruments times the output; with `symmetric` the instruments stand in for the regressors too.
-    fn products(&self, signals: &[Regressors], places: &[(usize, usize)], symmetric: bool) -> (DMatrix<f64>, DVector<f64>) {
+    fn products(
+        &self,
+        signals: &[Regressors],
+        places: &[(usize, usize)],
+        symmetric: bool,
+    ) -> (DMatrix<f64>, DVector<f64>) {
         let (nf, k) = (self.nf, self.nf + places.len());
         let (mut cross, mut right) = (DMatrix::zeros(k, k), DVector::zeros(k));
         for Regressors { u, y, x } in signals {
@@ -272,8 +306,11 @@ impl RefinedIv {
 
     /// F by least squares, biased by coloured noise: a start for [`Self::refine`].
     pub fn start(&self, problem: &IvProblem<'_>) -> Option<Vec<f64>> {
-        let signals: Vec<Regressors> =
-            problem.filtered(&[]).into_iter().map(|Filtered { y, uf }| Regressors { u: uf, y: y.to_vec(), x: y.to_vec() }).collect();
+        let signals: Vec<Regressors> = problem
+            .filtered(&[])
+            .into_iter()
+            .map(|Filtered { y, uf }| Regressors { u: uf, y: y.to_vec(), x: y.to_vec() })
+            .collect();
         self.instrumental(&signals, &problem.places())
     }
 
@@ -309,7 +346,8 @@ impl RefinedIv {
                 None => break,
             };
             let filtered = problem.filtered(&f);
-            let whitened_by = |d: &[f64]| filtered.iter().map(|r| r.white(d)).collect::<Vec<White>>();
+            let whitened_by =
+                |d: &[f64]| filtered.iter().map(|r| r.white(d)).collect::<Vec<White>>();
             let Some(first) = Self::numerator(&whitened_by(&d), &places) else { break };
             let rest: Vec<Vec<f64>> = filtered.iter().map(|r| r.left(&places, &first)).collect();
             let Some((noise, _)) = autoregression(&rest, self.noise) else { break };
@@ -319,7 +357,11 @@ impl RefinedIv {
             let Some(b) = Self::numerator(&white, &places) else { break };
             let errors = white.iter().filter(|w| w.y.len() > self.noise).map(|w| {
                 // D(y − B/F u).
-                let e: Vec<f64> = w.y.iter().zip(combined(&w.u, &places, &b, w.y.len())).map(|(y, x)| y - x).collect();
+                let e: Vec<f64> =
+                    w.y.iter()
+                        .zip(combined(&w.u, &places, &b, w.y.len()))
+                        .map(|(y, x)| y - x)
+                        .collect();
                 dot(&e[self.noise..], &e[self.noise..])
             });
             let loss = errors.sum::<f64>() / rows;
@@ -327,14 +369,21 @@ impl RefinedIv {
                 break;
             }
             if best.as_ref().is_none_or(|b| loss < b.loss) {
-                best = Some(IvFit { loss, b: b.clone(), f: f.clone(), d: d.clone(), converged: false });
+                best = Some(IvFit {
+                    loss,
+                    b: b.clone(),
+                    f: f.clone(),
+                    d: d.clone(),
+                    converged: false,
+                });
             }
             settled |= (loss - last).abs() <= LEVEL * loss;
             if settled {
                 break;
             }
             last = loss;
-            let signals: Vec<Regressors> = white.into_iter().map(|w| w.regressors(&f, &places, &b)).collect();
+            let signals: Vec<Regressors> =
+                white.into_iter().map(|w| w.regressors(&f, &places, &b)).collect();
             let Some(next) = self.instrumental(&signals, &places) else { break };
             let change = next.iter().zip(&f).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             settled = change <= SETTLED;
@@ -350,7 +399,8 @@ impl RefinedIv {
     pub fn covariance(&self, problem: &IvProblem<'_>, fit: &IvFit) -> Option<DMatrix<f64>> {
         let places = problem.places();
         let white = problem.filtered(&fit.f).into_iter().map(|r| r.white(&fit.d));
-        let signals: Vec<Regressors> = white.map(|w| w.regressors(&fit.f, &places, &fit.b)).collect();
+        let signals: Vec<Regressors> =
+            white.map(|w| w.regressors(&fit.f, &places, &fit.b)).collect();
         let (gram, _) = self.products(&signals, &places, true);
         let (k, rows) = (gram.nrows(), self.rows(problem.outputs.iter().map(|y| y.len())));
         let freedom = (rows - (k + self.noise) as f64).max(1.0);
@@ -408,8 +458,13 @@ pub(crate) fn noise_model(left: &[Vec<f64>], most: usize) -> Option<NoiseModel> 
     let fit = |order: usize| {
         let rows = left.iter().map(|v| v.len().saturating_sub(order)).sum::<usize>().max(1) as f64;
         let (d, squares) = autoregression(left, order)?;
-        let criterion = rows * (squares / rows).max(f64::MIN_POSITIVE).ln() + order as f64 * rows.ln();
-        criterion.is_finite().then_some((criterion / rows, d, squares / (rows - order as f64).max(1.0)))
+        let criterion =
+            rows * (squares / rows).max(f64::MIN_POSITIVE).ln() + order as f64 * rows.ln();
+        criterion.is_finite().then_some((
+            criterion / rows,
+            d,
+            squares / (rows - order as f64).max(1.0),
+        ))
     };
     let (_, d, variance) = (1..=most).filter_map(fit).min_by(|a, b| a.0.total_cmp(&b.0))?;
     let order = d.len();
@@ -429,12 +484,15 @@ mod tests {
     fn record(samples: usize, seed: u64) -> Record<'static> {
         let mut state = seed;
         let mut next = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
         };
         let u: Vec<f64> = (0..samples).map(|_| next()).collect();
         let e: Vec<f64> = (0..samples).map(|_| next()).collect();
-        let delayed: Vec<f64> = (0..samples).map(|t| if t < 3 { 0.0 } else { 0.5 * u[t - 3] }).collect();
+        let delayed: Vec<f64> =
+            (0..samples).map(|t| if t < 3 { 0.0 } else { 0.5 * u[t - 3] }).collect();
         let (x, v) = (through(&delayed, &[-1.5, 0.7]), through(&e, &[-0.9]));
         Record::new(u, x.iter().zip(&v).map(|(x, v)| x + v).collect::<Vec<f64>>())
     }
@@ -446,7 +504,11 @@ mod tests {
         let biased = orders.least_squares(&records, 3).unwrap();
         assert!((biased[0] + 1.5).abs() > 0.1, "{biased:?}");
         let fits = orders.scan(&records, 6);
-        let best = (0..7).min_by(|&a, &b| fits[a].as_ref().unwrap().loss.total_cmp(&fits[b].as_ref().unwrap().loss)).unwrap();
+        let best = (0..7)
+            .min_by(|&a, &b| {
+                fits[a].as_ref().unwrap().loss.total_cmp(&fits[b].as_ref().unwrap().loss)
+            })
+            .unwrap();
         let fit = fits[best].as_ref().unwrap();
         assert_eq!((best, fit.converged), (3, true));
         for (got, want) in fit.f.iter().chain(&fit.b).chain(&fit.d).zip([-1.5, 0.7, 0.5, -0.9]) {

@@ -55,7 +55,8 @@ impl WithSimd for Chunk<'_> {
     fn with_simd<S: Simd>(mut self, simd: S) {
         let lanes = S::F64_LANES;
         // The first rows one product at a time, until there is room for a whole vector of lags.
-        let longest = self.tasks.iter().map(|t| t.from + t.count.next_multiple_of(lanes)).max().unwrap_or(0);
+        let longest =
+            self.tasks.iter().map(|t| t.from + t.count.next_multiple_of(lanes)).max().unwrap_or(0);
         let head = longest.clamp(self.start, self.end);
         self.each(self.start, head);
         let whole = head + (self.end - head) / lanes * lanes;
@@ -114,7 +115,14 @@ fn block<S: Simd>(simd: S, task: &Lags, start: usize, stop: usize, sums: &mut [f
 }
 
 #[inline(always)]
-fn tiles<S: Simd, const P: usize>(simd: S, task: &Lags, start: usize, stop: usize, lag: usize, sums: &mut [f64]) {
+fn tiles<S: Simd, const P: usize>(
+    simd: S,
+    task: &Lags,
+    start: usize,
+    stop: usize,
+    lag: usize,
+    sums: &mut [f64],
+) {
     if S::F64_LANES.is_multiple_of(4) {
         for shift in (0..S::F64_LANES).step_by(4) {
             tile::<S, P, 4>(simd, task, start, stop, lag, shift, sums);
@@ -141,7 +149,9 @@ fn tile<S: Simd, const P: usize, const R: usize>(
     let back = lag + shift + lanes * (P - 1);
     let (a, _) = S::as_simd_f64s(&task.a[start..stop]);
     let length = stop - start + lanes * (P - 1);
-    let b: [&[S::f64s]; R] = std::array::from_fn(|r| S::as_simd_f64s(&task.b[start - back - r..start - back - r + length]).0);
+    let b: [&[S::f64s]; R] = std::array::from_fn(|r| {
+        S::as_simd_f64s(&task.b[start - back - r..start - back - r + length]).0
+    });
     let mut acc = [[simd.splat_f64s(0.0); P]; R];
     // b[q] meets a[q + p + 1 − P]: all P of them inside the block, or those that are.
     let edge = |acc: &mut [[S::f64s; P]; R], q: usize| {
@@ -181,7 +191,12 @@ fn tile<S: Simd, const P: usize, const R: usize>(
 }
 
 /// Σ over t = first … of a(t − i)·b(t − j), i and j below the two `lags`; without b, of a with itself.
-pub fn lag_matrix(a: &[f64], b: Option<&[f64]>, first: usize, lags: (usize, usize)) -> DMatrix<f64> {
+pub fn lag_matrix(
+    a: &[f64],
+    b: Option<&[f64]>,
+    first: usize,
+    lags: (usize, usize),
+) -> DMatrix<f64> {
     let end = a.len();
     if lags.0 == 0 || lags.1 == 0 || end <= first {
         return DMatrix::zeros(lags.0, lags.1);
@@ -207,7 +222,12 @@ pub fn lag_vector(a: &[f64], b: &[f64], lags: usize) -> Vec<f64> {
 }
 
 /// The lag matrices of a with itself, of a with b and of b with itself, in one pass over the signals.
-pub(super) fn lag_matrices(a: &[f64], b: &[f64], first: usize, lags: (usize, usize)) -> [DMatrix<f64>; 3] {
+pub(super) fn lag_matrices(
+    a: &[f64],
+    b: &[f64],
+    first: usize,
+    lags: (usize, usize),
+) -> [DMatrix<f64>; 3] {
     let end = a.len();
     if lags.0 == 0 || lags.1 == 0 || end <= first {
         let square = |n| lag_matrix(if n == lags.0 { a } else { b }, None, first, (n, n));
@@ -223,11 +243,22 @@ pub(super) fn lag_matrices(a: &[f64], b: &[f64], first: usize, lags: (usize, usi
     let (aa, rest) = sums.split_at(lags.0);
     let (ab, rest) = rest.split_at(lags.1);
     let (ba, bb) = rest.split_at(lags.0 - 1);
-    [fill(a, a, first, (lags.0, lags.0), aa, &aa[1..]), fill(a, b, first, lags, ab, ba), fill(b, b, first, (lags.1, lags.1), bb, &bb[1..])]
+    [
+        fill(a, a, first, (lags.0, lags.0), aa, &aa[1..]),
+        fill(a, b, first, lags, ab, ba),
+        fill(b, b, first, (lags.1, lags.1), bb, &bb[1..]),
+    ]
 }
 
 /// Products with one lag 0 are given; every other follows from its neighbour one sample earlier by corrections at the two ends.
-fn fill(a: &[f64], b: &[f64], first: usize, lags: (usize, usize), row: &[f64], column: &[f64]) -> DMatrix<f64> {
+fn fill(
+    a: &[f64],
+    b: &[f64],
+    first: usize,
+    lags: (usize, usize),
+    row: &[f64],
+    column: &[f64],
+) -> DMatrix<f64> {
     let end = a.len();
     let mut products = DMatrix::zeros(lags.0, lags.1);
     for (j, &value) in row.iter().enumerate() {
@@ -238,7 +269,8 @@ fn fill(a: &[f64], b: &[f64], first: usize, lags: (usize, usize), row: &[f64], c
     }
     for j in 1..lags.1 {
         for i in 1..lags.0 {
-            products[(i, j)] = products[(i - 1, j - 1)] + a[first - i] * b[first - j] - a[end - i] * b[end - j];
+            products[(i, j)] =
+                products[(i - 1, j - 1)] + a[first - i] * b[first - j] - a[end - i] * b[end - j];
         }
     }
     products
@@ -251,7 +283,9 @@ mod tests {
     /// Long enough for several chunks: the sums are the direct ones, and one thread finds the same bits as several.
     #[test]
     fn lag_sums_do_not_depend_on_the_number_of_threads() {
-        let signal = |step: usize| -> Vec<f64> { (0..2 * CHUNK + 777).map(|k| ((k * step) % 1009) as f64 / 500.0 - 1.0).collect() };
+        let signal = |step: usize| -> Vec<f64> {
+            (0..2 * CHUNK + 777).map(|k| ((k * step) % 1009) as f64 / 500.0 - 1.0).collect()
+        };
         let (a, b) = (signal(7919), signal(104_729));
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -56,7 +56,8 @@ pub fn laguerre(records: &[Record], pole: f64, order: usize) -> Option<Laguerre>
         let mut columns = filters(&record.u[..n], pole, order);
         // A row without its output is no row.
         let mut y = record.y[..n].to_vec();
-        let missing = record.present.as_ref().map_or(Vec::new(), |p| (0..n).filter(|&t| !p[t]).collect());
+        let missing =
+            record.present.as_ref().map_or(Vec::new(), |p| (0..n).filter(|&t| !p[t]).collect());
         for &t in &missing {
             columns.iter_mut().for_each(|c| c[t] = 0.0);
             y[t] = 0.0;
@@ -92,7 +93,10 @@ pub fn laguerre(records: &[Record], pole: f64, order: usize) -> Option<Laguerre>
 /// l₀ = √(1 − a²)·z/(z − a), lₖ₊₁ = w·lₖ, w = (1 − az)/(z − a).
 pub fn laguerre_spectra(signals: [&[f64]; 2], pole: f64, order: usize) -> [Vec<f64>; 2] {
     let samples = signals[0].len().min(signals[1].len());
-    let mut sequence: Vec<f64> = std::iter::successors(Some((1.0 - pole * pole).sqrt()), |v| Some(pole * v)).take(samples).collect();
+    let mut sequence: Vec<f64> =
+        std::iter::successors(Some((1.0 - pole * pole).sqrt()), |v| Some(pole * v))
+            .take(samples)
+            .collect();
     let mut spectra = [Vec::with_capacity(order), Vec::with_capacity(order)];
     for _ in 0..order {
         for (spectrum, signal) in spectra.iter_mut().zip(signals) {
@@ -128,7 +132,10 @@ mod tests {
             }
         }
         // √(1 − a²)/(z − a) = 0.6·(z⁻¹ + 0.8z⁻² + …).
-        assert!((all[0][0], all[0][1]) == (0.0, (1.0_f64 - 0.8 * 0.8).sqrt()) && (all[0][2] - 0.48).abs() < 1e-15);
+        assert!(
+            (all[0][0], all[0][1]) == (0.0, (1.0_f64 - 0.8 * 0.8).sqrt())
+                && (all[0][2] - 0.48).abs() < 1e-15
+        );
     }
 
     #[test]
@@ -141,7 +148,8 @@ mod tests {
             })
             .collect();
         let (columns, c) = (filters(&u, 0.6, 3), [1.0, -0.5, 0.25]);
-        let y: Vec<f64> = (0..300).map(|t| columns.iter().zip(c).map(|(x, c)| c * x[t]).sum()).collect();
+        let y: Vec<f64> =
+            (0..300).map(|t| columns.iter().zip(c).map(|(x, c)| c * x[t]).sum()).collect();
         let mut record = Record::new(u, y);
         for present in [None, Some((0..300).map(|t| t % 7 != 2).collect())] {
             record.present = present;

@@ -51,5 +51,10 @@ pub(super) fn solve(columns: &mut [Vec<f64>], target: &mut [f64], small: &[f64])
     for (row, &i) in pivots.iter().enumerate() {
         shares[i] = target[row] * target[row];
     }
-    Solved { coefficients, shares, residual: target[top.min(rows)..].iter().map(|v| v * v).sum(), rank: pivots.len() }
+    Solved {
+        coefficients,
+        shares,
+        residual: target[top.min(rows)..].iter().map(|v| v * v).sum(),
+        rank: pivots.len(),
+    }
 }

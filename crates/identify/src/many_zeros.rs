@@ -56,7 +56,8 @@ impl ManyZeros {
         let mut f = vec![0.0; nf];
         let mut b = DVector::zeros(nb);
         for _ in 0..ITERATIONS {
-            let filtered: Vec<Record> = records.iter().map(|r| Record::new(by(&r.u, &f), by(&r.y, &f))).collect();
+            let filtered: Vec<Record> =
+                records.iter().map(|r| Record::new(by(&r.u, &f), by(&r.y, &f))).collect();
             let solution = regression.factor(&filtered).solve()?;
             let next = stabilised(solution.coefficients.iter().take(nf).map(|c| -c).collect())?;
             b = solution.coefficients.rows(nf, nb).into_owned();
@@ -75,10 +76,15 @@ impl ManyZeros {
                 let there = damped(&gram, damping).map(|c| c.solve(&slope)).and_then(|step| {
                     let next_f: Vec<f64> = f.iter().zip(&step).map(|(f, s)| f - s).collect();
                     let next_b = &b + step.rows(nf, nb);
-                    is_stable(&next_f).then(|| (simulate(records, regression, &next_f, &next_b), next_f, next_b))
+                    is_stable(&next_f)
+                        .then(|| (simulate(records, regression, &next_f, &next_b), next_f, next_b))
                 });
                 trial = there.filter(|(there, ..)| there.cost < at.cost);
-                damping = if trial.is_some() { (0.1 * damping).max(LEAST_DAMPING) } else { 10.0 * damping };
+                damping = if trial.is_some() {
+                    (0.1 * damping).max(LEAST_DAMPING)
+                } else {
+                    10.0 * damping
+                };
             }
             let Some((there, next_f, next_b)) = trial else { break };
             let done = at.cost - there.cost <= STILL * at.cost && damping <= LEAST_DAMPING;
@@ -88,7 +94,8 @@ impl ManyZeros {
             }
         }
         let inverse = inverse(regression, &at.gradients)?;
-        let rows: usize = records.iter().map(|r| r.len().saturating_sub(regression.first_row())).sum();
+        let rows: usize =
+            records.iter().map(|r| r.len().saturating_sub(regression.first_row())).sum();
         let variance = at.cost / rows.saturating_sub(nf + nb).max(1) as f64;
         let covariance = inverse.view((nf, nf), (nb, nb)) * variance;
         // Past outputs come first: without them the regression is that of B alone, over some rows more.
@@ -102,7 +109,9 @@ fn simulate(records: &[Record], regression: Regression, f: &[f64], b: &DVector<f
     let mut all = Simulated { gradients: Vec::new(), residuals: Vec::new(), cost: 0.0 };
     for record in records {
         let u = by(&record.u, f);
-        let model: Vec<f64> = (0..u.len()).map(|t| b.iter().zip(u[..=t].iter().rev()).map(|(b, u)| b * u).sum()).collect();
+        let model: Vec<f64> = (0..u.len())
+            .map(|t| b.iter().zip(u[..=t].iter().rev()).map(|(b, u)| b * u).sum())
+            .collect();
         let residual: Vec<f64> = record.y.iter().zip(&model).map(|(y, m)| y - m).collect();
         all.cost += residual.iter().skip(regression.first_row()).map(|e| e * e).sum::<f64>();
         all.gradients.push(Record::new(u, by(&model, f)));
@@ -115,7 +124,9 @@ fn simulate(records: &[Record], regression: Regression, f: &[f64], b: &DVector<f
 fn slope(regression: Regression, at: &Simulated) -> DVector<f64> {
     let first = regression.first_row();
     let mut slope = DVector::zeros(regression.columns());
-    for (gradient, residual) in at.gradients.iter().zip(&at.residuals).filter(|(g, _)| g.len() > first) {
+    for (gradient, residual) in
+        at.gradients.iter().zip(&at.residuals).filter(|(g, _)| g.len() > first)
+    {
         let n = gradient.len();
         let outputs = (1..=regression.na).map(|i| &gradient.y[first - i..n - i]);
         let inputs = (0..regression.lags).map(|i| &gradient.u[first - i..n - i]);
@@ -155,7 +166,9 @@ mod tests {
     fn noise(samples: usize, seed: u64) -> Vec<f64> {
         let mut state = seed;
         let mut next = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
         };
         (0..samples).map(|_| next()).collect()
@@ -169,7 +182,10 @@ mod tests {
         let y: Vec<f64> = y.iter().zip(noise(4000, 4)).map(|(y, e)| 0.4 * y + 0.3 * e).collect();
         let records = [Record::new(u, y)];
         let fit = ManyZeros::fit(&records, 2, 1).unwrap();
-        let search = OutputError { nb: 1, nf: 2, initial: Initial::Zero }.scan(&records, 0).remove(0).unwrap();
+        let search = OutputError { nb: 1, nf: 2, initial: Initial::Zero }
+            .scan(&records, 0)
+            .remove(0)
+            .unwrap();
         let std = fit.covariance[(0, 0)].sqrt();
         // The search counts two rows more.
         assert!((fit.b[0] - search.b[0]).abs() < 0.02 * std, "{} {} {std}", fit.b[0], search.b[0]);

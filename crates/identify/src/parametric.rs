@@ -83,9 +83,12 @@ const STEP: f64 = 1e-3;
 impl Cloud {
     /// `None` where the covariance is no covariance.
     pub fn of(mean: Vec<f64>, covariance: &DMatrix<f64>, seed: u64) -> Option<Self> {
-        let size: Vec<f64> = covariance.diagonal().iter().map(|v| v.max(f64::MIN_POSITIVE).sqrt()).collect();
+        let size: Vec<f64> =
+            covariance.diagonal().iter().map(|v| v.max(f64::MIN_POSITIVE).sqrt()).collect();
         let n = size.len();
-        let alike = DMatrix::from_fn(n, n, |i, j| covariance[(i, j)] / (size[i] * size[j]) + if i == j { 1e-10 } else { 0.0 });
+        let alike = DMatrix::from_fn(n, n, |i, j| {
+            covariance[(i, j)] / (size[i] * size[j]) + if i == j { 1e-10 } else { 0.0 }
+        });
         let factor = alike.cholesky()?.l();
         let root = DMatrix::from_fn(n, n, |i, j| size[i] * factor[(i, j)]);
         root.iter().all(|v| v.is_finite()).then_some(Self { mean, root, seed })
@@ -96,7 +99,9 @@ impl Cloud {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         rng.set_stream(number as u64);
         let normal: Vec<f64> = self.mean.iter().map(|_| StandardNormal.sample(&mut rng)).collect();
-        let moved = |(i, mean): (usize, &f64)| mean + size * self.root.row(i).iter().zip(&normal).map(|(r, z)| r * z).sum::<f64>();
+        let moved = |(i, mean): (usize, &f64)| {
+            mean + size * self.root.row(i).iter().zip(&normal).map(|(r, z)| r * z).sum::<f64>()
+        };
         self.mean.iter().enumerate().map(moved).collect()
     }
 
@@ -118,24 +123,38 @@ impl Cloud {
 
 /// The order of a model whose structure was given.
 pub fn given(order: usize) -> OrderChoice {
-    OrderChoice { order, sure: Sure::Given, by_schwarz: order, by_gap: order, by_akaike: order, candidates: Vec::new() }
+    OrderChoice {
+        order,
+        sure: Sure::Given,
+        by_schwarz: order,
+        by_gap: order,
+        by_akaike: order,
+        candidates: Vec::new(),
+    }
 }
 
 /// The records of one output that are long enough, and what is said of those left out.
 ///
 /// # Errors
 /// [`IdentifyError::Outputs`] for several outputs, [`IdentifyError::TooShort`] where none is long enough.
-pub fn usable(method: &'static str, recordings: &Recordings, needed: usize) -> Result<(Recordings, Option<String>), IdentifyError> {
+pub fn usable(
+    method: &'static str,
+    recordings: &Recordings,
+    needed: usize,
+) -> Result<(Recordings, Option<String>), IdentifyError> {
     if recordings.outputs.len() != 1 {
         return Err(IdentifyError::Outputs { method, outputs: recordings.outputs.len() });
     }
-    let stretches: Vec<_> = recordings.stretches.iter().filter(|s| s.len() >= needed).cloned().collect();
+    let stretches: Vec<_> =
+        recordings.stretches.iter().filter(|s| s.len() >= needed).cloned().collect();
     if stretches.is_empty() {
         let got = recordings.stretches.iter().map(|s| s.len()).max().unwrap_or(0);
         return Err(IdentifyError::TooShort { method, needed, got });
     }
     let short = recordings.stretches.len() - stretches.len();
-    let said = (short > 0).then(|| format!("{short} stretches between gaps, of fewer than {needed} samples, were left out"));
+    let said = (short > 0).then(|| {
+        format!("{short} stretches between gaps, of fewer than {needed} samples, were left out")
+    });
     Ok((Recordings { stretches, ..recordings.clone() }, said))
 }
 
@@ -159,7 +178,12 @@ pub struct Coloured {
 ///
 /// How it can be wrong: a step so long that the model is no straight line over it; the caller says which that is.
 /// Source: Ljung (1999), "System Identification", 2nd ed., sections 9.3 and 10.2: a step of Gauss and Newton from a consistent estimate is as good as the minimum.
-pub fn coloured(jacobian: &[Vec<f64>], residual: &[f64], lengths: &[usize], levels: bool) -> Option<Coloured> {
+pub fn coloured(
+    jacobian: &[Vec<f64>],
+    residual: &[f64],
+    lengths: &[usize],
+    levels: bool,
+) -> Option<Coloured> {
     let mut from = 0;
     let parts: Vec<std::ops::Range<usize>> = lengths
         .iter()
@@ -168,22 +192,39 @@ pub fn coloured(jacobian: &[Vec<f64>], residual: &[f64], lengths: &[usize], leve
             from - n..from
         })
         .collect();
-    let moving: Vec<usize> = (0..jacobian.len()).filter(|i| jacobian[*i].iter().any(|v| *v != 0.0)).collect();
+    let moving: Vec<usize> =
+        (0..jacobian.len()).filter(|i| jacobian[*i].iter().any(|v| *v != 0.0)).collect();
     let mut columns: Vec<Vec<f64>> = moving.iter().map(|i| jacobian[*i].clone()).collect();
-    columns.extend(parts.iter().filter(|_| levels).map(|p| (0..residual.len()).map(|t| f64::from(u8::from(p.contains(&t)))).collect()));
+    columns.extend(
+        parts
+            .iter()
+            .filter(|_| levels)
+            .map(|p| (0..residual.len()).map(|t| f64::from(u8::from(p.contains(&t)))).collect()),
+    );
     let (k, mut left) = (columns.len(), residual.to_vec());
     let mut found = None;
     // The first samples of each record lack what the filter would remember.
-    let white =
-        |x: &[f64], d: &[f64]| -> Vec<f64> { parts.iter().flat_map(|p| whitened(&x[p.clone()], d).into_iter().skip(d.len())).collect() };
+    let white = |x: &[f64], d: &[f64]| -> Vec<f64> {
+        parts.iter().flat_map(|p| whitened(&x[p.clone()], d).into_iter().skip(d.len())).collect()
+    };
     let gram = |columns: &[Vec<f64>]| DMatrix::from_fn(k, k, |i, j| dot(&columns[i], &columns[j]));
     for _ in 0..ROUNDS {
-        let own: Vec<Vec<f64>> = parts.iter().map(|p| left.get(p.clone()).map(<[f64]>::to_vec)).collect::<Option<_>>()?;
+        let own: Vec<Vec<f64>> = parts
+            .iter()
+            .map(|p| left.get(p.clone()).map(<[f64]>::to_vec))
+            .collect::<Option<_>>()?;
         let noise = noise_model(&own, NOISE)?;
-        let (through, target) = (columns.iter().map(|c| white(c, &noise.d)).collect::<Vec<_>>(), white(residual, &noise.d));
+        let (through, target) = (
+            columns.iter().map(|c| white(c, &noise.d)).collect::<Vec<_>>(),
+            white(residual, &noise.d),
+        );
         let right = DVector::from_fn(k, |i, _| dot(&through[i], &target));
         let change = inverse(gram(&through))? * right;
-        left = (0..residual.len()).map(|t| residual[t] - columns.iter().zip(change.iter()).map(|(c, w)| w * c[t]).sum::<f64>()).collect();
+        left = (0..residual.len())
+            .map(|t| {
+                residual[t] - columns.iter().zip(change.iter()).map(|(c, w)| w * c[t]).sum::<f64>()
+            })
+            .collect();
         let freedom = residual.len() as f64 / (residual.len() as f64 - k as f64).max(1.0);
         found = Some((change, noise, freedom));
     }
@@ -191,10 +232,19 @@ pub fn coloured(jacobian: &[Vec<f64>], residual: &[f64], lengths: &[usize], leve
     let variance = variance * freedom;
     // Over what the noise may be: its slow part is what slow columns are told from, and it is known from few samples.
     let cloud = Cloud::of(d.clone(), &covariance, 1)?;
-    let drawn = (0..NOISES).into_par_iter().map(|i| cloud.draw(i, 1.0)).filter(|d| is_stable(d) && 1.0 + d.iter().sum::<f64>() > SLOWEST);
-    let each: Vec<DMatrix<f64>> = drawn.filter_map(|d| inverse(gram(&columns.iter().map(|c| white(c, &d)).collect::<Vec<_>>()))).collect();
+    let drawn = (0..NOISES)
+        .into_par_iter()
+        .map(|i| cloud.draw(i, 1.0))
+        .filter(|d| is_stable(d) && 1.0 + d.iter().sum::<f64>() > SLOWEST);
+    let each: Vec<DMatrix<f64>> = drawn
+        .filter_map(|d| inverse(gram(&columns.iter().map(|c| white(c, &d)).collect::<Vec<_>>())))
+        .collect();
     let through: Vec<Vec<f64>> = columns.iter().map(|c| white(c, &d)).collect();
-    let mean = if each.is_empty() { inverse(gram(&through))? } else { each.iter().sum::<DMatrix<f64>>() / each.len() as f64 };
+    let mean = if each.is_empty() {
+        inverse(gram(&through))?
+    } else {
+        each.iter().sum::<DMatrix<f64>>() / each.len() as f64
+    };
     let mut all = Coloured {
         change: vec![0.0; jacobian.len()],
         covariance: DMatrix::zeros(jacobian.len(), jacobian.len()),

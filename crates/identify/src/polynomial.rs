@@ -139,7 +139,8 @@ pub(super) fn roots(f: &[f64]) -> Option<Vec<Complex<f64>>> {
     if f.iter().any(|c| !c.is_finite()) {
         return None;
     }
-    let companion = DMatrix::from_fn(n, n, |i, j| if i == 0 { -f[j] } else { f64::from(u8::from(i == j + 1)) });
+    let companion =
+        DMatrix::from_fn(n, n, |i, j| if i == 0 { -f[j] } else { f64::from(u8::from(i == j + 1)) });
     // The iteration of `complex_eigenvalues` need not end where the coefficients differ by many powers of ten.
     let schur = nalgebra::Schur::try_new(companion, f64::EPSILON, 100 * n)?;
     let roots: Vec<Complex<f64>> = schur.complex_eigenvalues().iter().copied().collect();
@@ -213,10 +214,17 @@ mod tests {
     fn what_was_filtered_gives_back_the_signal() {
         let x: Vec<f64> = (0..50).map(|t| (0.7 * f64::from(t)).sin() + f64::from(t % 3)).collect();
         for order in 0..=6 {
-            let f: Vec<f64> = (0..order).map(|i| 0.4_f64.powi(i + 1) * if i % 2 == 0 { -1.0 } else { 1.0 }).collect();
+            let f: Vec<f64> = (0..order)
+                .map(|i| 0.4_f64.powi(i + 1) * if i % 2 == 0 { -1.0 } else { 1.0 })
+                .collect();
             let y = filtered(&x, &f);
             for t in 0..x.len() {
-                let past: f64 = f.iter().enumerate().filter(|(i, _)| *i < t).map(|(i, c)| c * y[t - 1 - i]).sum();
+                let past: f64 = f
+                    .iter()
+                    .enumerate()
+                    .filter(|(i, _)| *i < t)
+                    .map(|(i, c)| c * y[t - 1 - i])
+                    .sum();
                 assert!((y[t] + past - x[t]).abs() < 1e-12, "order {order}, sample {t}");
             }
             let (mut first, mut second) = (vec![0.0; 50], vec![0.0; 30]);

@@ -46,7 +46,11 @@ impl<'a> Record<'a> {
     /// The inputs from `u` on beside as many outputs from `y` on, borrowed.
     pub fn part(&self, u: usize, y: usize, samples: usize) -> Record<'_> {
         let there = self.present.as_ref().map(|p| Cow::Borrowed(&p[y..y + samples]));
-        Record { u: Cow::Borrowed(&self.u[u..u + samples]), y: Cow::Borrowed(&self.y[y..y + samples]), present: there }
+        Record {
+            u: Cow::Borrowed(&self.u[u..u + samples]),
+            y: Cow::Borrowed(&self.y[y..y + samples]),
+            present: there,
+        }
     }
 
     /// Its first samples, borrowed.
@@ -128,7 +132,9 @@ impl Triangle {
     /// The least-squares solution; `None` where there are no more rows than independent columns, or no such column.
     pub fn solve(&self) -> Option<Solution> {
         let columns = self.r.ncols() - 1;
-        let keep: Vec<usize> = (0..columns).filter(|&i| self.r[(i, i)].abs() > DEPENDENT * self.norms[i].max(f64::MIN_POSITIVE)).collect();
+        let keep: Vec<usize> = (0..columns)
+            .filter(|&i| self.r[(i, i)].abs() > DEPENDENT * self.norms[i].max(f64::MIN_POSITIVE))
+            .collect();
         let rank = keep.len();
         if self.rows <= rank || rank == 0 {
             return None;
@@ -136,13 +142,16 @@ impl Triangle {
         let mut chosen = keep.clone();
         chosen.push(columns);
         // What remains of a triangle without some of its columns is made a triangle again.
-        let r = if rank == columns { self.r.clone() } else { upper(self.r.select_columns(&chosen)) };
+        let r =
+            if rank == columns { self.r.clone() } else { upper(self.r.select_columns(&chosen)) };
         let triangle = r.view((0, 0), (rank, rank));
-        let solved = triangle.solve_upper_triangular(&r.view((0, rank), (rank, 1)).column(0).into_owned())?;
+        let solved = triangle
+            .solve_upper_triangular(&r.view((0, rank), (rank, 1)).column(0).into_owned())?;
         let root = triangle.solve_upper_triangular(&DMatrix::identity(rank, rank))?;
         let variance = r[(rank, rank)].powi(2) / (self.rows - rank) as f64;
         let each = &root * root.transpose();
-        let (mut coefficients, mut inverse) = (DVector::zeros(columns), DMatrix::zeros(columns, columns));
+        let (mut coefficients, mut inverse) =
+            (DVector::zeros(columns), DMatrix::zeros(columns, columns));
         for (i, &row) in keep.iter().enumerate() {
             coefficients[row] = solved[i];
             for (j, &column) in keep.iter().enumerate() {
@@ -248,7 +257,9 @@ impl Regression {
                 }
                 rows.push(|column| match column {
                     c if c < self.na => record.y[t - 1 - c],
-                    c if c + 1 < size => inputs[(c - self.na) / self.lags][at].u[t - (c - self.na) % self.lags],
+                    c if c + 1 < size => {
+                        inputs[(c - self.na) / self.lags][at].u[t - (c - self.na) % self.lags]
+                    }
                     _ => record.y[t],
                 });
             }
@@ -267,7 +278,12 @@ struct Rows {
 
 impl Rows {
     fn new(size: usize) -> Self {
-        Self { block: DMatrix::zeros(size + ROWS, size), filled: 0, rows: 0, squares: vec![0.0; size] }
+        Self {
+            block: DMatrix::zeros(size + ROWS, size),
+            filled: 0,
+            rows: 0,
+            squares: vec![0.0; size],
+        }
     }
 
     fn push(&mut self, value: impl Fn(usize) -> f64) {
@@ -353,7 +369,9 @@ mod tests {
     fn record(samples: usize, seed: u64) -> Record<'static> {
         let mut state = seed;
         let mut next = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
         };
         let [u, y] = [(); 2].map(|()| (0..samples).map(|_| next()).collect::<Vec<f64>>());
@@ -366,8 +384,11 @@ mod tests {
         let mut gram = DMatrix::zeros(size, size);
         for r in records {
             for t in regression.first_row()..r.len() {
-                let row: Vec<f64> =
-                    (1..=regression.na).map(|i| r.y[t - i]).chain((0..regression.lags).map(|j| r.u[t - j])).chain([r.y[t]]).collect();
+                let row: Vec<f64> = (1..=regression.na)
+                    .map(|i| r.y[t - i])
+                    .chain((0..regression.lags).map(|j| r.u[t - j]))
+                    .chain([r.y[t]])
+                    .collect();
                 let row = nalgebra::DVector::from_vec(row);
                 gram += &row * row.transpose();
             }
@@ -383,7 +404,13 @@ mod tests {
             let (gram, rows) = regression.gram(&records).unwrap();
             let oracle = direct(regression, &records);
             assert!((&gram - &oracle).amax() < 1e-11 * oracle.amax(), "{na} {lags}");
-            assert_eq!(rows, records.iter().map(|r| r.len().saturating_sub(regression.first_row())).sum::<usize>());
+            assert_eq!(
+                rows,
+                records
+                    .iter()
+                    .map(|r| r.len().saturating_sub(regression.first_row()))
+                    .sum::<usize>()
+            );
         }
     }
 

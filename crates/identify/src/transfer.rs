@@ -49,7 +49,16 @@ pub struct Riv {
 
 impl Default for Riv {
     fn default() -> Self {
-        Self { nf: 2, nb: 2, noise: None, nk: None, max_delay: 35, direct: Direct::None, draws: 200, seed: 1 }
+        Self {
+            nf: 2,
+            nb: 2,
+            noise: None,
+            nk: None,
+            max_delay: 35,
+            direct: Direct::None,
+            draws: 200,
+            seed: 1,
+        }
     }
 }
 
@@ -80,16 +89,26 @@ impl Data {
     fn problem<'a>(&'a self, lags: &[usize], nb: usize, outputs: &'a [Vec<f64>]) -> IvProblem<'a> {
         let rows = |s: &Stretch| s.len() - self.longest;
         let input = |(j, lag): (usize, &usize)| {
-            let late = |s: &Stretch| Some(Cow::Owned((0..rows(s)).map(|t| s.u[(j, t + self.longest - lag)]).collect::<Vec<f64>>()));
+            let late = |s: &Stretch| {
+                Some(Cow::Owned(
+                    (0..rows(s)).map(|t| s.u[(j, t + self.longest - lag)]).collect::<Vec<f64>>(),
+                ))
+            };
             IvInput { samples: self.scaled.iter().map(late).collect(), lag: 0, count: nb }
         };
         let mut inputs: Vec<IvInput<'a>> = lags.iter().enumerate().map(input).collect();
         for r in 0..self.scaled.len() {
             let alone = |from: fn(usize) -> f64| {
-                let of = |(i, s): (usize, &Stretch)| (i == r).then(|| Cow::Owned((0..rows(s)).map(from).collect::<Vec<f64>>()));
+                let of = |(i, s): (usize, &Stretch)| {
+                    (i == r).then(|| Cow::Owned((0..rows(s)).map(from).collect::<Vec<f64>>()))
+                };
                 self.scaled.iter().enumerate().map(of).collect()
             };
-            inputs.push(IvInput { samples: alone(|t| f64::from(u8::from(t == 0))), lag: 0, count: self.starts });
+            inputs.push(IvInput {
+                samples: alone(|t| f64::from(u8::from(t == 0))),
+                lag: 0,
+                count: self.starts,
+            });
             inputs.push(IvInput { samples: alone(|_| 1.0), lag: 0, count: 1 });
         }
         IvProblem { inputs, outputs: outputs.iter().map(Vec::as_slice).collect() }
@@ -102,13 +121,21 @@ impl Identifier for Riv {
         let (nf, nb) = (self.nf, self.nb);
         for (option, value) in [("nf", nf), ("nb", nb), ("noise", self.noise.unwrap_or(1))] {
             if !(1..=20).contains(&value) {
-                return Err(IdentifyError::Option { option, value: value as f64, rule: "it must be 1 to 20" });
+                return Err(IdentifyError::Option {
+                    option,
+                    value: value as f64,
+                    rule: "it must be 1 to 20",
+                });
             }
         }
         let least = usize::from(self.direct == Direct::None);
         let (from, to) = match &self.nk {
             Some(lags) if lags.len() != m => {
-                return Err(IdentifyError::Option { option: "number of lags in nk", value: lags.len() as f64, rule: "one for each input" });
+                return Err(IdentifyError::Option {
+                    option: "number of lags in nk",
+                    value: lags.len() as f64,
+                    rule: "one for each input",
+                });
             }
             Some(lags) => (lags.clone(), lags.clone()),
             None => (vec![least; m], vec![self.max_delay.max(least); m]),
@@ -118,14 +145,27 @@ impl Identifier for Riv {
         let (used, said) = usable(NAME, recordings, longest + 3 * (nf + m * nb + starts + 1))?;
         if used.stretches.len() > STRETCHES {
             let rule = "at most 100: fill the gaps, or name fewer logs";
-            return Err(IdentifyError::Option { option: "number of stretches without a gap", value: used.stretches.len() as f64, rule });
+            return Err(IdentifyError::Option {
+                option: "number of stretches without a gap",
+                value: used.stretches.len() as f64,
+                rule,
+            });
         }
         let scales = used.scales()?;
-        let data = Data { scaled: used.stretches.iter().map(|s| scales.scaled(s)).collect(), longest, starts };
-        let outputs: Vec<Vec<f64>> = data.scaled.iter().map(|s| s.y.row(0).iter().skip(longest).copied().collect()).collect();
+        let data = Data {
+            scaled: used.stretches.iter().map(|s| scales.scaled(s)).collect(),
+            longest,
+            starts,
+        };
+        let outputs: Vec<Vec<f64>> = data
+            .scaled
+            .iter()
+            .map(|s| s.y.row(0).iter().skip(longest).copied().collect())
+            .collect();
         let rough = RefinedIv { nb, nf, noise: self.noise.unwrap_or(ROUGH_NOISE) };
         let search = Search { data: &data, outputs: &outputs, rough, nb };
-        let failed = |reason: &str| IdentifyError::Unfit { method: NAME, reason: reason.to_owned() };
+        let failed =
+            |reason: &str| IdentifyError::Unfit { method: NAME, reason: reason.to_owned() };
         let found = search.best(&from, &to, far).ok_or_else(|| {
             failed("no model of these orders is stable and explains the data; take smaller nf and nb, or record with a stronger excitation")
         })?;
@@ -136,19 +176,38 @@ impl Identifier for Riv {
             (None, Some(noise)) => RefinedIv { noise: noise.d.len(), ..rough },
             _ => rough,
         };
-        let fit =
-            orders.refine(&problem, found.fit.f.clone()).ok_or_else(|| failed("the rounds have no finite end; take smaller orders"))?;
+        let fit = orders
+            .refine(&problem, found.fit.f.clone())
+            .ok_or_else(|| failed("the rounds have no finite end; take smaller orders"))?;
         let rows: usize = outputs.iter().map(Vec::len).sum();
-        let without = noise_model(&outputs.iter().map(|y| centred(y)).collect::<Vec<_>>(), orders.noise.max(ROUGH_NOISE));
-        let gain = rows as f64 * (without.map_or(f64::INFINITY, |w| w.variance) / fit.loss.max(f64::MIN_POSITIVE)).ln();
+        let without = noise_model(
+            &outputs.iter().map(|y| centred(y)).collect::<Vec<_>>(),
+            orders.noise.max(ROUGH_NOISE),
+        );
+        let gain = rows as f64
+            * (without.map_or(f64::INFINITY, |w| w.variance) / fit.loss.max(f64::MIN_POSITIVE))
+                .ln();
         // Poles may settle on any of N/2 frequencies, where a lag is but a phase; and the starts are free beside the model without inputs, too.
         let tries = (1 + longest) as f64 * (rows as f64 / 2.0).max(1.0);
         let free = nf + m * nb + used.stretches.len() * starts;
-        if gain < ChiSquared::new(free as f64).map_or(0.0, |d| d.inverse_cdf(1.0 - BY_CHANCE / tries)) {
-            return Err(failed("the output does not visibly follow the inputs; check the channels, or record with a stronger excitation"));
+        if gain
+            < ChiSquared::new(free as f64).map_or(0.0, |d| d.inverse_cdf(1.0 - BY_CHANCE / tries))
+        {
+            return Err(failed(
+                "the output does not visibly follow the inputs; check the channels, or record with a stronger excitation",
+            ));
         }
         let covariance = orders.covariance(&problem, &fit);
-        Ok(self.answer(Answer { used: &used, scales, lags: &found.lags, ends: &found.ends, fit, covariance, rows, said }))
+        Ok(self.answer(Answer {
+            used: &used,
+            scales,
+            lags: &found.lags,
+            ends: &found.ends,
+            fit,
+            covariance,
+            rows,
+            said,
+        }))
     }
 }
 
@@ -175,7 +234,8 @@ struct Found {
 impl Search<'_> {
     fn best(&self, from: &[usize], to: &[usize], far: &HowFar) -> Option<Found> {
         let m = from.len();
-        let (mut lags, mut ends) = (from.to_vec(), from.iter().map(|l| [*l; 2]).collect::<Vec<_>>());
+        let (mut lags, mut ends) =
+            (from.to_vec(), from.iter().map(|l| [*l; 2]).collect::<Vec<_>>());
         let mut best: Option<IvFit> = None;
         let turns = if m == 1 { 1 } else { TURNS };
         let steps = far.steps(turns * m, "delays tried");
@@ -184,13 +244,22 @@ impl Search<'_> {
             for j in 0..m {
                 let mut all = self.along(&lags, j, (from[j], to[j]), best.as_ref());
                 // Once more from the best poles, which one delay finds and its neighbour may not.
-                let lowest = all.iter().flatten().min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)).map(|l| l.1.clone())?;
-                for (old, new) in all.iter_mut().zip(self.along(&lags, j, (from[j], to[j]), Some(&lowest))) {
-                    if let Some(new) = new.filter(|n| old.as_ref().is_none_or(|o| n.1.loss < o.1.loss)) {
+                let lowest = all
+                    .iter()
+                    .flatten()
+                    .min_by(|a, b| a.1.loss.total_cmp(&b.1.loss))
+                    .map(|l| l.1.clone())?;
+                for (old, new) in
+                    all.iter_mut().zip(self.along(&lags, j, (from[j], to[j]), Some(&lowest)))
+                {
+                    if let Some(new) =
+                        new.filter(|n| old.as_ref().is_none_or(|o| n.1.loss < o.1.loss))
+                    {
                         *old = Some(new);
                     }
                 }
-                let (lag, fit) = all.iter().flatten().min_by(|a, b| a.1.loss.total_cmp(&b.1.loss))?.clone();
+                let (lag, fit) =
+                    all.iter().flatten().min_by(|a, b| a.1.loss.total_cmp(&b.1.loss))?.clone();
                 ends[j] = self.as_good(&all, fit.loss);
                 lags[j] = lag;
                 best = Some(fit);
@@ -204,7 +273,13 @@ impl Search<'_> {
     }
 
     /// The best model at every lag of one input, the others' lags staying.
-    fn along(&self, lags: &[usize], input: usize, (from, to): (usize, usize), known: Option<&IvFit>) -> Vec<Option<(usize, IvFit)>> {
+    fn along(
+        &self,
+        lags: &[usize],
+        input: usize,
+        (from, to): (usize, usize),
+        known: Option<&IvFit>,
+    ) -> Vec<Option<(usize, IvFit)>> {
         let at = |lag: usize| {
             let mut own = lags.to_vec();
             own[input] = lag;
@@ -223,7 +298,9 @@ impl Search<'_> {
         let mut weights: Vec<(usize, f64)> = all
             .iter()
             .flatten()
-            .map(|(lag, fit)| (*lag, (-0.5 * rows as f64 * (fit.loss.max(floor) / best.max(floor)).ln()).exp()))
+            .map(|(lag, fit)| {
+                (*lag, (-0.5 * rows as f64 * (fit.loss.max(floor) / best.max(floor)).ln()).exp())
+            })
             .collect();
         weights.sort_by(|a, b| b.1.total_cmp(&a.1));
         let total: f64 = weights.iter().map(|w| w.1).sum();
@@ -259,12 +336,21 @@ impl Riv {
         let (sy, count) = (scales.outputs[0].1, nf + m * nb);
         // f, then every b in the channels' units.
         let unit = |i: usize| if i < nf { 1.0 } else { sy / scales.inputs[(i - nf) / nb].1 };
-        let values: Vec<f64> = fit.f.iter().chain(fit.b.iter().take(m * nb)).enumerate().map(|(i, v)| v * unit(i)).collect();
-        let covariance = covariance.map(|c| DMatrix::from_fn(count, count, |i, j| c[(i, j)] * unit(i) * unit(j)));
+        let values: Vec<f64> = fit
+            .f
+            .iter()
+            .chain(fit.b.iter().take(m * nb))
+            .enumerate()
+            .map(|(i, v)| v * unit(i))
+            .collect();
+        let covariance = covariance
+            .map(|c| DMatrix::from_fn(count, count, |i, j| c[(i, j)] * unit(i) * unit(j)));
         let delays: Vec<usize> = lags.iter().map(|l| l.saturating_sub(1)).collect();
         // Lags of the first coefficient that are left in the matrices.
         let inside: Vec<usize> = lags.iter().zip(&delays).map(|(l, d)| l - d).collect();
-        let build = |values: &[f64]| Some((observer(&values[..nf], &values[nf..], &inside), delays.clone()));
+        let build = |values: &[f64]| {
+            Some((observer(&values[..nf], &values[nf..], &inside), delays.clone()))
+        };
         let cloud = covariance.as_ref().and_then(|c| Cloud::of(values.clone(), c, self.seed));
         let draws = cloud.map(|c| c.models(self.draws, &build)).unwrap_or_default();
         let name = |i: usize| {
@@ -290,7 +376,14 @@ impl Riv {
         parameters.extend(values.iter().enumerate().map(|(i, value)| {
             let std = covariance.as_ref().map(|c| c[(i, i)].max(0.0).sqrt());
             let (name, input) = name(i);
-            Parameter { name, input, value: *value, unit: None, std, ci95: std.map(|s| [value - NORMAL_95 * s, value + NORMAL_95 * s]) }
+            Parameter {
+                name,
+                input,
+                value: *value,
+                unit: None,
+                std,
+                ci95: std.map(|s| [value - NORMAL_95 * s, value + NORMAL_95 * s]),
+            }
         }));
         let mut notes: Vec<String> = said.into_iter().collect();
         if !fit.converged {
@@ -308,7 +401,10 @@ impl Riv {
                     ));
                 }
                 if *lag == self.max_delay {
-                    notes.push(format!("{}: the best lag is the longest that was searched; set a longer max_delay", input.name));
+                    notes.push(format!(
+                        "{}: the best lag is the longest that was searched; set a longer max_delay",
+                        input.name
+                    ));
                 }
             }
         }
@@ -322,9 +418,11 @@ impl Riv {
         let at_rest = 1.0 + fit.f.iter().sum::<f64>();
         let each = self.nf.max(nb - 1) + 1;
         let weight = |s: &Stretch| s.len() as f64 / used.samples().max(1) as f64;
-        let settled: Vec<f64> =
-            (0..used.stretches.len()).map(|r| fit.b.get(m * nb + r * each + each - 1).map_or(0.0, |c| c / at_rest)).collect();
-        scales.outputs[0].0 += sy * settled.iter().zip(&used.stretches).map(|(c, s)| c * weight(s)).sum::<f64>();
+        let settled: Vec<f64> = (0..used.stretches.len())
+            .map(|r| fit.b.get(m * nb + r * each + each - 1).map_or(0.0, |c| c / at_rest))
+            .collect();
+        scales.outputs[0].0 +=
+            sy * settled.iter().zip(&used.stretches).map(|(c, s)| c * weight(s)).sum::<f64>();
         let model = observer(&values[..nf], &values[nf..], &inside);
         let freedom = (rows as f64 - (fit.b.len() + nf + fit.d.len()) as f64).max(1.0);
         Identified {
@@ -361,9 +459,15 @@ fn observer(f: &[f64], b: &[f64], lags: &[usize]) -> InnovationsModel {
     let last = lags.iter().map(|l| l + nb - 1).max().unwrap_or(0);
     let n = f.len().max(last);
     let pole = |i: usize| f.get(i).copied().unwrap_or(0.0);
-    let at = |lag: usize, j: usize| lag.checked_sub(lags[j]).filter(|i| *i < nb).map_or(0.0, |i| b[j * nb + i]);
+    let at = |lag: usize, j: usize| {
+        lag.checked_sub(lags[j]).filter(|i| *i < nb).map_or(0.0, |i| b[j * nb + i])
+    };
     InnovationsModel {
-        a: DMatrix::from_fn(n, n, |i, j| if j == 0 { -pole(i) } else { f64::from(u8::from(j == i + 1)) }),
+        a: DMatrix::from_fn(
+            n,
+            n,
+            |i, j| if j == 0 { -pole(i) } else { f64::from(u8::from(j == i + 1)) },
+        ),
         // What goes straight through is fed back by F too.
         b: DMatrix::from_fn(n, m, |i, j| at(i + 1, j) - pole(i) * at(0, j)),
         c: DMatrix::from_fn(1, n, |_, j| f64::from(u8::from(j == 0))),

@@ -1,7 +1,9 @@
 //! The triangular factor of a tall matrix, by the faster of two libraries.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::qr::no_pivoting::factor::{qr_in_place, qr_in_place_scratch, recommended_block_size};
+use faer::linalg::qr::no_pivoting::factor::{
+    qr_in_place, qr_in_place_scratch, recommended_block_size,
+};
 use faer::{Mat, Par};
 use nalgebra::DMatrix;
 
@@ -20,8 +22,20 @@ pub(crate) fn upper(a: DMatrix<f64>) -> DMatrix<f64> {
     let mut qr = Mat::from_fn(rows, columns, |i, j| a[(i, j)]);
     let block = recommended_block_size::<f64>(rows, columns);
     let mut coefficients = Mat::zeros(block, columns);
-    let mut memory = MemBuffer::new(qr_in_place_scratch::<f64>(rows, columns, block, Par::Seq, Default::default()));
-    qr_in_place(qr.as_mut(), coefficients.as_mut(), Par::Seq, MemStack::new(&mut memory), Default::default());
+    let mut memory = MemBuffer::new(qr_in_place_scratch::<f64>(
+        rows,
+        columns,
+        block,
+        Par::Seq,
+        Default::default(),
+    ));
+    qr_in_place(
+        qr.as_mut(),
+        coefficients.as_mut(),
+        Par::Seq,
+        MemStack::new(&mut memory),
+        Default::default(),
+    );
     let depends = |j: usize| {
         let norm = (0..=j).map(|i| qr[(i, j)].powi(2)).sum::<f64>().sqrt();
         // What is not a number depends, too.
@@ -46,11 +60,17 @@ mod tests {
     fn both_libraries_give_the_same_factor() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         for (rows, columns) in [(8, 8), (40, 8), (300, 24), (300, 70), (5, 9)] {
-            let a = DMatrix::from_fn(rows, columns, |_, j| rng.random_range(-1.0..1.0) * 10.0_f64.powi(-(j as i32) / 8));
+            let a = DMatrix::from_fn(rows, columns, |_, j| {
+                rng.random_range(-1.0..1.0) * 10.0_f64.powi(-(j as i32) / 8)
+            });
             let (got, expected) = (upper(a.clone()), a.clone().qr().r());
             assert_eq!(got.shape(), expected.shape());
             assert!((0..got.nrows()).all(|i| got[(i, i)] >= 0.0));
-            assert!((&got - &expected).amax() < 1e-10 * expected.amax(), "{rows}×{columns}: {}", (got - expected).amax());
+            assert!(
+                (&got - &expected).amax() < 1e-10 * expected.amax(),
+                "{rows}×{columns}: {}",
+                (got - expected).amax()
+            );
         }
     }
 
@@ -69,11 +89,17 @@ mod tests {
             50 => y[i + 20],
             _ => f64::from(u8::from(i + 10 > j)),
         });
-        let normal = DMatrix::from_fn(300, 51, |i, j| if j == 30 { 0.0 } else { y[(7 * i + 13 * j * j) % 360] + y[(i * j) % 359] });
+        let normal = DMatrix::from_fn(300, 51, |i, j| {
+            if j == 30 { 0.0 } else { y[(7 * i + 13 * j * j) % 360] + y[(i * j) % 359] }
+        });
         for a in [few, many, normal] {
             let r = upper(a.clone());
             assert!(r.iter().all(|v| v.is_finite()));
-            assert!((r.tr_mul(&r) - a.tr_mul(&a)).amax() < 1e-12 * a.tr_mul(&a).amax(), "{:?}", r.diagonal());
+            assert!(
+                (r.tr_mul(&r) - a.tr_mul(&a)).amax() < 1e-12 * a.tr_mul(&a).amax(),
+                "{:?}",
+                r.diagonal()
+            );
         }
     }
 }

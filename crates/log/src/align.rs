@@ -39,7 +39,9 @@ type Chosen<'w, 'r> = (&'w Wanted, &'r Topic, &'r Channel);
 impl Recording {
     /// The channels' full names: `topic.field`, or `field` in a file without topics.
     pub fn names(&self) -> impl Iterator<Item = String> {
-        self.topics.iter().flat_map(|topic| topic.log.names().map(|channel| full(&topic.name, channel)))
+        self.topics
+            .iter()
+            .flat_map(|topic| topic.log.names().map(|channel| full(&topic.name, channel)))
     }
 
     /// How many channels end in a name, for every end there is.
@@ -54,14 +56,23 @@ impl Recording {
     }
 
     fn called(&self, wanted: &str) -> Vec<(&Topic, &Channel)> {
-        let all = || self.topics.iter().flat_map(|topic| topic.log.channels().map(move |channel| (topic, channel)));
+        let all = || {
+            self.topics
+                .iter()
+                .flat_map(|topic| topic.log.channels().map(move |channel| (topic, channel)))
+        };
         let wanted = plain(wanted);
-        let named: Vec<_> = all().map(|(topic, channel)| (plain(&full(&topic.name, channel.name())), topic, channel)).collect();
-        let exact: Vec<_> = named.iter().filter(|(name, ..)| *name == wanted).map(|(_, t, c)| (*t, *c)).collect();
+        let named: Vec<_> = all()
+            .map(|(topic, channel)| (plain(&full(&topic.name, channel.name())), topic, channel))
+            .collect();
+        let exact: Vec<_> =
+            named.iter().filter(|(name, ..)| *name == wanted).map(|(_, t, c)| (*t, *c)).collect();
         if !exact.is_empty() {
             return exact;
         }
-        let ends = |name: &str| name.strip_suffix(wanted.as_str()).is_some_and(|start| start.ends_with('.'));
+        let ends = |name: &str| {
+            name.strip_suffix(wanted.as_str()).is_some_and(|start| start.ends_with('.'))
+        };
         named.iter().filter(|(name, ..)| ends(name)).map(|(_, t, c)| (*t, *c)).collect()
     }
 
@@ -72,7 +83,9 @@ impl Recording {
             [only] => Ok(*only),
             [] => {
                 let names: Vec<String> = self.names().collect();
-                let ends = names.iter().flat_map(|n| [n.as_str(), n.rsplit(['.', '/']).next().unwrap_or(n)]);
+                let ends = names
+                    .iter()
+                    .flat_map(|n| [n.as_str(), n.rsplit(['.', '/']).next().unwrap_or(n)]);
                 Err(LogError::UnknownChannel {
                     file: self.source.clone(),
                     channel: wanted.into(),
@@ -83,7 +96,10 @@ impl Recording {
             several => Err(LogError::AmbiguousChannel {
                 file: self.source.clone(),
                 channel: wanted.into(),
-                matches: several.iter().map(|(topic, channel)| full(&topic.name, channel.name())).collect(),
+                matches: several
+                    .iter()
+                    .map(|(topic, channel)| full(&topic.name, channel.name()))
+                    .collect(),
             }),
         }
     }
@@ -104,7 +120,11 @@ impl Recording {
     ///
     /// # Errors
     /// [`LogError::UnknownChannel`], [`LogError::AmbiguousChannel`]; [`LogError::NoCommonTime`] for topics that do not overlap; [`LogError::TooFine`].
-    pub fn together(&self, wanted: &[Wanted], grid: Option<SampleTime>) -> Result<(Log, Vec<String>), LogError> {
+    pub fn together(
+        &self,
+        wanted: &[Wanted],
+        grid: Option<SampleTime>,
+    ) -> Result<(Log, Vec<String>), LogError> {
         if let [Topic { name, log }] = self.topics.as_slice()
             && name.is_empty()
         {
@@ -115,10 +135,17 @@ impl Recording {
             let name = wanted.first().map_or("", |one| one.name.as_str());
             return self.find(name).map(|(topic, _)| (topic.log.clone(), Vec::new()));
         };
-        let named = |one: &Wanted, channel: &Channel| Channel { name: one.name.clone(), ..channel.clone() };
+        let named =
+            |one: &Wanted, channel: &Channel| Channel { name: one.name.clone(), ..channel.clone() };
         if grid.is_none() && chosen.iter().all(|(_, topic, _)| std::ptr::eq(*topic, base)) {
             let channels = chosen.iter().map(|(one, _, channel)| named(one, channel)).collect();
-            let log = Log::assemble(self.source.clone(), base.log.time_s.clone(), channels, Vec::new(), base.log.rows.clone())?;
+            let log = Log::assemble(
+                self.source.clone(),
+                base.log.time_s.clone(),
+                channels,
+                Vec::new(),
+                base.log.rows.clone(),
+            )?;
             return Ok((log, Vec::new()));
         }
         let time_s = self.common_times(&chosen, base, grid)?;
@@ -137,9 +164,17 @@ impl Recording {
                 }
                 band_limited(topic.log.time_s(), channel.samples(), &time_s, step_s)
             };
-            channels.push(Channel { name: one.name.clone(), unit: channel.unit.clone(), values: values.into(), present: Some(present) });
+            channels.push(Channel {
+                name: one.name.clone(),
+                unit: channel.unit.clone(),
+                values: values.into(),
+                present: Some(present),
+            });
         }
-        let onto = grid.map_or_else(|| format!("the stamps of {}", base.name), |step| format!("an even grid of {} s", step.seconds()));
+        let onto = grid.map_or_else(
+            || format!("the stamps of {}", base.name),
+            |step| format!("an even grid of {} s", step.seconds()),
+        );
         let mut note = format!("channels are put onto {onto}");
         if sparse && grid.is_none() {
             note += " (the commands are too sparse to be the grid)";
@@ -170,16 +205,32 @@ impl Recording {
     }
 
     /// The stamps of one topic, or those of an even grid, from where all topics have begun to where the first one ends that is not held.
-    fn common_times(&self, chosen: &[Chosen<'_, '_>], base: &Topic, grid: Option<SampleTime>) -> Result<Vec<f64>, LogError> {
-        let from_s = chosen.iter().map(|(_, t, _)| t.log.start_s()).fold(f64::NEG_INFINITY, f64::max);
-        let ends = |held: bool| chosen.iter().filter(move |(one, ..)| one.held == held).map(|(_, t, _)| t.log.end_s());
-        let to_s = ends(false).reduce(f64::min).or_else(|| ends(true).reduce(f64::max)).unwrap_or(f64::INFINITY);
+    fn common_times(
+        &self,
+        chosen: &[Chosen<'_, '_>],
+        base: &Topic,
+        grid: Option<SampleTime>,
+    ) -> Result<Vec<f64>, LogError> {
+        let from_s =
+            chosen.iter().map(|(_, t, _)| t.log.start_s()).fold(f64::NEG_INFINITY, f64::max);
+        let ends = |held: bool| {
+            chosen.iter().filter(move |(one, ..)| one.held == held).map(|(_, t, _)| t.log.end_s())
+        };
+        let to_s = ends(false)
+            .reduce(f64::min)
+            .or_else(|| ends(true).reduce(f64::max))
+            .unwrap_or(f64::INFINITY);
         let time_s: Vec<f64> = match grid {
-            None => base.log.time_s.iter().copied().filter(|t| (from_s..=to_s).contains(t)).collect(),
+            None => {
+                base.log.time_s.iter().copied().filter(|t| (from_s..=to_s).contains(t)).collect()
+            }
             Some(step) => self.even(from_s, to_s, step.seconds())?,
         };
         if time_s.is_empty() {
-            let spans = chosen.iter().map(|(one, t, _)| (one.name.clone(), t.log.start_s(), t.log.end_s())).collect();
+            let spans = chosen
+                .iter()
+                .map(|(one, t, _)| (one.name.clone(), t.log.start_s(), t.log.end_s()))
+                .collect();
             return Err(LogError::NoCommonTime { file: self.source.clone(), spans });
         }
         Ok(time_s)
@@ -189,20 +240,35 @@ impl Recording {
         let last = ((to_s - from_s) / step_s + 1e-6).floor();
         if last >= MOST_SAMPLES {
             let (samples, duration_s) = (last + 1.0, to_s - from_s);
-            return Err(LogError::TooFine { file: self.source.clone(), sample_time_s: step_s, samples, duration_s });
+            return Err(LogError::TooFine {
+                file: self.source.clone(),
+                sample_time_s: step_s,
+                samples,
+                duration_s,
+            });
         }
-        Ok(if last < 0.0 { Vec::new() } else { (0..=last as usize).map(|k| from_s + k as f64 * step_s).collect() })
+        Ok(if last < 0.0 {
+            Vec::new()
+        } else {
+            (0..=last as usize).map(|k| from_s + k as f64 * step_s).collect()
+        })
     }
 }
 
 /// The topic whose stamps are the grid: that of the first held channel, where one is dense enough, else the densest of the others; and whether commands were too sparse.
 fn base<'r>(chosen: &[Chosen<'_, 'r>]) -> Option<(&'r Topic, bool)> {
-    let others = chosen.iter().filter(|(one, topic, _)| !one.held && topic.log.len() > 1).map(|(_, topic, _)| *topic);
+    let others = chosen
+        .iter()
+        .filter(|(one, topic, _)| !one.held && topic.log.len() > 1)
+        .map(|(_, topic, _)| *topic);
     let densest = others.min_by(|a, b| a.log.median_step_s().total_cmp(&b.log.median_step_s()));
     let dense = |topic: &Topic| {
         densest.is_none_or(|other| {
             let from_s = topic.log.start_s().max(other.log.start_s());
-            let stamps = |log: &Log| log.time_s.iter().filter(|t| (from_s..=other.log.end_s()).contains(*t)).count() as f64;
+            let stamps = |log: &Log| {
+                log.time_s.iter().filter(|t| (from_s..=other.log.end_s()).contains(*t)).count()
+                    as f64
+            };
             stamps(&topic.log) >= SPARSE * stamps(&other.log)
         })
     };
@@ -210,18 +276,29 @@ fn base<'r>(chosen: &[Chosen<'_, 'r>]) -> Option<(&'r Topic, bool)> {
     match (held().find(|topic| dense(topic)), held().next(), densest) {
         (Some(topic), ..) => Some((topic, false)),
         (None, Some(_), Some(other)) => Some((other, true)),
-        (None, held, _) => held.or(chosen.first().map(|(_, topic, _)| *topic)).map(|topic| (topic, false)),
+        (None, held, _) => {
+            held.or(chosen.first().map(|(_, topic, _)| *topic)).map(|topic| (topic, false))
+        }
     }
 }
 
 /// Which commands are held far behind their last stamp, as a part of a sentence.
 fn held_on(chosen: &[Chosen<'_, '_>], time_s: &[f64]) -> String {
     let end_s = time_s.last().copied().unwrap_or(0.0);
-    let far = |log: &Log| end_s - log.end_s() > GAP_STEPS * log.median_step_s().max(crate::csv::clock::median_step(time_s));
+    let far = |log: &Log| {
+        end_s - log.end_s()
+            > GAP_STEPS * log.median_step_s().max(crate::csv::clock::median_step(time_s))
+    };
     let late: Vec<String> = chosen
         .iter()
         .filter(|(one, topic, _)| one.held && far(&topic.log))
-        .map(|(one, topic, _)| format!("{} keeps its last value for {:.3} s, to the end", one.name, end_s - topic.log.end_s()))
+        .map(|(one, topic, _)| {
+            format!(
+                "{} keeps its last value for {:.3} s, to the end",
+                one.name,
+                end_s - topic.log.end_s()
+            )
+        })
         .collect();
     if late.is_empty() { String::new() } else { format!("; {}", late.join(", ")) }
 }
@@ -233,13 +310,18 @@ fn full(topic: &str, channel: &str) -> String {
 /// The shortest end of a channel's full name that no other channel has.
 pub(super) fn shortest_name(topic: &str, channel: &str, count: &HashMap<String, usize>) -> String {
     let name = full(topic, channel);
-    let unique = ends(&plain(&name)).into_iter().rev().find(|end| count.get(*end) == Some(&1)).map(ToOwned::to_owned);
+    let unique = ends(&plain(&name))
+        .into_iter()
+        .rev()
+        .find(|end| count.get(*end) == Some(&1))
+        .map(ToOwned::to_owned);
     unique.unwrap_or(name)
 }
 
 /// A plain name and what stands behind each of its dots.
 fn ends(name: &str) -> Vec<&str> {
-    let behind = name.char_indices().filter(|(_, c)| *c == '.').filter_map(|(at, _)| name.get(at + 1..));
+    let behind =
+        name.char_indices().filter(|(_, c)| *c == '.').filter_map(|(at, _)| name.get(at + 1..));
     std::iter::once(name).chain(behind).filter(|end| !end.is_empty()).collect()
 }
 
@@ -264,7 +346,12 @@ fn hold(stamps: &[f64], samples: Output<'_>, at_s: &[f64]) -> (Vec<f64>, Vec<boo
 ///
 /// How it can be wrong: energy above half the new rate folds into the result (a sine there must vanish); the signal below is damped or moved in time (a sine there must keep
 /// phase and size); a straight line bends at the ends (the samples are continued by odd reflection); values are made up inside a gap (missing there instead).
-pub(super) fn band_limited(stamps: &[f64], samples: Output<'_>, at_s: &[f64], step_s: f64) -> (Vec<f64>, Vec<bool>) {
+pub(super) fn band_limited(
+    stamps: &[f64],
+    samples: Output<'_>,
+    at_s: &[f64],
+    step_s: f64,
+) -> (Vec<f64>, Vec<bool>) {
     let own_s = crate::csv::clock::median_step(stamps);
     let longest_s = GAP_STEPS * own_s;
     // Band edge as a part of half the samples' own rate.
@@ -272,7 +359,9 @@ pub(super) fn band_limited(stamps: &[f64], samples: Output<'_>, at_s: &[f64], st
     let reach = CROSSINGS / edge;
     let kernel = Kernel::new();
     let joined = |i: usize| match (stamps.get(i), stamps.get(i + 1)) {
-        (Some(a), Some(b)) => b - a <= longest_s && samples.get(i).is_some() && samples.get(i + 1).is_some(),
+        (Some(a), Some(b)) => {
+            b - a <= longest_s && samples.get(i).is_some() && samples.get(i + 1).is_some()
+        }
         _ => false,
     };
     let (mut i, mut run) = (0, (0, 0));
@@ -332,7 +421,8 @@ impl Kernel {
             let x = j as f64 / TABLE as f64;
             let arc = std::f64::consts::PI * x;
             let sinc = if j == 0 { 1.0 } else { arc.sin() / arc };
-            sinc * bessel_i0(KAISER_BETA * (1.0 - (x / CROSSINGS).powi(2)).max(0.0).sqrt()) / bessel_i0(KAISER_BETA)
+            sinc * bessel_i0(KAISER_BETA * (1.0 - (x / CROSSINGS).powi(2)).max(0.0).sqrt())
+                / bessel_i0(KAISER_BETA)
         };
         Self((0..=points + 1).map(value).collect())
     }
@@ -371,8 +461,12 @@ mod tests {
         let stamps: Vec<f64> = (0..4000).map(|k| k as f64 * from_step).collect();
         let values: Vec<f64> = stamps.iter().map(|t| sine(hz, *t)).collect();
         let end = 4000.0 * from_step;
-        let at: Vec<f64> = (0..).map(|k| 0.0013 + k as f64 * to_step).take_while(|t| *t < end - 2.0 * from_step).collect();
-        let (made, there) = band_limited(&stamps, Output { values: &values, present: None }, &at, to_step);
+        let at: Vec<f64> = (0..)
+            .map(|k| 0.0013 + k as f64 * to_step)
+            .take_while(|t| *t < end - 2.0 * from_step)
+            .collect();
+        let (made, there) =
+            band_limited(&stamps, Output { values: &values, present: None }, &at, to_step);
         assert!(there.iter().all(|x| *x));
         // Away from the ends, where the kernel reaches beyond the record.
         let inner = at.iter().zip(&made).filter(|(t, _)| **t > 0.2 * end && **t < 0.8 * end);
@@ -394,11 +488,13 @@ mod tests {
 
     #[test]
     fn a_line_stays_a_line_to_its_ends_and_a_gap_stays_empty() {
-        let stamps: Vec<f64> = (0..100).filter(|k| !(40..60).contains(k)).map(|k| f64::from(k) * 0.01).collect();
+        let stamps: Vec<f64> =
+            (0..100).filter(|k| !(40..60).contains(k)).map(|k| f64::from(k) * 0.01).collect();
         let values: Vec<f64> = stamps.iter().map(|t| 3.0 + 2.0 * t).collect();
         let at: Vec<f64> = (0..99).map(|k| 0.005 + f64::from(k) * 0.01).collect();
         for step in [0.01, 0.05] {
-            let (made, there) = band_limited(&stamps, Output { values: &values, present: None }, &at, step);
+            let (made, there) =
+                band_limited(&stamps, Output { values: &values, present: None }, &at, step);
             for ((t, x), there) in at.iter().zip(made).zip(there) {
                 assert_eq!(there, !(0.39..0.60).contains(t), "{t}");
                 assert!(!there || (x - 3.0 - 2.0 * t).abs() < 1e-9, "{t}: {x}");
@@ -417,10 +513,19 @@ mod tests {
     }
 
     fn both(command: Topic, output: Topic, grid: Option<f64>) -> (Log, String) {
-        let recording =
-            Recording { source: "a.ulg".into(), format: "ulog", topics: vec![command, output], notes: crate::notes::Notes::default() };
-        let wanted = [("u", true), ("y", false)].map(|(name, held)| Wanted { name: name.into(), held, required: true });
-        let (log, notes) = recording.together(&wanted, grid.map(|step| SampleTime::new(step).unwrap())).unwrap();
+        let recording = Recording {
+            source: "a.ulg".into(),
+            format: "ulog",
+            topics: vec![command, output],
+            notes: crate::notes::Notes::default(),
+        };
+        let wanted = [("u", true), ("y", false)].map(|(name, held)| Wanted {
+            name: name.into(),
+            held,
+            required: true,
+        });
+        let (log, notes) =
+            recording.together(&wanted, grid.map(|step| SampleTime::new(step).unwrap())).unwrap();
         (log, notes.join("|"))
     }
 
@@ -430,8 +535,15 @@ mod tests {
         // One set point near the start.
         let (log, said) = both(topic("u", vec![0.055], |_| 3.0), output(), None);
         assert_eq!(log.len(), 995);
-        assert!(log.input("u").unwrap().iter().all(|u| *u == 3.0) && (log.time_s()[994] - 10.0).abs() < 1e-9);
-        assert!(said.contains("stamps of y (the commands are too sparse") && said.contains("u keeps its last value for 9.945 s"), "{said}");
+        assert!(
+            log.input("u").unwrap().iter().all(|u| *u == 3.0)
+                && (log.time_s()[994] - 10.0).abs() < 1e-9
+        );
+        assert!(
+            said.contains("stamps of y (the commands are too sparse")
+                && said.contains("u keeps its last value for 9.945 s"),
+            "{said}"
+        );
         assert!(log.early_s() > 0.0, "a command between two stamps of the output is put behind it");
         // One each second, until 6 s.
         let seconds = || topic("u", even(0.0, 1.0, 7), |t| t);
@@ -448,15 +560,25 @@ mod tests {
 
     #[test]
     fn dense_commands_are_the_grid() {
-        let (log, said) = both(topic("u", even(0.0, 0.05, 200), |t| t), topic("y", even(0.0, 0.01, 1001), |t| t), None);
+        let (log, said) = both(
+            topic("u", even(0.0, 0.05, 200), |t| t),
+            topic("y", even(0.0, 0.01, 1001), |t| t),
+            None,
+        );
         assert_eq!(log.len(), 200);
-        assert!(said.contains("stamps of u;") && !said.contains("sparse") && !said.contains("keeps"), "{said}");
+        assert!(
+            said.contains("stamps of u;") && !said.contains("sparse") && !said.contains("keeps"),
+            "{said}"
+        );
     }
 
     #[test]
     fn what_is_held_keeps_its_value() {
         let samples = Output { values: &[1.0, 2.0, 3.0], present: Some(&[true, false, true]) };
         let (values, present) = hold(&[0.0, 1.0, 2.0], samples, &[-0.5, 0.0, 0.9, 1.0, 2.0, 7.0]);
-        assert_eq!((values, present), (vec![0.0, 1.0, 1.0, 0.0, 3.0, 3.0], vec![false, true, true, false, true, true]));
+        assert_eq!(
+            (values, present),
+            (vec![0.0, 1.0, 1.0, 0.0, 3.0, 3.0], vec![false, true, true, false, true, true])
+        );
     }
 }

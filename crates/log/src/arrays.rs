@@ -56,8 +56,15 @@ pub(super) fn assemble(
         topics.extend(found.table(origin_ns).finish(source, &mut notes)?);
     }
     if topics.is_empty() {
-        if variables.iter().any(|(_, array)| matches!(array, Array::Numbers { .. } | Array::Struct(_) | Array::List(_))) {
-            notes.push(Message::from("no vector of time was found: call one `time` or `t`, or name it with ").and(Remedy::TimeColumn));
+        if variables.iter().any(|(_, array)| {
+            matches!(array, Array::Numbers { .. } | Array::Struct(_) | Array::List(_))
+        }) {
+            notes.push(
+                Message::from(
+                    "no vector of time was found: call one `time` or `t`, or name it with ",
+                )
+                .and(Remedy::TimeColumn),
+            );
         }
         return Err(LogError::NoTopics { file: source.into(), format: title, notes }.into());
     }
@@ -68,8 +75,10 @@ impl Found<'_> {
     /// Its rows, their time counted from an origin of the whole file.
     fn table(&self, origin_ns: Option<i128>) -> Table {
         let mut table = Table::new(self.name.as_str());
-        let places: Vec<usize> = self.columns.iter().map(|(column, _)| table.column(column.clone(), None)).collect();
-        let apart_ns = origin_ns.map_or(0, |origin| self.times.origin_ns.unwrap_or(0).saturating_sub(origin));
+        let places: Vec<usize> =
+            self.columns.iter().map(|(column, _)| table.column(column.clone(), None)).collect();
+        let apart_ns =
+            origin_ns.map_or(0, |origin| self.times.origin_ns.unwrap_or(0).saturating_sub(origin));
         let mut later_s = apart_ns as f64 / 1e9;
         if (self.times.time_s.first().copied().unwrap_or(0.0) + later_s).abs() > ANOTHER_CLOCK_S {
             later_s = 0.0;
@@ -92,13 +101,22 @@ fn collect<'a>(
     notes: &mut crate::notes::Notes,
     options: &ReadOptions,
 ) {
-    let vectors = || fields.iter().filter_map(|(field, array)| vector(array).map(|(values, unit)| (field.as_str(), values, unit)));
+    let vectors = || {
+        fields.iter().filter_map(|(field, array)| {
+            vector(array).map(|(values, unit)| (field.as_str(), values, unit))
+        })
+    };
     let stamps = || vectors().find(|(_, _, unit)| unit.is_some());
     let time = match &options.time {
         Some(wanted) => vectors().find(|(field, ..)| field == wanted).or_else(stamps),
         None => vectors()
             .find(|(field, ..)| *field == "time")
-            .or_else(|| vectors().find(|(field, ..)| named_time(field).is_some() || matches!(field.to_lowercase().as_str(), "t" | "tout")))
+            .or_else(|| {
+                vectors().find(|(field, ..)| {
+                    named_time(field).is_some()
+                        || matches!(field.to_lowercase().as_str(), "t" | "tout")
+                })
+            })
             .or_else(stamps),
     };
     if let Some((clock, stamps, unit)) = time {
@@ -106,7 +124,14 @@ fn collect<'a>(
         let plain = matches!(clock, "time" | "t" | "tout");
         let times = seconds(stamps.iter().map(f64::to_string), known, plain);
         if !plain || times.unit != TimeUnit::S || !times.told.is_empty() {
-            notes.push(Message::from(format!("{}time is `{clock}`, in {}", prefix(name), times.unit.words())).and(times.told.clone()));
+            notes.push(
+                Message::from(format!(
+                    "{}time is `{clock}`, in {}",
+                    prefix(name),
+                    times.unit.words()
+                ))
+                .and(times.told.clone()),
+            );
         }
         let mut columns: Vec<(String, &[f64])> = Vec::new();
         for (field, array) in fields.iter().filter(|(field, _)| field != clock) {
@@ -121,7 +146,13 @@ fn collect<'a>(
 }
 
 /// Structs within structs, and in cells by their number.
-fn nested<'a>(path: &str, array: &'a Array, found: &mut Vec<Found<'a>>, notes: &mut crate::notes::Notes, options: &ReadOptions) {
+fn nested<'a>(
+    path: &str,
+    array: &'a Array,
+    found: &mut Vec<Found<'a>>,
+    notes: &mut crate::notes::Notes,
+    options: &ReadOptions,
+) {
     match array {
         Array::Struct(inner) => collect(path, inner, found, notes, options),
         Array::List(elements) => {
@@ -140,16 +171,28 @@ fn prefix(name: &str) -> String {
 /// A row or column of at least two numbers, and their unit where they are stamps.
 fn vector(array: &Array) -> Option<(&[f64], Option<TimeUnit>)> {
     match array {
-        Array::Numbers { shape, values } if values.len() > 1 && shape.iter().filter(|n| **n > 1).count() == 1 => Some((values, None)),
+        Array::Numbers { shape, values }
+            if values.len() > 1 && shape.iter().filter(|n| **n > 1).count() == 1 =>
+        {
+            Some((values, None))
+        }
         Array::Times { values, unit } if values.len() > 1 => Some((values, Some(*unit))),
         _ => None,
     }
 }
 
 /// The columns of an array that has one value, or several, a time stamp.
-fn channels<'a>(field: &str, array: &'a Array, rows: usize, columns: &mut Vec<(String, &'a [f64])>, notes: &mut crate::notes::Notes) {
+fn channels<'a>(
+    field: &str,
+    array: &'a Array,
+    rows: usize,
+    columns: &mut Vec<(String, &'a [f64])>,
+    notes: &mut crate::notes::Notes,
+) {
     match array {
-        Array::Numbers { values, .. } if values.len() == rows => columns.push((field.to_owned(), values)),
+        Array::Numbers { values, .. } if values.len() == rows => {
+            columns.push((field.to_owned(), values))
+        }
         // Time runs along the first dimension.
         Array::Numbers { shape, values } if shape.first() == Some(&rows) && rows > 0 => {
             let parts = values.chunks(rows).enumerate();
@@ -157,7 +200,10 @@ fn channels<'a>(field: &str, array: &'a Array, rows: usize, columns: &mut Vec<(S
         }
         Array::Numbers { values, shape } if values.len() > 1 => {
             let size: Vec<String> = shape.iter().map(ToString::to_string).collect();
-            notes.push(format!("{field}: {} values where time has {rows}; left out", size.join(" by ")));
+            notes.push(format!(
+                "{field}: {} values where time has {rows}; left out",
+                size.join(" by ")
+            ));
         }
         // Simulink's structure with time.
         Array::Struct(_) | Array::List(_) if field == "signals" => {
@@ -167,10 +213,16 @@ fn channels<'a>(field: &str, array: &'a Array, rows: usize, columns: &mut Vec<(S
             };
             for (i, signal) in signals.iter().enumerate() {
                 let Array::Struct(parts) = signal else { continue };
-                let part = |name: &str| parts.iter().find(|(field, _)| field == name).map(|(_, array)| array);
+                let part = |name: &str| {
+                    parts.iter().find(|(field, _)| field == name).map(|(_, array)| array)
+                };
                 let label = match (part("label"), part("blockName")) {
-                    (Some(Array::Text(label)), _) if !label.trim().is_empty() => label.trim().to_owned(),
-                    (_, Some(Array::Text(block))) if !block.trim().is_empty() => block.trim().replace('/', "."),
+                    (Some(Array::Text(label)), _) if !label.trim().is_empty() => {
+                        label.trim().to_owned()
+                    }
+                    (_, Some(Array::Text(block))) if !block.trim().is_empty() => {
+                        block.trim().replace('/', ".")
+                    }
                     _ => format!("signals[{i}]"),
                 };
                 if let Some(values) = part("values") {
@@ -193,11 +245,15 @@ mod tests {
     /// `time` from a start on in steps, and a channel beside it.
     fn timed(name: &str, start: f64, step: f64) -> Vec<(String, Array)> {
         let stamps: Vec<f64> = (0..5).map(|k| start + step * f64::from(k)).collect();
-        vec![("time".to_owned(), vector_of(&stamps)), (name.to_owned(), vector_of(&[1.0, 2.0, 3.0, 4.0, 5.0]))]
+        vec![
+            ("time".to_owned(), vector_of(&stamps)),
+            (name.to_owned(), vector_of(&[1.0, 2.0, 3.0, 4.0, 5.0])),
+        ]
     }
 
     fn read(variables: Vec<(String, Array)>, options: &ReadOptions) -> Recording {
-        assemble("a.mat", "mat", "MAT 5", variables, crate::notes::Notes::default(), options).unwrap()
+        assemble("a.mat", "mat", "MAT 5", variables, crate::notes::Notes::default(), options)
+            .unwrap()
     }
 
     #[test]
@@ -209,11 +265,17 @@ mod tests {
         let none = ReadOptions::default();
         let (time_s, notes) = found(timed("u", 0.0, 10_000.0), &none);
         assert_eq!(time_s, [0.0, 0.01, 0.02, 0.03, 0.04]);
-        assert!(notes.contains("`time`, in microseconds by the size of its numbers; `time_unit`"), "{notes}");
+        assert!(
+            notes.contains("`time`, in microseconds by the size of its numbers; `time_unit`"),
+            "{notes}"
+        );
         let (time_s, notes) = found(timed("u", 1.7e15, 10_000.0), &none);
         assert_eq!(time_s, [0.0, 0.01, 0.02, 0.03, 0.04]);
         assert!(notes.contains("counted from the first (1700000000000000)"), "{notes}");
-        assert_eq!(found(timed("u", 0.0, 0.5), &none), (vec![0.0, 0.5, 1.0, 1.5, 2.0], String::new()));
+        assert_eq!(
+            found(timed("u", 0.0, 0.5), &none),
+            (vec![0.0, 0.5, 1.0, 1.5, 2.0], String::new())
+        );
         let seconds = ReadOptions { time_unit: Some(TimeUnit::S), ..none };
         assert_eq!(found(timed("u", 0.0, 10_000.0), &seconds).0[1], 10_000.0);
     }
@@ -222,7 +284,10 @@ mod tests {
     fn topics_of_a_file_count_from_one_origin() {
         // Nanoseconds since a machine was switched on: one topic begins before 100 s, the other behind.
         let topic = |start: f64| Array::Struct(timed("u", start, 1e7));
-        let recording = read(vec![("a".to_owned(), topic(1.002e11)), ("b".to_owned(), topic(9.99e10))], &ReadOptions::default());
+        let recording = read(
+            vec![("a".to_owned(), topic(1.002e11)), ("b".to_owned(), topic(9.99e10))],
+            &ReadOptions::default(),
+        );
         let starts: Vec<f64> = recording.topics.iter().map(|topic| topic.log.time_s()[0]).collect();
         assert!(starts[0] == 0.0 && (starts[1] + 0.3).abs() < 1e-9, "{starts:?}");
     }

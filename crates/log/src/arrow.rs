@@ -8,10 +8,11 @@ use std::path::Path;
 
 use arrow_array::cast::AsArray;
 use arrow_array::types::{
-    ArrowPrimitiveType, DurationMicrosecondType, DurationMillisecondType, DurationNanosecondType, DurationSecondType, Float16Type,
-    Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, Time32MillisecondType, Time32SecondType, Time64MicrosecondType,
-    Time64NanosecondType, TimestampMicrosecondType, TimestampMillisecondType, TimestampNanosecondType, TimestampSecondType, UInt8Type,
-    UInt16Type, UInt32Type, UInt64Type,
+    ArrowPrimitiveType, DurationMicrosecondType, DurationMillisecondType, DurationNanosecondType,
+    DurationSecondType, Float16Type, Float32Type, Float64Type, Int8Type, Int16Type, Int32Type,
+    Int64Type, Time32MillisecondType, Time32SecondType, Time64MicrosecondType,
+    Time64NanosecondType, TimestampMicrosecondType, TimestampMillisecondType,
+    TimestampNanosecondType, TimestampSecondType, UInt8Type, UInt16Type, UInt32Type, UInt64Type,
 };
 use arrow_array::{Array, ArrayRef, RecordBatch};
 use arrow_ipc::reader::StreamReader;
@@ -48,7 +49,8 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
     let end = sound(&bytes, begin, &mut notes);
     let refused = |what: String| LogError::Format { file: source.to_owned(), format: NAME, what };
     let stream = bytes.get(begin..end).unwrap_or_default();
-    let reader = StreamReader::try_new(Cursor::new(stream), None).map_err(|e| refused(e.to_string()))?;
+    let reader =
+        StreamReader::try_new(Cursor::new(stream), None).map_err(|e| refused(e.to_string()))?;
     let mut columns: Vec<Column> = Vec::new();
     for field in reader.schema().fields() {
         empty(field.name(), field.data_type(), 0, &mut columns, &mut notes);
@@ -69,9 +71,12 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
 fn sound(bytes: &[u8], begin: usize, notes: &mut crate::notes::Notes) -> usize {
     let mut at = begin;
     loop {
-        let number = |from: usize| bytes.get(from..from + 4).and_then(|b| b.try_into().ok()).map(i32::from_le_bytes);
+        let number = |from: usize| {
+            bytes.get(from..from + 4).and_then(|b| b.try_into().ok()).map(i32::from_le_bytes)
+        };
         // Older writers leave the first word out.
-        let head = if bytes.get(at..).is_some_and(|rest| rest.starts_with(CONTINUES)) { 8 } else { 4 };
+        let head =
+            if bytes.get(at..).is_some_and(|rest| rest.starts_with(CONTINUES)) { 8 } else { 4 };
         let Some(length) = number(at + head - 4).and_then(|n| usize::try_from(n).ok()) else {
             notes.push(format!("cut off at byte {}: the messages have no end", bytes.len()));
             return at;
@@ -81,12 +86,17 @@ fn sound(bytes: &[u8], begin: usize, notes: &mut crate::notes::Notes) -> usize {
         }
         let (from, body) = (at + head, at.saturating_add(head).saturating_add(length));
         let message = bytes.get(from..body).and_then(|meta| root_as_message(meta).ok());
-        let Some((message, size)) = message.and_then(|m| Some((m, usize::try_from(m.bodyLength()).ok()?))) else {
+        let Some((message, size)) =
+            message.and_then(|m| Some((m, usize::try_from(m.bodyLength()).ok()?)))
+        else {
             notes.push(format!("cut off or damaged at byte {at}: what comes behind is left out"));
             return at;
         };
         let Some(content) = bytes.get(body..body.saturating_add(size)) else {
-            notes.push(format!("cut off at byte {}: the message that begins at byte {at} is not whole", bytes.len()));
+            notes.push(format!(
+                "cut off at byte {}: the message that begins at byte {at} is not whole",
+                bytes.len()
+            ));
             return at;
         };
         if !modest(&message, content) {
@@ -101,26 +111,43 @@ fn sound(bytes: &[u8], begin: usize, notes: &mut crate::notes::Notes) -> usize {
 fn modest(message: &Message<'_>, body: &[u8]) -> bool {
     let batch = match message.header_type() {
         MessageHeader::RecordBatch => message.header_as_record_batch(),
-        MessageHeader::DictionaryBatch => message.header_as_dictionary_batch().and_then(|d| d.data()),
+        MessageHeader::DictionaryBatch => {
+            message.header_as_dictionary_batch().and_then(|d| d.data())
+        }
         _ => None,
     };
     let Some(batch) = batch else { return true };
-    let (packed, rows) = (batch.compression().is_some(), usize::try_from(batch.length()).unwrap_or(usize::MAX));
+    let (packed, rows) =
+        (batch.compression().is_some(), usize::try_from(batch.length()).unwrap_or(usize::MAX));
     // A bit a row is the least that a column takes; one of nothing takes none, and is left out.
-    let fits = rows / 8 <= body.len().saturating_mul(PACKED as usize) || batch.buffers().is_none_or(|b| b.is_empty());
+    let fits = rows / 8 <= body.len().saturating_mul(PACKED as usize)
+        || batch.buffers().is_none_or(|b| b.is_empty());
     let sound = |buffer: &arrow_ipc::Buffer| {
-        let range = usize::try_from(buffer.offset()).ok().zip(usize::try_from(buffer.length()).ok());
-        let Some(content) = range.and_then(|(from, length)| body.get(from..from.checked_add(length)?)) else { return false };
+        let range =
+            usize::try_from(buffer.offset()).ok().zip(usize::try_from(buffer.length()).ok());
+        let Some(content) =
+            range.and_then(|(from, length)| body.get(from..from.checked_add(length)?))
+        else {
+            return false;
+        };
         let unpacked = content.get(..8).and_then(|b| b.try_into().ok()).map(i64::from_le_bytes);
         !packed
             || content.is_empty()
-            || unpacked.is_some_and(|n| n == -1 || u64::try_from(n).is_ok_and(|n| n <= PACKED * content.len() as u64))
+            || unpacked.is_some_and(|n| {
+                n == -1 || u64::try_from(n).is_ok_and(|n| n <= PACKED * content.len() as u64)
+            })
     };
     fits && batch.buffers().is_none_or(|buffers| buffers.iter().all(sound))
 }
 
 /// The columns of a field before any is read: of a struct one for each of its fields.
-fn empty(name: &str, kind: &DataType, depth: usize, columns: &mut Vec<Column>, notes: &mut crate::notes::Notes) {
+fn empty(
+    name: &str,
+    kind: &DataType,
+    depth: usize,
+    columns: &mut Vec<Column>,
+    notes: &mut crate::notes::Notes,
+) {
     let unit = |unit: &Unit| match unit {
         Unit::Second => TimeUnit::S,
         Unit::Millisecond => TimeUnit::Ms,
@@ -130,14 +157,23 @@ fn empty(name: &str, kind: &DataType, depth: usize, columns: &mut Vec<Column>, n
     let cells = match kind {
         DataType::Struct(fields) if depth < DEEPEST => {
             for field in fields {
-                empty(&format!("{name}.{}", field.name()), field.data_type(), depth + 1, columns, notes);
+                empty(
+                    &format!("{name}.{}", field.name()),
+                    field.data_type(),
+                    depth + 1,
+                    columns,
+                    notes,
+                );
             }
             return;
         }
-        DataType::Boolean | DataType::Float16 | DataType::Float32 | DataType::Float64 => Cells::Numbers(Vec::new()),
-        DataType::Timestamp(kind, _) | DataType::Time32(kind) | DataType::Time64(kind) | DataType::Duration(kind) => {
-            Cells::Whole(Vec::new(), Some(unit(kind)))
+        DataType::Boolean | DataType::Float16 | DataType::Float32 | DataType::Float64 => {
+            Cells::Numbers(Vec::new())
         }
+        DataType::Timestamp(kind, _)
+        | DataType::Time32(kind)
+        | DataType::Time64(kind)
+        | DataType::Duration(kind) => Cells::Whole(Vec::new(), Some(unit(kind))),
         kind if kind.is_integer() => Cells::Whole(Vec::new(), None),
         DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View => Cells::Text(Vec::new()),
         kind => {
@@ -179,7 +215,11 @@ fn of_array(array: &ArrayRef, depth: usize, columns: &mut [Column], at: &mut usi
     *at += 1;
 }
 
-fn each<T: ArrowPrimitiveType, V>(array: &ArrayRef, into: &mut Vec<Option<V>>, value: impl Fn(T::Native) -> Option<V>) {
+fn each<T: ArrowPrimitiveType, V>(
+    array: &ArrayRef,
+    into: &mut Vec<Option<V>>,
+    value: impl Fn(T::Native) -> Option<V>,
+) {
     if let Some(values) = array.as_primitive_opt::<T>() {
         into.extend(values.iter().map(|v| v.and_then(&value)));
     }
@@ -190,7 +230,13 @@ fn numbers(array: &ArrayRef, into: &mut Vec<Option<f64>>) {
         DataType::Float16 => each::<Float16Type, _>(array, into, |v| Some(v.to_f64())),
         DataType::Float32 => each::<Float32Type, _>(array, into, |v| Some(f64::from(v))),
         DataType::Float64 => each::<Float64Type, _>(array, into, Some),
-        _ => into.extend(array.as_boolean_opt().into_iter().flatten().map(|v| v.map(|on| f64::from(u8::from(on))))),
+        _ => into.extend(
+            array
+                .as_boolean_opt()
+                .into_iter()
+                .flatten()
+                .map(|v| v.map(|on| f64::from(u8::from(on)))),
+        ),
     }
 }
 
@@ -205,24 +251,43 @@ fn whole_numbers(array: &ArrayRef, into: &mut Vec<Option<i64>>) {
         DataType::UInt32 => each::<UInt32Type, _>(array, into, |v| Some(i64::from(v))),
         DataType::UInt64 => each::<UInt64Type, _>(array, into, |v| i64::try_from(v).ok()),
         DataType::Timestamp(Unit::Second, _) => each::<TimestampSecondType, _>(array, into, Some),
-        DataType::Timestamp(Unit::Millisecond, _) => each::<TimestampMillisecondType, _>(array, into, Some),
-        DataType::Timestamp(Unit::Microsecond, _) => each::<TimestampMicrosecondType, _>(array, into, Some),
-        DataType::Timestamp(Unit::Nanosecond, _) => each::<TimestampNanosecondType, _>(array, into, Some),
-        DataType::Time32(Unit::Second) => each::<Time32SecondType, _>(array, into, |v| Some(i64::from(v))),
-        DataType::Time32(_) => each::<Time32MillisecondType, _>(array, into, |v| Some(i64::from(v))),
+        DataType::Timestamp(Unit::Millisecond, _) => {
+            each::<TimestampMillisecondType, _>(array, into, Some)
+        }
+        DataType::Timestamp(Unit::Microsecond, _) => {
+            each::<TimestampMicrosecondType, _>(array, into, Some)
+        }
+        DataType::Timestamp(Unit::Nanosecond, _) => {
+            each::<TimestampNanosecondType, _>(array, into, Some)
+        }
+        DataType::Time32(Unit::Second) => {
+            each::<Time32SecondType, _>(array, into, |v| Some(i64::from(v)))
+        }
+        DataType::Time32(_) => {
+            each::<Time32MillisecondType, _>(array, into, |v| Some(i64::from(v)))
+        }
         DataType::Time64(Unit::Microsecond) => each::<Time64MicrosecondType, _>(array, into, Some),
         DataType::Time64(_) => each::<Time64NanosecondType, _>(array, into, Some),
         DataType::Duration(Unit::Second) => each::<DurationSecondType, _>(array, into, Some),
-        DataType::Duration(Unit::Millisecond) => each::<DurationMillisecondType, _>(array, into, Some),
-        DataType::Duration(Unit::Microsecond) => each::<DurationMicrosecondType, _>(array, into, Some),
+        DataType::Duration(Unit::Millisecond) => {
+            each::<DurationMillisecondType, _>(array, into, Some)
+        }
+        DataType::Duration(Unit::Microsecond) => {
+            each::<DurationMicrosecondType, _>(array, into, Some)
+        }
         _ => each::<DurationNanosecondType, _>(array, into, Some),
     }
 }
 
 fn texts(array: &ArrayRef, into: &mut Vec<Option<String>>) {
     match array.data_type() {
-        DataType::LargeUtf8 => into.extend(array.as_string_opt::<i64>().into_iter().flatten().map(|v| v.map(str::to_owned))),
-        DataType::Utf8View => into.extend(array.as_string_view_opt().into_iter().flatten().map(|v| v.map(str::to_owned))),
-        _ => into.extend(array.as_string_opt::<i32>().into_iter().flatten().map(|v| v.map(str::to_owned))),
+        DataType::LargeUtf8 => into.extend(
+            array.as_string_opt::<i64>().into_iter().flatten().map(|v| v.map(str::to_owned)),
+        ),
+        DataType::Utf8View => into
+            .extend(array.as_string_view_opt().into_iter().flatten().map(|v| v.map(str::to_owned))),
+        _ => into.extend(
+            array.as_string_opt::<i32>().into_iter().flatten().map(|v| v.map(str::to_owned)),
+        ),
     }
 }

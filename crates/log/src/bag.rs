@@ -60,7 +60,14 @@ enum How {
 
 impl Bag {
     pub(super) fn new(stamps: Stamps) -> Self {
-        Self { stamps, part: 0, origin_ns: None, streams: BTreeMap::new(), same: HashMap::new(), notes: crate::notes::Notes::default() }
+        Self {
+            stamps,
+            part: 0,
+            origin_ns: None,
+            streams: BTreeMap::new(),
+            same: HashMap::new(),
+            notes: crate::notes::Notes::default(),
+        }
     }
 
     /// Begins another file of the same bag.
@@ -74,16 +81,28 @@ impl Bag {
     }
 
     /// Adds a topic, unless its number is known already.
-    pub(super) fn topic(&mut self, id: u64, name: &str, message_encoding: &str, schema: Option<&Schema<'_>>) {
+    pub(super) fn topic(
+        &mut self,
+        id: u64,
+        name: &str,
+        message_encoding: &str,
+        schema: Option<&Schema<'_>>,
+    ) {
         let id = self.key(id);
         if self.streams.contains_key(&id) || self.same.contains_key(&id) {
             return;
         }
-        let kind = (message_encoding.to_owned(), schema.map(|s| (s.name.to_owned(), s.data.to_vec())));
-        let called = self.streams.iter().filter(|(_, stream)| stream.topic == name).collect::<Vec<_>>();
+        let kind =
+            (message_encoding.to_owned(), schema.map(|s| (s.name.to_owned(), s.data.to_vec())));
+        let called =
+            self.streams.iter().filter(|(_, stream)| stream.topic == name).collect::<Vec<_>>();
         if let Some((first, _)) = called.iter().find(|(_, stream)| stream.kind == kind) {
-            let (first, note) =
-                (**first, format!("{name}: several channels of one definition are read as one topic, as from several senders"));
+            let (first, note) = (
+                **first,
+                format!(
+                    "{name}: several channels of one definition are read as one topic, as from several senders"
+                ),
+            );
             self.same.insert(id, first);
             // In another file the topic only goes on.
             if self.part == 0 {
@@ -101,26 +120,48 @@ impl Bag {
             ));
             Table::new(numbered)
         };
-        let ros = |encoding, schema: &Schema<'_>| match Definitions::parse(schema.name, &String::from_utf8_lossy(schema.data)) {
-            Ok(definitions) => How::Ros(Box::new(Decoder { definitions, encoding, root: Node::Unseen, long: Vec::new() })),
+        let ros = |encoding, schema: &Schema<'_>| match Definitions::parse(
+            schema.name,
+            &String::from_utf8_lossy(schema.data),
+        ) {
+            Ok(definitions) => How::Ros(Box::new(Decoder {
+                definitions,
+                encoding,
+                root: Node::Unseen,
+                long: Vec::new(),
+            })),
             Err(what) => How::Unknown(format!("{}: {what}", schema.name)),
         };
         let how = match (message_encoding, schema) {
             ("cdr", Some(schema)) if schema.encoding == "ros2msg" => ros(Encoding::Cdr, schema),
             ("ros1", Some(schema)) if schema.encoding == "ros1msg" => ros(Encoding::Ros1, schema),
-            ("protobuf", Some(schema)) if schema.encoding == "protobuf" => match Messages::new(schema.name, schema.data) {
-                Ok(messages) => How::Protobuf(Box::new(messages)),
-                Err(what) => How::Unknown(format!("{}: {what}", schema.name)),
-            },
+            ("protobuf", Some(schema)) if schema.encoding == "protobuf" => {
+                match Messages::new(schema.name, schema.data) {
+                    Ok(messages) => How::Protobuf(Box::new(messages)),
+                    Err(what) => How::Unknown(format!("{}: {what}", schema.name)),
+                }
+            }
             ("json", _) => How::Json(HashMap::new()),
             (encoding, schema) => {
                 let schema = schema.map_or_else(String::new, |s| {
-                    format!(" with a schema in {}", if s.encoding.is_empty() { "no language" } else { s.encoding })
+                    format!(
+                        " with a schema in {}",
+                        if s.encoding.is_empty() { "no language" } else { s.encoding }
+                    )
                 });
                 How::Unknown(format!("messages in {encoding}{schema} are not read"))
             }
         };
-        let stream = Stream { topic: name.to_owned(), kind, table, how, messages: 0, broken: 0, header: None, late_s: Vec::new() };
+        let stream = Stream {
+            topic: name.to_owned(),
+            kind,
+            table,
+            how,
+            messages: 0,
+            broken: 0,
+            header: None,
+            late_s: Vec::new(),
+        };
         self.streams.insert(id, stream);
     }
 
@@ -137,7 +178,9 @@ impl Bag {
             How::Unknown(_) => None,
             How::Ros(decoder) => decoder.message(data, table),
             How::Protobuf(messages) => messages.message(data, table),
-            How::Json(columns) => serde_json::from_slice::<Value>(data).ok().map(|value| json(&value, "", columns, table)),
+            How::Json(columns) => serde_json::from_slice::<Value>(data)
+                .ok()
+                .map(|value| json(&value, "", columns, table)),
         };
         if whole.is_none() {
             table.drop_row();
@@ -146,8 +189,14 @@ impl Bag {
         }
         if stream.header.is_none() && stream.table.len() == 1 {
             stream.header = ["header.stamp", "timestamp"].into_iter().find_map(|name| {
-                let place = |parts: &[&str]| parts.iter().find_map(|part| stream.table.place(&format!("{name}.{part}")));
-                Some((name, place(&["sec", "secs", "seconds"])?, place(&["nanosec", "nsecs", "nsec", "nanos"])?))
+                let place = |parts: &[&str]| {
+                    parts.iter().find_map(|part| stream.table.place(&format!("{name}.{part}")))
+                };
+                Some((
+                    name,
+                    place(&["sec", "secs", "seconds"])?,
+                    place(&["nanosec", "nsecs", "nsec", "nanos"])?,
+                ))
             });
         }
         if let Some((_, sec, nanosec)) = stream.header {
@@ -163,12 +212,19 @@ impl Bag {
     }
 
     /// The topics with numbers.
-    pub(super) fn finish(mut self, source: &str, format: &'static str, title: &'static str) -> Result<Recording, Error> {
+    pub(super) fn finish(
+        mut self,
+        source: &str,
+        format: &'static str,
+        title: &'static str,
+    ) -> Result<Recording, Error> {
         let mut topics: Vec<Topic> = Vec::new();
         for stream in self.streams.into_values() {
             let name = stream.table.name().to_owned();
             match &stream.how {
-                How::Unknown(why) if stream.messages > 0 => self.notes.push(format!("{name}: {why}; left out")),
+                How::Unknown(why) if stream.messages > 0 => {
+                    self.notes.push(format!("{name}: {why}; left out"))
+                }
                 _ if stream.broken > 0 => {
                     self.notes.push(format!(
                         "{name}: {} of {} messages do not fit their definition and are left out",
@@ -182,26 +238,40 @@ impl Bag {
                 How::Protobuf(messages) => &messages.long,
                 How::Json(_) | How::Unknown(_) => &[],
             };
-            self.notes.extend(long.iter().map(|field| format!("{name}.{field}: more than {MOST_ELEMENTS} elements; left out")));
+            self.notes.extend(long.iter().map(|field| {
+                format!("{name}.{field}: more than {MOST_ELEMENTS} elements; left out")
+            }));
             let mut late_s = stream.late_s;
             let middle = late_s.len() / 2;
             if !late_s.is_empty() {
                 let median_s = *late_s.select_nth_unstable_by(middle, f64::total_cmp).1;
                 let used = match self.stamps {
-                    Stamps::Arrival => Message::from("the recorder's stamps are used, for the same clock everywhere (")
-                        .and(Remedy::HeaderStamps)
-                        .and(" takes the senders')"),
+                    Stamps::Arrival => Message::from(
+                        "the recorder's stamps are used, for the same clock everywhere (",
+                    )
+                    .and(Remedy::HeaderStamps)
+                    .and(" takes the senders')"),
                     Stamps::Header => "the sender's stamps are used".into(),
                 };
                 let stamp = stream.header.map_or("header.stamp", |h| h.0);
-                self.notes.push(Message::from(format!("{name}: recorded {median_s:.6} s after {stamp} (median); ")).and(used));
+                self.notes.push(
+                    Message::from(format!(
+                        "{name}: recorded {median_s:.6} s after {stamp} (median); "
+                    ))
+                    .and(used),
+                );
             } else if self.stamps == Stamps::Header && stream.messages > stream.broken {
                 self.notes.push(format!("{name}: has no stamp of its sender (header.stamp or timestamp); the recorder's stamps are used"));
             }
             topics.extend(stream.table.finish(source, &mut self.notes)?);
         }
         if topics.is_empty() {
-            return Err(LogError::NoTopics { file: source.into(), format: title, notes: self.notes }.into());
+            return Err(LogError::NoTopics {
+                file: source.into(),
+                format: title,
+                notes: self.notes,
+            }
+            .into());
         }
         if let Some(origin) = self.origin_ns {
             self.notes.push(format!(

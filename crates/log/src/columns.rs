@@ -7,7 +7,11 @@ use crate::csv::clock::{named_time, seconds};
 use deadtime_signal::remedy::{Message, Remedy};
 
 /// What a reader of another crate found, or that it gave up in the middle: some stop the program where parts of a damaged file lie outside of it.
-pub(super) fn guarded<T>(source: &str, format: &'static str, read: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+pub(super) fn guarded<T>(
+    source: &str,
+    format: &'static str,
+    read: impl FnOnce() -> Result<T, Error>,
+) -> Result<T, Error> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(read)).unwrap_or_else(|_| {
         let what = "damaged: its parts do not fit together; write it again".into();
         Err(LogError::Format { file: source.into(), format, what }.into())
@@ -83,14 +87,25 @@ pub(super) fn assemble(
     };
     let Some((time, clock)) = time.and_then(|at| Some((at, columns.get(at)?))) else {
         let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
-        let missing = format!("no column of time was found among {}: call one `time`, or name it with ", names.join(", "));
+        let missing = format!(
+            "no column of time was found among {}: call one `time`, or name it with ",
+            names.join(", ")
+        );
         notes.push(Message::from(missing).and(Remedy::TimeColumn));
         return Err(LogError::NoTopics { file: source.into(), format: title, notes }.into());
     };
-    let known = options.time_unit.or(clock.cells.unit()).or_else(|| named_time(&clock.name).flatten());
-    let times = seconds((0..clock.cells.len()).map(|row| clock.cells.text(row)), known, clock.name == "time");
+    let known =
+        options.time_unit.or(clock.cells.unit()).or_else(|| named_time(&clock.name).flatten());
+    let times = seconds(
+        (0..clock.cells.len()).map(|row| clock.cells.text(row)),
+        known,
+        clock.name == "time",
+    );
     if clock.name != "time" || times.unit != TimeUnit::S || !times.told.is_empty() {
-        notes.push(Message::from(format!("time is `{}`, in {}", clock.name, times.unit.words())).and(times.told.clone()));
+        notes.push(
+            Message::from(format!("time is `{}`, in {}", clock.name, times.unit.words()))
+                .and(times.told.clone()),
+        );
     }
     let mut table = Table::new("");
     let mut channels = Vec::new();

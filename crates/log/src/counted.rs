@@ -18,7 +18,13 @@ pub(super) struct Counted {
 impl Counted {
     pub(super) fn open(path: &Path, far: &HowFar) -> Result<Self> {
         let file = File::open(path)?;
-        let counted = Self { length: file.metadata()?.len(), file, read: 0, what: format!("reading {}", path.display()), far: far.clone() };
+        let counted = Self {
+            length: file.metadata()?.len(),
+            file,
+            read: 0,
+            what: format!("reading {}", path.display()),
+            far: far.clone(),
+        };
         counted.tell();
         Ok(counted)
     }

@@ -36,7 +36,9 @@ impl Error {
 #[non_exhaustive]
 pub enum LogError {
     /// Nothing in the file.
-    #[error("{file}: the file is empty; it needs a header row that begins with `time` and one row per sample")]
+    #[error(
+        "{file}: the file is empty; it needs a header row that begins with `time` and one row per sample"
+    )]
     Empty {
         /// The log.
         file: String,
@@ -62,13 +64,17 @@ pub enum LogError {
         row: usize,
     },
     /// Called .gz and is none.
-    #[error("{file}: called .gz but not compressed by gzip; rename it to .csv if it is plain text, or compress it with gzip")]
+    #[error(
+        "{file}: called .gz but not compressed by gzip; rename it to .csv if it is plain text, or compress it with gzip"
+    )]
     NotGzip {
         /// The log.
         file: String,
     },
     /// A gzip stream that breaks off or does not decode.
-    #[error("{file}: the gzip stream is damaged or cut off after row {row} ({reason}); copy or compress the file again")]
+    #[error(
+        "{file}: the gzip stream is damaged or cut off after row {row} ({reason}); copy or compress the file again"
+    )]
     Gzip {
         /// The log.
         file: String,
@@ -126,7 +132,9 @@ pub enum LogError {
         notes: crate::notes::Notes,
     },
     /// A channel in another unit than the model's.
-    #[error("{file}: `{channel}` is in {logged} here and in {modelled} in the model; convert one of them")]
+    #[error(
+        "{file}: `{channel}` is in {logged} here and in {modelled} in the model; convert one of them"
+    )]
     Unit {
         /// The log.
         file: String,
@@ -138,7 +146,9 @@ pub enum LogError {
         modelled: String,
     },
     /// Event times that do not increase.
-    #[error("{file}, row {row}: the event of `{channel}` at {time} is not behind the one before it ({before}); event times must increase")]
+    #[error(
+        "{file}, row {row}: the event of `{channel}` at {time} is not behind the one before it ({before}); event times must increase"
+    )]
     EventOrder {
         /// The log.
         file: String,
@@ -196,7 +206,9 @@ pub enum LogError {
         found: usize,
     },
     /// A quoted cell does not end in its line.
-    #[error("{file}, row {row}: a quote is opened and not closed; keep each sample on one line and close the quote")]
+    #[error(
+        "{file}, row {row}: a quote is opened and not closed; keep each sample on one line and close the quote"
+    )]
     OpenQuote {
         /// The log.
         file: String,
@@ -204,7 +216,9 @@ pub enum LogError {
         row: usize,
     },
     /// Channels of different lengths.
-    #[error("{file}: channel `{channel}` has {found} samples where time has {expected}; give every channel one value per time stamp")]
+    #[error(
+        "{file}: channel `{channel}` has {found} samples where time has {expected}; give every channel one value per time stamp"
+    )]
     Length {
         /// The log.
         file: String,
@@ -261,7 +275,9 @@ pub enum LogError {
         text: String,
     },
     /// A row without a time.
-    #[error("{file}, row {row}: the `time` cell is empty; give every row its time in seconds or delete the row")]
+    #[error(
+        "{file}, row {row}: the `time` cell is empty; give every row its time in seconds or delete the row"
+    )]
     EmptyTime {
         /// The log.
         file: String,
@@ -329,7 +345,9 @@ pub enum LogError {
         step_s: f64,
     },
     /// A row that belongs to no record.
-    #[error("{file}, row {row}: the cell of `{channel}`, which names the record, is empty; fill it or delete the row")]
+    #[error(
+        "{file}, row {row}: the cell of `{channel}`, which names the record, is empty; fill it or delete the row"
+    )]
     EmptyRecord {
         /// The log.
         file: String,
@@ -381,7 +399,9 @@ pub enum LogError {
         time_s: f64,
     },
     /// A channel without a single sample.
-    #[error("{file}: channel `{channel}` has no sample in any row; choose another channel or another part of the log")]
+    #[error(
+        "{file}: channel `{channel}` has no sample in any row; choose another channel or another part of the log"
+    )]
     MissingThroughout {
         /// The log.
         file: String,
@@ -437,7 +457,9 @@ pub enum LogError {
         duration_s: f64,
     },
     /// More numbers than are read into memory.
-    #[error("{file}, row {row}: more than {most:e} numbers, {gb:.1} GB of memory; leave out columns, or cut the file into parts")]
+    #[error(
+        "{file}, row {row}: more than {most:e} numbers, {gb:.1} GB of memory; leave out columns, or cut the file into parts"
+    )]
     TooLarge {
         /// The log.
         file: String,
@@ -548,7 +570,10 @@ const LISTED: usize = 40;
 
 fn why(notes: &[Message]) -> Message {
     let Some((first, others)) = notes.split_first() else { return Message::default() };
-    others.iter().fold(Message::from(" (").and(first.clone()), |all, note| all.and("; ").and(note.clone())).and(")")
+    others
+        .iter()
+        .fold(Message::from(" (").and(first.clone()), |all, note| all.and("; ").and(note.clone()))
+        .and(")")
 }
 
 fn suggestion(closest: Option<&str>) -> String {

@@ -27,7 +27,8 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
             bag.next_part();
         }
         let share = |of: usize| of as f64 / parts.len() as f64;
-        let bytes = Counted::open(part, &options.far.part(share(at), share(at + 1))).map_err(|e| Error::io(part, e))?;
+        let bytes = Counted::open(part, &options.far.part(share(at), share(at + 1)))
+            .map_err(|e| Error::io(part, e))?;
         let before = bag.notes.len();
         match part.extension().and_then(|e| e.to_str()) {
             Some("mcap") => mcap::fill(&file, BufReader::with_capacity(1 << 18, bytes), &mut bag)?,
@@ -36,17 +37,25 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
                 rosbag2::fill(&file, BufReader::new(bytes), &mut bag)?;
             }
             _ => {
-                let what = format!("`{file}` is packed as a whole, which is not read; unpack it with `zstd -d` and correct {METADATA}");
+                let what = format!(
+                    "`{file}` is packed as a whole, which is not read; unpack it with `zstd -d` and correct {METADATA}"
+                );
                 return Err(refused(what).into());
             }
         }
         if parts.len() > 1 {
             let name = part.file_name().unwrap_or_default().to_string_lossy();
-            bag.notes.iter_mut().skip(before).for_each(|note| *note = Message::from(format!("{name}: ")).and(note.clone()));
+            bag.notes
+                .iter_mut()
+                .skip(before)
+                .for_each(|note| *note = Message::from(format!("{name}: ")).and(note.clone()));
         }
     }
     if parts.is_empty() {
-        return Err(refused("a folder without files that end in .mcap or .db3; give a file".into()).into());
+        return Err(refused(
+            "a folder without files that end in .mcap or .db3; give a file".into(),
+        )
+        .into());
     }
     bag.finish(&source, "rosbag2", NAME)
 }
@@ -54,12 +63,17 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 /// Its files in order: as `metadata.yaml` says, else by their names, `bag_10` behind `bag_9`.
 fn parts(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let text = std::fs::read_to_string(folder.join(METADATA)).unwrap_or_default();
-    let mut named = text.lines().map(str::trim).skip_while(|line| *line != "relative_file_paths:").skip(1);
-    let named: Vec<PathBuf> =
-        std::iter::from_fn(|| named.next()?.strip_prefix("- ").map(|name| name.trim().trim_matches(['"', '\'']).to_owned()))
-            // Since the bag was written it may have been moved: paths within it are names.
-            .filter_map(|name| Some(folder.join(Path::new(&name).file_name()?)))
-            .collect();
+    let mut named =
+        text.lines().map(str::trim).skip_while(|line| *line != "relative_file_paths:").skip(1);
+    let named: Vec<PathBuf> = std::iter::from_fn(|| {
+        named
+            .next()?
+            .strip_prefix("- ")
+            .map(|name| name.trim().trim_matches(['"', '\'']).to_owned())
+    })
+    // Since the bag was written it may have been moved: paths within it are names.
+    .filter_map(|name| Some(folder.join(Path::new(&name).file_name()?)))
+    .collect();
     if !named.is_empty() {
         return Ok(named);
     }

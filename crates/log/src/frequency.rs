@@ -139,7 +139,13 @@ impl FrequencyResponse {
         places: Vec<Place>,
     ) -> Result<Self, FrequencyError> {
         let expected = omega_rad_s.len();
-        let length = |what, found| if found == expected { Ok(()) } else { Err(FrequencyError::Length { what, expected, found }) };
+        let length = |what, found| {
+            if found == expected {
+                Ok(())
+            } else {
+                Err(FrequencyError::Length { what, expected, found })
+            }
+        };
         length("response", values.len())?;
         let (name, more): (&str, &[f64]) = match &quality {
             Quality::Unknown => ("", &[]),
@@ -155,7 +161,12 @@ impl FrequencyResponse {
         let mut before = None;
         for ((place, omega), value) in places.iter().zip(&omega_rad_s).zip(&values) {
             if !(omega.is_finite() && *omega >= 0.0) {
-                return refuse(*place, "frequency", *omega, "frequencies are finite and 0 or more; leave the others out");
+                return refuse(
+                    *place,
+                    "frequency",
+                    *omega,
+                    "frequencies are finite and 0 or more; leave the others out",
+                );
             }
             if let Some(before) = before.filter(|before| before >= omega) {
                 return Err(FrequencyError::Order { place: *place, before, value: *omega });
@@ -163,7 +174,12 @@ impl FrequencyResponse {
             before = Some(*omega);
             for part in [value.re, value.im] {
                 if !part.is_finite() {
-                    return refuse(*place, "response", part, "every value must be finite; leave the frequency out");
+                    return refuse(
+                        *place,
+                        "response",
+                        part,
+                        "every value must be finite; leave the frequency out",
+                    );
                 }
             }
         }
@@ -173,7 +189,12 @@ impl FrequencyResponse {
                     return refuse(*place, name, *value, "a squared coherence is between 0 and 1");
                 }
                 Quality::Std(_) if !(value.is_finite() && *value > 0.0) => {
-                    return refuse(*place, name, *value, "a standard deviation is above 0; leave the frequency out");
+                    return refuse(
+                        *place,
+                        name,
+                        *value,
+                        "a standard deviation is above 0; leave the frequency out",
+                    );
                 }
                 _ => {}
             }
@@ -181,15 +202,21 @@ impl FrequencyResponse {
         let mut notes = Vec::new();
         // A response of exactly 0 has no phase; neither has a coherence of 0 any information.
         let coherent = |i: usize| !matches!(&quality, Quality::Coherence(c) if c.get(i).is_some_and(|c| *c <= 0.0));
-        let keep: Vec<bool> =
-            omega_rad_s.iter().zip(&values).enumerate().map(|(i, (w, v))| *w > 0.0 && v.norm_sqr() > 0.0 && coherent(i)).collect();
+        let keep: Vec<bool> = omega_rad_s
+            .iter()
+            .zip(&values)
+            .enumerate()
+            .map(|(i, (w, v))| *w > 0.0 && v.norm_sqr() > 0.0 && coherent(i))
+            .collect();
         let left_out = keep.iter().filter(|k| !**k).count();
         if left_out > 0 {
             notes.push(format!(
                 "left out {left_out} rows at frequency 0, with a response of 0 or without coherence: they know nothing of a delay"
             ));
         }
-        let kept = |values: Vec<f64>| values.into_iter().zip(&keep).filter(|(_, k)| **k).map(|(v, _)| v).collect::<Vec<f64>>();
+        let kept = |values: Vec<f64>| {
+            values.into_iter().zip(&keep).filter(|(_, k)| **k).map(|(v, _)| v).collect::<Vec<f64>>()
+        };
         let quality = match quality {
             Quality::Unknown => Quality::Unknown,
             Quality::Coherence(values) => Quality::Coherence(kept(values)),
@@ -243,7 +270,8 @@ impl FrequencyResponse {
     /// The time beyond which delays look alike because the frequencies stand apart, s: a turn over the smallest distance of neighbours.
     #[must_use]
     pub fn unambiguous_s(&self) -> f64 {
-        let mut gaps: Vec<f64> = super::log::neighbours(&self.omega_rad_s).map(|(a, b)| b - a).collect();
+        let mut gaps: Vec<f64> =
+            super::log::neighbours(&self.omega_rad_s).map(|(a, b)| b - a).collect();
         gaps.sort_by(f64::total_cmp);
         gaps.first().map_or(f64::INFINITY, |gap| std::f64::consts::TAU / gap)
     }

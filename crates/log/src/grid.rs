@@ -28,7 +28,12 @@ impl Log {
         // t_k = t_0 + k·h + r_k: the residuals r_k of the chord are small, so their sums lose nothing over millions of rows.
         let h = self.duration_s() / (count - 1.0);
         let centre = (count - 1.0) / 2.0;
-        let residuals = || self.time_s.iter().enumerate().map(|(k, t)| (k as f64 - centre, (t - start_s) - k as f64 * h));
+        let residuals = || {
+            self.time_s
+                .iter()
+                .enumerate()
+                .map(|(k, t)| (k as f64 - centre, (t - start_s) - k as f64 * h))
+        };
         let (mut sum, mut moment) = (0.0, 0.0);
         for (x, r) in residuals() {
             sum += r;
@@ -52,7 +57,11 @@ impl Log {
             deviation_samples,
             suggested_s: rounded(self.median_step_s(), 6),
         };
-        if deviation_samples.abs() <= EVEN_SAMPLES { SampleTime::new(self.decimal(slope_s)).map_err(|_| uneven()) } else { Err(uneven()) }
+        if deviation_samples.abs() <= EVEN_SAMPLES {
+            SampleTime::new(self.decimal(slope_s)).map_err(|_| uneven())
+        } else {
+            Err(uneven())
+        }
     }
 
     /// The log with one more channel, the slope of another from its sample before, in units of that one per second; 0 at the first sample.
@@ -62,7 +71,9 @@ impl Log {
     pub fn with_slope(self, name: &str, of: &str) -> Result<Self, LogError> {
         let values = self.input(of)?;
         let pairs = neighbours(values).zip(neighbours(&self.time_s));
-        let slopes = std::iter::once(0.0).chain(pairs.map(|((from, to), (before, after))| (to - from) / (after - before))).collect();
+        let slopes = std::iter::once(0.0)
+            .chain(pairs.map(|((from, to), (before, after))| (to - from) / (after - before)))
+            .collect();
         self.with_channel(Channel::new(name, None, slopes))
     }
 
@@ -73,7 +84,8 @@ impl Log {
     pub fn with_channel(mut self, channel: Channel) -> Result<Self, LogError> {
         self.channels.push(channel);
         let early_s = self.early_s;
-        Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows).map(|log| Self { early_s, ..log })
+        Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows)
+            .map(|log| Self { early_s, ..log })
     }
 
     /// The part from `from_s` to `to_s`, both included, in seconds from the log's first sample; `None` is that end of the log.
@@ -87,18 +99,29 @@ impl Log {
         let (from_s, to_s) = (from_s.unwrap_or(0.0), to_s.unwrap_or(duration_s));
         let from = self.time_s.partition_point(|t| t - start_s < from_s - slack_s);
         let to = self.time_s.partition_point(|t| t - start_s <= to_s + slack_s);
-        let empty = || LogError::EmptyWindow { file: self.source.clone(), from_s, to_s, duration_s };
+        let empty =
+            || LogError::EmptyWindow { file: self.source.clone(), from_s, to_s, duration_s };
         if from_s.is_nan() || to_s.is_nan() {
             return Err(empty());
         }
-        let time_s = self.time_s.get(from..to).filter(|part| !part.is_empty()).ok_or_else(empty)?.to_vec();
+        let time_s =
+            self.time_s.get(from..to).filter(|part| !part.is_empty()).ok_or_else(empty)?.to_vec();
         let channels = self.channels.iter().map(|channel| Channel {
             name: channel.name.clone(),
             unit: channel.unit.clone(),
             values: channel.values.numbers().part(from, to).into(),
-            present: channel.present.as_ref().map(|present| present.get(from..to).unwrap_or_default().to_vec()),
+            present: channel
+                .present
+                .as_ref()
+                .map(|present| present.get(from..to).unwrap_or_default().to_vec()),
         });
-        let part = Self::assemble(self.source.clone(), time_s, channels.collect(), self.unusable.clone(), self.rows.cut(from, to))?;
+        let part = Self::assemble(
+            self.source.clone(),
+            time_s,
+            channels.collect(),
+            self.unusable.clone(),
+            self.rows.cut(from, to),
+        )?;
         Ok(Self { early_s: self.early_s, ..part })
     }
 
@@ -118,11 +141,17 @@ impl Log {
         let last = (duration_s / ts + SAME_SAMPLES).floor();
         if last >= MOST_SAMPLES {
             let samples = last + 1.0;
-            return Err(LogError::TooFine { file: self.source.clone(), sample_time_s: ts, samples, duration_s });
+            return Err(LogError::TooFine {
+                file: self.source.clone(),
+                sample_time_s: ts,
+                samples,
+                duration_s,
+            });
         }
         let count = last as usize + 1;
         let slack_s = SAME_SAMPLES * ts;
-        let (mut time_s, mut places, mut rows) = (Vec::with_capacity(count), Vec::with_capacity(count), Rows::new(self.rows.origin));
+        let (mut time_s, mut places, mut rows) =
+            (Vec::with_capacity(count), Vec::with_capacity(count), Rows::new(self.rows.origin));
         let mut i = 0;
         for k in 0..count {
             let t = start_s + k as f64 * ts;
@@ -138,10 +167,19 @@ impl Log {
             places.push((i, fraction));
             time_s.push(t);
         }
-        let channels = self.channels.iter().map(|channel| channel.at(&places, held.contains(&channel.name.as_str())));
+        let channels = self
+            .channels
+            .iter()
+            .map(|channel| channel.at(&places, held.contains(&channel.name.as_str())));
         let moved = places.iter().any(|(_, fraction)| fraction.min(1.0 - fraction) > EVEN_SAMPLES);
         let early_s = self.early_s + if moved { self.median_step_s() + ts } else { 0.0 };
-        let even = Self::assemble(self.source.clone(), time_s, channels.collect(), self.unusable.clone(), rows)?;
+        let even = Self::assemble(
+            self.source.clone(),
+            time_s,
+            channels.collect(),
+            self.unusable.clone(),
+            rows,
+        )?;
         Ok(Self { early_s, ..even })
     }
 
@@ -154,7 +192,10 @@ impl Log {
     fn decimal(&self, slope_s: f64) -> f64 {
         let largest_s = self.time_s.last().copied().unwrap_or(0.0).abs().max(self.start_s().abs());
         let hidden_s = 4.0 * f64::EPSILON * largest_s / self.len() as f64;
-        (1..=12).map(|digits| rounded(slope_s, digits)).find(|short| (short - slope_s).abs() <= hidden_s).unwrap_or(slope_s)
+        (1..=12)
+            .map(|digits| rounded(slope_s, digits))
+            .find(|short| (short - slope_s).abs() <= hidden_s)
+            .unwrap_or(slope_s)
     }
 }
 

@@ -40,12 +40,11 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
     let bytes = whole(path, &options.far).map_err(|e| Error::io(path, e))?;
     options.far.at(READING, &"unpacking");
     let mut parts = Parts { length: bytes.len(), ..Parts::default() };
-    let limits = OpenOptions::default().with_max_read_bytes(bytes.len().saturating_mul(MOST_PACKED));
+    let limits =
+        OpenOptions::default().with_max_read_bytes(bytes.len().saturating_mul(MOST_PACKED));
     let root = || Hdf5File::from_vec_with_options(bytes, limits)?.root_group();
-    let (mut variables, objects) = root().map(|group| parts.file(&group)).map_err(|e| LogError::Format {
-        file: source.to_owned(),
-        format: NAME,
-        what: e.to_string(),
+    let (mut variables, objects) = root().map(|group| parts.file(&group)).map_err(|e| {
+        LogError::Format { file: source.to_owned(), format: NAME, what: e.to_string() }
     })?;
     mcos::resolve(&mut variables, objects, &mut parts.notes);
     assemble(source, "hdf5", NAME, variables, parts.notes, options)
@@ -74,10 +73,18 @@ impl Parts {
         if let Ok(group) = root.group("#refs#") {
             match group.members() {
                 Ok((groups, arrays)) => {
-                    self.referred.extend(groups.into_iter().map(|group| (group.address(), Referred::Group(group))));
-                    self.referred.extend(arrays.into_iter().map(|array| (array.address(), Referred::Array(Box::new(array)))));
+                    self.referred.extend(
+                        groups.into_iter().map(|group| (group.address(), Referred::Group(group))),
+                    );
+                    self.referred.extend(
+                        arrays
+                            .into_iter()
+                            .map(|array| (array.address(), Referred::Array(Box::new(array)))),
+                    );
                 }
-                Err(error) => self.notes.push(format!("cells, arrays of structs and objects: damaged ({error}); left out")),
+                Err(error) => self.notes.push(format!(
+                    "cells, arrays of structs and objects: damaged ({error}); left out"
+                )),
             }
         }
         let variables = self.group(root, "", 0);
@@ -91,7 +98,10 @@ impl Parts {
         let (groups, arrays) = match group.members() {
             Ok(members) => members,
             Err(error) => {
-                self.notes.push(format!("{}: damaged ({error}); left out", if path.is_empty() { "the root" } else { path }));
+                self.notes.push(format!(
+                    "{}: damaged ({error}); left out",
+                    if path.is_empty() { "the root" } else { path }
+                ));
                 return Vec::new();
             }
         };
@@ -114,7 +124,11 @@ impl Parts {
     fn structure(&mut self, group: &Group, path: &str, depth: usize) -> Array {
         let several = group.attribute(CLASS).is_ok()
             && group.members().is_ok_and(|(groups, arrays)| {
-                groups.is_empty() && !arrays.is_empty() && arrays.iter().all(|array| is_reference(array) && array.attribute(CLASS).is_err())
+                groups.is_empty()
+                    && !arrays.is_empty()
+                    && arrays
+                        .iter()
+                        .all(|array| is_reference(array) && array.attribute(CLASS).is_err())
             });
         let fields = self.group(group, path, depth);
         if !several {
@@ -176,7 +190,8 @@ impl Parts {
                 }
                 None => {
                     if self.read.contains(&place) {
-                        self.notes.push(format!("{path}: refers to what another cell holds; left out"));
+                        self.notes
+                            .push(format!("{path}: refers to what another cell holds; left out"));
                     }
                     Array::Other
                 }
@@ -207,9 +222,12 @@ fn numbers(array: &Dataset) -> Result<Option<Array>, Damage> {
     }
     let Some((kind, size, stride)) = scalar(array.dtype()) else { return Ok(None) };
     let bytes = array.read_native_bytes()?;
-    let values: Vec<f64> = bytes.chunks_exact(stride).filter_map(|b| b.get(..size)).map(|b| kind.value(b)).collect();
+    let values: Vec<f64> =
+        bytes.chunks_exact(stride).filter_map(|b| b.get(..size)).map(|b| kind.value(b)).collect();
     if class == Some("char") {
-        return Ok(Some(Array::Text(String::from_utf16_lossy(&values.iter().map(|x| *x as u16).collect::<Vec<_>>()))));
+        return Ok(Some(Array::Text(String::from_utf16_lossy(
+            &values.iter().map(|x| *x as u16).collect::<Vec<_>>(),
+        ))));
     }
     if array.attribute(DECODE).is_ok() && mcos::refers(&values) {
         return Ok(Some(Array::Object(values)));
@@ -225,7 +243,11 @@ fn numbers(array: &Dataset) -> Result<Option<Array>, Damage> {
     let rows = shape.first().copied().unwrap_or(0);
     let columns = values.len().checked_div(rows).unwrap_or(0);
     let places = (0..columns).flat_map(|j| (0..rows).map(move |k| k * columns + j));
-    let turned = if columns > 1 { places.filter_map(|at| values.get(at)).copied().collect() } else { values };
+    let turned = if columns > 1 {
+        places.filter_map(|at| values.get(at)).copied().collect()
+    } else {
+        values
+    };
     Ok(Some(Array::Numbers { shape, values: turned }))
 }
 
@@ -261,13 +283,19 @@ impl Kind {
 fn scalar(kind: &Datatype) -> Option<(Kind, usize, usize)> {
     let plain = |kind: Kind, size: u8| Some((kind, usize::from(size), usize::from(size)));
     match kind {
-        Datatype::FixedPoint { size: size @ (1 | 2 | 4 | 8), signed: true, .. } => plain(Kind::Signed, *size),
-        Datatype::FixedPoint { size: size @ (1 | 2 | 4 | 8), signed: false, .. } => plain(Kind::Unsigned, *size),
+        Datatype::FixedPoint { size: size @ (1 | 2 | 4 | 8), signed: true, .. } => {
+            plain(Kind::Signed, *size)
+        }
+        Datatype::FixedPoint { size: size @ (1 | 2 | 4 | 8), signed: false, .. } => {
+            plain(Kind::Unsigned, *size)
+        }
         Datatype::FloatingPoint { size: size @ (4 | 8), .. } => plain(Kind::Float, *size),
         // Truth values of h5py.
         Datatype::Enum { base, .. } => scalar(base),
         Datatype::Compound { size, fields } => match fields.as_slice() {
-            [real, imaginary] if real.name == "real" && real.byte_offset == 0 && imaginary.name == "imag" => {
+            [real, imaginary]
+                if real.name == "real" && real.byte_offset == 0 && imaginary.name == "imag" =>
+            {
                 let (kind, bytes, _) = scalar(&real.datatype)?;
                 Some((kind, bytes, (*size as usize).max(bytes)))
             }

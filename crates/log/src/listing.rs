@@ -94,7 +94,13 @@ impl Recording {
     pub fn listing(&self) -> Listing {
         let ends = self.ends();
         let topics = self.topics.iter().map(|topic| topic_listing(topic, &ends)).collect();
-        Listing { format: "deadtime/log@1", file: self.source.clone(), reader: self.format, notes: self.notes.clone(), topics }
+        Listing {
+            format: "deadtime/log@1",
+            file: self.source.clone(),
+            reader: self.format,
+            notes: self.notes.clone(),
+            topics,
+        }
     }
 }
 
@@ -106,7 +112,8 @@ fn topic_listing(topic: &Topic, ends: &HashMap<String, usize>) -> TopicListing {
     let longest_s = step_s.map_or(f64::INFINITY, |step| GAP_STEPS * step);
     let usual: Vec<f64> = steps().filter(|step| *step <= longest_s).collect();
     let mean = usual.iter().sum::<f64>() / usual.len().max(1) as f64;
-    let variance = usual.iter().map(|step| (step - mean).powi(2)).sum::<f64>() / usual.len().max(1) as f64;
+    let variance =
+        usual.iter().map(|step| (step - mean).powi(2)).sum::<f64>() / usual.len().max(1) as f64;
     let gaps = || neighbours(time_s).filter(|(from, to)| to - from > longest_s);
     TopicListing {
         name: topic.name.clone(),
@@ -123,7 +130,11 @@ fn topic_listing(topic: &Topic, ends: &HashMap<String, usize>) -> TopicListing {
     }
 }
 
-fn channel_listing(topic: &Topic, channel: &Channel, ends: &HashMap<String, usize>) -> ChannelListing {
+fn channel_listing(
+    topic: &Topic,
+    channel: &Channel,
+    ends: &HashMap<String, usize>,
+) -> ChannelListing {
     let there = || channel.iter().flatten();
     let (mut count, mut mean) = (0, 0.0);
     for x in there() {
@@ -147,7 +158,11 @@ fn course(log: &Log, channel: &Channel) -> Vec<Option<f64>> {
     let (start_s, duration_s) = (log.start_s(), log.duration_s());
     let mut parts = [(0.0_f64, 0_usize); POINTS];
     for (t, x) in log.time_s().iter().zip(channel.iter()) {
-        let at = if duration_s > 0.0 { ((t - start_s) / duration_s * POINTS as f64) as usize } else { 0 };
+        let at = if duration_s > 0.0 {
+            ((t - start_s) / duration_s * POINTS as f64) as usize
+        } else {
+            0
+        };
         if let (Some(part), Some(x)) = (parts.get_mut(at.min(POINTS - 1)), x) {
             part.1 += 1;
             part.0 += (x - part.0) / part.1 as f64;

@@ -103,7 +103,8 @@ impl Rows {
             Origin::Memory => 0,
             Origin::File => 2,
         };
-        let (first, row) = after.checked_sub(1).and_then(|i| self.marks.get(i)).copied().unwrap_or((0, start));
+        let (first, row) =
+            after.checked_sub(1).and_then(|i| self.marks.get(i)).copied().unwrap_or((0, start));
         row + (sample - first)
     }
 
@@ -143,7 +144,8 @@ impl<'a> Output<'a> {
     /// How many samples are there.
     #[must_use]
     pub fn present_count(&self) -> usize {
-        self.present.map_or(self.values.len(), |present| present.iter().filter(|there| **there).count())
+        self.present
+            .map_or(self.values.len(), |present| present.iter().filter(|there| **there).count())
     }
 }
 
@@ -154,8 +156,18 @@ impl Channel {
     }
 
     /// A channel with missing samples, `present` false for these; their values do not matter. [`Log::new`] checks it.
-    pub fn partial(name: impl Into<String>, unit: Option<&str>, values: Vec<f64>, present: Vec<bool>) -> Self {
-        Self { name: name.into(), unit: unit.map(Into::into), values: values.into(), present: Some(present) }
+    pub fn partial(
+        name: impl Into<String>,
+        unit: Option<&str>,
+        values: Vec<f64>,
+        present: Vec<bool>,
+    ) -> Self {
+        Self {
+            name: name.into(),
+            unit: unit.map(Into::into),
+            values: values.into(),
+            present: Some(present),
+        }
     }
 
     /// A channel whose column is headed `name` or `name [unit]`. [`Log::new`] checks it.
@@ -185,13 +197,17 @@ impl Channel {
 
     /// Its samples one after the other, `None` where one is missing. Unlike [`Channel::samples`] it makes no room for all of them in double precision.
     pub fn iter(&self) -> impl Iterator<Item = Option<f64>> {
-        let there = |at: usize| self.present.as_ref().is_none_or(|present| present.get(at).copied().unwrap_or(false));
+        let there = |at: usize| {
+            self.present.as_ref().is_none_or(|present| present.get(at).copied().unwrap_or(false))
+        };
         self.values.numbers().iter().enumerate().map(move |(at, value)| there(at).then_some(value))
     }
 
     /// Its header in a CSV file: `name` or `name [unit]`.
     pub fn header(&self) -> String {
-        self.unit.as_ref().map_or_else(|| self.name.clone(), |unit| format!("{} [{unit}]", self.name))
+        self.unit
+            .as_ref()
+            .map_or_else(|| self.name.clone(), |unit| format!("{} [{unit}]", self.name))
     }
 
     /// Checks name, lengths and numbers; missing values become 0 and a mark that marks nothing goes.
@@ -199,10 +215,20 @@ impl Channel {
         let header = self.header();
         let (name, unit) = name_and_unit(&header);
         let one_line = !header.chars().any(|c| c.is_control() && c != '\t');
-        if name != self.name || unit != self.unit.as_deref() || name.is_empty() || name == "time" || !one_line {
+        if name != self.name
+            || unit != self.unit.as_deref()
+            || name.is_empty()
+            || name == "time"
+            || !one_line
+        {
             return Err(LogError::BadName { file: file.into(), channel: header });
         }
-        let length = |found| LogError::Length { file: file.into(), channel: self.name.clone(), expected: samples, found };
+        let length = |found| LogError::Length {
+            file: file.into(),
+            channel: self.name.clone(),
+            expected: samples,
+            found,
+        };
         if self.values.numbers().len() != samples {
             return Err(length(self.values.numbers().len()));
         }
@@ -219,8 +245,17 @@ impl Channel {
         }
         match self.values.numbers().not_finite(0) {
             Some(i) => {
-                let text = self.values.numbers().get(i).map_or_else(String::new, |value| value.to_string());
-                Err(LogError::NotFinite { file: file.into(), place: rows.place(i), channel: self.name, text })
+                let text = self
+                    .values
+                    .numbers()
+                    .get(i)
+                    .map_or_else(String::new, |value| value.to_string());
+                Err(LogError::NotFinite {
+                    file: file.into(),
+                    place: rows.place(i),
+                    channel: self.name,
+                    text,
+                })
             }
             None => Ok(self),
         }
@@ -244,7 +279,11 @@ impl Log {
     /// assert_eq!(log.input("heater")?, [3.4, 6.4, 6.4]);
     /// # Ok::<(), deadtime_log::LogError>(())
     /// ```
-    pub fn new(source: impl Into<String>, time_s: Vec<f64>, channels: Vec<Channel>) -> Result<Self, LogError> {
+    pub fn new(
+        source: impl Into<String>,
+        time_s: Vec<f64>,
+        channels: Vec<Channel>,
+    ) -> Result<Self, LogError> {
         Self::assemble(source.into(), time_s, channels, Vec::new(), Rows::default())
     }
 
@@ -252,12 +291,23 @@ impl Log {
     ///
     /// # Errors
     /// [`LogError::DuplicateChannel`].
-    pub fn without_numbers(mut self, name: impl Into<String>, sample: usize, text: impl Into<String>) -> Result<Self, LogError> {
+    pub fn without_numbers(
+        mut self,
+        name: impl Into<String>,
+        sample: usize,
+        text: impl Into<String>,
+    ) -> Result<Self, LogError> {
         let (name, file) = (name.into(), self.source.clone());
-        let error = LogError::NotANumber { file, place: self.rows.place(sample), channel: name.clone(), text: text.into() };
+        let error = LogError::NotANumber {
+            file,
+            place: self.rows.place(sample),
+            channel: name.clone(),
+            text: text.into(),
+        };
         self.unusable.push(Unusable { name, error });
         let early_s = self.early_s;
-        Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows).map(|log| Self { early_s, ..log })
+        Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows)
+            .map(|log| Self { early_s, ..log })
     }
 
     pub(super) fn assemble(
@@ -278,11 +328,17 @@ impl Log {
             time_follows(&source, || rows.place(i), before_s, now_s)?;
             before_s = Some(now_s);
         }
-        let channels = channels.into_iter().map(|channel| channel.checked(&source, time_s.len(), &rows)).collect::<Result<Vec<_>, _>>()?;
+        let channels = channels
+            .into_iter()
+            .map(|channel| channel.checked(&source, time_s.len(), &rows))
+            .collect::<Result<Vec<_>, _>>()?;
         let log = Self { source, time_s, channels, unusable, rows, early_s: 0.0 };
         let mut seen = HashSet::new();
         if let Some(twice) = log.all_names().find(|name| !seen.insert(*name)) {
-            return Err(LogError::DuplicateChannel { file: log.source.clone(), channel: twice.into() });
+            return Err(LogError::DuplicateChannel {
+                file: log.source.clone(),
+                channel: twice.into(),
+            });
         }
         Ok(log)
     }
@@ -352,7 +408,12 @@ impl Log {
         };
         match (self.unit(name), modelled) {
             (Some(logged), Some(modelled)) if plain(logged) != plain(modelled) => {
-                Err(LogError::Unit { file: self.source.clone(), channel: name.into(), logged: logged.into(), modelled: modelled.into() })
+                Err(LogError::Unit {
+                    file: self.source.clone(),
+                    channel: name.into(),
+                    logged: logged.into(),
+                    modelled: modelled.into(),
+                })
             }
             _ => Ok(()),
         }
@@ -391,7 +452,8 @@ impl Log {
     /// As [`Log::channel`]; [`LogError::MissingInput`] naming the first missing sample.
     pub fn input(&self, name: &str) -> Result<&[f64], LogError> {
         let channel = self.channel(name)?;
-        let missing = channel.present.as_ref().and_then(|present| present.iter().position(|there| !there));
+        let missing =
+            channel.present.as_ref().and_then(|present| present.iter().position(|there| !there));
         match missing {
             None => Ok(channel.values.wide()),
             Some(i) => Err(LogError::MissingInput {
@@ -410,7 +472,10 @@ impl Log {
     pub fn output(&self, name: &str) -> Result<Output<'_>, LogError> {
         let output = self.channel(name)?.samples();
         if output.present_count() == 0 {
-            return Err(LogError::MissingThroughout { file: self.source.clone(), channel: name.into() });
+            return Err(LogError::MissingThroughout {
+                file: self.source.clone(),
+                channel: name.into(),
+            });
         }
         Ok(output)
     }
@@ -441,7 +506,8 @@ impl Log {
             }
         }
         let early_s = self.early_s;
-        let renamed = Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows);
+        let renamed =
+            Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows);
         renamed.map(|log| Self { early_s, ..log }).map_err(|error| match error {
             LogError::DuplicateChannel { file, channel } => LogError::NameTaken { file, channel },
             other => other,
@@ -463,16 +529,30 @@ impl Log {
 }
 
 /// Checks one time stamp against the one before it.
-pub(super) fn time_follows(file: &str, place: impl Fn() -> Place, before_s: Option<f64>, time_s: f64) -> Result<(), LogError> {
+pub(super) fn time_follows(
+    file: &str,
+    place: impl Fn() -> Place,
+    before_s: Option<f64>,
+    time_s: f64,
+) -> Result<(), LogError> {
     if !time_s.is_finite() {
-        return Err(LogError::NotFinite { file: file.into(), place: place(), channel: "time".into(), text: time_s.to_string() });
+        return Err(LogError::NotFinite {
+            file: file.into(),
+            place: place(),
+            channel: "time".into(),
+            text: time_s.to_string(),
+        });
     }
     if time_s.abs() > TIME_LIMIT_S {
         return Err(LogError::TimeRange { file: file.into(), place: place(), time_s });
     }
     match before_s {
-        Some(before_s) if time_s == before_s => Err(LogError::TimeStandsStill { file: file.into(), place: place(), time_s }),
-        Some(before_s) if time_s < before_s => Err(LogError::TimeRunsBack { file: file.into(), place: place(), before_s, time_s }),
+        Some(before_s) if time_s == before_s => {
+            Err(LogError::TimeStandsStill { file: file.into(), place: place(), time_s })
+        }
+        Some(before_s) if time_s < before_s => {
+            Err(LogError::TimeRunsBack { file: file.into(), place: place(), before_s, time_s })
+        }
         _ => Ok(()),
     }
 }

@@ -41,14 +41,16 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 
 /// Reads the bytes of a file.
 pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<Recording, Error> {
-    let refused = |what: &str| LogError::Format { file: source.into(), format: NAME, what: what.into() };
+    let refused =
+        |what: &str| LogError::Format { file: source.into(), format: NAME, what: what.into() };
     let big = match bytes.get(124..128) {
         Some([0, 1, b'I', b'M']) => false,
         Some([1, 0, b'M', b'I']) => true,
         _ => return Err(refused("the header is not one of version 5 to 7.3 (version 4, say); save it with `save -v7` or `-v7.3`, in Python with scipy.io.savemat(FILE, data)").into()),
     };
     let mut file = Elements { bytes: bytes.get(HEADER..).unwrap_or_default(), big };
-    let (mut variables, mut notes, mut objects) = (Vec::new(), crate::notes::Notes::default(), None);
+    let (mut variables, mut notes, mut objects) =
+        (Vec::new(), crate::notes::Notes::default(), None);
     let subsystem = subsystem_at(bytes, big);
     let unpacking = options.far.part(READING, 1.0);
     while !file.bytes.is_empty() {
@@ -60,9 +62,10 @@ pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<
         };
         let packed = if kind == COMPRESSED { unpacked(data, &mut notes, at) } else { Vec::new() };
         let content = match kind {
-            COMPRESSED => {
-                Elements { bytes: &packed, big }.next().filter(|(kind, _, whole)| *kind == MATRIX && *whole).map(|(_, content, _)| content)
-            }
+            COMPRESSED => Elements { bytes: &packed, big }
+                .next()
+                .filter(|(kind, _, whole)| *kind == MATRIX && *whole)
+                .map(|(_, content, _)| content),
             MATRIX => Some(data),
             _ => None,
         };
@@ -74,7 +77,10 @@ pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<
             notes.push(format!("the variable at byte {at} cannot be read; left out"));
         }
         if !whole {
-            notes.push(format!("cut off at byte {}: the variable that begins at byte {at} is not whole", bytes.len()));
+            notes.push(format!(
+                "cut off at byte {}: the variable that begins at byte {at} is not whole",
+                bytes.len()
+            ));
             break;
         }
     }
@@ -137,7 +143,8 @@ impl<'a> Elements<'a> {
         let rest = self.bytes.get(8..)?;
         let content = rest.get(..length).unwrap_or(rest);
         // Compressed elements are not padded.
-        let padded = if word == COMPRESSED { length } else { length.checked_next_multiple_of(8)? };
+        let padded =
+            if word == COMPRESSED { length } else { length.checked_next_multiple_of(8)? };
         self.bytes = rest.get(padded..).unwrap_or_default();
         Some((word, content, content.len() == length))
     }
@@ -187,7 +194,9 @@ fn structs(parts: &mut Elements<'_>, count: usize, depth: usize) -> Option<Array
     if length == 0 {
         return Some(Array::Other);
     }
-    let name_of = |bytes: &[u8]| String::from_utf8_lossy(bytes.split(|b| *b == 0).next().unwrap_or_default()).into_owned();
+    let name_of = |bytes: &[u8]| {
+        String::from_utf8_lossy(bytes.split(|b| *b == 0).next().unwrap_or_default()).into_owned()
+    };
     let fields: Vec<String> = names.chunks(length).map(name_of).collect();
     let mut elements = Vec::new();
     while elements.len() < count && !parts.bytes.is_empty() && !fields.is_empty() {
@@ -241,7 +250,9 @@ fn matrix(content: &[u8], big: bool, depth: usize) -> Option<(String, Array)> {
         4 => {
             let (kind, letters, _) = parts.next()?;
             let text = match kind {
-                4 | 17 => String::from_utf16_lossy(&numbers(4, letters, big)?.into_iter().map(|x| x as u16).collect::<Vec<_>>()),
+                4 | 17 => String::from_utf16_lossy(
+                    &numbers(4, letters, big)?.into_iter().map(|x| x as u16).collect::<Vec<_>>(),
+                ),
                 _ => String::from_utf8_lossy(letters).into_owned(),
             };
             Array::Text(text)

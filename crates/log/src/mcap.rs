@@ -30,7 +30,11 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 }
 
 /// Reads any source of bytes.
-pub(super) fn read(source: &str, bytes: impl BufRead, options: &ReadOptions) -> Result<Recording, Error> {
+pub(super) fn read(
+    source: &str,
+    bytes: impl BufRead,
+    options: &ReadOptions,
+) -> Result<Recording, Error> {
     let mut bag = Bag::new(options.stamps);
     fill(source, bytes, &mut bag)?;
     bag.finish(source, "mcap", NAME)
@@ -54,13 +58,14 @@ pub(super) fn fill(source: &str, mut bytes: impl BufRead, bag: &mut Bag) -> Resu
     loop {
         let mut start = Vec::new();
         bytes.by_ref().take(9).read_to_end(&mut start).map_err(io)?;
-        let (opcode, length) = match (start.first(), start.get(1..9).and_then(|b| b.try_into().ok())) {
-            (Some(opcode), Some(length)) => (*opcode, u64::from_le_bytes(length)),
-            _ => {
-                mcap.bag.notes.push(format!("cut off at byte {at}: the data have no end"));
-                break;
-            }
-        };
+        let (opcode, length) =
+            match (start.first(), start.get(1..9).and_then(|b| b.try_into().ok())) {
+                (Some(opcode), Some(length)) => (*opcode, u64::from_le_bytes(length)),
+                _ => {
+                    mcap.bag.notes.push(format!("cut off at byte {at}: the data have no end"));
+                    break;
+                }
+            };
         if matches!(opcode, DATA_END | FOOTER) {
             break;
         }
@@ -68,9 +73,10 @@ pub(super) fn fill(source: &str, mut bytes: impl BufRead, bag: &mut Bag) -> Resu
         bytes.by_ref().take(length).read_to_end(&mut content).map_err(io)?;
         let whole = content.len() as u64 == length;
         if !whole {
-            mcap.bag
-                .notes
-                .push(format!("cut off at byte {}: the record that begins at byte {at} is not whole", at + 9 + content.len() as u64));
+            mcap.bag.notes.push(format!(
+                "cut off at byte {}: the record that begins at byte {at} is not whole",
+                at + 9 + content.len() as u64
+            ));
         }
         // Of a chunk that is cut off, what is there can be read.
         if whole || opcode == CHUNK {
@@ -119,30 +125,39 @@ impl Mcap<'_> {
     }
 
     fn channel(&mut self, fields: &mut Fields<'_>) -> Option<()> {
-        let (id, schema, topic, encoding) = (fields.u16()?, fields.u16()?, fields.text()?, fields.text()?);
-        let schema = self.schemas.get(&schema).map(|(name, encoding, data)| Schema { name, encoding, data });
+        let (id, schema, topic, encoding) =
+            (fields.u16()?, fields.u16()?, fields.text()?, fields.text()?);
+        let schema =
+            self.schemas.get(&schema).map(|(name, encoding, data)| Schema { name, encoding, data });
         self.bag.topic(u64::from(id), &topic, &encoding, schema.as_ref());
         Some(())
     }
 
     fn message(&mut self, fields: &mut Fields<'_>) -> Option<()> {
-        let (id, _sequence, log_ns, _publish_ns) = (fields.u16()?, fields.u32()?, fields.u64()?, fields.u64()?);
+        let (id, _sequence, log_ns, _publish_ns) =
+            (fields.u16()?, fields.u32()?, fields.u64()?, fields.u64()?);
         self.bag.message(u64::from(id), i128::from(log_ns), fields.0);
         Some(())
     }
 
     fn chunk(&mut self, fields: &mut Fields<'_>, at: u64) -> Option<()> {
-        let (_from, _to, size, _crc, compression) = (fields.u64()?, fields.u64()?, fields.u64()?, fields.u32()?, fields.text()?);
+        let (_from, _to, size, _crc, compression) =
+            (fields.u64()?, fields.u64()?, fields.u64()?, fields.u32()?, fields.text()?);
         let _length = fields.u64()?;
         let packed = fields.0;
         let mut records = Vec::new();
         let most = size.min(LARGEST_CHUNK);
         let unpacked = match compression.as_str() {
             "" => packed.take(most).read_to_end(&mut records).map_err(|e| e.to_string()),
-            "lz4" => lz4_flex::frame::FrameDecoder::new(packed).take(most).read_to_end(&mut records).map_err(|e| e.to_string()),
+            "lz4" => lz4_flex::frame::FrameDecoder::new(packed)
+                .take(most)
+                .read_to_end(&mut records)
+                .map_err(|e| e.to_string()),
             "zstd" => ruzstd::decoding::StreamingDecoder::new(packed)
                 .map_err(|e| e.to_string())
-                .and_then(|decoder| decoder.take(most).read_to_end(&mut records).map_err(|e| e.to_string())),
+                .and_then(|decoder| {
+                    decoder.take(most).read_to_end(&mut records).map_err(|e| e.to_string())
+                }),
             other => {
                 if !self.compressed.iter().any(|c| c == other) {
                     self.compressed.push(other.to_owned());

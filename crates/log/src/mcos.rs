@@ -21,9 +21,14 @@ pub(super) fn refers(values: &[f64]) -> bool {
 }
 
 /// Puts objects in the place of what refers to them.
-pub(super) fn resolve(variables: &mut [(String, Array)], cells: Option<Vec<Array>>, notes: &mut crate::notes::Notes) {
+pub(super) fn resolve(
+    variables: &mut [(String, Array)],
+    cells: Option<Vec<Array>>,
+    notes: &mut crate::notes::Notes,
+) {
     let wrapper = cells.and_then(Wrapper::new);
-    let left = wrapper.as_ref().map_or(0, |w| SHARED * w.values.iter().map(size).sum::<usize>() + 10_000);
+    let left =
+        wrapper.as_ref().map_or(0, |w| SHARED * w.values.iter().map(size).sum::<usize>() + 10_000);
     let mut objects = Objects { wrapper: wrapper.as_ref(), left, notes };
     for (name, array) in variables {
         objects.fill(name, array, false, 0);
@@ -42,7 +47,9 @@ fn join(path: &str, name: &str) -> String {
 /// Numbers, letters and parts of an array.
 fn size(array: &Array) -> usize {
     1 + match array {
-        Array::Numbers { values, .. } | Array::Times { values, .. } | Array::Object(values) => values.len(),
+        Array::Numbers { values, .. } | Array::Times { values, .. } | Array::Object(values) => {
+            values.len()
+        }
         Array::Text(text) => text.len(),
         Array::Struct(fields) => fields.iter().map(|(name, field)| name.len() + size(field)).sum(),
         Array::List(elements) => elements.iter().map(size).sum(),
@@ -53,7 +60,10 @@ fn size(array: &Array) -> usize {
 fn texts(array: &Array) -> Vec<&str> {
     match array {
         Array::Text(text) => vec![text],
-        Array::List(elements) => elements.iter().map(|e| if let Array::Text(text) = e { text.as_str() } else { "" }).collect(),
+        Array::List(elements) => elements
+            .iter()
+            .map(|e| if let Array::Text(text) = e { text.as_str() } else { "" })
+            .collect(),
         _ => Vec::new(),
     }
 }
@@ -82,22 +92,30 @@ impl Wrapper {
         let read = |swap: bool| -> Vec<usize> {
             words.iter().map(|word| if swap { u32::from_be_bytes(*word) } else { u32::from_le_bytes(*word) } as usize).collect()
         };
-        let known = |words: &Vec<usize>| words.first().is_some_and(|version| (2..=4).contains(version));
+        let known =
+            |words: &Vec<usize>| words.first().is_some_and(|version| (2..=4).contains(version));
         let words = Some(read(false)).filter(known).or_else(|| Some(read(true)).filter(known))?;
         let (version, count) = (*words.first()?, *words.get(1)?);
         // Where regions begin, in bytes: classes, what `saveobj` gave, objects, properties; and where these end.
         let begins = |region: usize| words.get(2 + region).copied();
         let region = |region: usize| words.get(begins(region)? / 4..begins(region + 1)? / 4);
         let letters = bytes.get(40..begins(0)?)?.split(|b| *b == 0).filter(|name| !name.is_empty());
-        let names: Vec<String> = letters.take(count).map(|name| String::from_utf8_lossy(name).into_owned()).collect();
+        let names: Vec<String> =
+            letters.take(count).map(|name| String::from_utf8_lossy(name).into_owned()).collect();
         let class = |[space, name, ..]: &[usize; 4]| {
             let name_of = |number: usize| names.get(number.checked_sub(1)?).map(String::as_str);
             join(name_of(*space).unwrap_or_default(), name_of(*name).unwrap_or_default())
         };
         let classes = region(0)?.as_chunks::<4>().0.iter().map(class).collect();
-        let objects = region(2)?.as_chunks::<6>().0.iter().map(|[class, _, _, saved, plain, _]| [*class, *saved, *plain]).collect();
+        let objects = region(2)?
+            .as_chunks::<6>()
+            .0
+            .iter()
+            .map(|[class, _, _, saved, plain, _]| [*class, *saved, *plain])
+            .collect();
         let (saved, plain) = (records(region(1)?), records(region(3)?));
-        let defaults = if let Some(Array::List(defaults)) = cells.pop() { defaults } else { Vec::new() };
+        let defaults =
+            if let Some(Array::List(defaults)) = cells.pop() { defaults } else { Vec::new() };
         // Behind the values stand aliases of classes, and something unknown.
         cells.truncate(cells.len().saturating_sub(version - 2));
         let values = cells.into_iter().skip(2).collect();
@@ -120,12 +138,18 @@ impl Wrapper {
         }
         // What a class's `saveobj` gave is one struct instead of properties.
         if let [("any", Cow::Borrowed(Array::Struct(fields)))] = found.as_slice() {
-            found = fields.iter().map(|(name, array)| (name.as_str(), Cow::Borrowed(array))).collect();
+            found =
+                fields.iter().map(|(name, array)| (name.as_str(), Cow::Borrowed(array))).collect();
         }
         if let Some(Array::Struct(fields)) = self.defaults.get(class) {
-            let default =
-                |(field, array): &'_ (String, Array)| !found.iter().any(|(name, _)| name == field) && !matches!(array, Array::Other);
-            let more: Vec<_> = fields.iter().filter(|f| default(f)).map(|(name, array)| (name.as_str(), Cow::Borrowed(array))).collect();
+            let default = |(field, array): &'_ (String, Array)| {
+                !found.iter().any(|(name, _)| name == field) && !matches!(array, Array::Other)
+            };
+            let more: Vec<_> = fields
+                .iter()
+                .filter(|f| default(f))
+                .map(|(name, array)| (name.as_str(), Cow::Borrowed(array)))
+                .collect();
             found.extend(more);
         }
         Some((self.classes.get(class)?, Properties(found)))
@@ -173,7 +197,10 @@ impl Properties<'_> {
             Array::List(elements) => elements.is_empty(),
             other => matches!(other, Array::Other),
         };
-        self.0.iter().find(|(own, array)| own.strip_suffix('_').unwrap_or(own) == name && !empty(array)).map(|(_, array)| array.as_ref())
+        self.0
+            .iter()
+            .find(|(own, array)| own.strip_suffix('_').unwrap_or(own) == name && !empty(array))
+            .map(|(_, array)| array.as_ref())
     }
 
     fn number(&self, name: &str) -> Option<f64> {
@@ -181,7 +208,11 @@ impl Properties<'_> {
     }
 
     fn text(&self, name: &str) -> Option<&str> {
-        if let Array::Text(text) = self.get(name)? { Some(text.trim()).filter(|t| !t.is_empty()) } else { None }
+        if let Array::Text(text) = self.get(name)? {
+            Some(text.trim()).filter(|t| !t.is_empty())
+        } else {
+            None
+        }
     }
 }
 
@@ -198,7 +229,9 @@ impl<'a> Objects<'a, '_> {
     fn fill(&mut self, path: &str, array: &mut Array, within: bool, depth: usize) {
         match array {
             Array::Object(_) => *array = self.objects(path, array, depth),
-            Array::Numbers { values, .. } if within && refers(values) => *array = self.objects(path, array, depth),
+            Array::Numbers { values, .. } if within && refers(values) => {
+                *array = self.objects(path, array, depth)
+            }
             Array::Struct(fields) => {
                 for (name, field) in fields {
                     self.fill(&join(path, name), field, within, depth);
@@ -232,7 +265,9 @@ impl<'a> Objects<'a, '_> {
             return Array::Other;
         };
         let Some(ids) = ids(reference) else {
-            self.notes.push(format!("{path}: no object of MATLAB's own (Java, COM), or damaged; left out"));
+            self.notes.push(format!(
+                "{path}: no object of MATLAB's own (Java, COM), or damaged; left out"
+            ));
             return Array::Other;
         };
         let mut found = Vec::new();
@@ -257,26 +292,46 @@ impl<'a> Objects<'a, '_> {
         if found.len() == 1 { found.pop().unwrap_or(Array::Other) } else { Array::List(found) }
     }
 
-    fn object(&mut self, path: &str, class: &str, properties: &Properties<'a>, depth: usize) -> Option<Array> {
+    fn object(
+        &mut self,
+        path: &str,
+        class: &str,
+        properties: &Properties<'a>,
+        depth: usize,
+    ) -> Option<Array> {
         match class {
             "timeseries" | "Simulink.Timeseries" => self.series(path, properties),
             "datetime" | "duration" => {
-                let Array::Numbers { values, .. } = properties.get("data").or_else(|| properties.get("millis"))? else { return None };
+                let Array::Numbers { values, .. } =
+                    properties.get("data").or_else(|| properties.get("millis"))?
+                else {
+                    return None;
+                };
                 self.spend(values.len())?;
                 Some(Array::Times { values: values.clone(), unit: TimeUnit::Ms })
             }
             "timetable" => self.timetable(path, properties, depth),
-            "table" => Some(Array::Struct(self.columns(path, properties.get("varnames")?, properties.get("data")?, depth)?)),
+            "table" => Some(Array::Struct(self.columns(
+                path,
+                properties.get("varnames")?,
+                properties.get("data")?,
+                depth,
+            )?)),
             "Simulink.SimulationOutput" => self.taken(path, properties.get("Data")?, depth),
             "Simulink.SimulationData.Dataset" => self.dataset(path, properties, depth),
             // What a function refers to; texts.
             "function_handle_workspace" | "string" => Some(Array::Other),
             _ => match properties.get("Values") {
-                Some(values) if class.starts_with("Simulink.SimulationData.") => self.taken(path, values, depth),
+                Some(values) if class.starts_with("Simulink.SimulationData.") => {
+                    self.taken(path, values, depth)
+                }
                 _ => {
                     let mut fields = Vec::with_capacity(properties.0.len());
                     for (name, value) in &properties.0 {
-                        fields.push(((*name).to_owned(), self.taken(&join(path, name), value, depth)?));
+                        fields.push((
+                            (*name).to_owned(),
+                            self.taken(&join(path, name), value, depth)?,
+                        ));
                     }
                     Some(Array::Struct(fields))
                 }
@@ -286,7 +341,12 @@ impl<'a> Objects<'a, '_> {
 
     /// `timeseries`: its data beside its time, which is told by start and step where it is even.
     fn series(&mut self, path: &str, properties: &Properties<'a>) -> Option<Array> {
-        let own = |name: &str| properties.get(name).and_then(|part| self.wrapper?.only(part)).map(|(_, properties)| properties);
+        let own = |name: &str| {
+            properties
+                .get(name)
+                .and_then(|part| self.wrapper?.only(part))
+                .map(|(_, properties)| properties)
+        };
         // What Simulink wrote while it ran stands in a storage of its own.
         let storage = own("Storage");
         let info = own("TimeInfo").unwrap_or(Properties(Vec::new()));
@@ -299,8 +359,11 @@ impl<'a> Objects<'a, '_> {
                 values.clone()
             }
             _ => {
-                let (start, step) = (info.number("Start").unwrap_or(0.0), info.number("Increment")?);
-                let rows = info.number("Length").map_or_else(|| shape.first().copied().unwrap_or(0), |length| length as usize);
+                let (start, step) =
+                    (info.number("Start").unwrap_or(0.0), info.number("Increment")?);
+                let rows = info
+                    .number("Length")
+                    .map_or_else(|| shape.first().copied().unwrap_or(0), |length| length as usize);
                 (0..rows.min(values.len())).map(|k| start + step * k as f64).collect()
             }
         };
@@ -317,7 +380,8 @@ impl<'a> Objects<'a, '_> {
             "days" => (TimeUnit::S, 86_400.0),
             "weeks" => (TimeUnit::S, 604_800.0),
             other => {
-                self.notes.push(format!("{path}: its time is in {other}, which is taken for seconds"));
+                self.notes
+                    .push(format!("{path}: its time is in {other}, which is taken for seconds"));
                 (TimeUnit::S, 1.0)
             }
         };
@@ -325,24 +389,39 @@ impl<'a> Objects<'a, '_> {
         // What has more than two dimensions has time in the last one, unless it says otherwise.
         let rows = times.len();
         let first = shape.first() == Some(&rows)
-            && (shape.len() < 3 || shape.last() != Some(&rows) || properties.number("IsTimeFirst") == Some(1.0));
+            && (shape.len() < 3
+                || shape.last() != Some(&rows)
+                || properties.number("IsTimeFirst") == Some(1.0));
         let data = if first || values.len() == rows || shape.last() != Some(&rows) {
             Array::Numbers { shape: shape.clone(), values: values.clone() }
         } else {
             let each = values.len() / rows;
-            let turned = (0..each).flat_map(|j| values.iter().skip(j).step_by(each.max(1)).copied()).collect();
+            let turned = (0..each)
+                .flat_map(|j| values.iter().skip(j).step_by(each.max(1)).copied())
+                .collect();
             Array::Numbers { shape: vec![rows, each], values: turned }
         };
-        let name = properties.text("Name").filter(|name| *name != "unnamed").unwrap_or_else(|| last(path));
-        Some(Array::Struct(vec![("time".to_owned(), Array::Times { values: times, unit }), (name.to_owned(), data)]))
+        let name =
+            properties.text("Name").filter(|name| *name != "unnamed").unwrap_or_else(|| last(path));
+        Some(Array::Struct(vec![
+            ("time".to_owned(), Array::Times { values: times, unit }),
+            (name.to_owned(), data),
+        ]))
     }
 
     /// Columns beside the stamps of their rows, which may be told by start and step.
-    fn timetable(&mut self, path: &str, properties: &Properties<'a>, depth: usize) -> Option<Array> {
-        let mut columns = self.columns(path, properties.get("varNames")?, properties.get("data")?, depth)?;
+    fn timetable(
+        &mut self,
+        path: &str,
+        properties: &Properties<'a>,
+        depth: usize,
+    ) -> Option<Array> {
+        let mut columns =
+            self.columns(path, properties.get("varNames")?, properties.get("data")?, depth)?;
         let times = match properties.get("rowTimes")? {
             Array::Struct(rule) => {
-                let part = |name: &str| rule.iter().find(|(own, _)| own == name).map(|(_, array)| array);
+                let part =
+                    |name: &str| rule.iter().find(|(own, _)| own == name).map(|(_, array)| array);
                 let millis = |name: &str| {
                     let (_, properties) = self.wrapper?.only(part(name)?)?;
                     properties.number("millis").or_else(|| properties.number("data"))
@@ -354,7 +433,10 @@ impl<'a> Objects<'a, '_> {
                 let longest = columns.iter().map(|(_, column)| size(column)).max().unwrap_or(0);
                 let rows = (properties.number("numRows")? as usize).min(longest);
                 let start = millis("origin").unwrap_or(0.0);
-                Array::Times { values: (0..rows).map(|k| start + step * k as f64).collect(), unit: TimeUnit::Ms }
+                Array::Times {
+                    values: (0..rows).map(|k| start + step * k as f64).collect(),
+                    unit: TimeUnit::Ms,
+                }
             }
             stamps => self.taken(path, stamps, depth)?,
         };
@@ -362,7 +444,13 @@ impl<'a> Objects<'a, '_> {
         Some(Array::Struct(columns))
     }
 
-    fn columns(&mut self, path: &str, names: &Array, data: &Array, depth: usize) -> Option<Vec<(String, Array)>> {
+    fn columns(
+        &mut self,
+        path: &str,
+        names: &Array,
+        data: &Array,
+        depth: usize,
+    ) -> Option<Vec<(String, Array)>> {
         let Array::List(data) = data else { return None };
         let mut columns = Vec::with_capacity(data.len());
         for (name, column) in texts(names).into_iter().zip(data) {
@@ -381,16 +469,33 @@ impl<'a> Objects<'a, '_> {
         }
         let storage = storage.map(|(_, properties)| properties);
         let elements = storage.as_ref().unwrap_or(properties).get("Elements")?;
-        let elements = if let Array::List(elements) = elements { elements.as_slice() } else { std::slice::from_ref(elements) };
+        let elements = if let Array::List(elements) = elements {
+            elements.as_slice()
+        } else {
+            std::slice::from_ref(elements)
+        };
         let mut found: Vec<(String, Array)> = Vec::with_capacity(elements.len());
         for (k, element) in elements.iter().enumerate() {
             let own = match element {
-                Array::Struct(fields) => Properties(fields.iter().map(|(name, array)| (name.as_str(), Cow::Borrowed(array))).collect()),
-                reference => wrapper.only(reference).map_or(Properties(Vec::new()), |(_, properties)| properties),
+                Array::Struct(fields) => Properties(
+                    fields
+                        .iter()
+                        .map(|(name, array)| (name.as_str(), Cow::Borrowed(array)))
+                        .collect(),
+                ),
+                reference => wrapper
+                    .only(reference)
+                    .map_or(Properties(Vec::new()), |(_, properties)| properties),
             };
-            let name = own.text("Name").map_or_else(|| format!("element[{}]", k + 1), ToOwned::to_owned);
-            let name = if found.iter().any(|(other, _)| *other == name) { format!("{name}[{}]", k + 1) } else { name };
-            let value = self.taken(&join(path, &name), own.get("Values").unwrap_or(element), depth)?;
+            let name =
+                own.text("Name").map_or_else(|| format!("element[{}]", k + 1), ToOwned::to_owned);
+            let name = if found.iter().any(|(other, _)| *other == name) {
+                format!("{name}[{}]", k + 1)
+            } else {
+                name
+            };
+            let value =
+                self.taken(&join(path, &name), own.get("Values").unwrap_or(element), depth)?;
             found.push((name, value));
         }
         Some(Array::Struct(found))
@@ -420,17 +525,28 @@ mod tests {
         for words in [classes.len(), 0, objects.len(), plain.len(), 0, 0, 0] {
             begins.push(begins.last().unwrap() + 4 * words);
         }
-        let head = [4_u32, 2].into_iter().chain(begins.into_iter().map(|at| u32::try_from(at).unwrap()));
+        let head =
+            [4_u32, 2].into_iter().chain(begins.into_iter().map(|at| u32::try_from(at).unwrap()));
         let mut bytes: Vec<u8> = head.flat_map(u32::to_le_bytes).collect();
         bytes.extend(names);
-        bytes.extend(classes.iter().chain(&objects).chain(&plain).copied().flat_map(u32::to_le_bytes));
+        bytes.extend(
+            classes.iter().chain(&objects).chain(&plain).copied().flat_map(u32::to_le_bytes),
+        );
         let metadata: Vec<f64> = bytes.into_iter().map(f64::from).collect();
-        vec![numbers(&metadata), Array::Other, value, Array::Other, numbers(&[0.0]), Array::List(Vec::new())]
+        vec![
+            numbers(&metadata),
+            Array::Other,
+            value,
+            Array::Other,
+            numbers(&[0.0]),
+            Array::List(Vec::new()),
+        ]
     }
 
     fn resolved(cells: Option<Vec<Array>>) -> (Array, crate::notes::Notes) {
         let Array::Numbers { values, .. } = reference(1.0) else { unreachable!() };
-        let (mut variables, mut notes) = (vec![("x".to_owned(), Array::Object(values))], crate::notes::Notes::default());
+        let (mut variables, mut notes) =
+            (vec![("x".to_owned(), Array::Object(values))], crate::notes::Notes::default());
         resolve(&mut variables, cells, &mut notes);
         (variables.pop().unwrap().1, notes)
     }
@@ -439,18 +555,29 @@ mod tests {
     fn properties_of_an_object_are_the_fields_of_a_struct() {
         let (found, notes) = resolved(Some(cells("Thing", "time", numbers(&[0.0, 1.0]))));
         let Array::Struct(fields) = found else { panic!("{found:?}") };
-        assert!(matches!(fields.as_slice(), [(name, Array::Numbers { .. })] if name == "time") && notes.is_empty(), "{fields:?} {notes:?}");
+        assert!(
+            matches!(fields.as_slice(), [(name, Array::Numbers { .. })] if name == "time")
+                && notes.is_empty(),
+            "{fields:?} {notes:?}"
+        );
     }
 
     #[test]
     fn objects_that_hold_themselves_come_to_an_end_and_are_said() {
         let many = Array::List(vec![reference(1.0); 40]);
-        for (class, property) in
-            [("Thing", "inner"), ("Simulink.SimulationData.Dataset", "Elements"), ("Simulink.SimulationData.Signal", "Values")]
-        {
+        for (class, property) in [
+            ("Thing", "inner"),
+            ("Simulink.SimulationData.Dataset", "Elements"),
+            ("Simulink.SimulationData.Signal", "Values"),
+        ] {
             for value in [reference(1.0), many.clone()] {
                 let (found, notes) = resolved(Some(cells(class, property, value)));
-                assert!(size(&found) < 50_000 && !notes.is_empty() && notes.len() < 5_000, "{class}: {} {}", size(&found), notes.len());
+                assert!(
+                    size(&found) < 50_000 && !notes.is_empty() && notes.len() < 5_000,
+                    "{class}: {} {}",
+                    size(&found),
+                    notes.len()
+                );
             }
         }
     }
@@ -464,7 +591,9 @@ mod tests {
             }
             Some(cells)
         };
-        for cells in [None, Some(Vec::new()), damaged(0, 9.0), damaged(8, 255.0), damaged(20, 255.0)] {
+        for cells in
+            [None, Some(Vec::new()), damaged(0, 9.0), damaged(8, 255.0), damaged(20, 255.0)]
+        {
             let (_, notes) = resolved(cells);
             assert!(notes.len() == 1 && notes[0].starts_with("x: "), "{notes:?}");
         }

@@ -72,7 +72,12 @@ impl Numbers {
 
     /// Puts a number behind the others, and makes all of them wide where their type does not hold it.
     pub(super) fn push(&mut self, value: f64) {
-        fn held<T: Copy>(list: &mut Vec<T>, value: f64, narrow: T, wide: impl Fn(T) -> f64) -> bool {
+        fn held<T: Copy>(
+            list: &mut Vec<T>,
+            value: f64,
+            narrow: T,
+            wide: impl Fn(T) -> f64,
+        ) -> bool {
             let holds = wide(narrow) == value || value.is_nan() && wide(narrow).is_nan();
             if holds {
                 list.push(narrow);
@@ -186,7 +191,8 @@ impl From<Vec<f64>> for Values {
 /// The same numbers, whatever types hold them.
 impl PartialEq for Values {
     fn eq(&self, other: &Self) -> bool {
-        self.numbers.len() == other.numbers.len() && self.numbers.iter().zip(other.numbers.iter()).all(|(a, b)| a == b)
+        self.numbers.len() == other.numbers.len()
+            && self.numbers.iter().zip(other.numbers.iter()).all(|(a, b)| a == b)
     }
 }
 
@@ -211,14 +217,19 @@ mod tests {
             assert_eq!(std::mem::discriminant(&grown), std::mem::discriminant(&narrow));
             grown.push(beyond);
             let after: Vec<u64> = grown.iter().map(f64::to_bits).collect();
-            let meant: Vec<u64> = before.iter().chain(&[fits, beyond]).map(|x| x.to_bits()).collect();
+            let meant: Vec<u64> =
+                before.iter().chain(&[fits, beyond]).map(|x| x.to_bits()).collect();
             assert_eq!(after, meant);
         }
     }
 
     #[test]
     fn lists_are_cut_picked_and_moved_alike_whatever_their_type() {
-        for numbers in [Numbers::F32(vec![1.0, 2.0, 3.0]), Numbers::F64(vec![1.0, 2.0, 3.0]), Numbers::I16(vec![1, 2, 3])] {
+        for numbers in [
+            Numbers::F32(vec![1.0, 2.0, 3.0]),
+            Numbers::F64(vec![1.0, 2.0, 3.0]),
+            Numbers::I16(vec![1, 2, 3]),
+        ] {
             let list = |n: &Numbers| n.iter().collect::<Vec<f64>>();
             assert_eq!(list(&numbers.picked(&[2, 0, 9])), [3.0, 1.0, 0.0]);
             assert_eq!(list(&numbers.part(1, 3)), [2.0, 3.0]);

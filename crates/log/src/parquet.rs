@@ -29,18 +29,27 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 
 fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Recording, Error> {
     let file = File::open(path).map_err(|e| Error::io(path, e))?;
-    let (columns, notes) =
-        read(file, &options.far).map_err(|e| LogError::Format { file: source.to_owned(), format: NAME, what: e.to_string() })?;
+    let (columns, notes) = read(file, &options.far).map_err(|e| LogError::Format {
+        file: source.to_owned(),
+        format: NAME,
+        what: e.to_string(),
+    })?;
     assemble(source, "parquet", NAME, columns, notes, options)
 }
 
 fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, crate::notes::Notes), ParquetError> {
     let reader = SerializedFileReader::new(file)?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
-    let packed = reader.metadata().row_groups().iter().flat_map(|group| group.columns().iter().map(|column| column.compression()));
+    let packed = reader
+        .metadata()
+        .row_groups()
+        .iter()
+        .flat_map(|group| group.columns().iter().map(|column| column.compression()));
     if let Some(name) = packed.into_iter().find_map(unread) {
         let remedy = "write it again with compression=\"zstd\", \"snappy\" or \"gzip\"";
-        return Err(ParquetError::General(format!("compressed by {name}, which is not read; {remedy}")));
+        return Err(ParquetError::General(format!(
+            "compressed by {name}, which is not read; {remedy}"
+        )));
     }
     let (mut columns, mut notes) = (Vec::new(), crate::notes::Notes::default());
     let steps = far.steps(schema.num_columns(), "reading columns");
@@ -56,7 +65,9 @@ fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, crate::notes::Notes), 
         };
         for group in 0..reader.num_row_groups() {
             let rows = usize::try_from(reader.metadata().row_group(group).num_rows()).unwrap_or(0);
-            if let Err(error) = column(reader.get_row_group(group)?.get_column_reader(at)?, leaf, rows, &mut cells) {
+            if let Err(error) =
+                column(reader.get_row_group(group)?.get_column_reader(at)?, leaf, rows, &mut cells)
+            {
                 // What was whole stays; the rest of the column counts as missing.
                 notes.push(format!("{name}: damaged in row group {group} ({error})"));
                 break;
@@ -96,22 +107,40 @@ fn empty(leaf: &ColumnDescriptor) -> Option<Cells> {
     }
 }
 
-fn column(reader: ColumnReader, leaf: &ColumnDescriptor, rows: usize, cells: &mut Cells) -> Result<(), ParquetError> {
+fn column(
+    reader: ColumnReader,
+    leaf: &ColumnDescriptor,
+    rows: usize,
+    cells: &mut Cells,
+) -> Result<(), ParquetError> {
     let deepest = leaf.max_def_level();
-    let unsigned = matches!(leaf.logical_type_ref(), Some(LogicalType::Integer(kind)) if !kind.is_signed);
+    let unsigned =
+        matches!(leaf.logical_type_ref(), Some(LogicalType::Integer(kind)) if !kind.is_signed);
     match (reader, cells) {
-        (ColumnReader::BoolColumnReader(r), Cells::Numbers(n)) => values(r, deepest, rows, n, |v| f64::from(u8::from(*v))),
-        (ColumnReader::FloatColumnReader(r), Cells::Numbers(n)) => values(r, deepest, rows, n, |v| f64::from(*v)),
-        (ColumnReader::DoubleColumnReader(r), Cells::Numbers(n)) => values(r, deepest, rows, n, |v| *v),
+        (ColumnReader::BoolColumnReader(r), Cells::Numbers(n)) => {
+            values(r, deepest, rows, n, |v| f64::from(u8::from(*v)))
+        }
+        (ColumnReader::FloatColumnReader(r), Cells::Numbers(n)) => {
+            values(r, deepest, rows, n, |v| f64::from(*v))
+        }
+        (ColumnReader::DoubleColumnReader(r), Cells::Numbers(n)) => {
+            values(r, deepest, rows, n, |v| *v)
+        }
         (ColumnReader::Int32ColumnReader(r), Cells::Whole(n, _)) if unsigned => {
             values(r, deepest, rows, n, |v| i64::from(v.cast_unsigned()))
         }
-        (ColumnReader::Int32ColumnReader(r), Cells::Whole(n, _)) => values(r, deepest, rows, n, |v| i64::from(*v)),
-        (ColumnReader::Int64ColumnReader(r), Cells::Whole(n, _)) => values(r, deepest, rows, n, |v| *v),
+        (ColumnReader::Int32ColumnReader(r), Cells::Whole(n, _)) => {
+            values(r, deepest, rows, n, |v| i64::from(*v))
+        }
+        (ColumnReader::Int64ColumnReader(r), Cells::Whole(n, _)) => {
+            values(r, deepest, rows, n, |v| *v)
+        }
         (ColumnReader::ByteArrayColumnReader(r), Cells::Text(n)) => {
             values(r, deepest, rows, n, |v| String::from_utf8_lossy(v.data()).into_owned())
         }
-        _ => Err(ParquetError::General("its type is not the one that the file's schema says".into())),
+        _ => {
+            Err(ParquetError::General("its type is not the one that the file's schema says".into()))
+        }
     }
 }
 
@@ -126,7 +155,12 @@ fn values<T: DataType, V>(
     let mut left = rows;
     while left > 0 {
         let (mut found, mut levels) = (Vec::new(), Vec::new());
-        let (records, ..) = reader.read_records(left.min(BATCH), (deepest > 0).then_some(&mut levels), None, &mut found)?;
+        let (records, ..) = reader.read_records(
+            left.min(BATCH),
+            (deepest > 0).then_some(&mut levels),
+            None,
+            &mut found,
+        )?;
         if records == 0 {
             return Err(ParquetError::EOF(format!("{left} of {rows} rows are missing")));
         }
@@ -135,7 +169,11 @@ fn values<T: DataType, V>(
         if deepest == 0 {
             into.extend(found.map(|v| Some(value(v))));
         } else {
-            into.extend(levels.iter().map(|level| if *level == deepest { found.next().map(&value) } else { None }));
+            into.extend(
+                levels
+                    .iter()
+                    .map(|level| if *level == deepest { found.next().map(&value) } else { None }),
+            );
         }
     }
     Ok(())
@@ -155,10 +193,14 @@ mod tests {
 
     #[test]
     fn pages_in_gzip_are_read_and_what_is_not_read_is_known() {
-        let schema = Arc::new(parse_message_type("message log { required double time; required double u; }").unwrap());
-        let properties = WriterProperties::builder().set_compression(Compression::GZIP(GzipLevel::default()));
+        let schema = Arc::new(
+            parse_message_type("message log { required double time; required double u; }").unwrap(),
+        );
+        let properties =
+            WriterProperties::builder().set_compression(Compression::GZIP(GzipLevel::default()));
         let mut bytes = Vec::new();
-        let mut writer = SerializedFileWriter::new(&mut bytes, schema, Arc::new(properties.build())).unwrap();
+        let mut writer =
+            SerializedFileWriter::new(&mut bytes, schema, Arc::new(properties.build())).unwrap();
         let mut group = writer.next_row_group().unwrap();
         let values = |scale: f64| (0..500).map(|k| scale * f64::from(k)).collect::<Vec<_>>();
         for scale in [0.01, 2.0] {
@@ -172,8 +214,13 @@ mod tests {
         let path = folder.path().join("log.parquet");
         std::fs::write(&path, bytes).unwrap();
         let log = open(&path, &ReadOptions::default()).unwrap().into_log().unwrap();
-        assert_eq!((log.time_s(), log.input("u").unwrap()), (values(0.01).as_slice(), values(2.0).as_slice()));
-        let names = [Compression::BROTLI(BrotliLevel::default()), Compression::LZO, Compression::SNAPPY].map(unread);
+        assert_eq!(
+            (log.time_s(), log.input("u").unwrap()),
+            (values(0.01).as_slice(), values(2.0).as_slice())
+        );
+        let names =
+            [Compression::BROTLI(BrotliLevel::default()), Compression::LZO, Compression::SNAPPY]
+                .map(unread);
         assert_eq!(names, [Some("Brotli"), Some("LZO"), None]);
     }
 }

@@ -2,7 +2,10 @@
 //!
 //! Source: Protocol Buffers documentation, "Encoding" and "Application Note: Field Presence"; MCAP format specification, "Well-known schema encodings".
 
-use prost_reflect::{DescriptorPool, DynamicMessage, FieldDescriptor, Kind, MapKey, MessageDescriptor, ReflectMessage, Value};
+use prost_reflect::{
+    DescriptorPool, DynamicMessage, FieldDescriptor, Kind, MapKey, MessageDescriptor,
+    ReflectMessage, Value,
+};
 
 use super::recording::Table;
 use super::ros::MOST_ELEMENTS;
@@ -33,8 +36,12 @@ impl Messages {
         let pool = DescriptorPool::decode(descriptors)
             .map_err(|e| format!("its schema is no complete set of descriptors ({e}); record it with every file that it imports"))?;
         let definition = pool.get_message_by_name(name).ok_or_else(|| {
-            let known: Vec<_> = pool.all_messages().take(5).map(|m| m.full_name().to_owned()).collect();
-            format!("its schema has no such message, only {}", if known.is_empty() { "none".to_owned() } else { known.join(", ") })
+            let known: Vec<_> =
+                pool.all_messages().take(5).map(|m| m.full_name().to_owned()).collect();
+            format!(
+                "its schema has no such message, only {}",
+                if known.is_empty() { "none".to_owned() } else { known.join(", ") }
+            )
         })?;
         Ok(Self { definition, root: Node::Unseen, long: Vec::new() })
     }
@@ -63,7 +70,9 @@ impl Walk<'_> {
             }
             let Some(part) = parts.get_mut(i) else { continue };
             // A number that was not sent is 0, unless the definition tells the two apart.
-            if matches!(part, Node::Skipped) || field.supports_presence() && !message.has_field(&field) {
+            if matches!(part, Node::Skipped)
+                || field.supports_presence() && !message.has_field(&field)
+            {
                 continue;
             }
             if !numeric(&field) {
@@ -135,7 +144,9 @@ impl Walk<'_> {
                 keys.push(((*key).clone(), Node::Unseen));
             }
             let last = keys.len().saturating_sub(1);
-            let Some(known) = keys.get_mut(place.unwrap_or(last)).filter(|k| k.0 == **key) else { continue };
+            let Some(known) = keys.get_mut(place.unwrap_or(last)).filter(|k| k.0 == **key) else {
+                continue;
+            };
             let name = match key {
                 MapKey::Bool(key) => key.to_string(),
                 MapKey::I32(key) => key.to_string(),

@@ -32,7 +32,12 @@ const WITHOUT: &str = "this program was built without the feature `tables`; writ
 
 #[cfg(not(feature = "tables"))]
 fn unread(path: &Path, format: &'static str, remedy: &str) -> Error {
-    LogError::Format { file: path.display().to_string(), format, what: format!("this format is recognised but not read: {remedy}") }.into()
+    LogError::Format {
+        file: path.display().to_string(),
+        format,
+        what: format!("this format is recognised but not read: {remedy}"),
+    }
+    .into()
 }
 
 /// Every format there is; the last one takes what no other knows.
@@ -69,7 +74,11 @@ pub const READERS: &[Reader] = &[
         name: "hdf5",
         summary: "HDF5 and MAT 7.3: vectors and matrices beside a vector of time, groups and structs of them, MATLAB's objects",
         extensions: &["h5", "hdf5"],
-        sniff: |head| [0, 512].iter().any(|at| head.get(*at..).is_some_and(|rest| rest.starts_with(b"\x89HDF\r\n\x1a\n"))),
+        sniff: |head| {
+            [0, 512].iter().any(|at| {
+                head.get(*at..).is_some_and(|rest| rest.starts_with(b"\x89HDF\r\n\x1a\n"))
+            })
+        },
         #[cfg(feature = "tables")]
         open: super::hdf5::open,
         #[cfg(not(feature = "tables"))]
@@ -159,7 +168,12 @@ const FOREIGN: &[Foreign] = &[
         extensions: &[],
         remedy: "export it as CSV, in Python by npTDMS: TdmsFile.read(FILE).as_dataframe(time_index=True).to_csv(\"log.csv\", index_label=\"time\")",
     },
-    Foreign { name: "a ZIP archive", head: b"PK\x03\x04", extensions: &[], remedy: "unpack it, and give the log in it" },
+    Foreign {
+        name: "a ZIP archive",
+        head: b"PK\x03\x04",
+        extensions: &[],
+        remedy: "unpack it, and give the log in it",
+    },
 ];
 
 /// A bag of ROS 2 as a folder.
@@ -183,12 +197,21 @@ pub fn reader(path: &Path) -> Result<&'static Reader, Error> {
     let mut head = Vec::with_capacity(HEAD);
     std::fs::File::open(path).map_err(io)?.take(HEAD as u64).read_to_end(&mut head).map_err(io)?;
     let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
-    let ends = |extensions: &[&str]| extensions.iter().any(|e| name.strip_suffix(e).is_some_and(|stem| stem.ends_with('.')));
-    if let Some(foreign) = FOREIGN.iter().find(|f| head.starts_with(f.head) && (f.extensions.is_empty() || ends(f.extensions))) {
-        let (file, what) = (path.display().to_string(), format!("this format is not read; {}", foreign.remedy));
+    let ends = |extensions: &[&str]| {
+        extensions.iter().any(|e| name.strip_suffix(e).is_some_and(|stem| stem.ends_with('.')))
+    };
+    if let Some(foreign) = FOREIGN
+        .iter()
+        .find(|f| head.starts_with(f.head) && (f.extensions.is_empty() || ends(f.extensions)))
+    {
+        let (file, what) =
+            (path.display().to_string(), format!("this format is not read; {}", foreign.remedy));
         return Err(LogError::Format { file, format: foreign.name, what }.into());
     }
-    let known = READERS.iter().find(|r| (r.sniff)(&head)).or_else(|| READERS.iter().find(|r| ends(r.extensions)));
+    let known = READERS
+        .iter()
+        .find(|r| (r.sniff)(&head))
+        .or_else(|| READERS.iter().find(|r| ends(r.extensions)));
     known.or(READERS.last()).ok_or_else(|| io(std::io::ErrorKind::Unsupported.into()))
 }
 

@@ -94,7 +94,12 @@ pub struct Topic {
 impl Recording {
     /// A file without topics.
     pub(super) fn single(format: &'static str, log: Log, notes: crate::notes::Notes) -> Self {
-        Self { source: log.source.clone(), format, topics: vec![Topic { name: String::new(), log }], notes }
+        Self {
+            source: log.source.clone(),
+            format,
+            topics: vec![Topic { name: String::new(), log }],
+            notes,
+        }
     }
 
     /// The log of a file that has one topic.
@@ -202,8 +207,18 @@ impl Table {
     }
 
     /// Adds a column whose numbers have the type of `empty` in the file, and gives its number.
-    pub(super) fn column_of(&mut self, name: impl Into<String>, unit: Option<&str>, empty: Numbers) -> usize {
-        self.columns.push(TableColumn { name: name.into(), unit: unit.map(Into::into), values: empty, present: None });
+    pub(super) fn column_of(
+        &mut self,
+        name: impl Into<String>,
+        unit: Option<&str>,
+        empty: Numbers,
+    ) -> usize {
+        self.columns.push(TableColumn {
+            name: name.into(),
+            unit: unit.map(Into::into),
+            values: empty,
+            present: None,
+        });
         self.columns.len() - 1
     }
 
@@ -263,7 +278,11 @@ impl Table {
     }
 
     /// The topic: rows in order of time, of rows with the same stamp the first, columns without a number left out; notes say what went. `None` when nothing is left.
-    pub(super) fn finish(mut self, source: &str, notes: &mut crate::notes::Notes) -> Result<Option<Topic>, LogError> {
+    pub(super) fn finish(
+        mut self,
+        source: &str,
+        notes: &mut crate::notes::Notes,
+    ) -> Result<Option<Topic>, LogError> {
         let rows = self.time_s.len();
         let what = if self.name.is_empty() { String::new() } else { format!("{}: ", self.name) };
         for column in &mut self.columns {
@@ -279,11 +298,14 @@ impl Table {
             notes.push(format!("{what}{} infinite values count as missing", self.endless));
         }
         let usable = |t: &f64| t.is_finite() && t.abs() <= super::log::TIME_LIMIT_S;
-        let increasing = self.time_s.iter().all(usable) && neighbours(&self.time_s).all(|(before, after)| before < after);
+        let increasing = self.time_s.iter().all(usable)
+            && neighbours(&self.time_s).all(|(before, after)| before < after);
         if !increasing {
-            let mut order: Vec<usize> = (0..rows).filter(|&i| self.time_s.get(i).is_some_and(usable)).collect();
+            let mut order: Vec<usize> =
+                (0..rows).filter(|&i| self.time_s.get(i).is_some_and(usable)).collect();
             let at = |i: usize| self.time_s.get(i).copied().unwrap_or(0.0);
-            let back = neighbours(&order).filter(|(before, after)| at(*after) < at(*before)).count();
+            let back =
+                neighbours(&order).filter(|(before, after)| at(*after) < at(*before)).count();
             order.sort_by(|&a, &b| at(a).total_cmp(&at(b)));
             order.dedup_by(|b, a| at(*a) == at(*b));
             if order.len() < rows {
@@ -293,12 +315,17 @@ impl Table {
                 ));
             }
             if back > 0 {
-                notes.push(format!("{what}time runs back {back} times; its samples are put in order"));
+                notes.push(format!(
+                    "{what}time runs back {back} times; its samples are put in order"
+                ));
             }
             self.time_s = order.iter().map(|&i| at(i)).collect();
             for column in &mut self.columns {
                 column.values = column.values.picked(&order);
-                column.present = column.present.as_ref().map(|p| order.iter().map(|&i| p.get(i).copied().unwrap_or(false)).collect());
+                column.present = column
+                    .present
+                    .as_ref()
+                    .map(|p| order.iter().map(|&i| p.get(i).copied().unwrap_or(false)).collect());
             }
         }
         if self.time_s.is_empty() {
@@ -310,16 +337,30 @@ impl Table {
             let there = column.present.as_ref().is_none_or(|p| p.iter().any(|x| *x));
             // Names come from files: what cannot be a header is made one.
             let name: String = column.name.chars().filter(|c| !c.is_control()).collect();
-            let name = if name.trim().is_empty() || name.trim() == "time" { format!("{}_", name.trim()) } else { name.trim().to_owned() };
+            let name = if name.trim().is_empty() || name.trim() == "time" {
+                format!("{}_", name.trim())
+            } else {
+                name.trim().to_owned()
+            };
             if there && seen.insert(name.clone()) {
-                channels.push(Channel { name, unit: column.unit, values: column.values.into(), present: column.present });
+                channels.push(Channel {
+                    name,
+                    unit: column.unit,
+                    values: column.values.into(),
+                    present: column.present,
+                });
             }
         }
         if channels.is_empty() {
             return Ok(None);
         }
-        let source = if self.name.is_empty() { source.to_owned() } else { format!("{source}:{}", self.name) };
-        let log = Log::assemble(source, self.time_s, channels, Vec::new(), Rows::new(Origin::Memory))?;
+        let source = if self.name.is_empty() {
+            source.to_owned()
+        } else {
+            format!("{source}:{}", self.name)
+        };
+        let log =
+            Log::assemble(source, self.time_s, channels, Vec::new(), Rows::new(Origin::Memory))?;
         Ok(Some(Topic { name: self.name, log }))
     }
 }

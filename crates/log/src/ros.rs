@@ -102,7 +102,10 @@ impl Definitions {
         for line in text.split_inclusive('\n') {
             let bare = line.trim();
             if bare.len() >= 3 && bare.bytes().all(|b| b == b'=') {
-                texts.insert(std::mem::take(&mut current.0), text.get(current.1..at).unwrap_or_default());
+                texts.insert(
+                    std::mem::take(&mut current.0),
+                    text.get(current.1..at).unwrap_or_default(),
+                );
                 current.1 = at + line.len();
             } else if current.0.is_empty()
                 && let Some(name) = bare.strip_prefix("MSG:")
@@ -128,10 +131,15 @@ impl Definitions {
             return Ok(*at);
         }
         // A bag without definitions has an empty one.
-        let text =
-            texts.get(name).copied().filter(|text| !text.trim().is_empty()).or_else(|| definition(name)).or(texts.get(name).copied());
-        let text =
-            text.filter(|text| depth < DEEPEST && (depth > 0 || !text.is_empty())).ok_or_else(|| format!("no definition of {name}"))?;
+        let text = texts
+            .get(name)
+            .copied()
+            .filter(|text| !text.trim().is_empty())
+            .or_else(|| definition(name))
+            .or(texts.get(name).copied());
+        let text = text
+            .filter(|text| depth < DEEPEST && (depth > 0 || !text.is_empty()))
+            .ok_or_else(|| format!("no definition of {name}"))?;
         let place = self.messages.len();
         self.messages.push(Vec::new());
         known.insert(name.to_owned(), place);
@@ -148,7 +156,9 @@ impl Definitions {
             let (kind, count) = match kind.strip_suffix(']').and_then(|k| k.rsplit_once('[')) {
                 Some((kind, "")) => (kind, Count::Any),
                 Some((kind, bound)) if bound.starts_with("<=") => (kind, Count::Any),
-                Some((kind, count)) => (kind, Count::Fixed(count.parse().map_err(|_| format!("`{line}`"))?)),
+                Some((kind, count)) => {
+                    (kind, Count::Fixed(count.parse().map_err(|_| format!("`{line}`"))?))
+                }
                 None => (kind, Count::One),
             };
             let kind = kind.split("<=").next().unwrap_or(kind);
@@ -209,7 +219,8 @@ impl Bytes<'_> {
         if self.aligned {
             self.at = self.at.checked_next_multiple_of(N)?;
         }
-        let mut bytes: [u8; N] = self.bytes.get(self.at..self.at.checked_add(N)?)?.try_into().ok()?;
+        let mut bytes: [u8; N] =
+            self.bytes.get(self.at..self.at.checked_add(N)?)?.try_into().ok()?;
         self.at += N;
         if self.big {
             bytes.reverse();
@@ -263,7 +274,12 @@ impl Decoder {
                 Bytes { bytes: data.get(4..)?, at: 0, big, aligned: true }
             }
         };
-        let mut walk = Walk { definitions: &self.definitions, table, long: &mut self.long, path: String::new() };
+        let mut walk = Walk {
+            definitions: &self.definitions,
+            table,
+            long: &mut self.long,
+            path: String::new(),
+        };
         walk.kind(&mut bytes, Kind::Message(0), Some(&mut self.root))
     }
 }
@@ -276,7 +292,12 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    fn field(&mut self, bytes: &mut Bytes<'_>, field: &Field, node: Option<&mut Node>) -> Option<()> {
+    fn field(
+        &mut self,
+        bytes: &mut Bytes<'_>,
+        field: &Field,
+        node: Option<&mut Node>,
+    ) -> Option<()> {
         let count = match field.count {
             Count::One => return self.kind(bytes, field.kind, node),
             Count::Fixed(count) => count,

@@ -39,9 +39,15 @@ const TYPES: &[(&str, &str)] = &[
     ("geometry_msgs/WrenchStamped", "std_msgs/Header header\nWrench wrench"),
     ("geometry_msgs/Vector3Stamped", "std_msgs/Header header\nVector3 vector"),
     ("geometry_msgs/QuaternionStamped", "std_msgs/Header header\nQuaternion quaternion"),
-    ("geometry_msgs/TransformStamped", "std_msgs/Header header\nstring child_frame_id\nTransform transform"),
+    (
+        "geometry_msgs/TransformStamped",
+        "std_msgs/Header header\nstring child_frame_id\nTransform transform",
+    ),
     ("geometry_msgs/PoseWithCovarianceStamped", "std_msgs/Header header\nPoseWithCovariance pose"),
-    ("geometry_msgs/TwistWithCovarianceStamped", "std_msgs/Header header\nTwistWithCovariance twist"),
+    (
+        "geometry_msgs/TwistWithCovarianceStamped",
+        "std_msgs/Header header\nTwistWithCovariance twist",
+    ),
     (
         "nav_msgs/Odometry",
         "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist",
@@ -51,10 +57,19 @@ const TYPES: &[(&str, &str)] = &[
         "std_msgs/Header header\ngeometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\ngeometry_msgs/Vector3 angular_velocity\n\
          float64[9] angular_velocity_covariance\ngeometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance",
     ),
-    ("sensor_msgs/JointState", "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"),
-    ("sensor_msgs/MagneticField", "std_msgs/Header header\ngeometry_msgs/Vector3 magnetic_field\nfloat64[9] magnetic_field_covariance"),
+    (
+        "sensor_msgs/JointState",
+        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort",
+    ),
+    (
+        "sensor_msgs/MagneticField",
+        "std_msgs/Header header\ngeometry_msgs/Vector3 magnetic_field\nfloat64[9] magnetic_field_covariance",
+    ),
     ("sensor_msgs/Temperature", "std_msgs/Header header\nfloat64 temperature\nfloat64 variance"),
-    ("sensor_msgs/FluidPressure", "std_msgs/Header header\nfloat64 fluid_pressure\nfloat64 variance"),
+    (
+        "sensor_msgs/FluidPressure",
+        "std_msgs/Header header\nfloat64 fluid_pressure\nfloat64 variance",
+    ),
     ("sensor_msgs/Joy", "std_msgs/Header header\nfloat32[] axes\nint32[] buttons"),
     ("tf2_msgs/TFMessage", "geometry_msgs/TransformStamped[] transforms"),
     ("rosgraph_msgs/Clock", "builtin_interfaces/Time clock"),

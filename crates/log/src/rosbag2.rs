@@ -34,22 +34,31 @@ pub(super) fn journal(path: &Path) -> Option<String> {
 
 /// Reads a database, perhaps one of several, into a bag.
 pub(super) fn fill(source: &str, bytes: impl Read + Seek, bag: &mut Bag) -> Result<(), Error> {
-    let refused = |what: &str| LogError::Format { file: source.into(), format: NAME, what: what.into() };
+    let refused =
+        |what: &str| LogError::Format { file: source.into(), format: NAME, what: what.into() };
     let Some(mut base) = Database::open(bytes).map_err(|e| Error::io(Path::new(source), e))? else {
-        return Err(refused("the file is cut off or damaged at its beginning; copy it again").into());
+        return Err(
+            refused("the file is cut off or damaged at its beginning; copy it again").into()
+        );
     };
     let tables: HashMap<String, _> = base.tables().into_iter().collect();
     let (Some(topics), Some(messages)) = (tables.get("topics"), tables.get("messages")) else {
-        return Err(refused("this database has no tables `topics` and `messages`, so it is no bag").into());
+        return Err(refused(
+            "this database has no tables `topics` and `messages`, so it is no bag",
+        )
+        .into());
     };
     let mut definitions: HashMap<String, (String, Vec<u8>)> = HashMap::new();
     if let Some(table) = tables.get("message_definitions") {
-        let places = ["topic_type", "encoding", "encoded_message_definition"].map(|name| table.column(name));
+        let places =
+            ["topic_type", "encoding", "encoded_message_definition"].map(|name| table.column(name));
         base.rows(table, &mut |row| {
             let [name, encoding, text] = places.map(|place| place.and_then(|p| row.get(p)));
-            if let (Some(name), Some(encoding), Some(text)) =
-                (name.and_then(|v| v.text()), encoding.and_then(|v| v.text()), text.and_then(|v| v.bytes()))
-            {
+            if let (Some(name), Some(encoding), Some(text)) = (
+                name.and_then(|v| v.text()),
+                encoding.and_then(|v| v.text()),
+                text.and_then(|v| v.bytes()),
+            ) {
                 definitions.insert(name, (encoding, text.to_vec()));
             }
         });
@@ -57,27 +66,41 @@ pub(super) fn fill(source: &str, bytes: impl Read + Seek, bag: &mut Bag) -> Resu
     let places = ["id", "name", "type", "serialization_format"].map(|name| topics.column(name));
     base.rows(topics, &mut |row| {
         let [id, name, kind, encoding] = places.map(|place| place.and_then(|p| row.get(p)));
-        let (Some(id), Some(name), Some(kind)) = (id.and_then(|v| v.integer()), name.and_then(|v| v.text()), kind.and_then(|v| v.text()))
-        else {
+        let (Some(id), Some(name), Some(kind)) = (
+            id.and_then(|v| v.integer()),
+            name.and_then(|v| v.text()),
+            kind.and_then(|v| v.text()),
+        ) else {
             return;
         };
         let encoding = encoding.and_then(|v| v.text()).unwrap_or_else(|| "cdr".to_owned());
         // Without a definition the common messages of ROS 2 are known by their names.
-        let (language, data) = definitions.get(&kind).map_or(("ros2msg", [].as_slice()), |(e, d)| (e.as_str(), d.as_slice()));
-        let schema = Schema { name: &kind, encoding: if data.is_empty() { "ros2msg" } else { language }, data };
+        let (language, data) = definitions
+            .get(&kind)
+            .map_or(("ros2msg", [].as_slice()), |(e, d)| (e.as_str(), d.as_slice()));
+        let schema = Schema {
+            name: &kind,
+            encoding: if data.is_empty() { "ros2msg" } else { language },
+            data,
+        };
         bag.topic(id as u64, &name, &encoding, Some(&schema));
     });
     let places = ["topic_id", "timestamp", "data"].map(|name| messages.column(name));
     base.rows(messages, &mut |row| {
         let [topic, stamp, data] = places.map(|place| place.and_then(|p| row.get(p)));
-        if let (Some(topic), Some(stamp), Some(data)) =
-            (topic.and_then(|v| v.integer()), stamp.and_then(|v| v.integer()), data.and_then(|v| v.bytes()))
-        {
+        if let (Some(topic), Some(stamp), Some(data)) = (
+            topic.and_then(|v| v.integer()),
+            stamp.and_then(|v| v.integer()),
+            data.and_then(|v| v.bytes()),
+        ) {
             bag.message(topic as u64, i128::from(stamp), data);
         }
     });
     if base.lost > 0 {
-        bag.notes.push(format!("{} pages or rows are cut off or damaged; the messages on them are left out", base.lost));
+        bag.notes.push(format!(
+            "{} pages or rows are cut off or damaged; the messages on them are left out",
+            base.lost
+        ));
     }
     Ok(())
 }

@@ -69,20 +69,34 @@ impl<R: Read + Seek> Database<R> {
         file.seek(SeekFrom::Start(0))?;
         let mut head = Vec::new();
         file.by_ref().take(100).read_to_end(&mut head)?;
-        let size = head.get(16..).and_then(<[u8]>::first_chunk).map_or(0, |b| u64::from(u16::from_be_bytes(*b)));
+        let size = head
+            .get(16..)
+            .and_then(<[u8]>::first_chunk)
+            .map_or(0, |b| u64::from(u16::from_be_bytes(*b)));
         let page_size = if size == 1 { 65536 } else { size };
         let reserved = head.get(20).map_or(0, |b| u64::from(*b));
-        if head.len() < 100 || page_size < 512 || !page_size.is_power_of_two() || page_size < reserved + 480 {
+        if head.len() < 100
+            || page_size < 512
+            || !page_size.is_power_of_two()
+            || page_size < reserved + 480
+        {
             return Ok(None);
         }
-        Ok(Some(Self { file, page_size, usable: page_size - reserved, pages: length.div_ceil(page_size), lost: 0 }))
+        Ok(Some(Self {
+            file,
+            page_size,
+            usable: page_size - reserved,
+            pages: length.div_ceil(page_size),
+            lost: 0,
+        }))
     }
 
     /// A page; `None` where the file has no such page as a whole.
     fn page(&mut self, number: u64) -> Option<Vec<u8>> {
         let at = number.checked_sub(1)?.checked_mul(self.page_size)?;
         let mut page = vec![0; self.page_size as usize];
-        let read = self.file.seek(SeekFrom::Start(at)).and_then(|_| self.file.read_exact(&mut page));
+        let read =
+            self.file.seek(SeekFrom::Start(at)).and_then(|_| self.file.read_exact(&mut page));
         if read.is_err() {
             self.lost += 1;
             return None;
@@ -97,7 +111,8 @@ impl<R: Read + Seek> Database<R> {
         self.rows(&master, &mut |row| {
             if let [kind, name, _, root, sql] = row
                 && kind.text().as_deref() == Some("table")
-                && let (Some(name), Some(root), Some(sql)) = (name.text(), root.integer(), sql.text())
+                && let (Some(name), Some(root), Some(sql)) =
+                    (name.text(), root.integer(), sql.text())
             {
                 let (columns, key) = columns(&sql);
                 tables.push((name, Table { root: u64::try_from(root).unwrap_or(0), columns, key }));
@@ -112,15 +127,28 @@ impl<R: Read + Seek> Database<R> {
         self.tree(table.root, table, take, 0, &mut left);
     }
 
-    fn tree(&mut self, number: u64, table: &Table, take: &mut dyn FnMut(&[Value]), depth: usize, left: &mut u64) {
+    fn tree(
+        &mut self,
+        number: u64,
+        table: &Table,
+        take: &mut dyn FnMut(&[Value]),
+        depth: usize,
+        left: &mut u64,
+    ) {
         if depth > DEEPEST || *left == 0 {
             return;
         }
         *left -= 1;
         let Some(page) = self.page(number) else { return };
         let start = if number == 1 { 100 } else { 0 };
-        let u16_at = |at: usize| page.get(at..).and_then(<[u8]>::first_chunk).map_or(0, |b| usize::from(u16::from_be_bytes(*b)));
-        let u32_at = |at: usize| page.get(at..at + 4).and_then(|b| b.try_into().ok()).map_or(0, u32::from_be_bytes);
+        let u16_at = |at: usize| {
+            page.get(at..)
+                .and_then(<[u8]>::first_chunk)
+                .map_or(0, |b| usize::from(u16::from_be_bytes(*b)))
+        };
+        let u32_at = |at: usize| {
+            page.get(at..at + 4).and_then(|b| b.try_into().ok()).map_or(0, u32::from_be_bytes)
+        };
         let kind = page.get(start).copied().unwrap_or(0);
         let cells = u16_at(start + 3);
         let (head, leaf) = match kind {
@@ -164,7 +192,8 @@ impl<R: Read + Seek> Database<R> {
         };
         let mut payload = rest.get(..local as usize)?.to_vec();
         if local < size {
-            let mut next = u32::from_be_bytes(rest.get(local as usize..local as usize + 4)?.try_into().ok()?);
+            let mut next =
+                u32::from_be_bytes(rest.get(local as usize..local as usize + 4)?.try_into().ok()?);
             while (payload.len() as u64) < size {
                 let page = self.page(u64::from(next))?;
                 next = u32::from_be_bytes(page.get(..4)?.try_into().ok()?);
@@ -233,7 +262,9 @@ fn record(payload: &[u8]) -> Option<Vec<Value>> {
 
 /// The columns' names of a CREATE TABLE, and which one is the integer primary key.
 fn columns(sql: &str) -> (Vec<String>, Option<usize>) {
-    let inner = sql.split_once('(').map_or("", |(_, rest)| rest.rsplit_once(')').map_or(rest, |(inner, _)| inner));
+    let inner = sql
+        .split_once('(')
+        .map_or("", |(_, rest)| rest.rsplit_once(')').map_or(rest, |(inner, _)| inner));
     let (mut depth, mut parts) = (0_i32, vec![String::new()]);
     for c in inner.chars() {
         match c {
@@ -246,7 +277,13 @@ fn columns(sql: &str) -> (Vec<String>, Option<usize>) {
             _ => parts.push(String::new()),
         }
     }
-    let name = |part: &String| part.split_whitespace().next().unwrap_or_default().trim_matches(['"', '`', '[', ']', '\'']).to_owned();
+    let name = |part: &String| {
+        part.split_whitespace()
+            .next()
+            .unwrap_or_default()
+            .trim_matches(['"', '`', '[', ']', '\''])
+            .to_owned()
+    };
     let constraint = |part: &&String| {
         let word = part.split_whitespace().next().unwrap_or_default().to_uppercase();
         !["PRIMARY", "UNIQUE", "CHECK", "FOREIGN", "CONSTRAINT"].contains(&word.as_str())

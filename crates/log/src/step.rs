@@ -19,15 +19,25 @@ impl Log {
     ///
     /// # Errors
     /// [`LogError::UnknownChannel`] and [`LogError::AmbiguousChannel`] for the response; [`LogError::StepTime`] for a step outside the table or between two of its rows.
-    pub fn of_step(table: &Self, response: Option<&str>, size: f64, at_s: Option<f64>) -> Result<Self, LogError> {
+    pub fn of_step(
+        table: &Self,
+        response: Option<&str>,
+        size: f64,
+        at_s: Option<f64>,
+    ) -> Result<Self, LogError> {
         let file = || table.source.clone();
         let mut names = table.names();
         let name = match (response, names.next(), names.next()) {
             (Some(name), ..) => name.to_owned(),
             (None, Some(only), None) => only.to_owned(),
             (None, first, second) => {
-                let matches = first.into_iter().chain(second).chain(names).map(str::to_owned).collect();
-                return Err(LogError::AmbiguousChannel { file: file(), channel: "response".into(), matches });
+                let matches =
+                    first.into_iter().chain(second).chain(names).map(str::to_owned).collect();
+                return Err(LogError::AmbiguousChannel {
+                    file: file(),
+                    channel: "response".into(),
+                    matches,
+                });
             }
         };
         let channel = table.channel(&name)?.clone();
@@ -35,7 +45,8 @@ impl Log {
         let even = match alone.even_grid() {
             Ok(_) => alone,
             Err(_) => {
-                let smallest = neighbours(&alone.time_s).map(|(a, b)| b - a).fold(f64::INFINITY, f64::min);
+                let smallest =
+                    neighbours(&alone.time_s).map(|(a, b)| b - a).fold(f64::INFINITY, f64::min);
                 let step = smallest.max(alone.duration_s() / MOST);
                 match SampleTime::new(step) {
                     Ok(step) => alone.resample(step, &[])?,
@@ -47,8 +58,13 @@ impl Log {
         let (first, last) = (even.start_s(), even.start_s() + even.duration_s());
         let at_s = at_s.unwrap_or(if first <= 0.0 && last > 0.0 { 0.0 } else { first });
         let place = (at_s - first) / step_s;
-        let refuse = || LogError::StepTime { file: file(), at_s, first_s: first, last_s: last, step_s };
-        if !(place.is_finite() && place > -NEAR && at_s < last && (place - place.round()).abs() <= NEAR) {
+        let refuse =
+            || LogError::StepTime { file: file(), at_s, first_s: first, last_s: last, step_s };
+        if !(place.is_finite()
+            && place > -NEAR
+            && at_s < last
+            && (place - place.round()).abs() <= NEAR)
+        {
             return Err(refuse());
         }
         let before = place.round() as usize;
@@ -58,16 +74,28 @@ impl Log {
         let count = even.len() + more;
         let time_s = (0..count).map(|k| first + step_s * (k as f64 - more as f64)).collect();
         let input = (0..count).map(|k| if k < before + more { 0.0 } else { size }).collect();
-        let values = std::iter::repeat_n(start, more).chain(output.values.iter().copied()).collect();
+        let values =
+            std::iter::repeat_n(start, more).chain(output.values.iter().copied()).collect();
         let unit = even.unit(&name).map(str::to_owned);
         // Rest is taken to have stood at the first value.
-        let there = |k: usize| k < more || output.present.is_none_or(|p| p.get(k - more).copied().unwrap_or(false));
+        let there = |k: usize| {
+            k < more || output.present.is_none_or(|p| p.get(k - more).copied().unwrap_or(false))
+        };
         let measured = if output.present.is_none() {
             Channel::new(name.as_str(), unit.as_deref(), values)
         } else {
-            Channel::partial(name.as_str(), unit.as_deref(), values, (0..count).map(there).collect())
+            Channel::partial(
+                name.as_str(),
+                unit.as_deref(),
+                values,
+                (0..count).map(there).collect(),
+            )
         };
-        let log = Self::new(table.source.clone(), time_s, vec![Channel::new(STEP, None, input), measured])?;
+        let log = Self::new(
+            table.source.clone(),
+            time_s,
+            vec![Channel::new(STEP, None, input), measured],
+        )?;
         Ok(Self { early_s: even.early_s, ..log })
     }
 }
@@ -97,7 +125,10 @@ mod tests {
     fn a_step_inside_the_table_is_where_it_is_said_and_rows_may_be_uneven() {
         let times: Vec<f64> = (-30..60).map(|k| 0.1 * f64::from(k)).collect();
         let log = Log::of_step(&table(&times), Some("y"), 1.0, None).unwrap();
-        assert_eq!((log.len(), log.input(STEP).unwrap().iter().position(|v| *v > 0.0)), (90, Some(30)));
+        assert_eq!(
+            (log.len(), log.input(STEP).unwrap().iter().position(|v| *v > 0.0)),
+            (90, Some(30))
+        );
         let uneven: Vec<f64> = (0..40).map(|k| 0.01 * f64::from(k * k)).collect();
         assert!(Log::of_step(&table(&uneven), None, 1.0, None).unwrap().even_grid().is_ok());
     }

@@ -40,7 +40,9 @@ fn bits(values: &[f64]) -> Vec<u64> {
 
 /// Time stamps on a grid of 0.01 s, alternately early and late by `jitter` samples.
 fn jittered(samples: usize, jitter: f64) -> Log {
-    let time_s = (0..samples).map(|k| 0.01 * (k as f64 + if k % 2 == 0 { jitter } else { -jitter })).collect();
+    let time_s = (0..samples)
+        .map(|k| 0.01 * (k as f64 + if k % 2 == 0 { jitter } else { -jitter }))
+        .collect();
     Log::new("a.csv", time_s, vec![]).unwrap()
 }
 
@@ -48,10 +50,15 @@ fn jittered(samples: usize, jitter: f64) -> Log {
 
 #[test]
 fn csv_reads_names_units_and_numbers() {
-    let log = log("\u{feff}time [s], heater [V] ,\"temp, inner [degC]\"\r\n0, 1e-3 ,5\r\n\r\n0.5,-2,\"6.5\"\r\n");
+    let log = log(
+        "\u{feff}time [s], heater [V] ,\"temp, inner [degC]\"\r\n0, 1e-3 ,5\r\n\r\n0.5,-2,\"6.5\"\r\n",
+    );
     assert_eq!(log.source(), "a.csv");
     assert_eq!(log.names().collect::<Vec<_>>(), ["heater", "temp, inner"]);
-    assert_eq!((log.unit("heater"), log.unit("temp, inner"), log.unit("none")), (Some("V"), Some("degC"), None));
+    assert_eq!(
+        (log.unit("heater"), log.unit("temp, inner"), log.unit("none")),
+        (Some("V"), Some("degC"), None)
+    );
     assert_eq!(log.time_s(), [0.0, 0.5]);
     assert_eq!(log.input("heater").unwrap(), [1e-3, -2.0]);
     assert_eq!(log.input("temp, inner").unwrap(), [5.0, 6.5]);
@@ -84,10 +91,14 @@ fn context_columns_of_text_load_and_are_refused_only_when_asked_for() {
     let log = log("time,mode,u,v\n0,hover,1,1\n1,land,2,inf\n");
     assert_eq!(log.names().collect::<Vec<_>>(), ["u"]);
     let text = log.channel("mode").unwrap_err();
-    assert!(matches!(&text, LogError::NotANumber { place: Place::Row(2), text, .. } if text == "hover"));
+    assert!(
+        matches!(&text, LogError::NotANumber { place: Place::Row(2), text, .. } if text == "hover")
+    );
     says(&text, &["a.csv", "row 2", "`mode`", "`hover`", "correct it"]);
     let nan = log.output("v").unwrap_err();
-    assert!(matches!(&nan, LogError::NotFinite { place: Place::Row(3), text, .. } if text == "inf"));
+    assert!(
+        matches!(&nan, LogError::NotFinite { place: Place::Row(3), text, .. } if text == "inf")
+    );
     says(&nan, &["a.csv", "row 3", "`v`", "`inf`", "leave the cell empty"]);
 }
 
@@ -106,7 +117,10 @@ fn missing_file_says_what_the_system_said() {
 fn a_folder_without_a_bag_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let error = read(folder.path()).unwrap_err().to_string();
-    assert!(error.contains("a folder without files that end in .mcap or .db3; give a file"), "{error}");
+    assert!(
+        error.contains("a folder without files that end in .mcap or .db3; give a file"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -129,7 +143,9 @@ fn header_only_is_refused() {
 
 #[test]
 fn a_column_of_time_is_needed_in_a_known_unit() {
-    for (text, found) in [("0,1\n1,1\n", "`0`"), ("speed,t\n0,1\n", "`speed`"), ("u;v\n0;1\n", "`u`")] {
+    for (text, found) in
+        [("0,1\n1,1\n", "`0`"), ("speed,t\n0,1\n", "`speed`"), ("u;v\n0;1\n", "`u`")]
+    {
         let error = refusal(text);
         assert!(matches!(error, LogError::FirstColumn { .. }));
         says(&error, &["a.csv", "row 1", found, "`time`", "which it is with `time`"]);
@@ -155,16 +171,30 @@ fn separators_decimal_commas_and_comments_are_found_out() {
     ] {
         let log = log(text);
         assert_eq!(log.names().collect::<Vec<_>>(), ["u", "y"], "{text}");
-        assert_eq!((log.input("u").unwrap()[0], log.output("y").unwrap().get(0)), (1.0, Some(2.5)), "{text}");
+        assert_eq!(
+            (log.input("u").unwrap()[0], log.output("y").unwrap().get(0)),
+            (1.0, Some(2.5)),
+            "{text}"
+        );
         if log.len() > 1 {
-            assert_eq!((log.time_s(), log.input("u").unwrap()), ([0.0, 0.5].as_slice(), [1.0, -1e-3].as_slice()), "{text}");
+            assert_eq!(
+                (log.time_s(), log.input("u").unwrap()),
+                ([0.0, 0.5].as_slice(), [1.0, -1e-3].as_slice()),
+                "{text}"
+            );
             assert_eq!(log.output("y").unwrap().get(1), None);
         }
     }
     let log = log("time [s] temp [degC] u\n0 20 1\n1 21 1\n");
-    assert_eq!((log.unit("temp"), log.input("temp").unwrap()), (Some("degC"), [20.0, 21.0].as_slice()));
+    assert_eq!(
+        (log.unit("temp"), log.input("temp").unwrap()),
+        (Some("degC"), [20.0, 21.0].as_slice())
+    );
     says(&refusal("# a\ntime;u\n0;1\n0,5;1,2;3\n"), &["row 4", "3 cells"]);
-    let error = crate::csv::table::read_from("a.csv", "time;u\n0;1.234,5\n".as_bytes()).unwrap().input("u").unwrap_err();
+    let error = crate::csv::table::read_from("a.csv", "time;u\n0;1.234,5\n".as_bytes())
+        .unwrap()
+        .input("u")
+        .unwrap_err();
     says(&error, &["`1.234,5`"]);
 }
 
@@ -182,39 +212,84 @@ fn the_unit_of_time_is_guessed_and_said() {
         ("timestamp,u\n0,1\n10,1\n20,1\n", [0.0, 0.01, 0.02], "milliseconds by the size"),
         ("time_ms,u\n0,1\n10,1\n20,1\n", [0.0, 0.01, 0.02], "milliseconds by its name"),
         ("time [us],u\n0,1\n10,1\n20,1\n", [0.0, 1e-5, 2e-5], "microseconds by its name"),
-        ("%time,u\n1700000000000000000,1\n1700000000010000001,1\n1700000000020000000,1\n", [0.0, 0.010_000_001, 0.02], "nanoseconds"),
-        ("stamp,u\n1700000000123,1\n1700000000133,1\n1700000000143,1\n", [0.0, 0.01, 0.02], "counted from the first (1700000000123)"),
-        ("u;date\n1;2024-03-01T10:00:00Z\n1;2024-03-01T10:00:00,5Z\n1;2024-03-01T11:00:01+01:00\n", [0.0, 0.5, 1.0], "dates"),
-        ("time,u\n0,1\n10,1\n20,1\n", [0.0, 10.0, 20.0], "taken in seconds, a sample every 10 s; `time` and `time_unit`"),
+        (
+            "%time,u\n1700000000000000000,1\n1700000000010000001,1\n1700000000020000000,1\n",
+            [0.0, 0.010_000_001, 0.02],
+            "nanoseconds",
+        ),
+        (
+            "stamp,u\n1700000000123,1\n1700000000133,1\n1700000000143,1\n",
+            [0.0, 0.01, 0.02],
+            "counted from the first (1700000000123)",
+        ),
+        (
+            "u;date\n1;2024-03-01T10:00:00Z\n1;2024-03-01T10:00:00,5Z\n1;2024-03-01T11:00:01+01:00\n",
+            [0.0, 0.5, 1.0],
+            "dates",
+        ),
+        (
+            "time,u\n0,1\n10,1\n20,1\n",
+            [0.0, 10.0, 20.0],
+            "taken in seconds, a sample every 10 s; `time` and `time_unit`",
+        ),
         ("time,u\n0,1\n3600,1\n7200,1\n", [0.0, 3600.0, 7200.0], "taken in seconds"),
         ("t,u\n0,1\n0.1,1\n0.2,1\n", [0.0, 0.1, 0.2], "column `t`, taken in seconds"),
-        ("time,u\n1700000000.25,1\n1700000000.26,1\n1700000000.27,1\n", [0.25, 0.26, 0.27], "taken in seconds, counted from 1700000000"),
-        ("time;u\n1700000000,25;1\n1700000001,25;1\n1700000001,26;1\n", [0.25, 1.25, 1.26], "counted from 1700000000"),
-        ("stamp,u\n2024-03-01 10:00:00 UTC,1\n2024-03-01 10:00:00.5 UTC,1\n2024-03-01 10:00:01 UTC,1\n", [0.0, 0.5, 1.0], "dates"),
+        (
+            "time,u\n1700000000.25,1\n1700000000.26,1\n1700000000.27,1\n",
+            [0.25, 0.26, 0.27],
+            "taken in seconds, counted from 1700000000",
+        ),
+        (
+            "time;u\n1700000000,25;1\n1700000001,25;1\n1700000001,26;1\n",
+            [0.25, 1.25, 1.26],
+            "counted from 1700000000",
+        ),
+        (
+            "stamp,u\n2024-03-01 10:00:00 UTC,1\n2024-03-01 10:00:00.5 UTC,1\n2024-03-01 10:00:01 UTC,1\n",
+            [0.0, 0.5, 1.0],
+            "dates",
+        ),
     ] {
         let (time_s, notes) = timed(text, &ReadOptions::default());
         assert_eq!(time_s, expected, "{text}: {notes}");
         assert!(notes.contains(said), "{text}: {notes}");
     }
-    for quiet in ["time,u\n0,1\n0.1,1\n", "time [s],u\n0,1\n4000,1\n8000,2\n", "time,u\n0,1\n1,1\n2,1\n"] {
+    for quiet in
+        ["time,u\n0,1\n0.1,1\n", "time [s],u\n0,1\n4000,1\n8000,2\n", "time,u\n0,1\n1,1\n2,1\n"]
+    {
         assert_eq!(timed(quiet, &ReadOptions::default()).1, "", "{quiet}");
     }
 }
 
 #[test]
 fn the_callers_word_on_time_stands() {
-    let said = |time: &str, unit| ReadOptions { time: Some(time.into()), time_unit: unit, ..ReadOptions::default() };
+    let said = |time: &str, unit| ReadOptions {
+        time: Some(time.into()),
+        time_unit: unit,
+        ..ReadOptions::default()
+    };
     let text = "a,time,b\n0,5,1\n4000,6,1\n8000,7,1\n";
     assert_eq!(timed(text, &said("a", Some(TimeUnit::S))).0, [0.0, 4000.0, 8000.0]);
     assert_eq!(timed(text, &said("a", Some(TimeUnit::Ms))).0, [0.0, 4.0, 8.0]);
     let (time_s, notes) = timed(text, &said("a", None));
     assert_eq!(time_s, [0.0, 0.004, 0.008]);
     assert!(notes.contains("`time` is left out"), "{notes}");
-    let error = crate::csv::table::recording_from("a.csv", text.as_bytes(), &said("c", None)).unwrap_err();
+    let error =
+        crate::csv::table::recording_from("a.csv", text.as_bytes(), &said("c", None)).unwrap_err();
     says(&error, &["`c`", "`a`, `time`, `b`"]);
-    let error = crate::csv::table::recording_from("a.csv", text.as_bytes(), &said("a", Some(TimeUnit::Iso))).unwrap_err();
+    let error = crate::csv::table::recording_from(
+        "a.csv",
+        text.as_bytes(),
+        &said("a", Some(TimeUnit::Iso)),
+    )
+    .unwrap_err();
     says(&error, &["row 2", "`a`", "`0`"]);
-    let back = crate::csv::table::recording_from("a.csv", "time_us,u\n4000,1\n2000,1\n".as_bytes(), &ReadOptions::default()).unwrap_err();
+    let back = crate::csv::table::recording_from(
+        "a.csv",
+        "time_us,u\n4000,1\n2000,1\n".as_bytes(),
+        &ReadOptions::default(),
+    )
+    .unwrap_err();
     says(&back, &["row 3", "0.004 s to 0.002 s"]);
 }
 
@@ -234,7 +309,10 @@ fn columns_need_names_of_their_own() {
 fn row_of_another_length_is_refused() {
     for (text, cells) in [("time,u\n0,1\n1\n2,3\n", 1), ("time,u\n0,1\n0,5,1\n", 3)] {
         let error = refusal(text);
-        assert_eq!(error, LogError::RowLength { file: "a.csv".into(), row: 3, expected: 2, found: cells });
+        assert_eq!(
+            error,
+            LogError::RowLength { file: "a.csv".into(), row: 3, expected: 2, found: cells }
+        );
         says(&error, &["a.csv", "row 3", "header has 2", "complete or delete", "decimal point"]);
     }
 }
@@ -285,14 +363,25 @@ fn empty_time_is_refused() {
 #[test]
 fn time_standing_still_is_refused() {
     let error = refusal("time,u\n0,1\n0.5,2\n0.50,3\n");
-    assert_eq!(error, LogError::TimeStandsStill { file: "a.csv".into(), place: Place::Row(4), time_s: 0.5 });
+    assert_eq!(
+        error,
+        LogError::TimeStandsStill { file: "a.csv".into(), place: Place::Row(4), time_s: 0.5 }
+    );
     says(&error, &["a.csv", "row 4", "`time`", "0.5 s", "delete the repeated row"]);
 }
 
 #[test]
 fn time_running_back_is_refused_and_offers_records() {
     let error = refusal("time,u\n0,1\n0.5,2\n0.25,3\n");
-    assert_eq!(error, LogError::TimeRunsBack { file: "a.csv".into(), place: Place::Row(4), before_s: 0.5, time_s: 0.25 });
+    assert_eq!(
+        error,
+        LogError::TimeRunsBack {
+            file: "a.csv".into(),
+            place: Place::Row(4),
+            before_s: 0.5,
+            time_s: 0.25
+        }
+    );
     says(&error, &["a.csv", "row 4", "`time`", "0.5 s", "0.25 s", "`read_records`"]);
 }
 
@@ -303,7 +392,12 @@ fn binary_is_refused() {
         assert!(matches!(error, LogError::NotText { row: 1, .. }), "{error:?}");
         says(&error, &["a.csv", "row 1", "not text", "UTF-8"]);
     }
-    for bytes in [b"time,u\n0,1\n\0\0\n2,1\n".as_slice(), b"time,u\n0,1\n1,\x002\n2,1\n", b"time,u\n0,1\n\0\0\n", b"\0\0\0\0"] {
+    for bytes in [
+        b"time,u\n0,1\n\0\0\n2,1\n".as_slice(),
+        b"time,u\n0,1\n1,\x002\n2,1\n",
+        b"time,u\n0,1\n\0\0\n",
+        b"\0\0\0\0",
+    ] {
         assert!(matches!(refusal(bytes), LogError::NotText { row: 1 | 3, .. }), "{bytes:?}");
     }
     let endless = read_from("a.csv", std::io::repeat(b'x')).unwrap_err();
@@ -336,7 +430,8 @@ fn damaged_gzip_is_refused() {
 // Files that break off.
 
 fn cut(bytes: &[u8]) -> (Log, String) {
-    let recording = crate::csv::table::recording_from("a.csv", bytes, &ReadOptions::default()).unwrap();
+    let recording =
+        crate::csv::table::recording_from("a.csv", bytes, &ReadOptions::default()).unwrap();
     let notes = recording.notes.join("|");
     (recording.into_log().unwrap(), notes)
 }
@@ -351,12 +446,18 @@ fn a_gzip_stream_that_is_cut_off_is_read_up_to_there() {
         assert!(log.len() > 1000 && log.len() <= 20_000, "{}", log.len());
         assert_eq!(log.time_s(), &whole.time_s()[..log.len()]);
         assert_eq!(log.input("u").unwrap(), &whole.input("u").unwrap()[..log.len()]);
-        assert!(notes.contains("cut off") && notes.contains(&format!("read up to row {}", log.len() + 1)), "{notes}");
+        assert!(
+            notes.contains("cut off")
+                && notes.contains(&format!("read up to row {}", log.len() + 1)),
+            "{notes}"
+        );
     }
     let records = read_records_from("a.csv", &packed[..packed.len() - 4], "u").unwrap();
     assert_eq!(records.iter().map(Log::len).sum::<usize>(), 20_000);
     // Of events nobody would be told what is missing.
-    let error = crate::csv::table::read_events_from("a.csv", &packed[..packed.len() - 4], ["time", "time"]).unwrap_err();
+    let error =
+        crate::csv::table::read_events_from("a.csv", &packed[..packed.len() - 4], ["time", "time"])
+            .unwrap_err();
     assert!(matches!(error, Error::Log(LogError::Gzip { .. })), "{error:?}");
 }
 
@@ -384,7 +485,10 @@ fn half_a_last_row_is_left_out_and_named() {
             (log.len(), log.input("u").unwrap(), log.output("y").unwrap().values),
             (2, [1.0, 1.0].as_slice(), [2.0, 2.0].as_slice())
         );
-        assert!(notes.contains("row 4, the last one, is cut off") && notes.contains(why), "{rest}: {notes}");
+        assert!(
+            notes.contains("row 4, the last one, is cut off") && notes.contains(why),
+            "{rest}: {notes}"
+        );
     }
     // A row that is whole needs no end of the line, and a column that misses samples may miss the last one.
     assert_eq!(cut(format!("{rows}2,1,2").as_bytes()).0.len(), 3);
@@ -393,17 +497,28 @@ fn half_a_last_row_is_left_out_and_named() {
     for text in [format!("{rows}2,1\n"), format!("{rows}2\n3,1,2")] {
         says(&refusal(text), &["a.csv", "row 4", "header has 3", "complete or delete the row"]);
     }
-    assert_eq!(read_records_from("a.csv", "time,r\n0,1\n1,1\n0,2".as_bytes(), "r").unwrap().len(), 2, "a whole row begins another record");
-    assert_eq!(read_records_from("a.csv", "time,r,u\n0,1,1\n1,1,1\n0,2".as_bytes(), "r").unwrap().len(), 1);
+    assert_eq!(
+        read_records_from("a.csv", "time,r\n0,1\n1,1\n0,2".as_bytes(), "r").unwrap().len(),
+        2,
+        "a whole row begins another record"
+    );
+    assert_eq!(
+        read_records_from("a.csv", "time,r,u\n0,1,1\n1,1,1\n0,2".as_bytes(), "r").unwrap().len(),
+        1
+    );
 }
 
 #[test]
 fn zero_bytes_at_the_end_are_left_out_and_named() {
     for (rest, rows) in [("", 2), ("2,1", 2), ("2", 2)] {
-        let bytes = [b"time,u\n0,1\n1,1\n".as_slice(), rest.as_bytes(), &vec![0; 40_000_000]].concat();
+        let bytes =
+            [b"time,u\n0,1\n1,1\n".as_slice(), rest.as_bytes(), &vec![0; 40_000_000]].concat();
         let (log, notes) = cut(&bytes);
         assert_eq!(log.len(), rows);
-        assert!(notes.contains("zero bytes stand from row 4") && notes.contains("read up to row 3"), "{notes}");
+        assert!(
+            notes.contains("zero bytes stand from row 4") && notes.contains("read up to row 3"),
+            "{notes}"
+        );
     }
 }
 
@@ -428,17 +543,29 @@ fn tables_of_pandas_loggers_and_spreadsheets_are_read() {
     ] {
         let (log, notes) = cut(text.as_bytes());
         let y = log.output("y").unwrap();
-        let found = (log.time_s().to_vec(), log.input("u").unwrap().to_vec(), (0..2).map(|k| y.get(k)).collect::<Vec<_>>());
+        let found = (
+            log.time_s().to_vec(),
+            log.input("u").unwrap().to_vec(),
+            (0..2).map(|k| y.get(k)).collect::<Vec<_>>(),
+        );
         assert_eq!(found, expected, "{text}: {notes}");
         assert!(notes.contains(said) && (!said.is_empty() || notes.is_empty()), "{text}: {notes}");
     }
     let (log, _) = cut(b"time,u [A],y,m\n[s],[V],(m/s^2),-\n0,1,2,3\n0.1,1,2,3\n");
     assert_eq!((log.unit("u"), log.unit("y"), log.unit("m")), (Some("A"), Some("m/s^2"), None));
     let (log, notes) = cut(b",u\n2024-03-01 10:00:00+00:00,False\n2024-03-01 10:00:00.5+00:00,1\n");
-    assert_eq!((log.time_s(), log.input("u").unwrap()), ([0.0, 0.5].as_slice(), [0.0, 1.0].as_slice()));
+    assert_eq!(
+        (log.time_s(), log.input("u").unwrap()),
+        ([0.0, 0.5].as_slice(), [0.0, 1.0].as_slice())
+    );
     assert!(notes.contains("taken as the time"), "{notes}");
-    let events = crate::csv::table::read_events_from("a.csv", "a,b\n1,2\nNaN,3\n".as_bytes(), ["a", "b"]).unwrap();
-    assert_eq!((events[0].times.as_slice(), events[1].times.as_slice()), ([1.0].as_slice(), [2.0, 3.0].as_slice()));
+    let events =
+        crate::csv::table::read_events_from("a.csv", "a,b\n1,2\nNaN,3\n".as_bytes(), ["a", "b"])
+            .unwrap();
+    assert_eq!(
+        (events[0].times.as_slice(), events[1].times.as_slice()),
+        ([1.0].as_slice(), [2.0, 3.0].as_slice())
+    );
 }
 
 #[test]
@@ -467,12 +594,22 @@ fn what_could_mean_two_things_is_refused_with_a_remedy() {
 #[test]
 fn text_of_windows_is_read() {
     let text = "time;Größe [°C]\r\n0;1,5\r\n0,5;2\r\n";
-    let le: Vec<u8> = "\u{feff}".encode_utf16().chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect();
-    let be: Vec<u8> = "\u{feff}".encode_utf16().chain(text.encode_utf16()).flat_map(u16::to_be_bytes).collect();
+    let le: Vec<u8> =
+        "\u{feff}".encode_utf16().chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect();
+    let be: Vec<u8> =
+        "\u{feff}".encode_utf16().chain(text.encode_utf16()).flat_map(u16::to_be_bytes).collect();
     let latin1: Vec<u8> = text.chars().map(|c| u8::try_from(u32::from(c)).unwrap()).collect();
-    for (bytes, said) in [(le.clone(), ""), (be, ""), (gzip(&le), ""), (latin1, "row 1 is no UTF-8: its names are read as Latin-1")] {
+    for (bytes, said) in [
+        (le.clone(), ""),
+        (be, ""),
+        (gzip(&le), ""),
+        (latin1, "row 1 is no UTF-8: its names are read as Latin-1"),
+    ] {
         let (log, notes) = cut(&bytes);
-        assert_eq!((log.time_s(), log.input("Größe").unwrap()), ([0.0, 0.5].as_slice(), [1.5, 2.0].as_slice()));
+        assert_eq!(
+            (log.time_s(), log.input("Größe").unwrap()),
+            ([0.0, 0.5].as_slice(), [1.5, 2.0].as_slice())
+        );
         assert_eq!((log.unit("Größe"), notes.as_str()), (Some("°C"), said));
     }
     assert_eq!(cut(&le[..le.len() - 3]).0.len(), 2);
@@ -500,11 +637,27 @@ fn open_quote_is_refused() {
 #[test]
 fn unknown_channel_lists_what_exists_and_suggests_the_nearest() {
     let error = log("time,heater,temperature,mode\n0,1,2,on\n").input("temprature").unwrap_err();
-    assert!(matches!(&error, LogError::UnknownChannel { closest: Some(name), .. } if name == "temperature"));
-    says(&error, &["a.csv", "`temprature`", "did you mean `temperature`?", "`heater`, `temperature`, `mode`"]);
-    says(&log("time\n0\n").input("u").unwrap_err(), &["a.csv", "`u`", "no channels besides `time`"]);
+    assert!(
+        matches!(&error, LogError::UnknownChannel { closest: Some(name), .. } if name == "temperature")
+    );
+    says(
+        &error,
+        &[
+            "a.csv",
+            "`temprature`",
+            "did you mean `temperature`?",
+            "`heater`, `temperature`, `mode`",
+        ],
+    );
+    says(
+        &log("time\n0\n").input("u").unwrap_err(),
+        &["a.csv", "`u`", "no channels besides `time`"],
+    );
     let many = (0..50).map(|i| Channel::new(format!("c{i}"), None, vec![0.0])).collect();
-    says(&Log::new("a.csv", vec![0.0], many).unwrap().input("speed").unwrap_err(), &["`c39` and 10 more"]);
+    says(
+        &Log::new("a.csv", vec![0.0], many).unwrap().input("speed").unwrap_err(),
+        &["`c39` and 10 more"],
+    );
 }
 
 #[test]
@@ -512,11 +665,26 @@ fn log_from_memory_is_checked() {
     let new = |time_s: &[f64], channels| Log::new("mem", time_s.to_vec(), channels).unwrap_err();
     let u = |values: &[f64]| Channel::new("u", None, values.to_vec());
     assert!(matches!(new(&[], vec![]), LogError::Nothing { .. }));
-    assert!(matches!(new(&[0.0, f64::NAN], vec![]), LogError::NotFinite { place: Place::Sample(1), .. }));
-    assert!(matches!(new(&[0.0, 0.0], vec![]), LogError::TimeStandsStill { place: Place::Sample(1), .. }));
-    assert!(matches!(new(&[0.0, 1.0], vec![u(&[1.0])]), LogError::Length { expected: 2, found: 1, .. }));
-    assert!(matches!(new(&[0.0], vec![Channel::partial("u", None, vec![1.0], vec![])]), LogError::Length { found: 0, .. }));
-    assert!(matches!(new(&[0.0], vec![u(&[f64::INFINITY])]), LogError::NotFinite { place: Place::Sample(0), .. }));
+    assert!(matches!(
+        new(&[0.0, f64::NAN], vec![]),
+        LogError::NotFinite { place: Place::Sample(1), .. }
+    ));
+    assert!(matches!(
+        new(&[0.0, 0.0], vec![]),
+        LogError::TimeStandsStill { place: Place::Sample(1), .. }
+    ));
+    assert!(matches!(
+        new(&[0.0, 1.0], vec![u(&[1.0])]),
+        LogError::Length { expected: 2, found: 1, .. }
+    ));
+    assert!(matches!(
+        new(&[0.0], vec![Channel::partial("u", None, vec![1.0], vec![])]),
+        LogError::Length { found: 0, .. }
+    ));
+    assert!(matches!(
+        new(&[0.0], vec![u(&[f64::INFINITY])]),
+        LogError::NotFinite { place: Place::Sample(0), .. }
+    ));
     assert!(matches!(new(&[0.0], vec![u(&[1.0]), u(&[1.0])]), LogError::DuplicateChannel { .. }));
     for name in ["", "time", " u", "u [V]", "u\n", "u\r"] {
         let error = new(&[0.0], vec![Channel::new(name, None, vec![1.0])]);
@@ -533,13 +701,19 @@ fn errors_of_a_log_from_memory_count_samples_through_windows_and_resampling() {
     let cut = log.window(Some(2.0), None).unwrap();
     for log in [&log, &cut] {
         let error = log.input("u").unwrap_err();
-        assert!(matches!(error, LogError::MissingInput { place: Place::Sample(4), .. }), "{error:?}");
+        assert!(
+            matches!(error, LogError::MissingInput { place: Place::Sample(4), .. }),
+            "{error:?}"
+        );
         says(&error, &["mem, sample 4", "`window`"]);
         assert!(!error.to_string().contains("row"), "{error}");
     }
     let fine = cut.resample(SampleTime::new(0.5).unwrap(), &[]).unwrap();
     assert_eq!([0, 1, 2].map(|k| fine.place(k)), [2, 2, 3].map(Place::Sample));
-    says(&Log::new("mem", vec![0.0, 1.0, 0.5], vec![]).unwrap_err(), &["mem, sample 2", "a log of each"]);
+    says(
+        &Log::new("mem", vec![0.0, 1.0, 0.5], vec![]).unwrap_err(),
+        &["mem, sample 2", "a log of each"],
+    );
     says(
         &Log::new("mem", vec![0.0, 1.0, 2.0, 4.0], vec![]).unwrap().even_grid().unwrap_err(),
         &["sample ", "`resample(sample_time)`", "`resample(1"],
@@ -559,7 +733,15 @@ fn missing_output_sample_is_marked_and_never_nan() {
     assert_eq!(error, LogError::MissingThroughout { file: "a.csv".into(), channel: "z".into() });
     says(&error, &["a.csv", "`z`", "any row", "choose another"]);
     let error = log.input("y").unwrap_err();
-    assert_eq!(error, LogError::MissingInput { file: "a.csv".into(), place: Place::Row(2), channel: "y".into(), time_s: 0.0 });
+    assert_eq!(
+        error,
+        LogError::MissingInput {
+            file: "a.csv".into(),
+            place: Place::Row(2),
+            channel: "y".into(),
+            time_s: 0.0
+        }
+    );
 }
 
 #[test]
@@ -579,15 +761,20 @@ fn placeholder_of_a_missing_sample_is_zero_and_a_full_mask_goes() {
 fn even_grid_accepts_jitter_of_0_049_samples_and_refuses_0_06() {
     assert_abs_diff_eq!(jittered(1000, 0.049).even_grid().unwrap().seconds(), 0.01, epsilon = 1e-6);
     let error = jittered(1000, 0.06).even_grid().unwrap_err();
-    assert!(matches!(error, LogError::UnevenTime { deviation_samples, .. } if (deviation_samples.abs() - 0.06).abs() < 1e-3));
+    assert!(
+        matches!(error, LogError::UnevenTime { deviation_samples, .. } if (deviation_samples.abs() - 0.06).abs() < 1e-3)
+    );
     says(&error, &["a.csv", "sample ", "samples from the straight line", "`resample(0.0"]);
 }
 
 #[test]
 fn even_grid_names_the_worst_row_and_offers_the_median_step() {
-    let time_s = (0..101).map(|k| 0.01 * (f64::from(k) + if k == 50 { 0.4 } else { 0.0 })).collect();
+    let time_s =
+        (0..101).map(|k| 0.01 * (f64::from(k) + if k == 50 { 0.4 } else { 0.0 })).collect();
     let error = Log::new("a.csv", time_s, vec![]).unwrap().even_grid().unwrap_err();
-    let LogError::UnevenTime { place, time_s, deviation_samples, suggested_s, .. } = &error else { panic!("{error:?}") };
+    let LogError::UnevenTime { place, time_s, deviation_samples, suggested_s, .. } = &error else {
+        panic!("{error:?}")
+    };
     assert_eq!((*place, *suggested_s), (Place::Sample(50), 0.01));
     assert_abs_diff_eq!(*time_s, 0.504, epsilon = 1e-12);
     assert_abs_diff_eq!(*deviation_samples, 0.4, epsilon = 0.01);
@@ -599,7 +786,10 @@ fn even_grid_keeps_round_sample_times_round() {
     for ts in [0.08, 0.01, 0.1, 0.004, 1.0, 2.0] {
         for start_s in [0.0, 3.7, 1.7e9] {
             let time_s = (0..2000).map(|k| start_s + f64::from(k) * ts).collect();
-            assert_eq!(Log::new("a.csv", time_s, vec![]).unwrap().even_grid().unwrap().seconds(), ts);
+            assert_eq!(
+                Log::new("a.csv", time_s, vec![]).unwrap().even_grid().unwrap().seconds(),
+                ts
+            );
         }
     }
     let third = (0..2000).map(|k| f64::from(k) / 3.0).collect();
@@ -618,9 +808,15 @@ fn even_grid_is_the_least_squares_slope() {
 #[test]
 fn even_grid_sees_one_lost_row_and_a_clock_that_drifts() {
     let lost = (0..1000).filter(|k| *k != 500).map(|k| f64::from(k) * 0.01).collect();
-    assert!(matches!(Log::new("a.csv", lost, vec![]).unwrap().even_grid(), Err(LogError::UnevenTime { .. })));
+    assert!(matches!(
+        Log::new("a.csv", lost, vec![]).unwrap().even_grid(),
+        Err(LogError::UnevenTime { .. })
+    ));
     let drift = (0..1000).map(|k| f64::from(k) * 0.01 + 1e-8 * f64::from(k * k)).collect();
-    assert!(matches!(Log::new("a.csv", drift, vec![]).unwrap().even_grid(), Err(LogError::UnevenTime { .. })));
+    assert!(matches!(
+        Log::new("a.csv", drift, vec![]).unwrap().even_grid(),
+        Err(LogError::UnevenTime { .. })
+    ));
 }
 
 #[test]
@@ -649,7 +845,13 @@ fn window_counts_from_the_first_sample_and_includes_both_ends() {
 #[test]
 fn empty_window_says_the_logs_span() {
     let log = log("time,u\n10,1\n11,2\n12,3\n");
-    for (from, to) in [(Some(5.0), None), (Some(1.5), Some(1.4)), (None, Some(-1.0)), (Some(0.2), Some(0.3)), (Some(f64::NAN), None)] {
+    for (from, to) in [
+        (Some(5.0), None),
+        (Some(1.5), Some(1.4)),
+        (None, Some(-1.0)),
+        (Some(0.2), Some(0.3)),
+        (Some(f64::NAN), None),
+    ] {
         let error = log.window(from, to).unwrap_err();
         assert!(matches!(error, LogError::EmptyWindow { duration_s: 2.0, .. }), "{error:?}");
         says(&error, &["a.csv", "0 s to 2 s", "`window`"]);
@@ -671,7 +873,9 @@ fn resample_holds_inputs_and_interpolates_outputs() {
 
 #[test]
 fn resample_onto_its_own_grid_changes_no_value() {
-    let text = (0..500).fold("time,u,y\n".to_owned(), |text, k| text + &format!("{},{k},{}\n", f64::from(k) / 10.0, k * 7 % 11));
+    let text = (0..500).fold("time,u,y\n".to_owned(), |text, k| {
+        text + &format!("{},{k},{}\n", f64::from(k) / 10.0, k * 7 % 11)
+    });
     let log = log(&text);
     let even = log.resample(SampleTime::new(0.1).unwrap(), &["u"]).unwrap();
     assert_eq!(even.len(), 500);
@@ -692,7 +896,10 @@ fn resample_leaves_missing_what_needs_a_missing_neighbour() {
 #[test]
 fn resample_refuses_unknown_channels_and_absurd_sample_times() {
     let log = log("time,u\n0,1\n100,2\n");
-    assert!(matches!(log.resample(SampleTime::new(1.0).unwrap(), &["v"]), Err(LogError::UnknownChannel { .. })));
+    assert!(matches!(
+        log.resample(SampleTime::new(1.0).unwrap(), &["v"]),
+        Err(LogError::UnknownChannel { .. })
+    ));
     let error = log.resample(SampleTime::new(1e-9).unwrap(), &[]).unwrap_err();
     assert!(matches!(error, LogError::TooFine { .. }));
     says(&error, &["a.csv", "0.000000001 s", "100 s", "`resample`", "larger"]);
@@ -702,7 +909,9 @@ fn resample_refuses_unknown_channels_and_absurd_sample_times() {
 
 #[test]
 fn rename_gives_columns_the_models_names_and_may_swap_them() {
-    let map = |pairs: &[(&str, &str)]| pairs.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())).collect::<Vec<_>>();
+    let map = |pairs: &[(&str, &str)]| {
+        pairs.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())).collect::<Vec<_>>()
+    };
     let log = log("time,a [V],b,m\n0,1,2,x\n");
     let swapped = log.clone().rename(&map(&[("a", "b"), ("b", "a")])).unwrap();
     assert_eq!((swapped.input("a").unwrap(), swapped.unit("b")), ([2.0].as_slice(), Some("V")));
@@ -723,15 +932,22 @@ fn rename_gives_columns_the_models_names_and_may_swap_them() {
 
 // Records.
 
-const SERVO: &str = "time,rollout,action,angle\n0.00,0,1,0\n0.02,0,1,0.5\n0.04,0,1,\n0.00,1,2,0\n0.02,1,2,0.7\n";
+const SERVO: &str =
+    "time,rollout,action,angle\n0.00,0,1,0\n0.02,0,1,0.5\n0.04,0,1,\n0.00,1,2,0\n0.02,1,2,0.7\n";
 
 #[test]
 fn records_split_where_the_column_changes_and_time_may_start_afresh() {
     let records = read_records_from("servo.csv", SERVO.as_bytes(), "rollout").unwrap();
     assert_eq!(records.iter().map(Log::source).collect::<Vec<_>>(), ["servo.csv#0", "servo.csv#1"]);
     let [first, second] = records.as_slice() else { panic!("{records:?}") };
-    assert_eq!((first.time_s(), second.time_s()), ([0.0, 0.02, 0.04].as_slice(), [0.0, 0.02].as_slice()));
-    assert_eq!((first.output("angle").unwrap().present_count(), second.input("angle").unwrap()), (2, [0.0, 0.7].as_slice()));
+    assert_eq!(
+        (first.time_s(), second.time_s()),
+        ([0.0, 0.02, 0.04].as_slice(), [0.0, 0.02].as_slice())
+    );
+    assert_eq!(
+        (first.output("angle").unwrap().present_count(), second.input("angle").unwrap()),
+        (2, [0.0, 0.7].as_slice())
+    );
     assert_eq!([first.place(0), second.place(0), second.place(1)], [2, 5, 6].map(Place::Row));
     assert_eq!(second.input("rollout").unwrap(), [1.0, 1.0]);
     assert!(matches!(refusal(SERVO), LogError::TimeRunsBack { place: Place::Row(5), .. }));
@@ -741,7 +957,10 @@ fn records_split_where_the_column_changes_and_time_may_start_afresh() {
 fn records_may_be_named_by_text_and_come_back() {
     let text = "time,phase,u\n0,up,1\n1,up,2\n2,down,3\n3,up,4\n";
     let records = read_records_from("a.csv", gzip(text.as_bytes()).as_slice(), "phase").unwrap();
-    assert_eq!(records.iter().map(Log::source).collect::<Vec<_>>(), ["a.csv#up", "a.csv#down", "a.csv#up"]);
+    assert_eq!(
+        records.iter().map(Log::source).collect::<Vec<_>>(),
+        ["a.csv#up", "a.csv#down", "a.csv#up"]
+    );
 }
 
 #[test]
@@ -774,14 +993,21 @@ fn write_csv_keeps_units_gaps_and_bits_plain_and_compressed() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["deep/a.csv", "a.csv.gz"] {
         let path = folder.path().join(name);
-        let log = Log::new(path.display().to_string(), vec![-1e-7, 1e20], channels.clone()).unwrap();
+        let log =
+            Log::new(path.display().to_string(), vec![-1e-7, 1e20], channels.clone()).unwrap();
         log.write_csv(&path).unwrap();
         let back = read(&path).unwrap();
         assert_eq!(back, log);
-        assert_eq!(bits(back.channel("a, \"b\"").unwrap().samples().values), bits(&[-0.0, f64::MIN_POSITIVE / 3.0]));
+        assert_eq!(
+            bits(back.channel("a, \"b\"").unwrap().samples().values),
+            bits(&[-0.0, f64::MIN_POSITIVE / 3.0])
+        );
     }
     let text = std::fs::read_to_string(folder.path().join("deep/a.csv")).unwrap();
-    assert!(text.starts_with("time,\"a, \"\"b\"\" [m/s^2]\",y\n-1e-7,-0,0.30000000000000004\n1e20,"), "{text}");
+    assert!(
+        text.starts_with("time,\"a, \"\"b\"\" [m/s^2]\",y\n-1e-7,-0,0.30000000000000004\n1e20,"),
+        "{text}"
+    );
 }
 
 // Any input at all.
@@ -880,7 +1106,9 @@ impl Read for Endless {
 #[test]
 fn ten_million_rows_load_and_keep_an_exact_grid() {
     let rows = 10_000_000;
-    let log = read_from("big.csv", Endless { rows, made: 0, text: b"time,u,y\n".to_vec(), read: 0 }).unwrap();
+    let log =
+        read_from("big.csv", Endless { rows, made: 0, text: b"time,u,y\n".to_vec(), read: 0 })
+            .unwrap();
     assert_eq!(log.len() as u64, rows);
     assert_eq!(log.even_grid().unwrap().seconds(), 0.001);
     assert_eq!(log.place(9_999_999), Place::Row(10_000_001));

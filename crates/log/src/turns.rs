@@ -53,7 +53,9 @@ impl Log {
             }
             signs.push(sign);
         }
-        let turned = |part: &Output<'_>| part.values.iter().zip(&signs).map(|(v, s)| v * s).collect::<Vec<f64>>();
+        let turned = |part: &Output<'_>| {
+            part.values.iter().zip(&signs).map(|(v, s)| v * s).collect::<Vec<f64>>()
+        };
         let values: Vec<_> = names.into_iter().zip(parts.iter().map(turned)).collect();
         self.with_values(&values)
     }
@@ -99,7 +101,15 @@ mod tests {
 
     fn log(columns: &[(&str, Vec<f64>)]) -> Log {
         let time = (0..columns[0].1.len()).map(|k| k as f64).collect();
-        Log::new("log", time, columns.iter().map(|(name, values)| Channel::new(*name, None, values.clone())).collect()).unwrap()
+        Log::new(
+            "log",
+            time,
+            columns
+                .iter()
+                .map(|(name, values)| Channel::new(*name, None, values.clone()))
+                .collect(),
+        )
+        .unwrap()
     }
 
     #[test]
@@ -113,17 +123,31 @@ mod tests {
         assert!(found.iter().zip(&truth).all(|(a, b)| (a - b).abs() < 1e-12));
         assert_eq!(mended.input("rate").unwrap(), truth);
         // Missing samples stay missing; behind them the turn goes on.
-        let mut gap = mended.input("yaw").unwrap().iter().map(|v| Some((v + PI).rem_euclid(TAU) - PI)).collect::<Vec<_>>();
+        let mut gap = mended
+            .input("yaw")
+            .unwrap()
+            .iter()
+            .map(|v| Some((v + PI).rem_euclid(TAU) - PI))
+            .collect::<Vec<_>>();
         gap[50..53].fill(None);
         let log = Log::new(
             "log",
             (0..200).map(f64::from).collect(),
-            vec![Channel::partial("yaw", None, gap.iter().map(|v| v.unwrap_or(0.0)).collect(), gap.iter().map(Option::is_some).collect())],
+            vec![Channel::partial(
+                "yaw",
+                None,
+                gap.iter().map(|v| v.unwrap_or(0.0)).collect(),
+                gap.iter().map(Option::is_some).collect(),
+            )],
         )
         .unwrap();
         let mended = log.without_turns("yaw", TAU).unwrap();
         let found = mended.output("yaw").unwrap();
-        assert!((0..200).all(|k| found.get(k).map_or((50..53).contains(&k), |v| (v - truth[k]).abs() < 1e-12)));
+        assert!(
+            (0..200).all(|k| found
+                .get(k)
+                .map_or((50..53).contains(&k), |v| (v - truth[k]).abs() < 1e-12))
+        );
     }
 
     #[test]
@@ -133,20 +157,39 @@ mod tests {
         let command: Vec<f64> = (0..100).map(|k| if k / 10 % 2 == 0 { 0.0 } else { TAU }).collect();
         let fast: Vec<f64> = (0..100).map(|k| f64::from(k * k % 17)).collect();
         let log = log(&[("square", square), ("command", command), ("fast", fast)]);
-        assert!(["square", "command", "fast", "none"].iter().all(|name| log.whole_turns(name, TAU) == 0));
+        assert!(
+            ["square", "command", "fast", "none"]
+                .iter()
+                .all(|name| log.whole_turns(name, TAU) == 0)
+        );
     }
 
     #[test]
     fn a_quaternion_that_turns_twice_round_keeps_its_sign() {
         let half = |k: usize| 0.05 * k as f64;
-        let truth: Vec<[f64; 4]> = (0..200).map(|k| [0.0, half(k).sin(), 0.0, half(k).cos()]).collect();
+        let truth: Vec<[f64; 4]> =
+            (0..200).map(|k| [0.0, half(k).sin(), 0.0, half(k).cos()]).collect();
         // Logged with a scalar that is never negative.
-        let logged: Vec<[f64; 4]> = truth.iter().map(|q| q.map(|v| if q[3] < 0.0 { -v } else { v })).collect();
+        let logged: Vec<[f64; 4]> =
+            truth.iter().map(|q| q.map(|v| if q[3] < 0.0 { -v } else { v })).collect();
         let part = |of: &[[f64; 4]], i: usize| of.iter().map(|q| q[i]).collect::<Vec<f64>>();
-        let log = log(&[("x", part(&logged, 0)), ("y", part(&logged, 1)), ("z", part(&logged, 2)), ("w", part(&logged, 3))]);
+        let log = log(&[
+            ("x", part(&logged, 0)),
+            ("y", part(&logged, 1)),
+            ("z", part(&logged, 2)),
+            ("w", part(&logged, 3)),
+        ]);
         let mended = log.of_one_sign(["x", "y", "z", "w"]).unwrap();
         for (i, name) in ["x", "y", "z", "w"].into_iter().enumerate() {
-            assert!(mended.input(name).unwrap().iter().zip(part(&truth, i)).all(|(a, b)| (a - b).abs() < 1e-15), "{name}");
+            assert!(
+                mended
+                    .input(name)
+                    .unwrap()
+                    .iter()
+                    .zip(part(&truth, i))
+                    .all(|(a, b)| (a - b).abs() < 1e-15),
+                "{name}"
+            );
         }
     }
 }

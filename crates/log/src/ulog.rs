@@ -38,16 +38,23 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 }
 
 /// Reads `length` bytes of any source.
-pub(super) fn read(source: &str, bytes: impl BufRead + Seek, length: u64) -> Result<Recording, Error> {
+pub(super) fn read(
+    source: &str,
+    bytes: impl BufRead + Seek,
+    length: u64,
+) -> Result<Recording, Error> {
     let io = |e| Error::io(Path::new(source), e);
     let mut bytes = bytes;
     let mut head = Vec::new();
     bytes.by_ref().take(HEADER).read_to_end(&mut head).map_err(io)?;
     let mut file = Input::new(bytes, head.len() as u64, length);
     if head.len() < HEADER as usize || !head.starts_with(MAGIC) {
-        return Err(
-            LogError::Format { file: source.into(), format: NAME, what: "the header is cut off; copy the file again".into() }.into()
-        );
+        return Err(LogError::Format {
+            file: source.into(),
+            format: NAME,
+            what: "the header is cut off; copy the file again".into(),
+        }
+        .into());
     }
     let mut log = Ulog::default();
     loop {
@@ -56,7 +63,10 @@ pub(super) fn read(source: &str, bytes: impl BufRead + Seek, length: u64) -> Res
             Next::Message(kind) => log.take(kind, file.payload()),
             Next::End => break,
             Next::Cut => {
-                log.notes.push(format!("cut off at byte {} of {length}: the last message is not whole", file.at));
+                log.notes.push(format!(
+                    "cut off at byte {} of {length}: the last message is not whole",
+                    file.at
+                ));
                 break;
             }
             Next::Section(from) => {
@@ -111,7 +121,8 @@ impl<R: BufRead + Seek> Input<R> {
             self.buffer.copy_within(self.rest.clone(), 0);
             self.rest = 0..self.rest.len();
             while self.rest.len() < count {
-                let read = self.bytes.read(self.buffer.get_mut(self.rest.end..).unwrap_or_default())?;
+                let read =
+                    self.bytes.read(self.buffer.get_mut(self.rest.end..).unwrap_or_default())?;
                 if read == 0 {
                     break;
                 }
@@ -175,7 +186,11 @@ impl<R: BufRead + Seek> Input<R> {
             let mut used = 0;
             for byte in piece {
                 used += 1;
-                matched = if SYNC.get(matched) == Some(byte) { matched + 1 } else { usize::from(*byte == SYNC[0]) };
+                matched = if SYNC.get(matched) == Some(byte) {
+                    matched + 1
+                } else {
+                    usize::from(*byte == SYNC[0])
+                };
                 if matched == SYNC.len() {
                     break;
                 }
@@ -248,22 +263,37 @@ impl Kind {
 
     /// The number at `at` of each of the messages of one size, to the end of a list.
     fn each(self, messages: &[u8], size: usize, at: usize, into: &mut Numbers) {
-        fn all<T, const N: usize>(messages: &[u8], size: usize, at: usize, into: &mut Vec<T>, number: impl Fn([u8; N]) -> T) {
-            let one = |message: &[u8]| message.get(at..).and_then(|m| m.first_chunk()).copied().unwrap_or([0; N]);
+        fn all<T, const N: usize>(
+            messages: &[u8],
+            size: usize,
+            at: usize,
+            into: &mut Vec<T>,
+            number: impl Fn([u8; N]) -> T,
+        ) {
+            let one = |message: &[u8]| {
+                message.get(at..).and_then(|m| m.first_chunk()).copied().unwrap_or([0; N])
+            };
             into.extend(messages.chunks_exact(size.max(1)).map(|message| number(one(message))));
         }
         match (self, into) {
             (Self::I8, Numbers::I8(list)) => all(messages, size, at, list, i8::from_le_bytes),
-            (Self::U8 | Self::Char, Numbers::U8(list)) => all(messages, size, at, list, u8::from_le_bytes),
+            (Self::U8 | Self::Char, Numbers::U8(list)) => {
+                all(messages, size, at, list, u8::from_le_bytes)
+            }
             (Self::I16, Numbers::I16(list)) => all(messages, size, at, list, i16::from_le_bytes),
             (Self::U16, Numbers::U16(list)) => all(messages, size, at, list, u16::from_le_bytes),
             (Self::I32, Numbers::I32(list)) => all(messages, size, at, list, i32::from_le_bytes),
             (Self::U32, Numbers::U32(list)) => all(messages, size, at, list, u32::from_le_bytes),
             (Self::F32, Numbers::F32(list)) => all(messages, size, at, list, f32::from_le_bytes),
-            (Self::U64, Numbers::F64(list)) => all(messages, size, at, list, |b| u64::from_le_bytes(b) as f64),
+            (Self::U64, Numbers::F64(list)) => {
+                all(messages, size, at, list, |b| u64::from_le_bytes(b) as f64)
+            }
             (Self::F64, Numbers::F64(list)) => all(messages, size, at, list, f64::from_le_bytes),
             // The column began with another type.
-            (kind, list) => messages.chunks_exact(size.max(1)).filter_map(|message| kind.value(message, at)).for_each(|x| list.push(x)),
+            (kind, list) => messages
+                .chunks_exact(size.max(1))
+                .filter_map(|message| kind.value(message, at))
+                .for_each(|x| list.push(x)),
         }
     }
 
@@ -342,10 +372,14 @@ impl Ulog {
         let incompatible = payload.get(8..16).unwrap_or_default();
         // The lowest bit says that data are appended; others this reader does not know.
         if incompatible.iter().enumerate().any(|(i, byte)| byte & !u8::from(i == 0) != 0) {
-            self.refused = Some("it uses a newer version of the format than 1; convert it with pyulog".into());
+            self.refused =
+                Some("it uses a newer version of the format than 1; convert it with pyulog".into());
             return;
         }
-        let offsets = (0..3).filter_map(|i| payload.get(16 + 8 * i..24 + 8 * i)).filter_map(|b| b.try_into().ok()).map(u64::from_le_bytes);
+        let offsets = (0..3)
+            .filter_map(|i| payload.get(16 + 8 * i..24 + 8 * i))
+            .filter_map(|b| b.try_into().ok())
+            .map(u64::from_le_bytes);
         self.sections = offsets.filter(|from| *from > HEADER).collect();
     }
 
@@ -355,12 +389,18 @@ impl Ulog {
             self.strange += 1;
             return;
         };
-        let field = |text: &str| text.trim().split_once(' ').map(|(kind, name)| (kind.to_owned(), name.trim().to_owned()));
+        let field = |text: &str| {
+            text.trim()
+                .split_once(' ')
+                .map(|(kind, name)| (kind.to_owned(), name.trim().to_owned()))
+        };
         self.formats.insert(name.to_owned(), fields.split(';').filter_map(field).collect());
     }
 
     fn subscribe(&mut self, payload: &[u8]) {
-        let (Some(instance), Some(id), Some(name)) = (payload.first(), payload.get(1..3), payload.get(3..)) else {
+        let (Some(instance), Some(id), Some(name)) =
+            (payload.first(), payload.get(1..3), payload.get(3..))
+        else {
             self.strange += 1;
             return;
         };
@@ -373,7 +413,8 @@ impl Ulog {
         let numbers = layout.numbers;
         // Padding at the end is not logged.
         let size = numbers.iter().map(|(_, kind, at)| at + kind.size()).max().unwrap_or(0);
-        let stamp = numbers.iter().find(|(path, ..)| path == "timestamp").map(|(_, kind, at)| (*kind, *at));
+        let stamp =
+            numbers.iter().find(|(path, ..)| path == "timestamp").map(|(_, kind, at)| (*kind, *at));
         if stamp.is_none() {
             self.notes.push(format!("{name}: it has no time stamps; left out"));
         }
@@ -387,11 +428,14 @@ impl Ulog {
             self.tables.len() - 1
         });
         let fields = numbers.iter().filter(|(path, ..)| path != "timestamp").enumerate();
-        let fields = fields.map(|(column, (_, kind, at))| Field { kind: *kind, at: *at, column }).collect();
+        let fields =
+            fields.map(|(column, (_, kind, at))| Field { kind: *kind, at: *at, column }).collect();
         let id = id.first_chunk().map_or(0, |id| u16::from_le_bytes(*id));
         // What the number stood for before is taken apart by what it was.
         self.flush(topic);
-        if let Some(before) = self.subscriptions.get(usize::from(id)).and_then(Option::as_ref).map(|s| s.topic) {
+        if let Some(before) =
+            self.subscriptions.get(usize::from(id)).and_then(Option::as_ref).map(|s| s.topic)
+        {
             self.flush(before);
         }
         if self.subscriptions.len() <= usize::from(id) {
@@ -407,13 +451,15 @@ impl Ulog {
             self.strange += 1;
             return;
         };
-        let Some(subscription) = self.subscriptions.get(usize::from(id)).and_then(Option::as_ref) else {
+        let Some(subscription) = self.subscriptions.get(usize::from(id)).and_then(Option::as_ref)
+        else {
             self.strange += 1;
             return;
         };
         let data = payload.get(2..).unwrap_or_default();
         let topic = subscription.topic;
-        if let (Some(message), Some(_), Some((of, block))) = (data.get(..subscription.size), subscription.stamp, self.blocks.get_mut(topic))
+        if let (Some(message), Some(_), Some((of, block))) =
+            (data.get(..subscription.size), subscription.stamp, self.blocks.get_mut(topic))
             && (*of == id || block.is_empty())
         {
             *of = id;
@@ -425,7 +471,10 @@ impl Ulog {
         }
         // A message that is too short, or of another number than the ones before it.
         self.flush(topic);
-        let Some(subscription) = self.subscriptions.get(usize::from(id)).and_then(Option::as_ref) else { return };
+        let Some(subscription) = self.subscriptions.get(usize::from(id)).and_then(Option::as_ref)
+        else {
+            return;
+        };
         let Some(table) = self.tables.get_mut(topic) else { return };
         let Some(stamp_us) = subscription.stamp.and_then(|(kind, at)| kind.value(data, at)) else {
             self.short += usize::from(subscription.stamp.is_some());
@@ -444,13 +493,23 @@ impl Ulog {
 
     /// Takes a topic's messages apart, one number of all of them after the other.
     fn flush(&mut self, topic: usize) {
-        let (Some((id, block)), Some(table)) = (self.blocks.get_mut(topic), self.tables.get_mut(topic)) else { return };
-        let subscription = self.subscriptions.get(usize::from(*id)).and_then(Option::as_ref).filter(|_| !block.is_empty());
+        let (Some((id, block)), Some(table)) =
+            (self.blocks.get_mut(topic), self.tables.get_mut(topic))
+        else {
+            return;
+        };
+        let subscription = self
+            .subscriptions
+            .get(usize::from(*id))
+            .and_then(Option::as_ref)
+            .filter(|_| !block.is_empty());
         if let Some(Subscription { stamp: Some((kind, at)), fields, size, .. }) = subscription {
-            let stamps = block.chunks_exact((*size).max(1)).filter_map(|message| kind.value(message, *at));
+            let stamps =
+                block.chunks_exact((*size).max(1)).filter_map(|message| kind.value(message, *at));
             table.rows(|times| times.extend(stamps.map(|us| us / 1e6)));
             for field in fields {
-                table.extend(field.column, |values| field.kind.each(block, *size, field.at, values));
+                table
+                    .extend(field.column, |values| field.kind.each(block, *size, field.at, values));
             }
         }
         block.clear();
@@ -460,11 +519,22 @@ impl Ulog {
         (0..self.tables.len()).for_each(|topic| self.flush(topic));
         let count = |n: usize, what: &str| (n > 0).then(|| format!("{n} {what}"));
         if self.dropouts.0 > 0 {
-            self.notes.push(format!("{} dropouts, {:.3} s together, in which the recorder lost samples", self.dropouts.0, self.dropouts.1));
+            self.notes.push(format!(
+                "{} dropouts, {:.3} s together, in which the recorder lost samples",
+                self.dropouts.0, self.dropouts.1
+            ));
         }
-        self.notes.extend(count(self.short, "samples are shorter than their format says; what they lack is missing"));
+        self.notes.extend(count(
+            self.short,
+            "samples are shorter than their format says; what they lack is missing",
+        ));
         self.notes.extend(count(self.strange, "messages make no sense and are left out"));
-        let several: Vec<String> = self.places.keys().filter(|(_, instance)| *instance > 0).map(|(name, _)| name.clone()).collect();
+        let several: Vec<String> = self
+            .places
+            .keys()
+            .filter(|(_, instance)| *instance > 0)
+            .map(|(name, _)| name.clone())
+            .collect();
         let mut topics: Vec<Topic> = Vec::new();
         let mut tables: Vec<Option<Table>> = self.tables.into_iter().map(Some).collect();
         for ((name, instance), place) in self.places {
@@ -475,7 +545,12 @@ impl Ulog {
             topics.extend(table.finish(source, &mut self.notes)?);
         }
         if topics.is_empty() {
-            return Err(LogError::NoTopics { file: source.into(), format: NAME, notes: self.notes }.into());
+            return Err(LogError::NoTopics {
+                file: source.into(),
+                format: NAME,
+                notes: self.notes,
+            }
+            .into());
         }
         Ok(Recording { source: source.into(), format: "ulog", topics, notes: self.notes })
     }
@@ -493,7 +568,9 @@ impl Layout<'_> {
         let fields = self.ulog.formats.get(format).filter(|_| depth < DEEPEST)?;
         for (kind, name) in fields {
             let (kind, count) = match kind.strip_suffix(']').and_then(|k| k.split_once('[')) {
-                Some((kind, count)) => (kind, Some(count.parse::<usize>().ok().filter(|n| *n <= LARGEST)?)),
+                Some((kind, count)) => {
+                    (kind, Some(count.parse::<usize>().ok().filter(|n| *n <= LARGEST)?))
+                }
                 None => (kind.as_str(), None),
             };
             let number = Kind::of(kind);
@@ -502,7 +579,11 @@ impl Layout<'_> {
                 continue;
             }
             for i in 0..count.unwrap_or(1) {
-                let path = if count.is_some() { format!("{prefix}{name}[{i}]") } else { format!("{prefix}{name}") };
+                let path = if count.is_some() {
+                    format!("{prefix}{name}[{i}]")
+                } else {
+                    format!("{prefix}{name}")
+                };
                 match number {
                     Some(kind) => {
                         self.numbers.push((path, kind, self.at));

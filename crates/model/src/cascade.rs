@@ -5,7 +5,10 @@ use nalgebra::{Complex, DMatrix};
 use super::error::ModelError;
 
 /// Orders roots as conjugate pairs (upper first) followed by real ones; near-pairs are made exact.
-pub(super) fn pair_conjugates(what: &'static str, roots: Vec<Complex<f64>>) -> Result<Vec<Complex<f64>>, ModelError> {
+pub(super) fn pair_conjugates(
+    what: &'static str,
+    roots: Vec<Complex<f64>>,
+) -> Result<Vec<Complex<f64>>, ModelError> {
     let mut ordered = Vec::with_capacity(roots.len());
     let (mut real, mut complex): (Vec<_>, Vec<_>) = roots.into_iter().partition(|r| r.im == 0.0);
     complex.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
@@ -14,11 +17,15 @@ pub(super) fn pair_conjugates(what: &'static str, roots: Vec<Complex<f64>>) -> R
             return Err(ModelError::Unpaired { what, re: first.re, im: first.im });
         }
         let distance = |r: &Complex<f64>| (r - first.conj()).norm();
-        let partner = (0..complex.len()).min_by(|&i, &j| distance(&complex[i]).total_cmp(&distance(&complex[j])));
+        let partner = (0..complex.len())
+            .min_by(|&i, &j| distance(&complex[i]).total_cmp(&distance(&complex[j])));
         match partner {
             Some(at) if distance(&complex[at]) <= 1e-6 * first.norm() => {
                 let other = complex.remove(at);
-                let upper = Complex::new(0.5 * (first.re + other.re), 0.5 * (first.im.abs() + other.im.abs()));
+                let upper = Complex::new(
+                    0.5 * (first.re + other.re),
+                    0.5 * (first.im.abs() + other.im.abs()),
+                );
                 ordered.extend([upper, upper.conj()]);
             }
             // An imaginary part of rounding size belongs to a real root.
@@ -45,7 +52,11 @@ struct Section {
 type Matrices = (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>, DMatrix<f64>);
 
 /// A, B, C, D of gain·Π(x − zero)/Π(x − pole). Roots must be ordered by [`pair_conjugates`].
-pub(super) fn realise(zeros: &[Complex<f64>], poles: &[Complex<f64>], gain: f64) -> Result<Matrices, ModelError> {
+pub(super) fn realise(
+    zeros: &[Complex<f64>],
+    poles: &[Complex<f64>],
+    gain: f64,
+) -> Result<Matrices, ModelError> {
     if zeros.len() > poles.len() {
         return Err(ModelError::Improper { zeros: zeros.len(), poles: poles.len() });
     }
@@ -85,31 +96,42 @@ fn sections(zeros: &[Complex<f64>], poles: &[Complex<f64>]) -> Vec<Section> {
         let a = DMatrix::from_row_slice(2, 2, &[sigma, omega, -omega, sigma]);
         let b = DMatrix::from_column_slice(2, 1, &[0.0, 1.0]);
         // (xI − A)⁻¹B = [ω; x − σ] / ((x − σ)² + ω²)
-        let (constant, linear, d) = if let Some(z) = take_nearest(&mut zero_pairs, |z| (z - p).norm()) {
-            let shift = sigma - z.re;
-            (shift * shift + (z.im - omega) * (z.im + omega), 2.0 * shift, 1.0)
-        } else if real_zeros.len() >= 2 {
-            let q1 = take_nearest(&mut real_zeros, |q| (q - sigma).abs()).unwrap_or(sigma);
-            let q2 = take_nearest(&mut real_zeros, |q| (q - sigma).abs()).unwrap_or(sigma);
-            ((sigma - q1) * (sigma - q2) - omega * omega, 2.0 * sigma - q1 - q2, 1.0)
-        } else if let Some(q) = real_zeros.pop() {
-            (sigma - q, 1.0, 0.0)
-        } else {
-            (1.0, 0.0, 0.0)
-        };
-        sections.push(Section { a, b, c: DMatrix::from_row_slice(1, 2, &[constant / omega, linear]), d });
+        let (constant, linear, d) =
+            if let Some(z) = take_nearest(&mut zero_pairs, |z| (z - p).norm()) {
+                let shift = sigma - z.re;
+                (shift * shift + (z.im - omega) * (z.im + omega), 2.0 * shift, 1.0)
+            } else if real_zeros.len() >= 2 {
+                let q1 = take_nearest(&mut real_zeros, |q| (q - sigma).abs()).unwrap_or(sigma);
+                let q2 = take_nearest(&mut real_zeros, |q| (q - sigma).abs()).unwrap_or(sigma);
+                ((sigma - q1) * (sigma - q2) - omega * omega, 2.0 * sigma - q1 - q2, 1.0)
+            } else if let Some(q) = real_zeros.pop() {
+                (sigma - q, 1.0, 0.0)
+            } else {
+                (1.0, 0.0, 0.0)
+            };
+        sections.push(Section {
+            a,
+            b,
+            c: DMatrix::from_row_slice(1, 2, &[constant / omega, linear]),
+            d,
+        });
     }
     for z in zero_pairs {
         // Two real poles for a pair of complex zeros; zeros never outnumber poles, so they are there.
         let p1 = take_nearest(&mut real_poles, |p| (p - z.re).abs()).unwrap_or(0.0);
         let p2 = take_nearest(&mut real_poles, |p| (p - z.re).abs()).unwrap_or(0.0);
         let a = DMatrix::from_row_slice(2, 2, &[p1, 1.0, 0.0, p2]);
-        let c = DMatrix::from_row_slice(1, 2, &[(p1 - z.re).powi(2) + z.im * z.im, p1 + p2 - 2.0 * z.re]);
+        let c = DMatrix::from_row_slice(
+            1,
+            2,
+            &[(p1 - z.re).powi(2) + z.im * z.im, p1 + p2 - 2.0 * z.re],
+        );
         sections.push(Section { a, b: DMatrix::from_column_slice(2, 1, &[0.0, 1.0]), c, d: 1.0 });
     }
     while !real_poles.is_empty() {
         let anchor = real_zeros.first().copied();
-        let p = take_nearest(&mut real_poles, |p| anchor.map_or(0.0, |q| (p - q).abs())).unwrap_or(0.0);
+        let p =
+            take_nearest(&mut real_poles, |p| anchor.map_or(0.0, |q| (p - q).abs())).unwrap_or(0.0);
         let zero = if anchor.is_some() { Some(real_zeros.remove(0)) } else { None };
         let (c, d) = zero.map_or((1.0, 0.0), |q| (p - q, 1.0));
         sections.push(Section {

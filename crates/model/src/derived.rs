@@ -100,11 +100,17 @@ impl Derived {
         }
         let mut reading = Reading { text, sources: Vec::new() };
         let equation = reading.expanded(expression, 0)?;
-        let inputs = (0..reading.sources.len()).map(|i| Symbol { name: place(i), unit: None }).collect();
+        let inputs =
+            (0..reading.sources.len()).map(|i| Symbol { name: place(i), unit: None }).collect();
         let output = OutputVariable { name: "result".to_owned(), unit: None, equation };
         let equations = Equations::new(inputs, Vec::new(), Vec::new(), vec![output])
             .map_err(|source| DerivedError::Expression { text: text.to_owned(), source })?;
-        Ok(Self { name: name.to_owned(), unit: unit.map(str::to_owned), sources: reading.sources, equations })
+        Ok(Self {
+            name: name.to_owned(),
+            unit: unit.map(str::to_owned),
+            sources: reading.sources,
+            equations,
+        })
     }
 
     /// Its name.
@@ -124,12 +130,18 @@ impl Derived {
     /// # Errors
     /// [`deadtime_log::LogError`] for a source that is not there, and for a name that is taken.
     pub fn add_to(&self, log: Log) -> Result<Log, Error> {
-        let sources = self.sources.iter().map(|name| log.output(name)).collect::<Result<Vec<_>, _>>()?;
-        let (mut values, mut present) = (Vec::with_capacity(log.len()), Vec::with_capacity(log.len()));
-        let (mut workspace, mut u, mut y) = (self.equations.workspace(), vec![0.0; sources.len()], [0.0]);
+        let sources =
+            self.sources.iter().map(|name| log.output(name)).collect::<Result<Vec<_>, _>>()?;
+        let (mut values, mut present) =
+            (Vec::with_capacity(log.len()), Vec::with_capacity(log.len()));
+        let (mut workspace, mut u, mut y) =
+            (self.equations.workspace(), vec![0.0; sources.len()], [0.0]);
         let start = log.time_s().first().copied().unwrap_or(0.0);
         for (k, time) in log.time_s().iter().enumerate() {
-            let whole = u.iter_mut().zip(&sources).all(|(u, source)| source.get(k).map(|v| *u = v).is_some());
+            let whole = u
+                .iter_mut()
+                .zip(&sources)
+                .all(|(u, source)| source.get(k).map(|v| *u = v).is_some());
             y[0] = f64::NAN;
             if whole {
                 self.equations.outputs(time - start, &[], &u, &[], &mut workspace, &mut y);
@@ -138,7 +150,12 @@ impl Derived {
             present.push(y[0].is_finite());
         }
         drop(sources);
-        Ok(log.with_channel(Channel::partial(&*self.name, self.unit.as_deref(), values, present))?)
+        Ok(log.with_channel(Channel::partial(
+            &*self.name,
+            self.unit.as_deref(),
+            values,
+            present,
+        ))?)
     }
 }
 
@@ -170,7 +187,9 @@ impl Reading<'_> {
         let mut rest = expression;
         while let Some(first) = rest.chars().next() {
             let taken = if first == '`' {
-                let end = rest[1..].find('`').ok_or_else(|| DerivedError::Open { text: self.text.to_owned(), open: '`' })?;
+                let end = rest[1..]
+                    .find('`')
+                    .ok_or_else(|| DerivedError::Open { text: self.text.to_owned(), open: '`' })?;
                 out.push_str(&self.source(&rest[1..=end]));
                 end + 2
             } else if first.is_ascii_digit() {
@@ -182,7 +201,10 @@ impl Reading<'_> {
                 let (word, behind) = (&rest[..end], rest[end..].trim_start());
                 if behind.starts_with('(') {
                     let open = rest.len() - behind.len();
-                    let close = closing(behind).ok_or_else(|| DerivedError::Open { text: self.text.to_owned(), open: '(' })?;
+                    let close = closing(behind).ok_or_else(|| DerivedError::Open {
+                        text: self.text.to_owned(),
+                        open: '(',
+                    })?;
                     let call = self.call(word, &behind[1..close], depth)?;
                     out.push_str(&call);
                     open + close + 1
@@ -207,18 +229,29 @@ impl Reading<'_> {
     }
 
     fn call(&mut self, function: &str, inside: &str, depth: usize) -> Result<String, DerivedError> {
-        let arguments = arguments(inside).into_iter().map(|a| self.expanded(a, depth + 1)).collect::<Result<Vec<_>, _>>()?;
-        let Some((function, needed, stands_for)) = STANDS_FOR.into_iter().find(|(name, ..)| *name == function) else {
+        let arguments = arguments(inside)
+            .into_iter()
+            .map(|a| self.expanded(a, depth + 1))
+            .collect::<Result<Vec<_>, _>>()?;
+        let Some((function, needed, stands_for)) =
+            STANDS_FOR.into_iter().find(|(name, ..)| *name == function)
+        else {
             return Ok(format!("{function}({})", arguments.join(",")));
         };
         if arguments.len() != needed {
-            return Err(DerivedError::Arguments { text: self.text.to_owned(), function, needed, got: arguments.len() });
+            return Err(DerivedError::Arguments {
+                text: self.text.to_owned(),
+                function,
+                needed,
+                got: arguments.len(),
+            });
         }
         let mut parts = stands_for.split('$');
         let mut out = parts.next().unwrap_or_default().to_owned();
         for part in parts {
             let (digit, rest) = part.split_at(1);
-            let argument = digit.parse::<usize>().ok().and_then(|d| arguments.get(d.wrapping_sub(1)));
+            let argument =
+                digit.parse::<usize>().ok().and_then(|d| arguments.get(d.wrapping_sub(1)));
             out.push_str(&format!("({}){rest}", argument.map_or("", String::as_str)));
             if out.len() > LONGEST {
                 return Err(DerivedError::TooLong { text: self.text.to_owned() });

@@ -52,7 +52,9 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[non_exhaustive]
 pub enum ModelError {
     /// A matrix does not have the shape that the others ask for.
-    #[error("matrix {matrix} is {got_rows} by {got_columns}, but the other matrices and names ask for {rows} by {columns}")]
+    #[error(
+        "matrix {matrix} is {got_rows} by {got_columns}, but the other matrices and names ask for {rows} by {columns}"
+    )]
     Shape {
         /// Which matrix.
         matrix: &'static str,
@@ -66,7 +68,9 @@ pub enum ModelError {
         got_columns: usize,
     },
     /// A matrix holds NaN or infinity.
-    #[error("matrix {matrix} holds {value} at row {row}, column {column}; every entry must be finite")]
+    #[error(
+        "matrix {matrix} holds {value} at row {row}, column {column}; every entry must be finite"
+    )]
     NotFinite {
         /// Which matrix.
         matrix: &'static str,
@@ -98,7 +102,9 @@ pub enum ModelError {
         count: usize,
     },
     /// A conversion for one input and one output got more.
-    #[error("{method} is defined for one input and one output; this model has {inputs} and {outputs}: select a pair first")]
+    #[error(
+        "{method} is defined for one input and one output; this model has {inputs} and {outputs}: select a pair first"
+    )]
     NotSingle {
         /// The conversion.
         method: &'static str,
@@ -119,7 +125,9 @@ pub enum ModelError {
         samples: f64,
     },
     /// The prewarp frequency must lie inside the band.
-    #[error("prewarp frequency {rad_s} rad/s must be above 0 and below the Nyquist frequency, {nyquist_rad_s} rad/s")]
+    #[error(
+        "prewarp frequency {rad_s} rad/s must be above 0 and below the Nyquist frequency, {nyquist_rad_s} rad/s"
+    )]
     Prewarp {
         /// The frequency given, rad/s.
         rad_s: f64,
@@ -127,7 +135,9 @@ pub enum ModelError {
         nyquist_rad_s: f64,
     },
     /// Tustin's map sends this pole to infinity.
-    #[error("the model has a pole at s = {s}, which Tustin's map with this sample time sends to infinity; choose another sample time")]
+    #[error(
+        "the model has a pole at s = {s}, which Tustin's map with this sample time sends to infinity; choose another sample time"
+    )]
     TustinPole {
         /// The pole (2/Ts).
         s: f64,
@@ -141,7 +151,9 @@ pub enum ModelError {
         re: f64,
     },
     /// The iteration behind a conversion did not settle.
-    #[error("{method}: the fit did not converge in {iterations} iterations (last relative change {change:e})")]
+    #[error(
+        "{method}: the fit did not converge in {iterations} iterations (last relative change {change:e})"
+    )]
     NotConverged {
         /// Which conversion.
         method: &'static str,
@@ -151,7 +163,9 @@ pub enum ModelError {
         change: f64,
     },
     /// The transfer function is identically zero.
-    #[error("the transfer function from input {input} to output {output} is zero: nothing to convert")]
+    #[error(
+        "the transfer function from input {input} to output {output} is zero: nothing to convert"
+    )]
     ZeroTransfer {
         /// The input, counted from 0.
         input: usize,
@@ -177,13 +191,17 @@ pub enum ModelError {
         im: f64,
     },
     /// The weight of the inputs is not positive definite.
-    #[error("R must be symmetric and positive definite (its smallest eigenvalue is {smallest:e}): every input needs a cost")]
+    #[error(
+        "R must be symmetric and positive definite (its smallest eigenvalue is {smallest:e}): every input needs a cost"
+    )]
     WeightR {
         /// Smallest eigenvalue of the symmetric part.
         smallest: f64,
     },
     /// A weight is not symmetric.
-    #[error("{matrix} is not symmetric: entries ({row}, {column}) and ({column}, {row}) differ by {difference:e}")]
+    #[error(
+        "{matrix} is not symmetric: entries ({row}, {column}) and ({column}, {row}) differ by {difference:e}"
+    )]
     NotSymmetric {
         /// Which weight.
         matrix: &'static str,
@@ -195,7 +213,9 @@ pub enum ModelError {
         difference: f64,
     },
     /// An unstable mode that no input moves.
-    #[error("no stabilising solution: the mode at z = {re}{im:+}i (|z| = {magnitude}) is not stabilisable, no input reaches it")]
+    #[error(
+        "no stabilising solution: the mode at z = {re}{im:+}i (|z| = {magnitude}) is not stabilisable, no input reaches it"
+    )]
     NotStabilisable {
         /// Real part.
         re: f64,
@@ -223,7 +243,9 @@ pub enum ModelError {
         smallest: f64,
     },
     /// The iteration for the Riccati equation stopped short of its accuracy.
-    #[error("the Riccati equation is too ill conditioned: residual {residual:e} relative to its solution; scale states, inputs or weights")]
+    #[error(
+        "the Riccati equation is too ill conditioned: residual {residual:e} relative to its solution; scale states, inputs or weights"
+    )]
     IllConditioned {
         /// Relative residual.
         residual: f64,
@@ -335,7 +357,9 @@ pub enum ModelError {
         found: &'static str,
     },
     /// A model with effects where a bare one is needed.
-    #[error("c2d converts the bare model; take the [[effects]] of `{name}` out (a delay of an input can stand in input_delay_s)")]
+    #[error(
+        "c2d converts the bare model; take the [[effects]] of `{name}` out (a delay of an input can stand in input_delay_s)"
+    )]
     Effects {
         /// The model's name.
         name: String,

@@ -76,7 +76,8 @@ impl Matrices {
         let complex = |m: &DMatrix<f64>| m.map(|v| Complex::new(v, 0.0));
         let mut response = complex(&self.d);
         if n > 0 && omega.is_finite() {
-            let resolvent = DMatrix::from_diagonal_element(n, n, Complex::new(0.0, omega)) - complex(&self.a);
+            let resolvent =
+                DMatrix::from_diagonal_element(n, n, Complex::new(0.0, omega)) - complex(&self.a);
             match resolvent.lu().solve(&complex(&self.b)) {
                 Some(x) => response += complex(&self.c) * x,
                 None => return f64::INFINITY,
@@ -89,9 +90,15 @@ impl Matrices {
     /// frequencies a band may leave out.
     fn crossings(&self, gamma: f64) -> Vec<f64> {
         let (n, m) = self.b.shape();
-        let weight = (DMatrix::from_diagonal_element(m, m, gamma * gamma) - self.d.transpose() * &self.d).lu();
+        let weight = (DMatrix::from_diagonal_element(m, m, gamma * gamma)
+            - self.d.transpose() * &self.d)
+            .lu();
         let through = self.d.transpose() * &self.c;
-        let (Some(from_states), Some(from_inputs)) = (weight.solve(&through), weight.solve(&self.b.transpose())) else { return Vec::new() };
+        let (Some(from_states), Some(from_inputs)) =
+            (weight.solve(&through), weight.solve(&self.b.transpose()))
+        else {
+            return Vec::new();
+        };
         let closed = &self.a + &self.b * &from_states;
         let above = &self.b * from_inputs * gamma;
         let seen = &self.c + &self.d * from_states;
@@ -103,7 +110,8 @@ impl Matrices {
         hamiltonian.view_mut((n, n), (n, n)).copy_from(&-closed.transpose());
         let smallest = f64::EPSILON.sqrt() * self.a.norm();
         let on_axis = |v: &&Complex<f64>| v.re.abs() <= NEAR_AXIS * v.norm() + smallest;
-        let mut found: Vec<f64> = zeros::eigenvalues(&hamiltonian).iter().filter(on_axis).map(|v| v.im.abs()).collect();
+        let mut found: Vec<f64> =
+            zeros::eigenvalues(&hamiltonian).iter().filter(on_axis).map(|v| v.im.abs()).collect();
         found.sort_by(f64::total_cmp);
         found
     }
@@ -127,7 +135,13 @@ pub(super) fn peak_within<T: TimeDomain>(sys: &StateSpace<T>, band: [f64; 2]) ->
     let half = sys.domain().sample_time_s().map(|ts| 0.5 * ts);
     // From 0 to the Nyquist frequency: tan π/2 is no infinity in floating point.
     let image = |omega: f64| {
-        half.map_or(omega, |half| if omega * half >= std::f64::consts::FRAC_PI_2 { f64::INFINITY } else { (omega * half).tan() })
+        half.map_or(omega, |half| {
+            if omega * half >= std::f64::consts::FRAC_PI_2 {
+                f64::INFINITY
+            } else {
+                (omega * half).tan()
+            }
+        })
     };
     let [low, high] = [band[0].max(0.0), band[1]];
     let within = low <= high && half.is_none_or(|half| low * half <= std::f64::consts::FRAC_PI_2);
@@ -138,7 +152,9 @@ pub(super) fn peak_within<T: TimeDomain>(sys: &StateSpace<T>, band: [f64; 2]) ->
     let infinite = Peak { gain: f64::INFINITY, omega_rad_s: f64::NAN };
     let Some(image) = continuous(sys) else { return Some(infinite) };
     let size = image.a.norm();
-    let on_axis = |p: &Complex<f64>| p.re.abs() <= ON_AXIS * p.norm().max(size) && (band[0]..=band[1]).contains(&p.im.abs());
+    let on_axis = |p: &Complex<f64>| {
+        p.re.abs() <= ON_AXIS * p.norm().max(size) && (band[0]..=band[1]).contains(&p.im.abs())
+    };
     if zeros::eigenvalues(&image.a).iter().any(|p| on_axis(p) || p.re.is_nan()) {
         return Some(infinite);
     }
@@ -147,8 +163,14 @@ pub(super) fn peak_within<T: TimeDomain>(sys: &StateSpace<T>, band: [f64; 2]) ->
 
 /// A model in continuous time with the gains of this one, in balanced states, its delays left out; `None` for a pole at z = −1.
 pub(super) fn continuous<T: TimeDomain>(sys: &StateSpace<T>) -> Option<Matrices> {
-    let given = Matrices { a: sys.a().clone(), b: sys.b().clone(), c: sys.c().clone(), d: sys.d().clone() }.balanced();
-    if sys.domain().sample_time_s().is_none() { Some(given) } else { Some(image(&given)?.balanced()) }
+    let given =
+        Matrices { a: sys.a().clone(), b: sys.b().clone(), c: sys.c().clone(), d: sys.d().clone() }
+            .balanced();
+    if sys.domain().sample_time_s().is_none() {
+        Some(given)
+    } else {
+        Some(image(&given)?.balanced())
+    }
 }
 
 /// A place on the axis of [`continuous`] as the model's own frequency.
@@ -168,7 +190,12 @@ fn image(sys: &Matrices) -> Option<Matrices> {
     let b = shifted.solve(&sys.b)?;
     let c = (&sys.a + &identity).transpose().lu().solve(&sys.c.transpose())?.transpose();
     let root = std::f64::consts::SQRT_2;
-    Some(Matrices { a: shifted.solve(&(&sys.a - &identity))?, d: &sys.d - &sys.c * &b, b: b * root, c: c * root })
+    Some(Matrices {
+        a: shifted.solve(&(&sys.a - &identity))?,
+        d: &sys.d - &sys.c * &b,
+        b: b * root,
+        c: c * root,
+    })
 }
 
 /// The largest gain between two frequencies (the upper one may be infinite).
@@ -184,12 +211,15 @@ pub(super) fn search(sys: &Matrices, [low, high]: [f64; 2]) -> Peak {
         best
     };
     // Where a lightly damped pole resonates, the norm is not far; beside it, for zeros may lie on all these points.
-    let resonances: Vec<f64> =
-        zeros::eigenvalues(&sys.a).iter().flat_map(|p| [p.norm(), p.im.abs(), 0.37 * p.norm(), 2.9 * p.norm()]).collect();
+    let resonances: Vec<f64> = zeros::eigenvalues(&sys.a)
+        .iter()
+        .flat_map(|p| [p.norm(), p.im.abs(), 0.37 * p.norm(), 2.9 * p.norm()])
+        .collect();
     look(&resonances);
     if [low, high] != EVERYWHERE {
         // Resonances may all lie outside a band, and its ends may be zeros: at so many points no response of this order is 0 that is not 0 everywhere.
-        let (count, end) = (2 * sys.a.nrows() + 2, if high.is_finite() { high } else { 10.0 * low.max(1.0) });
+        let (count, end) =
+            (2 * sys.a.nrows() + 2, if high.is_finite() { high } else { 10.0 * low.max(1.0) });
         look(&(0..=count).map(|k| low + (end - low) * k as f64 / count as f64).collect::<Vec<_>>());
     }
     let mut found = look(&[low, high]);
@@ -199,10 +229,15 @@ pub(super) fn search(sys: &Matrices, [low, high]: [f64; 2]) -> Peak {
     }
     for _ in 0..60 {
         let level = found.gain * (1.0 + TOLERANCE);
-        let crossings: Vec<f64> = sys.crossings(level).into_iter().filter(|w| (low..=high).contains(w)).collect();
+        let crossings: Vec<f64> =
+            sys.crossings(level).into_iter().filter(|w| (low..=high).contains(w)).collect();
         // Crossings bound the intervals that lie above the level, as the band's ends do; itself one may be all that rounding has left of two.
-        let ends: Vec<f64> = std::iter::once(low).chain(crossings.iter().copied()).chain(high.is_finite().then_some(high)).collect();
-        let between: Vec<f64> = ends.windows(2).map(|w| 0.5 * (w[0] + w[1])).chain(crossings).collect();
+        let ends: Vec<f64> = std::iter::once(low)
+            .chain(crossings.iter().copied())
+            .chain(high.is_finite().then_some(high))
+            .collect();
+        let between: Vec<f64> =
+            ends.windows(2).map(|w| 0.5 * (w[0] + w[1])).chain(crossings).collect();
         let mut next = look(&between);
         if next.gain <= level {
             // Close to the peak rounding moves crossings off the axis; there the gain is climbed itself.
@@ -257,51 +292,89 @@ mod tests {
     #[test]
     fn a_resonance_has_the_height_and_place_of_its_formula() {
         for damping in [0.5, 0.1, 1e-3, 1e-6_f64] {
-            let sys =
-                TransferFunction::from_polynomials(&[1.0], &[1.0, 2.0 * damping, 1.0], 0.7, Continuous).unwrap().to_state_space().unwrap();
+            let sys = TransferFunction::from_polynomials(
+                &[1.0],
+                &[1.0, 2.0 * damping, 1.0],
+                0.7,
+                Continuous,
+            )
+            .unwrap()
+            .to_state_space()
+            .unwrap();
             let found = sys.norm_hinf();
             let gain = 1.0 / (2.0 * damping * (1.0 - damping * damping).sqrt());
             assert!((found.gain / gain - 1.0).abs() < 1e-9, "{damping}: {found:?} {gain}");
-            assert!((found.omega_rad_s - (1.0 - 2.0 * damping * damping).sqrt()).abs() < 1e-5, "{damping}: {found:?}");
+            assert!(
+                (found.omega_rad_s - (1.0 - 2.0 * damping * damping).sqrt()).abs() < 1e-5,
+                "{damping}: {found:?}"
+            );
         }
     }
 
     #[test]
     fn the_largest_gain_may_lie_at_either_end_of_the_frequencies() {
         let continuous = |num: &[f64], den: &[f64]| {
-            TransferFunction::from_polynomials(num, den, 0.0, Continuous).unwrap().to_state_space().unwrap().norm_hinf()
+            TransferFunction::from_polynomials(num, den, 0.0, Continuous)
+                .unwrap()
+                .to_state_space()
+                .unwrap()
+                .norm_hinf()
         };
         assert_eq!(continuous(&[3.0], &[1.0, 2.0]), Peak { gain: 1.5, omega_rad_s: 0.0 });
         let high = continuous(&[2.0, 1.0], &[1.0, 2.0]);
         assert!((high.gain - 2.0).abs() < 1e-9, "{high:?}");
         let ts = SampleTime::new(0.1).unwrap();
         for (pole, omega) in [(0.5, 0.0), (-0.5, ts.nyquist_rad_s())] {
-            let tf = TransferFunction::from_polynomials(&[1.0], &[1.0, -pole], 3, Sampled(ts)).unwrap();
+            let tf =
+                TransferFunction::from_polynomials(&[1.0], &[1.0, -pole], 3, Sampled(ts)).unwrap();
             let found = tf.to_state_space().unwrap().norm_hinf();
-            assert!((found.gain - 2.0).abs() < 1e-12 && (found.omega_rad_s - omega).abs() < 1e-6, "{found:?}");
+            assert!(
+                (found.gain - 2.0).abs() < 1e-12 && (found.omega_rad_s - omega).abs() < 1e-6,
+                "{found:?}"
+            );
         }
     }
 
     #[test]
     fn over_a_band_the_gain_is_that_of_the_formula_whatever_the_poles() {
         // A high pass: D is its largest gain, and every level within the band lies below it.
-        let high_pass = TransferFunction::from_polynomials(&[1.0, 0.0], &[1.0, 1.0], 0.0, Continuous).unwrap().to_state_space().unwrap();
+        let high_pass =
+            TransferFunction::from_polynomials(&[1.0, 0.0], &[1.0, 1.0], 0.0, Continuous)
+                .unwrap()
+                .to_state_space()
+                .unwrap();
         for pole in [1.0, -1.0] {
-            let low_pass = TransferFunction::from_polynomials(&[1.0], &[1.0, pole], 0.3, Continuous).unwrap().to_state_space().unwrap();
+            let low_pass =
+                TransferFunction::from_polynomials(&[1.0], &[1.0, pole], 0.3, Continuous)
+                    .unwrap()
+                    .to_state_space()
+                    .unwrap();
             for [low, high] in [[0.0, 0.5], [0.2, 3.0], [1.0, f64::INFINITY]] {
                 let found = low_pass.norm_linf([low, high]).unwrap();
-                assert!((found.gain - 1.0 / (1.0_f64 + low * low).sqrt()).abs() < 1e-12 && found.omega_rad_s == low, "{found:?}");
+                assert!(
+                    (found.gain - 1.0 / (1.0_f64 + low * low).sqrt()).abs() < 1e-12
+                        && found.omega_rad_s == low,
+                    "{found:?}"
+                );
                 let found = high_pass.norm_linf([low, high]).unwrap();
                 let gain = if high.is_finite() { high / (1.0 + high * high).sqrt() } else { 1.0 };
                 assert!((found.gain - gain).abs() < 1e-9, "{found:?} {gain}");
             }
         }
         // Two resonances, the larger one outside the band.
-        let two = TransferFunction::from_polynomials(&[1.0, 0.2, 30.0], &[1.0, 0.03, 101.0002, 2.01, 100.0], 0.0, Continuous).unwrap();
+        let two = TransferFunction::from_polynomials(
+            &[1.0, 0.2, 30.0],
+            &[1.0, 0.03, 101.0002, 2.01, 100.0],
+            0.0,
+            Continuous,
+        )
+        .unwrap();
         let two = two.to_state_space().unwrap();
         let (whole, part) = (two.norm_hinf(), two.norm_linf([3.0, 40.0]).unwrap());
         assert!(
-            (whole.omega_rad_s - 1.0).abs() < 0.01 && (part.omega_rad_s - 10.0).abs() < 0.1 && part.gain < whole.gain,
+            (whole.omega_rad_s - 1.0).abs() < 0.01
+                && (part.omega_rad_s - 10.0).abs() < 0.1
+                && part.gain < whole.gain,
             "{whole:?} {part:?}"
         );
         assert_eq!(two.norm_linf([0.0, f64::INFINITY]).unwrap().gain, whole.gain);
@@ -309,18 +382,28 @@ mod tests {
 
     #[test]
     fn a_pole_on_the_axis_is_infinite_in_its_band_only_and_an_empty_band_has_no_gain() {
-        let integrator = TransferFunction::from_polynomials(&[2.0], &[1.0, 0.0], 0.0, Continuous).unwrap().to_state_space().unwrap();
+        let integrator = TransferFunction::from_polynomials(&[2.0], &[1.0, 0.0], 0.0, Continuous)
+            .unwrap()
+            .to_state_space()
+            .unwrap();
         assert_eq!(integrator.norm_linf([0.0, 1.0]).unwrap().gain, f64::INFINITY);
         assert!((integrator.norm_linf([0.5, 1.0]).unwrap().gain - 4.0).abs() < 1e-12);
         for band in [[2.0, 1.0], [f64::NAN, 1.0], [1.0, f64::NAN]] {
             assert!(integrator.norm_linf(band).is_none(), "{band:?}");
         }
         let ts = SampleTime::new(0.1).unwrap();
-        let sum = TransferFunction::from_polynomials(&[1.0], &[1.0, -1.0], 2, Sampled(ts)).unwrap().to_state_space().unwrap();
+        let sum = TransferFunction::from_polynomials(&[1.0], &[1.0, -1.0], 2, Sampled(ts))
+            .unwrap()
+            .to_state_space()
+            .unwrap();
         assert_eq!(sum.norm_linf([0.0, 1.0]).unwrap().gain, f64::INFINITY);
         // 1/|z − 1| = 1/(2 sin(ωTs/2)).
         let found = sum.norm_linf([4.0, 1e9]).unwrap();
-        assert!((found.gain - 0.5 / 0.2_f64.sin()).abs() < 1e-12 && (found.omega_rad_s - 4.0).abs() < 1e-12, "{found:?}");
+        assert!(
+            (found.gain - 0.5 / 0.2_f64.sin()).abs() < 1e-12
+                && (found.omega_rad_s - 4.0).abs() < 1e-12,
+            "{found:?}"
+        );
         assert!(sum.norm_linf([40.0, 50.0]).is_none());
     }
 
@@ -329,13 +412,27 @@ mod tests {
         // One frequency-independent matrix of singular values 5 and 1 before a lag.
         let gain = DMatrix::from_row_slice(2, 2, &[3.0, 2.0, 2.0, 3.0]);
         let (one, zero) = (DMatrix::identity(2, 2), DMatrix::zeros(2, 2));
-        let lag = |pole: f64| StateSpace::continuous(&one * pole, gain.clone(), one.clone(), zero.clone()).unwrap();
+        let lag = |pole: f64| {
+            StateSpace::continuous(&one * pole, gain.clone(), one.clone(), zero.clone()).unwrap()
+        };
         assert_abs_diff_eq!(lag(-2.0).norm_hinf().gain, 2.5, epsilon = 1e-12);
         for pole in [0.0, 1.0] {
             assert_eq!(lag(pole).norm_hinf().gain, f64::INFINITY);
         }
-        let nothing = StateSpace::continuous(DMatrix::zeros(0, 0), DMatrix::zeros(0, 2), DMatrix::zeros(2, 0), gain).unwrap();
+        let nothing = StateSpace::continuous(
+            DMatrix::zeros(0, 0),
+            DMatrix::zeros(0, 2),
+            DMatrix::zeros(2, 0),
+            gain,
+        )
+        .unwrap();
         assert_abs_diff_eq!(nothing.norm_hinf().gain, 5.0, epsilon = 1e-12);
-        assert_eq!(StateSpace::continuous(one.clone() * -1.0, zero.clone(), one, zero).unwrap().norm_hinf().gain, 0.0);
+        assert_eq!(
+            StateSpace::continuous(one.clone() * -1.0, zero.clone(), one, zero)
+                .unwrap()
+                .norm_hinf()
+                .gain,
+            0.0
+        );
     }
 }

@@ -22,12 +22,15 @@ mod zeros;
 pub use crate::equations::error::{EquationError, Fault};
 pub use crate::equations::explain::{Breakdown, NonFinite};
 pub use crate::equations::system::{
-    Definition, Directions, Equations, Linearisation, OutputVariable, Parameter, StateVariable, Symbol, Workspace, Wrt,
+    Definition, Directions, Equations, Linearisation, OutputVariable, Parameter, StateVariable,
+    Symbol, Workspace, Wrt,
 };
 pub use crate::file::candidate::{Candidate, CandidateEntry, CandidateParameter, Candidates};
 pub use crate::file::channel::{Channel, ChannelKind, EffectEntry, Operating, whole_turn};
 pub use crate::file::document::ModelDocument;
-pub use crate::file::equations::{EquationsFile, GroupEntry, GroupKind, ParameterEntry, StateEntry};
+pub use crate::file::equations::{
+    EquationsFile, GroupEntry, GroupKind, ParameterEntry, StateEntry,
+};
 pub use crate::file::lti::{ModelFile, State};
 pub use crate::file::nuisance::NuisanceEntry;
 pub use d2c::d2c;

@@ -60,7 +60,9 @@ pub(super) fn pade_13(m: &DMatrix<f64>) -> DMatrix<f64> {
     let a6 = &a4 * &a2;
     let sum = |at: [usize; 4]| {
         let [by_6, by_4, by_2, by_1] = at.map(|k| b[k]);
-        Mat::from_fn(n, n, |i, j| by_6 * a6[(i, j)] + by_4 * a4[(i, j)] + by_2 * a2[(i, j)] + by_1 * one[(i, j)])
+        Mat::from_fn(n, n, |i, j| {
+            by_6 * a6[(i, j)] + by_4 * a4[(i, j)] + by_2 * a2[(i, j)] + by_1 * one[(i, j)]
+        })
     };
     let high = |at: [usize; 3]| {
         let [by_6, by_4, by_2] = at.map(|k| b[k]);
@@ -84,7 +86,8 @@ pub(super) fn log(m: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
         return Ok(m.clone());
     }
     // The iteration stands still only where eigenvalues are 0.
-    let schur = Schur::try_new(m.map(|v| Complex::new(v, 0.0)), f64::EPSILON, 1000 * n).ok_or(0.0)?;
+    let schur =
+        Schur::try_new(m.map(|v| Complex::new(v, 0.0)), f64::EPSILON, 1000 * n).ok_or(0.0)?;
     let (q, mut t) = schur.unpack();
     let floor = 1e-14 * m.norm();
     for i in 0..n {
@@ -141,7 +144,11 @@ mod tests {
 
     #[test]
     fn log_undoes_exp_also_for_a_defective_matrix() {
-        let m = DMatrix::from_row_slice(4, 4, &[-0.2, 0.3, 9.8, 0.1, -3.6, 0.0, 0.0, 8.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]) * 0.1;
+        let m = DMatrix::from_row_slice(
+            4,
+            4,
+            &[-0.2, 0.3, 9.8, 0.1, -3.6, 0.0, 0.0, 8.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        ) * 0.1;
         let back = log(&exp(&m)).unwrap();
         assert!((back - &m).norm() < 1e-13 * m.norm().max(1.0));
     }
@@ -162,7 +169,11 @@ mod tests {
             let e = exp(&chain);
             for i in 0..n {
                 for j in 0..n {
-                    let expected = if i < j { 0.0 } else { (1..=i - j).fold((-t).exp(), |product, k| product * t / k as f64) };
+                    let expected = if i < j {
+                        0.0
+                    } else {
+                        (1..=i - j).fold((-t).exp(), |product, k| product * t / k as f64)
+                    };
                     assert!((e[(i, j)] - expected).abs() < 1e-15, "{n}, {t}: {i} {j}");
                 }
             }

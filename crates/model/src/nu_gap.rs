@@ -39,8 +39,12 @@ const ON_AXIS: f64 = 1e-10;
 /// # Errors
 /// [`ModelError::Unlike`] for other channels, delays or sample times; [`ModelError::IllConditioned`] where a Riccati equation could not be solved.
 pub fn nu_gap<T: TimeDomain>(p1: &StateSpace<T>, p2: &StateSpace<T>) -> Result<NuGap, ModelError> {
-    let unlike = |what: &'static str, first: f64, second: f64| Err(ModelError::Unlike { what, first, second });
-    for (what, first, second) in [("inputs", p1.inputs(), p2.inputs()), ("outputs", p1.outputs(), p2.outputs())] {
+    let unlike = |what: &'static str, first: f64, second: f64| {
+        Err(ModelError::Unlike { what, first, second })
+    };
+    for (what, first, second) in
+        [("inputs", p1.inputs(), p2.inputs()), ("outputs", p1.outputs(), p2.outputs())]
+    {
         if first != second {
             return unlike(what, first as f64, second as f64);
         }
@@ -49,22 +53,36 @@ pub fn nu_gap<T: TimeDomain>(p1: &StateSpace<T>, p2: &StateSpace<T>) -> Result<N
         let seconds = |sys: &StateSpace<T>| sys.domain().sample_time_s().unwrap_or(0.0);
         return unlike("sample times", seconds(p1), seconds(p2));
     }
-    if let Some((first, second)) = p1.input_delay().iter().zip(p2.input_delay()).find(|(a, b)| a != b) {
+    if let Some((first, second)) =
+        p1.input_delay().iter().zip(p2.input_delay()).find(|(a, b)| a != b)
+    {
         return unlike("input delays", p1.domain().delay_s(*first), p1.domain().delay_s(*second));
     }
-    let rational = |sys| hinf::continuous(sys).map(|m| minimal(&m)).ok_or(ModelError::IllConditioned { residual: f64::INFINITY });
+    let rational = |sys| {
+        hinf::continuous(sys)
+            .map(|m| minimal(&m))
+            .ok_or(ModelError::IllConditioned { residual: f64::INFINITY })
+    };
     let (one, two) = (rational(p1)?, rational(p2)?);
     let (right1, right2, left2) = (right_factor(&one)?, right_factor(&two)?, left_factor(&two)?);
     if !winds_alike(&right1, &right2)? {
         return Ok(NuGap { value: 1.0, omega_rad_s: None });
     }
-    let found = hinf::on_axis_of(p1, hinf::search(&series(&left2, &right1).balanced(), [0.0, f64::INFINITY]));
+    let found = hinf::on_axis_of(
+        p1,
+        hinf::search(&series(&left2, &right1).balanced(), [0.0, f64::INFINITY]),
+    );
     Ok(NuGap { value: found.gain.min(1.0), omega_rad_s: Some(found.omega_rad_s) })
 }
 
 /// Whether det(G2* G1) goes round the origin as often clockwise as back: as many of its zeros right of the axis as poles, and none on it.
 fn winds_alike(right1: &Matrices, right2: &Matrices) -> Result<bool, ModelError> {
-    let conjugate = Matrices { a: -right2.a.transpose(), b: -right2.c.transpose(), c: right2.b.transpose(), d: right2.d.transpose() };
+    let conjugate = Matrices {
+        a: -right2.a.transpose(),
+        b: -right2.c.transpose(),
+        c: right2.b.transpose(),
+        d: right2.d.transpose(),
+    };
     let product = series(&conjugate, right1);
     let n = product.a.nrows();
     let Some(feedback) = product.d.clone().lu().solve(&product.c) else { return Ok(false) };
@@ -75,7 +93,8 @@ fn winds_alike(right1: &Matrices, right2: &Matrices) -> Result<bool, ModelError>
     if zeros.iter().any(|z| z.re.is_nan()) {
         return Err(ModelError::IllConditioned { residual: f64::INFINITY });
     }
-    Ok(zeros.iter().all(|z| z.re.abs() > ON_AXIS * z.norm()) && zeros.iter().filter(|z| z.re > 0.0).count() == right2.a.nrows())
+    Ok(zeros.iter().all(|z| z.re.abs() > ON_AXIS * z.norm())
+        && zeros.iter().filter(|z| z.re > 0.0).count() == right2.a.nrows())
 }
 
 /// The one after the other.
@@ -98,7 +117,12 @@ fn stacked(above: &DMatrix<f64>, below: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 fn transposed(sys: &Matrices) -> Matrices {
-    Matrices { a: sys.a.transpose(), b: sys.c.transpose(), c: sys.b.transpose(), d: sys.d.transpose() }
+    Matrices {
+        a: sys.a.transpose(),
+        b: sys.c.transpose(),
+        c: sys.b.transpose(),
+        d: sys.d.transpose(),
+    }
 }
 
 /// [N; M] with P = N M⁻¹ and N*N + M*M = I: the loop of the regulator that weighs outputs and inputs alike.
@@ -127,7 +151,9 @@ fn left_factor(sys: &Matrices) -> Result<Matrices, ModelError> {
     // The factor of Pᵀ is [Ñᵀ; M̃ᵀ]: its columns are exchanged and M̃ gets its sign.
     let exchanged = |m: &DMatrix<f64>| {
         let inputs = m.ncols() - p;
-        DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| if j < p { -m[(i, inputs + j)] } else { m[(i, j - p)] })
+        DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| {
+            if j < p { -m[(i, inputs + j)] } else { m[(i, j - p)] }
+        })
     };
     (left.b, left.d) = (exchanged(&left.b), exchanged(&left.d));
     Ok(left)
@@ -139,7 +165,9 @@ fn inverse_root(weight: &DMatrix<f64>) -> DMatrix<f64> {
         return weight.clone();
     }
     let eigen = SymmetricEigen::new(weight.clone());
-    &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(|v| 1.0 / v.sqrt())) * eigen.eigenvectors.transpose()
+    &eigen.eigenvectors
+        * DMatrix::from_diagonal(&eigen.eigenvalues.map(|v| 1.0 / v.sqrt()))
+        * eigen.eigenvectors.transpose()
 }
 
 /// The stabilising X of AᵀX + XA − (XB + CᵀD)(I + DᵀD)⁻¹(BᵀX + DᵀC) + CᵀC = 0, by the sign of the Hamiltonian matrix.
@@ -184,7 +212,8 @@ fn regulator(sys: &Matrices, inverse: &DMatrix<f64>) -> Result<DMatrix<f64>, Mod
     let solved = SVD::new(right, true, true).solve(&-left, f64::EPSILON);
     let Ok(x) = solved else { return Err(failed) };
     let x = (&x + x.transpose()) * 0.5;
-    let residual = (a.transpose() * &x + &x * &a - &x * g * &x + &q).norm() / (q.norm() + 2.0 * (&x * &a).norm()).max(f64::MIN_POSITIVE);
+    let residual = (a.transpose() * &x + &x * &a - &x * g * &x + &q).norm()
+        / (q.norm() + 2.0 * (&x * &a).norm()).max(f64::MIN_POSITIVE);
     if residual <= RICCATI { Ok(x) } else { Err(ModelError::IllConditioned { residual }) }
 }
 
@@ -208,12 +237,19 @@ fn reachable(sys: &Matrices) -> Matrices {
         }
         let svd = next.svd(true, false);
         let Some(u) = svd.u else { break };
-        let fresh: Vec<usize> = (0..svd.singular_values.len()).filter(|&i| svd.singular_values[i] > HIDDEN * whole).collect();
+        let fresh: Vec<usize> = (0..svd.singular_values.len())
+            .filter(|&i| svd.singular_values[i] > HIDDEN * whole)
+            .collect();
         let fresh = u.select_columns(&fresh);
         next = &sys.a * &fresh;
         basis = stacked(&basis.transpose(), &fresh.transpose()).transpose();
     }
-    Matrices { a: basis.transpose() * &sys.a * &basis, b: basis.transpose() * &sys.b, c: &sys.c * &basis, d: sys.d.clone() }
+    Matrices {
+        a: basis.transpose() * &sys.a * &basis,
+        b: basis.transpose() * &sys.b,
+        c: &sys.c * &basis,
+        d: sys.d.clone(),
+    }
 }
 
 #[cfg(test)]
@@ -224,14 +260,22 @@ mod tests {
     use deadtime_signal::time::SampleTime;
 
     fn continuous(num: &[f64], den: &[f64]) -> StateSpace<Continuous> {
-        TransferFunction::from_polynomials(num, den, 0.0, Continuous).unwrap().to_state_space().unwrap()
+        TransferFunction::from_polynomials(num, den, 0.0, Continuous)
+            .unwrap()
+            .to_state_space()
+            .unwrap()
     }
 
     #[test]
     fn constants_are_as_far_apart_as_points_of_the_sphere() {
         let gain = |k: f64| {
-            StateSpace::continuous(DMatrix::zeros(0, 0), DMatrix::zeros(0, 1), DMatrix::zeros(1, 0), DMatrix::from_element(1, 1, k))
-                .unwrap()
+            StateSpace::continuous(
+                DMatrix::zeros(0, 0),
+                DMatrix::zeros(0, 1),
+                DMatrix::zeros(1, 0),
+                DMatrix::from_element(1, 1, k),
+            )
+            .unwrap()
         };
         for (a, b) in [(0.3, 2.0), (-1.5, 4.0), (0.0, 7.0)] {
             let found = nu_gap(&gain(a), &gain(b)).unwrap().value;
@@ -246,7 +290,8 @@ mod tests {
     fn near_integrators_on_both_sides_of_the_axis_are_near() {
         // |P1 − P2|² = (2e)²/(w² + e²)² and 1 + |P|² = (w² + e² + 1)/(w² + e²): the distance is 2e/(w² + e² + 1), largest at 0.
         for e in [0.001, 0.3] {
-            let found = nu_gap(&continuous(&[1.0], &[1.0, -e]), &continuous(&[1.0], &[1.0, e])).unwrap();
+            let found =
+                nu_gap(&continuous(&[1.0], &[1.0, -e]), &continuous(&[1.0], &[1.0, e])).unwrap();
             assert!((found.value - 2.0 * e / (1.0 + e * e)).abs() < 1e-9, "{found:?}");
             assert!(found.omega_rad_s.unwrap().abs() < 1e-6, "{found:?}");
         }
@@ -267,10 +312,17 @@ mod tests {
     fn an_integrator_that_no_output_shows_counts_for_nothing() {
         let model = |hidden: bool| {
             let n = if hidden { 2 } else { 1 };
-            let a = DMatrix::from_row_slice(2, 2, &[-8.178, 0.0, 1.0, 0.0]).view((0, 0), (n, n)).into_owned();
+            let a = DMatrix::from_row_slice(2, 2, &[-8.178, 0.0, 1.0, 0.0])
+                .view((0, 0), (n, n))
+                .into_owned();
             let b = DMatrix::from_row_slice(2, 1, &[255.59, 0.0]).rows(0, n).into_owned();
-            StateSpace::continuous(a, b, DMatrix::from_row_slice(1, 2, &[1.0, 0.0]).columns(0, n).into_owned(), DMatrix::zeros(1, 1))
-                .unwrap()
+            StateSpace::continuous(
+                a,
+                b,
+                DMatrix::from_row_slice(1, 2, &[1.0, 0.0]).columns(0, n).into_owned(),
+                DMatrix::zeros(1, 1),
+            )
+            .unwrap()
         };
         assert!(nu_gap(&model(true), &model(false)).unwrap().value < 1e-10);
     }
@@ -279,7 +331,10 @@ mod tests {
     fn sampled_models_and_equal_delays_are_judged_alike_and_unlike_ones_refused() {
         let ts = SampleTime::new(0.1).unwrap();
         let sampled = |b: f64, pole: f64, delay: usize| {
-            TransferFunction::from_polynomials(&[b], &[1.0, -pole], delay, Sampled(ts)).unwrap().to_state_space().unwrap()
+            TransferFunction::from_polynomials(&[b], &[1.0, -pole], delay, Sampled(ts))
+                .unwrap()
+                .to_state_space()
+                .unwrap()
         };
         let (one, two) = (sampled(0.2, 0.9, 0), sampled(0.25, 1.05, 0));
         let found = nu_gap(&one, &two).unwrap();
@@ -288,8 +343,14 @@ mod tests {
             let [p, q] = [&one, &two].map(|s| s.frequency_response(w)[(0, 0)]);
             (p - q).norm() / ((1.0 + p.norm_sqr()) * (1.0 + q.norm_sqr())).sqrt()
         };
-        let largest = (0..=4000).map(|k| at(f64::from(k) * ts.nyquist_rad_s() / 4000.0)).fold(0.0, f64::max);
-        assert!(found.value < 0.9 && (found.value - largest).abs() < 1e-6 && found.value >= largest - 1e-12, "{found:?} {largest}");
+        let largest =
+            (0..=4000).map(|k| at(f64::from(k) * ts.nyquist_rad_s() / 4000.0)).fold(0.0, f64::max);
+        assert!(
+            found.value < 0.9
+                && (found.value - largest).abs() < 1e-6
+                && found.value >= largest - 1e-12,
+            "{found:?} {largest}"
+        );
         assert!((at(found.omega_rad_s.unwrap()) - found.value).abs() < 1e-9);
         let delayed = nu_gap(&sampled(0.2, 0.9, 3), &sampled(0.25, 1.05, 3)).unwrap();
         assert!((delayed.value - found.value).abs() < 1e-12);

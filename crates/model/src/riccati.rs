@@ -25,12 +25,24 @@ pub struct Lqr {
 ///
 /// # Errors
 /// As [`dare`].
-pub fn dlqr(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix<f64>>) -> Result<Lqr, ModelError> {
+pub fn dlqr(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    n: Option<&DMatrix<f64>>,
+) -> Result<Lqr, ModelError> {
     solve(a, b, q, r, n)
 }
 
 /// (R + BᵀXB)⁻¹(BᵀXA + Nᵀ).
-fn gain(a: &DMatrix<f64>, b: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix<f64>>, x: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+fn gain(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    n: Option<&DMatrix<f64>>,
+    x: &DMatrix<f64>,
+) -> Option<DMatrix<f64>> {
     if a.is_empty() || b.is_empty() {
         return Some(DMatrix::zeros(b.ncols(), a.nrows()));
     }
@@ -66,27 +78,41 @@ pub fn dare(
 }
 
 /// The solution with its gain and closed loop, which prove it; states and inputs that nothing joins, neither the plant nor the cost, are parts of their own.
-fn solve(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix<f64>>) -> Result<Lqr, ModelError> {
+fn solve(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    n: Option<&DMatrix<f64>>,
+) -> Result<Lqr, ModelError> {
     check(a, b, q, r, n)?;
     let (order, inputs) = b.shape();
-    let joined = DMatrix::from_fn(order + inputs, order + inputs, |i, j| match (i < order, j < order) {
-        (true, true) => a[(i, j)].abs() + q[(i, j)].abs(),
-        (true, false) => b[(i, j - order)].abs() + n.map_or(0.0, |n| n[(i, j - order)].abs()),
-        (false, true) => 0.0,
-        (false, false) => r[(i - order, j - order)],
-    });
+    let joined =
+        DMatrix::from_fn(order + inputs, order + inputs, |i, j| match (i < order, j < order) {
+            (true, true) => a[(i, j)].abs() + q[(i, j)].abs(),
+            (true, false) => b[(i, j - order)].abs() + n.map_or(0.0, |n| n[(i, j - order)].abs()),
+            (false, true) => 0.0,
+            (false, false) => r[(i - order, j - order)],
+        });
     let parts = parts(order + inputs, &[&joined]);
     if parts.len() <= 1 {
         return solve_part(a, b, q, r, n);
     }
-    let (mut k, mut x, mut poles) = (DMatrix::zeros(inputs, order), DMatrix::zeros(order, order), Vec::with_capacity(order));
+    let (mut k, mut x, mut poles) =
+        (DMatrix::zeros(inputs, order), DMatrix::zeros(order, order), Vec::with_capacity(order));
     for part in &parts {
         let states = &part[..part.partition_point(|&at| at < order)];
         let steered: Vec<usize> = part[states.len()..].iter().map(|at| at - order).collect();
         let [of_a, of_q] = [a, q].map(|m| taken(m, states, states));
         let of_n = n.map(|n| taken(n, states, &steered));
         // A part without a solution may not be the one that an error about the whole would tell of.
-        let Ok(lqr) = solve_part(&of_a, &taken(b, states, &steered), &of_q, &taken(r, &steered, &steered), of_n.as_ref()) else {
+        let Ok(lqr) = solve_part(
+            &of_a,
+            &taken(b, states, &steered),
+            &of_q,
+            &taken(r, &steered, &steered),
+            of_n.as_ref(),
+        ) else {
             return solve_part(a, b, q, r, n);
         };
         put(&mut k, &steered, states, &lqr.k);
@@ -97,17 +123,30 @@ fn solve(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>,
 }
 
 /// As [`solve`], all at once.
-fn solve_part(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix<f64>>) -> Result<Lqr, ModelError> {
+fn solve_part(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    n: Option<&DMatrix<f64>>,
+) -> Result<Lqr, ModelError> {
     let (order, inputs) = b.shape();
     if order == 0 && (inputs == 0 || r.clone().cholesky().is_some()) {
-        return Ok(Lqr { k: DMatrix::zeros(inputs, 0), x: DMatrix::zeros(0, 0), poles: Vec::new() });
+        return Ok(Lqr {
+            k: DMatrix::zeros(inputs, 0),
+            x: DMatrix::zeros(0, 0),
+            poles: Vec::new(),
+        });
     }
     if inputs == 0 {
         // Nothing to steer with: as an input that moves nothing.
         let still = solve_part(a, &DMatrix::zeros(order, 1), q, &DMatrix::identity(1, 1), None)?;
         return Ok(Lqr { k: DMatrix::zeros(0, order), ..still });
     }
-    let r_factor = r.clone().cholesky().ok_or_else(|| ModelError::WeightR { smallest: smallest_eigenvalue(r) })?;
+    let r_factor = r
+        .clone()
+        .cholesky()
+        .ok_or_else(|| ModelError::WeightR { smallest: smallest_eigenvalue(r) })?;
     // The cross term goes into A and Q: u = v − R⁻¹Nᵀx.
     let (a0, q0) = match n {
         None => (a.clone(), q.clone()),
@@ -136,7 +175,9 @@ fn solve_part(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<
         Some(found) => found,
         None => match why_none(&a0, b, &q0, q, r, n) {
             // No assumption fails: an unstable mode that costs nothing, which doubling leaves alone.
-            ill @ ModelError::IllConditioned { .. } => policy_iteration(&a0, b, &q0, r, &g0).and_then(polished).ok_or(ill)?,
+            ill @ ModelError::IllConditioned { .. } => {
+                policy_iteration(&a0, b, &q0, r, &g0).and_then(polished).ok_or(ill)?
+            }
             reason => return Err(reason),
         },
     };
@@ -165,7 +206,11 @@ fn doubling(a: &DMatrix<f64>, g: &DMatrix<f64>, q: &DMatrix<f64>) -> Option<DMat
     }
 }
 
-fn doubling_of<const N: usize>(a: &DMatrix<f64>, g: &DMatrix<f64>, q: &DMatrix<f64>) -> Option<DMatrix<f64>>
+fn doubling_of<const N: usize>(
+    a: &DMatrix<f64>,
+    g: &DMatrix<f64>,
+    q: &DMatrix<f64>,
+) -> Option<DMatrix<f64>>
 where
     Const<N>: DimMin<Const<N>, Output = Const<N>>,
 {
@@ -174,7 +219,11 @@ where
 }
 
 /// As [`doubling`], of any size.
-fn doubled<D>(mut ak: OMatrix<f64, D, D>, mut gk: OMatrix<f64, D, D>, mut hk: OMatrix<f64, D, D>) -> Option<OMatrix<f64, D, D>>
+fn doubled<D>(
+    mut ak: OMatrix<f64, D, D>,
+    mut gk: OMatrix<f64, D, D>,
+    mut hk: OMatrix<f64, D, D>,
+) -> Option<OMatrix<f64, D, D>>
 where
     D: DimMin<D, Output = D>,
     DefaultAllocator: Allocator<D, D> + Allocator<D>,
@@ -210,7 +259,13 @@ where
 ///
 /// Source: Hewer (1971), "An iterative technique for the computation of the steady state gains for the discrete optimal regulator", IEEE Trans. Automatic
 /// Control 16(4), 382-384, doi:10.1109/TAC.1971.1099755.
-fn policy_iteration(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>, g: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+fn policy_iteration(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    g: &DMatrix<f64>,
+) -> Option<DMatrix<f64>> {
     let mut x = doubling(a, g, &DMatrix::identity(a.nrows(), a.nrows()))?;
     for _ in 0..60 {
         let k = gain(a, b, r, None, &x)?;
@@ -270,22 +325,47 @@ fn symmetric(m: DMatrix<f64>) -> DMatrix<f64> {
 }
 
 fn smallest_eigenvalue(m: &DMatrix<f64>) -> f64 {
-    SymmetricEigen::new(symmetric(m.clone())).eigenvalues.iter().copied().fold(f64::INFINITY, f64::min)
+    SymmetricEigen::new(symmetric(m.clone()))
+        .eigenvalues
+        .iter()
+        .copied()
+        .fold(f64::INFINITY, f64::min)
 }
 
-fn check(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix<f64>>) -> Result<(), ModelError> {
+fn check(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    n: Option<&DMatrix<f64>>,
+) -> Result<(), ModelError> {
     let (order, inputs) = (a.nrows(), b.ncols());
     let zero = DMatrix::zeros(order, inputs);
     let n = n.unwrap_or(&zero);
-    for (matrix, got, rows, columns) in
-        [("A", a, order, order), ("B", b, order, inputs), ("Q", q, order, order), ("R", r, inputs, inputs), ("N", n, order, inputs)]
-    {
+    for (matrix, got, rows, columns) in [
+        ("A", a, order, order),
+        ("B", b, order, inputs),
+        ("Q", q, order, order),
+        ("R", r, inputs, inputs),
+        ("N", n, order, inputs),
+    ] {
         if got.shape() != (rows, columns) {
-            return Err(ModelError::Shape { matrix, rows, columns, got_rows: got.nrows(), got_columns: got.ncols() });
+            return Err(ModelError::Shape {
+                matrix,
+                rows,
+                columns,
+                got_rows: got.nrows(),
+                got_columns: got.ncols(),
+            });
         }
         if let Some(at) = got.iter().position(|v| !v.is_finite()) {
             let (row, column) = (at % rows + 1, at / rows + 1);
-            return Err(ModelError::NotFinite { matrix, row, column, value: got[(row - 1, column - 1)] });
+            return Err(ModelError::NotFinite {
+                matrix,
+                row,
+                column,
+                value: got[(row - 1, column - 1)],
+            });
         }
     }
     for (matrix, weight) in [("Q", q), ("R", r)] {
@@ -294,7 +374,12 @@ fn check(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>,
             for i in 0..j {
                 let difference = (weight[(i, j)] - weight[(j, i)]).abs();
                 if difference > tolerance {
-                    return Err(ModelError::NotSymmetric { matrix, row: i + 1, column: j + 1, difference });
+                    return Err(ModelError::NotSymmetric {
+                        matrix,
+                        row: i + 1,
+                        column: j + 1,
+                        difference,
+                    });
                 }
             }
         }
@@ -315,7 +400,9 @@ fn why_none(
     let complex = |m: &DMatrix<f64>| m.map(|v| Complex::new(v, 0.0));
     let loses_rank = |lambda: Complex<f64>, beside: &DMatrix<f64>, stacked: &DMatrix<f64>| {
         let mut pencil = DMatrix::zeros(order, order + beside.ncols());
-        pencil.view_mut((0, 0), (order, order)).copy_from(&(complex(stacked) - DMatrix::from_diagonal_element(order, order, lambda)));
+        pencil
+            .view_mut((0, 0), (order, order))
+            .copy_from(&(complex(stacked) - DMatrix::from_diagonal_element(order, order, lambda)));
         pencil.view_mut((0, order), beside.shape()).copy_from(&complex(beside));
         let singular = pencil.singular_values();
         let largest = singular.iter().copied().fold(0.0, f64::max);
@@ -325,7 +412,10 @@ fn why_none(
     if let Some(p) = poles.iter().find(|p| p.norm() >= 1.0 - 1e-9 && loses_rank(**p, b, a0)) {
         return ModelError::NotStabilisable { re: p.re, im: p.im, magnitude: p.norm() };
     }
-    if let Some(p) = poles.iter().find(|p| (p.norm() - 1.0).abs() <= 1e-6 && loses_rank(**p, q0, &a0.transpose())) {
+    if let Some(p) = poles
+        .iter()
+        .find(|p| (p.norm() - 1.0).abs() <= 1e-6 && loses_rank(**p, q0, &a0.transpose()))
+    {
         return ModelError::UnseenOnCircle { re: p.re, im: p.im };
     }
     let inputs = b.ncols();
@@ -337,7 +427,11 @@ fn why_none(
         joint.view_mut((order, 0), (inputs, order)).copy_from(&n.transpose());
     }
     let smallest = smallest_eigenvalue(&joint);
-    if smallest < -1e-12 * joint.norm() { ModelError::Indefinite { smallest } } else { ModelError::IllConditioned { residual: f64::NAN } }
+    if smallest < -1e-12 * joint.norm() {
+        ModelError::Indefinite { smallest }
+    } else {
+        ModelError::IllConditioned { residual: f64::NAN }
+    }
 }
 
 #[cfg(test)]
@@ -374,7 +468,14 @@ mod tests {
 
     #[test]
     fn an_unmoved_mode_on_the_circle_is_not_stabilisable_either() {
-        let error = dlqr(&m(2, 2, &[1.0, 0.0, 0.0, 0.5]), &m(2, 1, &[0.0, 1.0]), &identity(2), &identity(1), None).unwrap_err();
+        let error = dlqr(
+            &m(2, 2, &[1.0, 0.0, 0.0, 0.5]),
+            &m(2, 1, &[0.0, 1.0]),
+            &identity(2),
+            &identity(1),
+            None,
+        )
+        .unwrap_err();
         assert!(matches!(error, ModelError::NotStabilisable { .. }), "{error}");
     }
 
@@ -394,23 +495,48 @@ mod tests {
 
     #[test]
     fn an_indefinite_cost_without_minimum_is_named() {
-        let error = dlqr(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[-100.0]), &identity(1), None).unwrap_err();
-        assert!(matches!(error, ModelError::Indefinite { smallest } if (smallest + 100.0).abs() < 1e-9), "{error}");
-        let error = dlqr(&m(1, 1, &[0.5]), &identity(1), &identity(1), &identity(1), Some(&m(1, 1, &[30.0]))).unwrap_err();
+        let error = dlqr(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[-100.0]), &identity(1), None)
+            .unwrap_err();
+        assert!(
+            matches!(error, ModelError::Indefinite { smallest } if (smallest + 100.0).abs() < 1e-9),
+            "{error}"
+        );
+        let error = dlqr(
+            &m(1, 1, &[0.5]),
+            &identity(1),
+            &identity(1),
+            &identity(1),
+            Some(&m(1, 1, &[30.0])),
+        )
+        .unwrap_err();
         assert!(matches!(error, ModelError::Indefinite { .. }), "{error}");
     }
 
     /// Three plants and an input that moves nothing, mixed: the parts against the whole in coordinates in which no entry is 0.
     #[test]
     fn parts_that_do_not_touch_have_the_solution_of_the_whole() {
-        let a = m(4, 4, &[1.1, 0.0, 0.2, 0.0, 0.0, 0.8, 0.0, 0.0, 0.1, 0.0, 0.9, 0.0, 0.0, 0.0, 0.0, 1.3]);
-        let b = m(4, 4, &[0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0]);
-        let n = m(4, 4, &[0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let a = m(
+            4,
+            4,
+            &[1.1, 0.0, 0.2, 0.0, 0.0, 0.8, 0.0, 0.0, 0.1, 0.0, 0.9, 0.0, 0.0, 0.0, 0.0, 1.3],
+        );
+        let b = m(
+            4,
+            4,
+            &[0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0],
+        );
+        let n = m(
+            4,
+            4,
+            &[0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        );
         let r = DMatrix::from_diagonal(&nalgebra::DVector::from_vec(vec![1.0, 2.0, 0.5, 3.0]));
-        let turn = DMatrix::from_fn(4, 4, |i, j| (1.0 + i as f64 + 2.3 * (j * j) as f64).sin()).qr().q();
+        let turn =
+            DMatrix::from_fn(4, 4, |i, j| (1.0 + i as f64 + 2.3 * (j * j) as f64).sin()).qr().q();
         let (q, back) = (identity(4), turn.transpose());
         let parts = dlqr(&a, &b, &q, &r, Some(&n)).unwrap();
-        let whole = dlqr(&(&turn * &a * &back), &(&turn * &b), &q, &r, Some(&(&turn * &n))).unwrap();
+        let whole =
+            dlqr(&(&turn * &a * &back), &(&turn * &b), &q, &r, Some(&(&turn * &n))).unwrap();
         assert_abs_diff_eq!(parts.k, &whole.k * &turn, epsilon = 1e-13);
         assert_abs_diff_eq!(parts.x, &back * &whole.x * &turn, epsilon = 1e-12);
         let sum = |poles: &[Complex<f64>]| poles.iter().sum::<Complex<f64>>();
@@ -423,14 +549,16 @@ mod tests {
     #[test]
     fn an_input_without_cost_is_named_in_a_part_too() {
         let r = m(2, 2, &[1.0, 0.0, 0.0, -2.0]);
-        let error = dlqr(&identity(2), &m(2, 2, &[1.0, 0.0, 0.0, 0.0]), &identity(2), &r, None).unwrap_err();
+        let error = dlqr(&identity(2), &m(2, 2, &[1.0, 0.0, 0.0, 0.0]), &identity(2), &r, None)
+            .unwrap_err();
         assert!(matches!(error, ModelError::WeightR { smallest } if smallest == -2.0), "{error}");
     }
 
     #[test]
     fn an_input_without_cost_is_named() {
         for r in [0.0, -1.0] {
-            let error = dlqr(&identity(1), &identity(1), &identity(1), &m(1, 1, &[r]), None).unwrap_err();
+            let error =
+                dlqr(&identity(1), &identity(1), &identity(1), &m(1, 1, &[r]), None).unwrap_err();
             assert!(matches!(error, ModelError::WeightR { smallest } if smallest == r), "{error}");
         }
     }
@@ -438,19 +566,38 @@ mod tests {
     #[test]
     fn shapes_symmetry_and_numbers_are_checked() {
         let (one, two) = (identity(1), identity(2));
-        assert!(matches!(dare(&two, &one, &two, &one, None), Err(ModelError::Shape { matrix: "B", .. })));
-        assert!(matches!(dare(&m(1, 2, &[1.0, 1.0]), &one, &one, &one, None), Err(ModelError::Shape { matrix: "A", .. })));
-        assert!(matches!(dare(&one, &one, &one, &one, Some(&two)), Err(ModelError::Shape { matrix: "N", .. })));
+        assert!(matches!(
+            dare(&two, &one, &two, &one, None),
+            Err(ModelError::Shape { matrix: "B", .. })
+        ));
+        assert!(matches!(
+            dare(&m(1, 2, &[1.0, 1.0]), &one, &one, &one, None),
+            Err(ModelError::Shape { matrix: "A", .. })
+        ));
+        assert!(matches!(
+            dare(&one, &one, &one, &one, Some(&two)),
+            Err(ModelError::Shape { matrix: "N", .. })
+        ));
         let skew = m(2, 2, &[1.0, 0.5, 0.0, 1.0]);
-        assert!(matches!(dare(&two, &two, &skew, &two, None), Err(ModelError::NotSymmetric { matrix: "Q", row: 1, column: 2, .. })));
-        assert!(matches!(dare(&two, &two, &two, &skew, None), Err(ModelError::NotSymmetric { matrix: "R", .. })));
+        assert!(matches!(
+            dare(&two, &two, &skew, &two, None),
+            Err(ModelError::NotSymmetric { matrix: "Q", row: 1, column: 2, .. })
+        ));
+        assert!(matches!(
+            dare(&two, &two, &two, &skew, None),
+            Err(ModelError::NotSymmetric { matrix: "R", .. })
+        ));
         let nan = m(1, 1, &[f64::NAN]);
-        assert!(matches!(dare(&nan, &one, &one, &one, None), Err(ModelError::NotFinite { matrix: "A", row: 1, column: 1, .. })));
+        assert!(matches!(
+            dare(&nan, &one, &one, &one, None),
+            Err(ModelError::NotFinite { matrix: "A", row: 1, column: 1, .. })
+        ));
     }
 
     #[test]
     fn an_unstable_mode_without_cost_is_reflected_into_the_circle() {
-        let solution = dlqr(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[0.0]), &identity(1), None).unwrap();
+        let solution =
+            dlqr(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[0.0]), &identity(1), None).unwrap();
         assert_abs_diff_eq!(solution.poles[0].re, 0.5, epsilon = 1e-12);
         assert_abs_diff_eq!(solution.x[(0, 0)], 3.0, epsilon = 1e-12);
     }
@@ -458,7 +605,8 @@ mod tests {
     /// With R = 1 and a = 2 the stationary point for Q = −100 has a stable loop, but R + BᵀXB < 0: it is a maximum.
     #[test]
     fn a_stationary_point_that_is_no_minimum_is_refused() {
-        let error = dare(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[-100.0]), &identity(1), None).unwrap_err();
+        let error = dare(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[-100.0]), &identity(1), None)
+            .unwrap_err();
         assert!(matches!(error, ModelError::Indefinite { .. }), "{error}");
     }
 }

@@ -49,7 +49,11 @@ impl TimeDomain for Continuous {
         None
     }
     fn check_delay(self, delay: f64) -> Result<(), deadtime_signal::time::TimeError> {
-        if delay.is_finite() && delay >= 0.0 { Ok(()) } else { Err(deadtime_signal::time::TimeError::Delay { seconds: delay }) }
+        if delay.is_finite() && delay >= 0.0 {
+            Ok(())
+        } else {
+            Err(deadtime_signal::time::TimeError::Delay { seconds: delay })
+        }
     }
 }
 
@@ -90,7 +94,12 @@ impl StateSpace<Continuous> {
     ///
     /// # Errors
     /// [`ModelError::Shape`] or [`ModelError::NotFinite`].
-    pub fn continuous(a: DMatrix<f64>, b: DMatrix<f64>, c: DMatrix<f64>, d: DMatrix<f64>) -> Result<Self, ModelError> {
+    pub fn continuous(
+        a: DMatrix<f64>,
+        b: DMatrix<f64>,
+        c: DMatrix<f64>,
+        d: DMatrix<f64>,
+    ) -> Result<Self, ModelError> {
         Self::new(a, b, c, d, Continuous)
     }
 }
@@ -159,15 +168,34 @@ impl<T: TimeDomain> StateSpace<T> {
     ///
     /// # Errors
     /// [`ModelError::Shape`] or [`ModelError::NotFinite`].
-    pub fn new(a: DMatrix<f64>, b: DMatrix<f64>, c: DMatrix<f64>, d: DMatrix<f64>, domain: T) -> Result<Self, ModelError> {
+    pub fn new(
+        a: DMatrix<f64>,
+        b: DMatrix<f64>,
+        c: DMatrix<f64>,
+        d: DMatrix<f64>,
+        domain: T,
+    ) -> Result<Self, ModelError> {
         let (n, m, p) = (a.nrows(), d.ncols(), d.nrows());
-        for (matrix, got, rows, columns) in [("A", &a, n, n), ("B", &b, n, m), ("C", &c, p, n), ("D", &d, p, m)] {
+        for (matrix, got, rows, columns) in
+            [("A", &a, n, n), ("B", &b, n, m), ("C", &c, p, n), ("D", &d, p, m)]
+        {
             if got.shape() != (rows, columns) {
-                return Err(ModelError::Shape { matrix, rows, columns, got_rows: got.nrows(), got_columns: got.ncols() });
+                return Err(ModelError::Shape {
+                    matrix,
+                    rows,
+                    columns,
+                    got_rows: got.nrows(),
+                    got_columns: got.ncols(),
+                });
             }
             if let Some(at) = got.iter().position(|v| !v.is_finite()) {
                 let (row, column) = (at % rows + 1, at / rows + 1);
-                return Err(ModelError::NotFinite { matrix, row, column, value: got[(row - 1, column - 1)] });
+                return Err(ModelError::NotFinite {
+                    matrix,
+                    row,
+                    column,
+                    value: got[(row - 1, column - 1)],
+                });
             }
         }
         Ok(Self { a, b, c, d, input_delay: vec![T::Delay::default(); m], domain })
@@ -179,7 +207,11 @@ impl<T: TimeDomain> StateSpace<T> {
     /// [`ModelError::Count`] for another number of delays, [`ModelError::Time`] for a negative or infinite one.
     pub fn with_input_delay(mut self, input_delay: Vec<T::Delay>) -> Result<Self, ModelError> {
         if input_delay.len() != self.inputs() {
-            return Err(ModelError::Count { what: "input delays", needed: self.inputs(), got: input_delay.len() });
+            return Err(ModelError::Count {
+                what: "input delays",
+                needed: self.inputs(),
+                got: input_delay.len(),
+            });
         }
         for &delay in &input_delay {
             self.domain.check_delay(delay)?;
@@ -298,7 +330,8 @@ impl<T: TimeDomain> StateSpace<T> {
         for degree in 1..=self.order() {
             let h = c.dot(&x);
             // What rounding alone can leave of a sum of these terms.
-            let rounding: f64 = c.iter().zip(x.iter()).map(|(c, x)| (c * x).abs()).sum::<f64>() * 1e-12;
+            let rounding: f64 =
+                c.iter().zip(x.iter()).map(|(c, x)| (c * x).abs()).sum::<f64>() * 1e-12;
             if h.abs() > rounding {
                 return Some((degree, h));
             }
@@ -311,14 +344,25 @@ impl<T: TimeDomain> StateSpace<T> {
     ///
     /// # Errors
     /// [`ModelError::Index`], or [`ModelError::ZeroTransfer`] where it is identically zero.
-    pub fn transfer_function(&self, output: usize, input: usize) -> Result<TransferFunction<T>, ModelError> {
+    pub fn transfer_function(
+        &self,
+        output: usize,
+        input: usize,
+    ) -> Result<TransferFunction<T>, ModelError> {
         let pair = self.pair(output, input)?;
-        let (degree, gain) = pair.leading_markov(0, 0).ok_or(ModelError::ZeroTransfer { input, output })?;
+        let (degree, gain) =
+            pair.leading_markov(0, 0).ok_or(ModelError::ZeroTransfer { input, output })?;
         let mut zeros = pair.zeros();
         // n − r zeros in exact arithmetic; a rank decision on the edge may leave one far away.
         zeros.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
         zeros.truncate(pair.order() - degree);
-        TransferFunction::from_zeros_poles_gain(zeros, pair.poles(), gain, pair.input_delay[0], pair.domain)
+        TransferFunction::from_zeros_poles_gain(
+            zeros,
+            pair.poles(),
+            gain,
+            pair.input_delay[0],
+            pair.domain,
+        )
     }
 
     /// The frequency response at one frequency, delays included: p×m.
@@ -326,7 +370,9 @@ impl<T: TimeDomain> StateSpace<T> {
     pub fn frequency_response(&self, omega_rad_s: f64) -> DMatrix<Complex<f64>> {
         let n = self.order();
         let point = self.domain.point(omega_rad_s);
-        let resolvent = DMatrix::from_fn(n, n, |i, j| Complex::new(-self.a[(i, j)], 0.0) + if i == j { point } else { Complex::default() });
+        let resolvent = DMatrix::from_fn(n, n, |i, j| {
+            Complex::new(-self.a[(i, j)], 0.0) + if i == j { point } else { Complex::default() }
+        });
         let complex = |m: &DMatrix<f64>| m.map(|v| Complex::new(v, 0.0));
         let mut response = complex(&self.d);
         if n > 0 {
@@ -372,7 +418,11 @@ impl<T: TimeDomain> StateSpace<T> {
             Err(_) => 0.0,
             Ok(pair) => {
                 let pair = pair.cancelled(1e-9);
-                if pair.poles().iter().any(|p| (p - point).norm() <= 1e-12) { f64::INFINITY } else { pair.at(point).re }
+                if pair.poles().iter().any(|p| (p - point).norm() <= 1e-12) {
+                    f64::INFINITY
+                } else {
+                    pair.at(point).re
+                }
             }
         })
     }
@@ -394,6 +444,7 @@ impl<T: TimeDomain> StateSpace<T> {
             });
         }
         let (a, c) = (&self.a - &self.b * k, &self.c - &self.d * k);
-        Self::new(a, self.b.clone(), c, self.d.clone(), self.domain)?.with_input_delay(self.input_delay.clone())
+        Self::new(a, self.b.clone(), c, self.d.clone(), self.domain)?
+            .with_input_delay(self.input_delay.clone())
     }
 }

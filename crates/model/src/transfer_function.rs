@@ -47,7 +47,12 @@ impl<T: TimeDomain> TransferFunction<T> {
     ///
     /// # Errors
     /// [`ModelError::Improper`] for a numerator of the higher degree, [`ModelError::NotFinite`] for a coefficient that is not finite or a denominator of zeros.
-    pub fn from_polynomials(numerator: &[f64], denominator: &[f64], delay: T::Delay, domain: T) -> Result<Self, ModelError> {
+    pub fn from_polynomials(
+        numerator: &[f64],
+        denominator: &[f64],
+        delay: T::Delay,
+        domain: T,
+    ) -> Result<Self, ModelError> {
         let (zeros, num_lead) = roots("numerator", numerator)?;
         let (poles, den_lead) = roots("denominator", denominator)?;
         Self::from_zeros_poles_gain(zeros, poles, num_lead / den_lead, delay, domain)
@@ -111,7 +116,8 @@ impl<T: TimeDomain> TransferFunction<T> {
     /// The frequency response, delay included.
     #[must_use]
     pub fn frequency_response(&self, omega_rad_s: f64) -> Complex<f64> {
-        self.at(self.domain.point(omega_rad_s)) * Complex::from_polar(1.0, -omega_rad_s * self.domain.delay_s(self.delay))
+        self.at(self.domain.point(omega_rad_s))
+            * Complex::from_polar(1.0, -omega_rad_s * self.domain.delay_s(self.delay))
     }
 
     /// The same function with every zero and pole closer than `tolerance` (relative to their size, at least 1) taken off in pairs.
@@ -128,7 +134,8 @@ impl<T: TimeDomain> TransferFunction<T> {
         }
         let cancelled = Self { zeros, poles, ..self.clone() };
         // Cancelling must not part a conjugate pair; where it would, nothing is cancelled.
-        let whole = |roots: &[Complex<f64>]| cascade::pair_conjugates("root", roots.to_vec()).is_ok();
+        let whole =
+            |roots: &[Complex<f64>]| cascade::pair_conjugates("root", roots.to_vec()).is_ok();
         if whole(&cancelled.zeros) && whole(&cancelled.poles) { cancelled } else { self.clone() }
     }
 
@@ -143,17 +150,27 @@ impl<T: TimeDomain> TransferFunction<T> {
 }
 
 /// Roots of a polynomial (highest power first) and its leading coefficient; leading zeros are dropped.
-fn roots(matrix: &'static str, coefficients: &[f64]) -> Result<(Vec<Complex<f64>>, f64), ModelError> {
+fn roots(
+    matrix: &'static str,
+    coefficients: &[f64],
+) -> Result<(Vec<Complex<f64>>, f64), ModelError> {
     let start = coefficients.iter().position(|&c| c != 0.0).unwrap_or(coefficients.len());
     let coefficients = &coefficients[start..];
     if let Some(at) = coefficients.iter().position(|c| !c.is_finite()) {
-        return Err(ModelError::NotFinite { matrix, row: 1, column: start + at + 1, value: coefficients[at] });
+        return Err(ModelError::NotFinite {
+            matrix,
+            row: 1,
+            column: start + at + 1,
+            value: coefficients[at],
+        });
     }
     let Some((&lead, rest)) = coefficients.split_first() else {
         return Err(ModelError::NotFinite { matrix, row: 1, column: 1, value: 0.0 });
     };
     let n = rest.len();
-    let companion = DMatrix::from_fn(n, n, |i, j| if i == 0 { -rest[j] / lead } else { f64::from(u8::from(i == j + 1)) });
+    let companion = DMatrix::from_fn(n, n, |i, j| {
+        if i == 0 { -rest[j] / lead } else { f64::from(u8::from(i == j + 1)) }
+    });
     Ok((zeros::eigenvalues(&companion), lead))
 }
 

@@ -32,7 +32,8 @@ pub enum Dynamics {
 
 impl Dynamics {
     /// All four, in the order of the state vector.
-    pub const ALL: [Self; 4] = [Self::Lateral, Self::Longitudinal, Self::Directional, Self::Vertical];
+    pub const ALL: [Self; 4] =
+        [Self::Lateral, Self::Longitudinal, Self::Directional, Self::Vertical];
 
     /// The name used in files and on the command line.
     #[must_use]
@@ -94,7 +95,12 @@ impl Dynamics {
             }
             Self::Directional => {
                 let [damping, control] = DIRECTIONAL;
-                [m(2, 2, &[damping, 0.0, 1.0, 0.0]), m(2, 1, &[control, 0.0]), m(1, 2, &[1.0, 0.0]), m(1, 1, &[0.0])]
+                [
+                    m(2, 2, &[damping, 0.0, 1.0, 0.0]),
+                    m(2, 1, &[control, 0.0]),
+                    m(1, 2, &[1.0, 0.0]),
+                    m(1, 1, &[0.0]),
+                ]
             }
             Self::Vertical => {
                 let [damping, control] = VERTICAL;
@@ -164,7 +170,10 @@ mod tests {
         assert_eq!(Dynamics::Vertical.model().relative_degree(0, 0), Some(0));
         let whole = model();
         assert_eq!(whole.relative_degree(0, 3), None);
-        assert!(matches!(whole.transfer_function(0, 3), Err(crate::error::ModelError::ZeroTransfer { .. })));
+        assert!(matches!(
+            whole.transfer_function(0, 3),
+            Err(crate::error::ModelError::ZeroTransfer { .. })
+        ));
     }
 
     #[test]
@@ -176,9 +185,15 @@ mod tests {
                 for omega in [0.01, 0.5, 3.0, 40.0] {
                     let exact = sys.frequency_response(omega)[(output, 0)];
                     let got = tf.frequency_response(omega);
-                    assert!((got - exact).norm() <= 1e-11 * exact.norm(), "{dynamics:?} {output} {omega}: {got} {exact}");
+                    assert!(
+                        (got - exact).norm() <= 1e-11 * exact.norm(),
+                        "{dynamics:?} {output} {omega}: {got} {exact}"
+                    );
                     let back = tf.to_state_space().unwrap().frequency_response(omega)[(0, 0)];
-                    assert!((back - exact).norm() <= 1e-11 * exact.norm(), "{dynamics:?} {output} {omega}: {back} {exact}");
+                    assert!(
+                        (back - exact).norm() <= 1e-11 * exact.norm(),
+                        "{dynamics:?} {output} {omega}: {back} {exact}"
+                    );
                 }
             }
         }

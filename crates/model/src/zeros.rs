@@ -47,11 +47,18 @@ pub fn iterated_eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
 ///
 /// Source: Emami-Naeini and Van Dooren (1982), "Computation of zeros of linear multivariable systems", Automatica 18(4), 415-430,
 /// doi:10.1016/0005-1098(82)90070-X.
-pub(super) fn invariant_zeros(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, d: &DMatrix<f64>) -> Vec<Complex<f64>> {
+pub(super) fn invariant_zeros(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    c: &DMatrix<f64>,
+    d: &DMatrix<f64>,
+) -> Vec<Complex<f64>> {
     let scale = [a, b, c, d].iter().map(|m| m.norm()).fold(0.0, f64::max);
     let tolerance = scale * 1e-13;
     let [a, b, c, d] = reduce([a.clone(), b.clone(), c.clone(), d.clone()], tolerance);
-    let [a, c, b, d] = reduce([a.transpose(), c.transpose(), b.transpose(), d.transpose()], tolerance).map(|m| m.transpose());
+    let [a, c, b, d] =
+        reduce([a.transpose(), c.transpose(), b.transpose(), d.transpose()], tolerance)
+            .map(|m| m.transpose());
     if a.is_empty() {
         return Vec::new();
     }
@@ -129,7 +136,8 @@ mod tests {
     #[test]
     fn the_iteration_ends_for_a_nilpotent_matrix_without_zeros() {
         let chain = DMatrix::from_fn(3, 3, |i, j| f64::from(u8::from(i == j + 1)));
-        let q = DMatrix::from_row_slice(3, 3, &[2.0, -1.0, 2.0, 2.0, 2.0, -1.0, -1.0, 2.0, 2.0]) / 3.0;
+        let q =
+            DMatrix::from_row_slice(3, 3, &[2.0, -1.0, 2.0, 2.0, 2.0, -1.0, -1.0, 2.0, 2.0]) / 3.0;
         let found = eigenvalues(&(&q * chain * q.transpose()));
         assert!(found.len() == 3 && found.iter().all(|v| v.norm() < 1e-4), "{found:?}");
     }
@@ -161,19 +169,30 @@ mod tests {
         );
         let found = eigenvalues(&a);
         for v in &found {
-            assert!((v.re.abs() - 1.51874354).abs() < 1e-8 && (v.im.abs() - 0.42865482).abs() < 1e-8, "{found:?}");
+            assert!(
+                (v.re.abs() - 1.51874354).abs() < 1e-8 && (v.im.abs() - 0.42865482).abs() < 1e-8,
+                "{found:?}"
+            );
         }
         assert!((found.iter().sum::<Complex<f64>>()).norm() < 1e-12, "{found:?}");
     }
 
     #[test]
-    fn a_matrix_without_rows_has_no_eigenvalues_and_the_iteration_alone_finds_those_of_a_companion() {
-        assert!(eigenvalues(&DMatrix::zeros(0, 0)).is_empty() && iterated_eigenvalues(&DMatrix::zeros(0, 0)).is_empty());
+    fn a_matrix_without_rows_has_no_eigenvalues_and_the_iteration_alone_finds_those_of_a_companion()
+    {
+        assert!(
+            eigenvalues(&DMatrix::zeros(0, 0)).is_empty()
+                && iterated_eigenvalues(&DMatrix::zeros(0, 0)).is_empty()
+        );
         // (x − 1)(x − 2)(x − 4) = x³ − 7x² + 14x − 8.
-        let companion = DMatrix::from_row_slice(3, 3, &[7.0, -14.0, 8.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+        let companion =
+            DMatrix::from_row_slice(3, 3, &[7.0, -14.0, 8.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
         let mut found = iterated_eigenvalues(&companion);
         found.sort_by(|a, b| a.re.total_cmp(&b.re));
-        assert!(found.iter().zip([1.0, 2.0, 4.0]).all(|(v, root)| (v - root).norm() < 1e-12), "{found:?}");
+        assert!(
+            found.iter().zip([1.0, 2.0, 4.0]).all(|(v, root)| (v - root).norm() < 1e-12),
+            "{found:?}"
+        );
     }
 
     #[test]

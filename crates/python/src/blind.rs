@@ -7,7 +7,10 @@ use pyo3::prelude::*;
 
 use super::error::OrRaise;
 use super::work::{long, long_told};
-use deadtime::blind::{BlindScore as Inner, CaseFiles, Existing, Limit, Outcome, RunOptions, find, load, run, run_case, score};
+use deadtime::blind::{
+    BlindScore as Inner, CaseFiles, Existing, Limit, Outcome, RunOptions, find, load, run,
+    run_case, score,
+};
 use deadtime::diagnose::{GapOptions, diagnose_files};
 use deadtime::report::blind;
 
@@ -50,9 +53,18 @@ fn _blind_run(
     };
     let summary = long_told(py, threads, tell, move |stop| {
         let gap = GapOptions { seed, stop: stop.clone(), ..GapOptions::default() };
-        let options = RunOptions { jobs, existing: existing(fresh), stop: stop.clone(), ..RunOptions::default() };
-        let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis);
-        let progress = |id: &str, outcome: &Outcome| news.lock().unwrap_or_else(PoisonError::into_inner).push(told(id, outcome));
+        let options = RunOptions {
+            jobs,
+            existing: existing(fresh),
+            stop: stop.clone(),
+            ..RunOptions::default()
+        };
+        let diagnose = |case: &CaseFiles| {
+            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis)
+        };
+        let progress = |id: &str, outcome: &Outcome| {
+            news.lock().unwrap_or_else(PoisonError::into_inner).push(told(id, outcome))
+        };
         Ok(run(&cases, &verdicts, &options, &diagnose, &progress)?)
     })?;
     Ok(summary.cases.iter().map(|(id, outcome)| told(id, outcome)).collect())
@@ -77,7 +89,9 @@ fn _blind_case(
 ) -> PyResult<Told> {
     long(py, threads, move |stop| {
         let gap = GapOptions { seed, stop: stop.clone(), ..GapOptions::default() };
-        let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis);
+        let diagnose = |case: &CaseFiles| {
+            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis)
+        };
         match run_case(&id, CaseFiles::of(case, &id), &verdicts, existing(fresh), &diagnose) {
             Outcome::Failed(deadtime::study::Error::Stopped(stopped)) => Err(stopped.into()),
             outcome => Ok(told(&id, &outcome)),
@@ -93,13 +107,19 @@ struct BlindScore(Inner);
 impl BlindScore {
     /// Reads verdicts and labels, checks every commitment, and scores.
     #[staticmethod]
-    fn of(py: Python<'_>, verdicts: PathBuf, labels: PathBuf, cases: Option<PathBuf>) -> PyResult<Self> {
+    fn of(
+        py: Python<'_>,
+        verdicts: PathBuf,
+        labels: PathBuf,
+        cases: Option<PathBuf>,
+    ) -> PyResult<Self> {
         long(py, None, move |_| Ok(score(&load(&verdicts, &labels, cases.as_deref())?))).map(Self)
     }
 
     /// `deadtime/blind-score@1`.
     fn json(&self) -> PyResult<String> {
-        serde_json::to_string_pretty(&self.0).map_err(|e| pyo3::exceptions::PyValueError::new_err(e.to_string()))
+        serde_json::to_string_pretty(&self.0)
+            .map_err(|e| pyo3::exceptions::PyValueError::new_err(e.to_string()))
     }
 
     /// As the command line prints it.
@@ -114,7 +134,8 @@ impl BlindScore {
 
     /// What is to be said of the limits, `NAME>=VALUE` or `NAME<=VALUE`, that are not kept.
     fn unmet(&self, py: Python<'_>, require: Vec<String>) -> PyResult<Vec<String>> {
-        let limits: Vec<Limit> = require.iter().map(|text| text.parse()).collect::<Result<_, _>>().or_raise(py)?;
+        let limits: Vec<Limit> =
+            require.iter().map(|text| text.parse()).collect::<Result<_, _>>().or_raise(py)?;
         Ok(limits.iter().filter_map(|limit| limit.unmet(&self.0)).collect())
     }
 

@@ -8,7 +8,10 @@ use super::convert::{Numbers, vector};
 use deadtime::delay::bound;
 
 /// Runs a bound over a Python function of one number; what the function raises is raised.
-fn over(function: &Bound<'_, PyAny>, bound: impl FnOnce(&dyn Fn(f64) -> f64) -> f64) -> PyResult<f64> {
+fn over(
+    function: &Bound<'_, PyAny>,
+    bound: impl FnOnce(&dyn Fn(f64) -> f64) -> f64,
+) -> PyResult<f64> {
     let raised = RefCell::new(None);
     let call = |x: f64| {
         if raised.borrow().is_some() {

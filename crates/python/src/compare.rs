@@ -9,7 +9,11 @@ use deadtime::report::{compare, page};
 
 /// Names and texts of diagnoses, or of studies: the comparison as JSON, as text, and as a page.
 #[pyfunction]
-fn _compare(py: Python<'_>, kind: &str, named: Vec<(String, String)>) -> PyResult<(String, String, String)> {
+fn _compare(
+    py: Python<'_>,
+    kind: &str,
+    named: Vec<(String, String)>,
+) -> PyResult<(String, String, String)> {
     py.detach(|| match kind {
         "diagnosis" => {
             let found = diagnoses(&read(named)?);

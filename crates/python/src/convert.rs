@@ -11,7 +11,10 @@ use deadtime::registry::find;
 use deadtime::time::SampleTime;
 
 /// Anything that serde writes as JSON, as dicts, lists, numbers, strings and None; what is not a finite number is None.
-pub(super) fn object<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bound<'py, PyAny>> {
+pub(super) fn object<'py>(
+    py: Python<'py>,
+    value: &impl serde::Serialize,
+) -> PyResult<Bound<'py, PyAny>> {
     let text = serde_json::to_string(value).map_err(|e| PyValueError::new_err(e.to_string()))?;
     py.import("json")?.call_method1("loads", (text,))
 }
@@ -48,7 +51,9 @@ pub(super) fn array2(py: Python<'_>, matrix: DMatrix<f64>) -> PyResult<Bound<'_,
     use numpy::PyArrayMethods;
     let (rows, columns) = matrix.shape();
     let numbers: Vec<f64> = matrix.data.into();
-    numbers.into_pyarray(py).reshape_with_order([rows, columns], numpy::npyffi::NPY_ORDER::NPY_FORTRANORDER)
+    numbers
+        .into_pyarray(py)
+        .reshape_with_order([rows, columns], numpy::npyffi::NPY_ORDER::NPY_FORTRANORDER)
 }
 
 /// A sample time, and a conversion by its name with its options.
@@ -59,6 +64,8 @@ pub(super) fn conversion(
     options: &Bound<'_, PyAny>,
 ) -> PyResult<(SampleTime, Box<dyn Conversion>)> {
     let options = json(options)?;
-    let conversion = find(CONVERSIONS, "conversion", method).and_then(|entry| entry.with(options)).or_raise(py)?;
+    let conversion = find(CONVERSIONS, "conversion", method)
+        .and_then(|entry| entry.with(options))
+        .or_raise(py)?;
     Ok((SampleTime::new(sample_time).or_raise(py)?, conversion))
 }

@@ -14,7 +14,9 @@ use super::log::{Log, channel};
 use super::model::Model;
 use super::work::long;
 use deadtime::delay::report::{Estimate, Pair, Report};
-use deadtime::delay::{self, DelayError, EventsJob, Job, METHODS, Method, ResponseJob, Scope, chosen};
+use deadtime::delay::{
+    self, DelayError, EventsJob, Job, METHODS, Method, ResponseJob, Scope, chosen,
+};
 use deadtime::log::{EventTimes, FrequencyResponse, LogError, Quality, read_frequency_response};
 use deadtime::model::{ModelDocument, ModelFile};
 use deadtime::report::estimate::{full, preamble, warning};
@@ -40,8 +42,15 @@ struct Asked {
 }
 
 impl Asked {
-    fn job(self, py: Python<'_>, logs: &[PyRef<'_, Log>], model: Option<&Model>, options: &Bound<'_, PyAny>) -> PyResult<Job> {
-        let scopes: &[Scope] = if model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
+    fn job(
+        self,
+        py: Python<'_>,
+        logs: &[PyRef<'_, Log>],
+        model: Option<&Model>,
+        options: &Bound<'_, PyAny>,
+    ) -> PyResult<Job> {
+        let scopes: &[Scope] =
+            if model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
         Ok(Job {
             methods: chosen(&self.methods, &by_method(options)?, scopes).or_raise(py)?,
             detrend: choice("detrend", &self.detrend)?,
@@ -84,8 +93,16 @@ fn _estimate_events<'py>(
 ) -> PyResult<Told<'py>> {
     let methods = chosen(&methods, &by_method(options)?, &[Scope::Events]).or_raise(py)?;
     let channels = [first.0.clone(), second.0.clone()];
-    let events = [first, second].map(|(name, unit, times)| EventTimes { name, unit, times: vector(&times) });
-    let job = EventsJob { name, channels, events, methods, max_delay_s: max_delay, stop: Default::default() };
+    let events =
+        [first, second].map(|(name, unit, times)| EventTimes { name, unit, times: vector(&times) });
+    let job = EventsJob {
+        name,
+        channels,
+        events,
+        methods,
+        max_delay_s: max_delay,
+        stop: Default::default(),
+    };
     let report = long(py, None, move |stop| Ok(EventsJob { stop: stop.clone(), ..job }.run()?))?;
     told(py, &report)
 }
@@ -114,21 +131,37 @@ fn _estimate_response<'py>(
                 "std" => Quality::Std(more),
                 _ => Quality::Unknown,
             };
-            let values = vector(&real).into_iter().zip(vector(&imag)).map(|(re, im)| Complex::new(re, im)).collect();
+            let values = vector(&real)
+                .into_iter()
+                .zip(vector(&imag))
+                .map(|(re, im)| Complex::new(re, im))
+                .collect();
             let file = "frequency response";
             FrequencyResponse::new(file, vector(&omega), values, known)
                 .map_err(|error| LogError::Frequency { file: file.into(), error })
                 .or_raise(py)?
         }
     };
-    let job = ResponseJob { methods, options: by_method(options)?, max_delay_s: max_delay, ..ResponseJob::new(response) };
-    let report = long(py, threads, move |stop| Ok(ResponseJob { stop: stop.clone(), ..job }.run()?))?;
+    let job = ResponseJob {
+        methods,
+        options: by_method(options)?,
+        max_delay_s: max_delay,
+        ..ResponseJob::new(response)
+    };
+    let report =
+        long(py, threads, move |stop| Ok(ResponseJob { stop: stop.clone(), ..job }.run()?))?;
     told(py, &report)
 }
 
 /// The log of a step response: a step of this size beside the response.
 #[pyfunction]
-fn _of_step(py: Python<'_>, table: PyRef<'_, Log>, response: Option<String>, size: f64, time: Option<f64>) -> PyResult<Log> {
+fn _of_step(
+    py: Python<'_>,
+    table: PyRef<'_, Log>,
+    response: Option<String>,
+    size: f64,
+    time: Option<f64>,
+) -> PyResult<Log> {
     deadtime::log::Log::of_step(&table.0, response.as_deref(), size, time).map(Log).or_raise(py)
 }
 
@@ -143,11 +176,13 @@ fn _expected<'py>(
     threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let job = asked.job(py, &logs, model.as_deref(), options)?;
-    let expected = long(py, threads, move |stop| Ok(Job { stop: stop.clone(), ..job }.expected()?))?;
+    let expected =
+        long(py, threads, move |stop| Ok(Job { stop: stop.clone(), ..job }.expected()?))?;
     let pairs: Vec<Value> = expected
         .iter()
         .map(|pair| {
-            let methods: Vec<Value> = pair.methods.iter().map(|(name, richness)| json!([name, richness])).collect();
+            let methods: Vec<Value> =
+                pair.methods.iter().map(|(name, richness)| json!([name, richness])).collect();
             json!({ "input": pair.input, "output": pair.output, "methods": methods })
         })
         .collect();
@@ -166,7 +201,8 @@ fn _impulse_response<'py>(
 ) -> PyResult<Option<(Bound<'py, PyAny>, Bound<'py, PyAny>)>> {
     let detrend = choice("detrend", detrend)?;
     let logs: Vec<_> = logs.iter().map(|log| log.0.clone()).collect();
-    let response = long(py, None, move |_| Ok(delay::impulse_response(&logs, &input, &output, detrend)?))?;
+    let response =
+        long(py, None, move |_| Ok(delay::impulse_response(&logs, &input, &output, detrend)?))?;
     Ok(response.map(|r| (array1(py, r.values).into_any(), array1(py, r.std).into_any())))
 }
 
@@ -176,7 +212,12 @@ fn _of_arrays(py: Python<'_>, u: Numbers<'_>, y: Numbers<'_>, sample_time: f64) 
     let step = SampleTime::new(sample_time).or_raise(py)?;
     let (u, y) = (vector(&u), vector(&y));
     let time_s = (0..u.len()).map(|k| step.to_seconds(k as f64)).collect();
-    Ok(Log(deadtime::log::Log::new("arrays", time_s, vec![channel("u", None, u), channel("y", None, y)]).or_raise(py)?))
+    Ok(Log(deadtime::log::Log::new(
+        "arrays",
+        time_s,
+        vec![channel("u", None, u), channel("y", None, y)],
+    )
+    .or_raise(py)?))
 }
 
 /// The list of methods, in order.
@@ -201,26 +242,31 @@ fn _methods(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
 
 /// A word as one of the choices that an option has.
 fn choice<T: DeserializeOwned>(option: &str, word: &str) -> PyResult<T> {
-    serde_json::from_value(Value::String(word.to_owned())).map_err(|e| PyValueError::new_err(format!("{option}: {e}")))
+    serde_json::from_value(Value::String(word.to_owned()))
+        .map_err(|e| PyValueError::new_err(format!("{option}: {e}")))
 }
 
 /// Options as they are written in Python, a dict per method.
 fn by_method(options: &Bound<'_, PyAny>) -> PyResult<BTreeMap<String, Value>> {
-    serde_json::from_value(from_python(options)?)
-        .map_err(|e| PyValueError::new_err(format!("options: {e}; give a dict of options for each method")))
+    serde_json::from_value(from_python(options)?).map_err(|e| {
+        PyValueError::new_err(format!("options: {e}; give a dict of options for each method"))
+    })
 }
 
 /// The linear model that estimation knows how to use.
 fn linear(py: Python<'_>, model: &Model) -> PyResult<ModelFile> {
     match &model.0 {
         ModelDocument::Lti(file) => Ok(file.clone()),
-        ModelDocument::Equations(file) => Err(DelayError::Equations { model: file.name.clone() }).or_raise(py),
+        ModelDocument::Equations(file) => {
+            Err(DelayError::Equations { model: file.name.clone() }).or_raise(py)
+        }
     }
 }
 
 fn told<'py>(py: Python<'py>, report: &Report) -> PyResult<Told<'py>> {
     let report = report.clone().worded(call);
-    let file = serde_json::to_string_pretty(&report).map_err(|e| PyValueError::new_err(e.to_string()))?;
+    let file =
+        serde_json::to_string_pretty(&report).map_err(|e| PyValueError::new_err(e.to_string()))?;
     let row = |e: &Estimate| json!({ "class_": e.class, "counts": e.counts(), "distrust": e.distrust, "contradicted": e.contradicted });
     let pair = |p: &Pair| {
         json!({

@@ -16,7 +16,9 @@ use super::error::{OrRaise, call, raise};
 use super::log::{Log, channels};
 use super::model::Model;
 use super::work::long;
-use deadtime::diagnose::{Diagnosed, GapOptions, Mode, Stage, Subject, clocks, diagnose, inspect, isolability};
+use deadtime::diagnose::{
+    Diagnosed, GapOptions, Mode, Stage, Subject, clocks, diagnose, inspect, isolability,
+};
 use deadtime::effect::{Applied, Chance};
 use deadtime::log::{Log as InnerLog, ReadOptions, open};
 use deadtime::model::ModelDocument;
@@ -40,7 +42,8 @@ struct Exception {
 
 impl Raised {
     fn keep(&self, py: Python<'_>, error: PyErr) -> String {
-        let name = error.get_type(py).name().map_or_else(|_| "exception".to_owned(), |n| n.to_string());
+        let name =
+            error.get_type(py).name().map_or_else(|_| "exception".to_owned(), |n| n.to_string());
         let said = error.value(py).to_string();
         let words = if said.is_empty() { name } else { format!("{name}: {said}") };
         let ends = !error.is_instance_of::<PyException>(py);
@@ -53,7 +56,8 @@ impl Raised {
 
     /// An exception that ends everything, whatever it is.
     fn end(&self, error: PyErr) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(Exception { error, words: String::new(), ends: true });
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) =
+            Some(Exception { error, words: String::new(), ends: true });
     }
 
     /// Whoever waits wants to know of an exception that ends everything rather than of what came of it.
@@ -85,14 +89,28 @@ struct Function {
 }
 
 impl Function {
-    fn call(&self, py: Python<'_>, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Result<DMatrix<f64>, String> {
+    fn call(
+        &self,
+        py: Python<'_>,
+        u: &DMatrix<f64>,
+        time_s: &[f64],
+        x0: &[f64],
+        parameters: &[f64],
+    ) -> Result<DMatrix<f64>, String> {
         if self.raised.ends() {
             return Err("it was interrupted".to_owned());
         }
         self.answer(py, u, time_s, x0, parameters).map_err(|e| self.raised.keep(py, e))
     }
 
-    fn answer(&self, py: Python<'_>, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> PyResult<DMatrix<f64>> {
+    fn answer(
+        &self,
+        py: Python<'_>,
+        u: &DMatrix<f64>,
+        time_s: &[f64],
+        x0: &[f64],
+        parameters: &[f64],
+    ) -> PyResult<DMatrix<f64>> {
         // Rows one after the other, as NumPy has it by default.
         let rows: Vec<f64> = u.transpose().as_slice().to_vec();
         let u = rows.into_pyarray(py).reshape([u.nrows(), u.ncols()])?;
@@ -100,7 +118,12 @@ impl Function {
         for (name, value) in self.parameters.iter().zip(parameters) {
             named.set_item(name, value)?;
         }
-        let y = self.f.bind(py).call1((u, array1(py, time_s.to_vec()), array1(py, x0.to_vec()), named))?;
+        let y = self.f.bind(py).call1((
+            u,
+            array1(py, time_s.to_vec()),
+            array1(py, x0.to_vec()),
+            named,
+        ))?;
         numbers(&y, time_s.len(), self.outputs)
     }
 }
@@ -109,25 +132,38 @@ impl Function {
 fn numbers(y: &Bound<'_, PyAny>, samples: usize, outputs: usize) -> PyResult<DMatrix<f64>> {
     let py = y.py();
     let numpy = py.import("numpy")?;
-    let needed = if outputs == 1 { format!("({samples},) or ({samples}, 1)") } else { format!("({samples}, {outputs})") };
+    let needed = if outputs == 1 {
+        format!("({samples},) or ({samples}, 1)")
+    } else {
+        format!("({samples}, {outputs})")
+    };
     if y.is_none() {
-        return Err(PyTypeError::new_err(format!("simulate returned None; it must return an array of shape {needed}")));
+        return Err(PyTypeError::new_err(format!(
+            "simulate returned None; it must return an array of shape {needed}"
+        )));
     }
     let array = numpy.call_method1("asarray", (y,))?;
     let kind: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
     if !"fiub".contains(&kind) {
         let what = array.getattr("dtype")?.str()?;
-        return Err(PyTypeError::new_err(format!("simulate returned an array of {what}; it must return numbers of shape {needed}")));
+        return Err(PyTypeError::new_err(format!(
+            "simulate returned an array of {what}; it must return numbers of shape {needed}"
+        )));
     }
     let shape: Vec<usize> = array.getattr("shape")?.extract()?;
     let fits = shape == [samples, outputs] || (outputs == 1 && shape == [samples]);
     if !fits {
         let told = shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
         let comma = if shape.len() == 1 { "," } else { "" };
-        let hint = if shape == [outputs, samples] { "; samples come first: return y.T" } else { "" };
-        return Err(PyValueError::new_err(format!("simulate returned an array of shape ({told}{comma}) where {needed} is needed{hint}")));
+        let hint =
+            if shape == [outputs, samples] { "; samples come first: return y.T" } else { "" };
+        return Err(PyValueError::new_err(format!(
+            "simulate returned an array of shape ({told}{comma}) where {needed} is needed{hint}"
+        )));
     }
-    let array = array.call_method1("astype", ("float64",))?.call_method1("reshape", ((samples, outputs),))?;
+    let array = array
+        .call_method1("astype", ("float64",))?
+        .call_method1("reshape", ((samples, outputs),))?;
     let view: PyReadonlyArray2<'_, f64> = array.cast::<PyArray2<f64>>()?.readonly();
     let view = view.as_array();
     Ok(DMatrix::from_fn(samples, outputs, |k, i| view[(k, i)]))
@@ -150,26 +186,48 @@ struct Served(Sender<Call>);
 impl Served {
     fn new(function: Function) -> std::io::Result<Self> {
         let (sender, calls) = channel::<Call>();
-        thread::Builder::new().name("deadtime simulate".to_owned()).stack_size(8 << 20).spawn(move || {
-            for call in calls {
-                let answer = Python::try_attach(|py| function.call(py, &call.u, &call.time_s, &call.x0, &call.parameters));
-                // Whoever asked may have gone.
-                let _ = call.answer.send(answer.unwrap_or_else(|| Err("the interpreter has ended".to_owned())));
-            }
-            // Gone with the lock held; without an interpreter there is nothing to give back.
-            let rest = Mutex::new(Some(function));
-            if Python::try_attach(|_| drop(rest.lock().unwrap_or_else(PoisonError::into_inner).take())).is_none() {
-                std::mem::forget(rest);
-            }
-        })?;
+        thread::Builder::new().name("deadtime simulate".to_owned()).stack_size(8 << 20).spawn(
+            move || {
+                for call in calls {
+                    let answer = Python::try_attach(|py| {
+                        function.call(py, &call.u, &call.time_s, &call.x0, &call.parameters)
+                    });
+                    // Whoever asked may have gone.
+                    let _ = call.answer.send(
+                        answer.unwrap_or_else(|| Err("the interpreter has ended".to_owned())),
+                    );
+                }
+                // Gone with the lock held; without an interpreter there is nothing to give back.
+                let rest = Mutex::new(Some(function));
+                if Python::try_attach(|_| {
+                    drop(rest.lock().unwrap_or_else(PoisonError::into_inner).take())
+                })
+                .is_none()
+                {
+                    std::mem::forget(rest);
+                }
+            },
+        )?;
         Ok(Self(sender))
     }
 }
 
 impl Simulator for Served {
-    fn simulate(&self, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Result<DMatrix<f64>, String> {
+    fn simulate(
+        &self,
+        u: &DMatrix<f64>,
+        time_s: &[f64],
+        x0: &[f64],
+        parameters: &[f64],
+    ) -> Result<DMatrix<f64>, String> {
         let (answer, answers) = sync_channel(1);
-        let call = Call { u: u.clone(), time_s: time_s.to_vec(), x0: x0.to_vec(), parameters: parameters.to_vec(), answer };
+        let call = Call {
+            u: u.clone(),
+            time_s: time_s.to_vec(),
+            x0: x0.to_vec(),
+            parameters: parameters.to_vec(),
+            answer,
+        };
         let gone = || "the thread that calls simulate has ended".to_owned();
         self.0.send(call).map_err(|_| gone())?;
         answers.recv().map_err(|_| gone())?
@@ -181,7 +239,13 @@ impl Simulator for Served {
 struct Direct(Arc<Function>);
 
 impl Simulator for Direct {
-    fn simulate(&self, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Result<DMatrix<f64>, String> {
+    fn simulate(
+        &self,
+        u: &DMatrix<f64>,
+        time_s: &[f64],
+        x0: &[f64],
+        parameters: &[f64],
+    ) -> Result<DMatrix<f64>, String> {
         let answer = Python::try_attach(|py| self.0.call(py, u, time_s, x0, parameters));
         answer.unwrap_or_else(|| Err("the interpreter has ended".to_owned()))
     }
@@ -218,8 +282,14 @@ impl PySimulator {
             name,
             inputs: inputs.into_iter().map(port).collect(),
             outputs: outputs.into_iter().map(port).collect(),
-            states: states.into_iter().map(|(name, initial, std)| Start { port: Port { name, unit: None }, initial, std }).collect(),
-            parameters: parameters.into_iter().map(|(name, unit, value)| (Port { name, unit }, value)).collect(),
+            states: states
+                .into_iter()
+                .map(|(name, initial, std)| Start { port: Port { name, unit: None }, initial, std })
+                .collect(),
+            parameters: parameters
+                .into_iter()
+                .map(|(name, unit, value)| (Port { name, unit }, value))
+                .collect(),
             restart: channels.map(|channels| Restart { channels, every_s: restart_every }),
         };
         let simulator = Self { f, face, effects: Vec::new() };
@@ -239,19 +309,24 @@ impl PySimulator {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let time = vector(&time);
         let inputs: Vec<Vec<f64>> = match u.extract::<Table<'py>>() {
-            Ok(table) => matrix(&table).column_iter().map(|c| c.iter().copied().collect()).collect(),
+            Ok(table) => {
+                matrix(&table).column_iter().map(|c| c.iter().copied().collect()).collect()
+            }
             Err(_) => vec![vector(&u.extract::<Numbers<'py>>()?)],
         };
         let raised = Raised::default();
         let mut system = self.direct(py, raised.clone()).or_raise(py)?;
         let mut plan = Applied::plan(&system, &self.effects, Chance::Mean).or_raise(py)?;
         // A wrong parameter is wrong by as much, whatever the one that is asked for.
-        let asked = self.face.parameters.iter().map(|(port, _)| match parameters.get_item(&port.name)? {
-            Some(value) => value.extract::<f64>(),
-            None => Err(PyKeyError::new_err(format!("parameters: `{}` is missing", port.name))),
-        });
+        let asked =
+            self.face.parameters.iter().map(|(port, _)| match parameters.get_item(&port.name)? {
+                Some(value) => value.extract::<f64>(),
+                None => Err(PyKeyError::new_err(format!("parameters: `{}` is missing", port.name))),
+            });
         let asked = asked.collect::<PyResult<Vec<f64>>>()?;
-        if let (Dynamics::BlackBox(_, values), Dynamics::BlackBox(_, wrong)) = (&mut system.dynamics, &mut plan.dynamics) {
+        if let (Dynamics::BlackBox(_, values), Dynamics::BlackBox(_, wrong)) =
+            (&mut system.dynamics, &mut plan.dynamics)
+        {
             for ((wrong, nominal), asked) in wrong.iter_mut().zip(values.iter_mut()).zip(asked) {
                 *wrong = asked + (*wrong - *nominal);
                 *nominal = asked;
@@ -259,7 +334,9 @@ impl PySimulator {
         }
         let start = time.first().copied().unwrap_or(0.0);
         let time: Vec<f64> = time.iter().map(|t| t - start).collect();
-        let run = system.simulate(&plan, Commands { time_s: &time, inputs: &inputs }, &vector(&x0), None).or_raise(py);
+        let run = system
+            .simulate(&plan, Commands { time_s: &time, inputs: &inputs }, &vector(&x0), None)
+            .or_raise(py);
         let run = match (run, raised.0.lock().unwrap_or_else(PoisonError::into_inner).take()) {
             (Err(_), Some(kept)) => return Err(kept.error),
             (run, _) => run?,
@@ -276,7 +353,11 @@ impl PySimulator {
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         let effects: Vec<String> = self.effects.iter().map(Applied::key).collect();
-        let with = if effects.is_empty() { String::new() } else { format!(" with {}", effects.join(" and ")) };
+        let with = if effects.is_empty() {
+            String::new()
+        } else {
+            format!(" with {}", effects.join(" and "))
+        };
         Ok(format!("<{}{with}>", self.f.bind(py).repr()?))
     }
 }
@@ -288,11 +369,15 @@ impl PySimulator {
     }
 
     fn direct(&self, py: Python<'_>, raised: Raised) -> deadtime::Result<System> {
-        Ok(System::black_box(Arc::new(Direct(Arc::new(self.function(py, raised)))), self.face.clone())?)
+        Ok(System::black_box(
+            Arc::new(Direct(Arc::new(self.function(py, raised)))),
+            self.face.clone(),
+        )?)
     }
 
     fn served(&self, py: Python<'_>, raised: Raised) -> PyResult<System> {
-        System::black_box(Arc::new(Served::new(self.function(py, raised))?), self.face.clone()).or_raise(py)
+        System::black_box(Arc::new(Served::new(self.function(py, raised))?), self.face.clone())
+            .or_raise(py)
     }
 
     fn with(&self, py: Python<'_>, effects: &[Applied]) -> Self {
@@ -326,7 +411,9 @@ impl What {
     fn threads(&self, asked: Option<usize>) -> Option<usize> {
         match self {
             Self::Model(_) => asked,
-            Self::Simulator(_) => asked.or_else(|| thread::available_parallelism().ok().map(usize::from)),
+            Self::Simulator(_) => {
+                asked.or_else(|| thread::available_parallelism().ok().map(usize::from))
+            }
         }
     }
 }
@@ -335,16 +422,30 @@ fn copies(logs: &[PyRef<'_, Log>]) -> Vec<InnerLog> {
     logs.iter().map(|log| log.0.clone()).collect()
 }
 
-fn options(prediction: Option<&str>, horizon: Option<usize>, max_delay: Option<f64>, seed: u64, stop: &Stop) -> GapOptions {
-    let prediction = prediction.map(|p| if p == "predictor" { Mode::Predictor } else { Mode::Simulation });
-    GapOptions { prediction, horizon, longest_delay_s: max_delay, seed, stop: stop.clone(), ..GapOptions::default() }
+fn options(
+    prediction: Option<&str>,
+    horizon: Option<usize>,
+    max_delay: Option<f64>,
+    seed: u64,
+    stop: &Stop,
+) -> GapOptions {
+    let prediction =
+        prediction.map(|p| if p == "predictor" { Mode::Predictor } else { Mode::Simulation });
+    GapOptions {
+        prediction,
+        horizon,
+        longest_delay_s: max_delay,
+        seed,
+        stop: stop.clone(),
+        ..GapOptions::default()
+    }
 }
 
 fn mode(prediction: Option<&Bound<'_, PyString>>) -> PyResult<Option<String>> {
     match prediction.map(|p| p.to_string()) {
-        Some(p) if p != "predictor" && p != "simulation" => {
-            Err(PyValueError::new_err(format!("prediction is `{p}`; it is `simulation` or `predictor`, or None: chosen from the model")))
-        }
+        Some(p) if p != "predictor" && p != "simulation" => Err(PyValueError::new_err(format!(
+            "prediction is `{p}`; it is `simulation` or `predictor`, or None: chosen from the model"
+        ))),
         p => Ok(p),
     }
 }
@@ -373,13 +474,17 @@ fn _gap(
         let tell = |stage: Stage| {
             let Some(progress) = &progress else { return };
             let told = Python::try_attach(|py| {
-                progress.call1(py, (stage.begins_at(), stage.to_string())).map_err(|error| listener.end(error)).is_ok()
+                progress
+                    .call1(py, (stage.begins_at(), stage.to_string()))
+                    .map_err(|error| listener.end(error))
+                    .is_ok()
             });
             if told != Some(true) {
                 stop.set();
             }
         };
-        let options = GapOptions { rows, ..options(prediction.as_deref(), horizon, max_delay, seed, stop) };
+        let options =
+            GapOptions { rows, ..options(prediction.as_deref(), horizon, max_delay, seed, stop) };
         Ok(diagnose(what.subject(), &logs, &holdout, &options, &tell)?)
     };
     let found = raised.over(py, long(py, threads, work))?;
@@ -431,7 +536,12 @@ fn _isolability(
     let (what, prediction, logs) = (What::new(subject, &raised)?, mode(prediction)?, copies(&logs));
     let threads = what.threads(threads);
     let work = move |stop: &Stop| {
-        Ok(isolability(what.subject(), &logs, &options(prediction.as_deref(), horizon, max_delay, 1, stop), &HowFar::default())?)
+        Ok(isolability(
+            what.subject(),
+            &logs,
+            &options(prediction.as_deref(), horizon, max_delay, 1, stop),
+            &HowFar::default(),
+        )?)
     };
     let found = raised.over(py, long(py, threads, work))?;
     Ok((json(&found)?, report::isolability::text(&found)))
@@ -502,7 +612,10 @@ impl PyDiagnosed {
             dict.set_item("output", &trace.output)?;
             dict.set_item("unit", &trace.unit)?;
             dict.set_item("time", array1(py, trace.time_s.clone()))?;
-            dict.set_item("measured", array1(py, trace.measured.iter().map(|v| v.unwrap_or(f64::NAN)).collect()))?;
+            dict.set_item(
+                "measured",
+                array1(py, trace.measured.iter().map(|v| v.unwrap_or(f64::NAN)).collect()),
+            )?;
             dict.set_item("before", array1(py, trace.before.clone()))?;
             dict.set_item("after", trace.after.clone().map(|after| array1(py, after)))?;
             dict.set_item("train", trace.train.map(|[from, to]| (from, to)))?;

@@ -15,7 +15,9 @@ fn _effects<'py>(py: Python<'py>, model: Option<&Model>) -> PyResult<Bound<'py, 
     match model {
         None => object(py, &lines_data(&table())),
         // Where operating points are a log's means, their values do not matter here.
-        Some(model) => object(py, &menu_data(&menu(&System::new(&model.0, |_| Ok(0.0)).or_raise(py)?))),
+        Some(model) => {
+            object(py, &menu_data(&menu(&System::new(&model.0, |_| Ok(0.0)).or_raise(py)?)))
+        }
     }
 }
 

@@ -32,7 +32,9 @@ fn class(error: &Error) -> Option<&'static str> {
         | Error::Model(deadtime::model::ModelError::Time(_))
         | Error::Simulate(deadtime::simulate::SimulateError::DelayTime(_)) => "TimeError",
         Error::Log(_) | Error::Derived(_) => "LogError",
-        Error::Model(_) | Error::Structured(_) | Error::Matching(_) | Error::Identify(_) => "ModelError",
+        Error::Model(_) | Error::Structured(_) | Error::Matching(_) | Error::Identify(_) => {
+            "ModelError"
+        }
         Error::Signal(_) => "SignalError",
         Error::Simulate(_) => "SimulateError",
         Error::Gap(_) => "GapError",
@@ -51,12 +53,19 @@ fn class(error: &Error) -> Option<&'static str> {
 pub(super) fn raise(py: Python<'_>, error: impl Into<Error>) -> PyErr {
     let error = error.into();
     let Some(name) = class(&error) else { return PyKeyboardInterrupt::new_err(()) };
-    let class = |name: &str| -> PyResult<Bound<'_, PyType>> { Ok(py.import("deadtime.errors")?.getattr(name)?.cast_into()?) };
+    let class = |name: &str| -> PyResult<Bound<'_, PyType>> {
+        Ok(py.import("deadtime.errors")?.getattr(name)?.cast_into()?)
+    };
     match (class(name), &error) {
         (Ok(class), Error::File(deadtime::file::FileError::Io { path, source })) => {
-            PyErr::from_type(class, (source.raw_os_error(), os_message(source), path.clone().into_os_string()))
+            PyErr::from_type(
+                class,
+                (source.raw_os_error(), os_message(source), path.clone().into_os_string()),
+            )
         }
-        (Ok(class), _) => PyErr::from_type(class, deadtime::text::message(&error.message().worded(call))),
+        (Ok(class), _) => {
+            PyErr::from_type(class, deadtime::text::message(&error.message().worded(call)))
+        }
         (Err(missing), _) => missing,
     }
 }

@@ -21,10 +21,16 @@ fn _export(
     to: &str,
     options: &str,
 ) -> PyResult<(String, String)> {
-    let diagnosis: Diagnosis =
-        serde_json::from_str(text).map_err(|error| raise(py, DiagnosisError::Unreadable { file: source, source: error }))?;
-    let options = serde_json::from_str(options).map_err(|e| PyValueError::new_err(e.to_string()))?;
-    let source = Source { diagnosis: &diagnosis, model: model.as_ref().map(|m| &m.0), deviations: &deviations, widen };
+    let diagnosis: Diagnosis = serde_json::from_str(text)
+        .map_err(|error| raise(py, DiagnosisError::Unreadable { file: source, source: error }))?;
+    let options =
+        serde_json::from_str(options).map_err(|e| PyValueError::new_err(e.to_string()))?;
+    let source = Source {
+        diagnosis: &diagnosis,
+        model: model.as_ref().map(|m| &m.0),
+        deviations: &deviations,
+        widen,
+    };
     let made = export(&source, to, options).or_raise(py)?;
     Ok((made.to_json(), made.to_yaml()))
 }

@@ -52,13 +52,28 @@ fn _identify(
         let all = Recordings::from_logs(&logs, &asked.inputs, &asked.outputs)?;
         let (learnt, judged, held_out) = if holdout.is_empty() {
             let (learnt, judged) = all.split(asked.learnt);
-            (learnt, judged, format!("the last {:.0} % of each record", 100.0 * (1.0 - asked.learnt)))
+            (
+                learnt,
+                judged,
+                format!("the last {:.0} % of each record", 100.0 * (1.0 - asked.learnt)),
+            )
         } else {
             let judged = Recordings::from_logs(&holdout, &asked.inputs, &asked.outputs)?;
             all.sample_time.must_equal(judged.sample_time)?;
-            (all, judged, holdout.iter().map(|l| l.source().to_owned()).collect::<Vec<_>>().join(", "))
+            (
+                all,
+                judged,
+                holdout.iter().map(|l| l.source().to_owned()).collect::<Vec<_>>().join(", "),
+            )
         };
-        let found = identify_behind_delays(&learnt, &logs, &asked.method, &options, &taken_out, (stop, &HowFar::default()))?;
+        let found = identify_behind_delays(
+            &learnt,
+            &logs,
+            &asked.method,
+            &options,
+            &taken_out,
+            (stop, &HowFar::default()),
+        )?;
         let file = found.model.file(&asked.name, &found.delays, asked.continuous)?;
         let judged = judged.behind_delays(&found.delays)?;
         let report = Report {
@@ -72,7 +87,8 @@ fn _identify(
         };
         Ok((file, report.data()?, report.text()))
     })?;
-    let data = serde_json::to_string_pretty(&data).map_err(|e| PyValueError::new_err(e.to_string()))?;
+    let data =
+        serde_json::to_string_pretty(&data).map_err(|e| PyValueError::new_err(e.to_string()))?;
     Ok((Model(ModelDocument::Lti(file)), data, text.trim_end().to_owned()))
 }
 

@@ -9,18 +9,23 @@ use pyo3::types::PyDict;
 
 use super::convert::{Numbers, array1, vector};
 use super::error::{OrRaise, call};
-use deadtime::log::{Channel, Log as Inner, ReadOptions, Stamps, TimeUnit, Wanted, csv, name_and_unit, open};
+use deadtime::log::{
+    Channel, Log as Inner, ReadOptions, Stamps, TimeUnit, Wanted, csv, name_and_unit, open,
+};
 use deadtime::model::Derived;
 use deadtime::time::SampleTime;
 
 /// Inputs and outputs as a file is asked for them: what is not there is left out, and missed by whoever needs it.
 pub(super) fn channels(inputs: Vec<String>, outputs: Vec<String>) -> Vec<Wanted> {
     let held = inputs.into_iter().map(|name| Wanted { name, held: true, required: false });
-    held.chain(outputs.into_iter().map(|name| Wanted { name, held: false, required: false })).collect()
+    held.chain(outputs.into_iter().map(|name| Wanted { name, held: false, required: false }))
+        .collect()
 }
 
 /// How time stamps are to be understood: the column of time, its unit, and the clock of bags.
-fn read_options((time, unit, stamps): (Option<String>, Option<String>, String)) -> PyResult<ReadOptions> {
+fn read_options(
+    (time, unit, stamps): (Option<String>, Option<String>, String),
+) -> PyResult<ReadOptions> {
     let time_unit = match unit.as_deref() {
         None => None,
         Some("s") => Some(TimeUnit::S),
@@ -28,12 +33,20 @@ fn read_options((time, unit, stamps): (Option<String>, Option<String>, String)) 
         Some("us") => Some(TimeUnit::Us),
         Some("ns") => Some(TimeUnit::Ns),
         Some("iso") => Some(TimeUnit::Iso),
-        Some(other) => return Err(PyValueError::new_err(format!("time_unit is {other:?}; it is one of s, ms, us, ns, iso"))),
+        Some(other) => {
+            return Err(PyValueError::new_err(format!(
+                "time_unit is {other:?}; it is one of s, ms, us, ns, iso"
+            )));
+        }
     };
     let stamps = match stamps.as_str() {
         "arrival" => Stamps::Arrival,
         "header" => Stamps::Header,
-        other => return Err(PyValueError::new_err(format!("stamps is {other:?}; it is one of arrival, header"))),
+        other => {
+            return Err(PyValueError::new_err(format!(
+                "stamps is {other:?}; it is one of arrival, header"
+            )));
+        }
     };
     Ok(ReadOptions { time, time_unit, stamps, ..ReadOptions::default() })
 }
@@ -82,7 +95,10 @@ impl Log {
         if let Some(units) = units {
             for (name, _) in units {
                 if !channels.contains(&name)? {
-                    return Err(PyKeyError::new_err(format!("units: there is no channel {}", name.repr()?)));
+                    return Err(PyKeyError::new_err(format!(
+                        "units: there is no channel {}",
+                        name.repr()?
+                    )));
                 }
             }
         }
@@ -108,7 +124,9 @@ impl Log {
             None => {
                 let mut recording = open(&path, &options)?;
                 let mut notes = std::mem::take(&mut recording.notes);
-                let Some((inputs, outputs)) = wanted.filter(|_| recording.topics.iter().any(|topic| !topic.name.is_empty())) else {
+                let Some((inputs, outputs)) =
+                    wanted.filter(|_| recording.topics.iter().any(|topic| !topic.name.is_empty()))
+                else {
                     return Ok((vec![recording.into_log()?], notes));
                 };
                 let (log, more) = recording.together(&channels(inputs, outputs), grid)?;
@@ -119,16 +137,23 @@ impl Log {
         let (logs, notes) = py.detach(read).or_raise(py)?;
         // What was guessed is said.
         for note in notes {
-            py.import("warnings")?.call_method1("warn", (format!("{}: {}", path.display(), note.worded(call)),))?;
+            py.import("warnings")?
+                .call_method1("warn", (format!("{}: {}", path.display(), note.worded(call)),))?;
         }
         Ok(logs.into_iter().map(Self).collect())
     }
 
     /// What a file holds, `deadtime/log@1`, as JSON text.
     #[staticmethod]
-    fn _listing(py: Python<'_>, path: PathBuf, clock: (Option<String>, Option<String>, String)) -> PyResult<String> {
+    fn _listing(
+        py: Python<'_>,
+        path: PathBuf,
+        clock: (Option<String>, Option<String>, String),
+    ) -> PyResult<String> {
         let options = read_options(clock)?;
-        let mut listing = py.detach(|| open(&path, &options).map(|recording| recording.listing())).or_raise(py)?;
+        let mut listing = py
+            .detach(|| open(&path, &options).map(|recording| recording.listing()))
+            .or_raise(py)?;
         listing.notes = listing.notes.worded(call);
         serde_json::to_string(&listing).map_err(|e| PyValueError::new_err(e.to_string()))
     }
@@ -154,7 +179,10 @@ impl Log {
 
     /// The log with other channel names: `names` maps a new name to the one it replaces, as `--map NEW=OLD` does.
     fn rename(&self, py: Python<'_>, names: &Bound<'_, PyDict>) -> PyResult<Self> {
-        let map: Vec<(String, String)> = names.iter().map(|(new, old)| Ok((new.extract()?, old.extract()?))).collect::<PyResult<_>>()?;
+        let map: Vec<(String, String)> = names
+            .iter()
+            .map(|(new, old)| Ok((new.extract()?, old.extract()?)))
+            .collect::<PyResult<_>>()?;
         Ok(Self(self.0.clone().rename(&map).or_raise(py)?))
     }
 
@@ -233,7 +261,9 @@ impl Log {
         let samples = channel.samples();
         Ok(match samples.present {
             None => PyArray1::from_slice(py, samples.values),
-            Some(_) => array1(py, (0..self.0.len()).map(|k| samples.get(k).unwrap_or(f64::NAN)).collect()),
+            Some(_) => {
+                array1(py, (0..self.0.len()).map(|k| samples.get(k).unwrap_or(f64::NAN)).collect())
+            }
         })
     }
 
@@ -250,22 +280,35 @@ impl Log {
     }
 
     fn __repr__(&self) -> String {
-        let grid = self.sample_time().map_or_else(|| "uneven".to_owned(), |ts| format!("every {ts} s"));
+        let grid =
+            self.sample_time().map_or_else(|| "uneven".to_owned(), |ts| format!("every {ts} s"));
         let channels: Vec<String> = self.0.channels().map(Channel::header).collect();
-        format!("<Log {}: {} samples, {grid}, {:.6} s; {}>", self.0.source(), self.0.len(), self.0.duration_s(), channels.join(", "))
+        format!(
+            "<Log {}: {} samples, {grid}, {:.6} s; {}>",
+            self.0.source(),
+            self.0.len(),
+            self.0.duration_s(),
+            channels.join(", ")
+        )
     }
 
     /// Pickles by its samples.
     #[allow(clippy::type_complexity)]
     fn __reduce__<'py>(
         slf: &Bound<'py, Self>,
-    ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyArray1<f64>>, Bound<'py, PyDict>, Bound<'py, PyDict>, String))> {
+    ) -> PyResult<(
+        Bound<'py, PyAny>,
+        (Bound<'py, PyArray1<f64>>, Bound<'py, PyDict>, Bound<'py, PyDict>, String),
+    )> {
         let (py, log) = (slf.py(), slf.get());
         let channels = PyDict::new(py);
         for name in log.0.names() {
             channels.set_item(name, log.__getitem__(py, name)?)?;
         }
-        Ok((slf.get_type().into_any(), (log.time(py), channels, log.units(py)?, log.0.source().to_owned())))
+        Ok((
+            slf.get_type().into_any(),
+            (log.time(py), channels, log.units(py)?, log.0.source().to_owned()),
+        ))
     }
 }
 
@@ -279,7 +322,8 @@ pub(super) fn channel(name: &str, unit: Option<&str>, values: Vec<f64>) -> Chann
 
 /// Samples and, where one is NaN, which are there.
 fn marked(values: Vec<f64>) -> (Vec<f64>, Option<Vec<bool>>) {
-    let present = values.iter().any(|v| v.is_nan()).then(|| values.iter().map(|v| !v.is_nan()).collect());
+    let present =
+        values.iter().any(|v| v.is_nan()).then(|| values.iter().map(|v| !v.is_nan()).collect());
     (values, present)
 }
 
@@ -296,7 +340,8 @@ fn _of_columns(
         let (values, present) = marked(vector(values));
         Channel::headed(header, values, present)
     };
-    let mut log = Inner::new(source, vector(&time), columns.iter().map(channel).collect()).or_raise(py)?;
+    let mut log =
+        Inner::new(source, vector(&time), columns.iter().map(channel).collect()).or_raise(py)?;
     for (name, sample, text) in unusable {
         log = log.without_numbers(name, sample, text).or_raise(py)?;
     }

@@ -11,7 +11,9 @@ use super::state_space::{Either, StateSpace};
 use super::work::long;
 use deadtime::effect::Applied;
 use deadtime::model::uav::{self, Dynamics};
-use deadtime::model::{CandidateEntry, Channel, EffectEntry, ModelDocument, ModelError, ModelFile, State};
+use deadtime::model::{
+    CandidateEntry, Channel, EffectEntry, ModelDocument, ModelError, ModelFile, State,
+};
 use deadtime::registry::RegistryError;
 use deadtime::simulate::System;
 
@@ -62,7 +64,8 @@ impl Model {
         let plain = py.import("deadtime.models")?.getattr("_plain")?;
         let options = PyDict::new(py);
         options.set_item("default", plain)?;
-        let text: String = py.import("json")?.call_method("dumps", (data,), Some(&options))?.extract()?;
+        let text: String =
+            py.import("json")?.call_method("dumps", (data,), Some(&options))?.extract()?;
         Self::from_json(py, &text, source)
     }
 
@@ -104,7 +107,18 @@ impl Model {
         sample_time: Option<f64>,
     ) -> PyResult<Self> {
         let file = py.import("deadtime.models")?.getattr("_file_of_system")?;
-        let data = file.call1((system, inputs, outputs, states, name, units, operating, initial, initial_std, sample_time))?;
+        let data = file.call1((
+            system,
+            inputs,
+            outputs,
+            states,
+            name,
+            units,
+            operating,
+            initial,
+            initial_std,
+            sample_time,
+        ))?;
         Self::from_dict(py, &data, NO_FILE)
     }
 
@@ -146,7 +160,17 @@ impl Model {
         input_delay: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let file = py.import("deadtime.models")?.getattr("_file_of_equations")?;
-        let data = file.call1((derivatives, outputs, inputs, parameters, name, units, initial, initial_std, input_delay))?;
+        let data = file.call1((
+            derivatives,
+            outputs,
+            inputs,
+            parameters,
+            name,
+            units,
+            initial,
+            initial_std,
+            input_delay,
+        ))?;
         Self::from_dict(py, &data, name)
     }
 
@@ -199,7 +223,9 @@ impl Model {
     /// [{'state': 'level', 'adds': 'k*sqrt(abs(level))'}]
     fn with_candidate(&self, py: Python<'_>, term: &str) -> PyResult<Self> {
         let mut model = self.0.clone();
-        CandidateEntry::from_text(term).and_then(|candidate| model.suspect(candidate)).or_raise(py)?;
+        CandidateEntry::from_text(term)
+            .and_then(|candidate| model.suspect(candidate))
+            .or_raise(py)?;
         Ok(Self(model))
     }
 
@@ -281,21 +307,40 @@ impl Model {
     ///     The model is one of equations.
     fn system(&self, py: Python<'_>) -> PyResult<StateSpace> {
         match &self.0 {
-            ModelDocument::Lti(file) if file.is_sampled() => Ok(StateSpace(Either::Sampled(file.sampled().or_raise(py)?))),
-            ModelDocument::Lti(file) => Ok(StateSpace(Either::Continuous(file.continuous().or_raise(py)?))),
-            ModelDocument::Equations(file) => {
-                Err(raise(py, ModelError::NotLinear { path: file.name.clone().into(), kind: "equations".to_owned() }))
+            ModelDocument::Lti(file) if file.is_sampled() => {
+                Ok(StateSpace(Either::Sampled(file.sampled().or_raise(py)?)))
             }
+            ModelDocument::Lti(file) => {
+                Ok(StateSpace(Either::Continuous(file.continuous().or_raise(py)?)))
+            }
+            ModelDocument::Equations(file) => Err(raise(
+                py,
+                ModelError::NotLinear {
+                    path: file.name.clone().into(),
+                    kind: "equations".to_owned(),
+                },
+            )),
         }
     }
 
     /// The sampled model by a conversion and its options.
-    fn _c2d(&self, py: Python<'_>, sample_time: f64, method: &str, options: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn _c2d(
+        &self,
+        py: Python<'_>,
+        sample_time: f64,
+        method: &str,
+        options: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
         let ModelDocument::Lti(file) = self.0.clone() else {
-            return Err(raise(py, ModelError::NotLinear { path: self.name().into(), kind: self.kind().to_owned() }));
+            return Err(raise(
+                py,
+                ModelError::NotLinear { path: self.name().into(), kind: self.kind().to_owned() },
+            ));
         };
         let (sample_time, conversion) = conversion(py, sample_time, method, options)?;
-        Ok(Self(ModelDocument::Lti(long(py, None, move |_| Ok(file.c2d(&*conversion, sample_time, None)?))?)))
+        Ok(Self(ModelDocument::Lti(long(py, None, move |_| {
+            Ok(file.c2d(&*conversion, sample_time, None)?)
+        })?)))
     }
 
     fn __eq__(&self, other: &Self) -> bool {
@@ -303,12 +348,20 @@ impl Model {
     }
 
     fn __repr__(&self) -> String {
-        let time = self.sample_time().map_or_else(|| "continuous".to_owned(), |ts| format!("every {ts} s"));
-        let mut text =
-            format!("<Model {}: {}, {time}; {} -> {}", self.name(), self.kind(), self.inputs().join(", "), self.outputs().join(", "));
+        let time = self
+            .sample_time()
+            .map_or_else(|| "continuous".to_owned(), |ts| format!("every {ts} s"));
+        let mut text = format!(
+            "<Model {}: {}, {time}; {} -> {}",
+            self.name(),
+            self.kind(),
+            self.inputs().join(", "),
+            self.outputs().join(", ")
+        );
         text += &format!("; {} states", self.states().len());
         if !self.0.effects().is_empty() {
-            let effects: Vec<String> = self.0.effects().iter().map(|e| format!("{}:{}", e.effect, e.channel)).collect();
+            let effects: Vec<String> =
+                self.0.effects().iter().map(|e| format!("{}:{}", e.effect, e.channel)).collect();
             text += &format!("; effects {}", effects.join(", "));
         }
         text + ">"
@@ -317,7 +370,10 @@ impl Model {
     /// Pickles by its file.
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (String, String))> {
         let (py, model) = (slf.py(), slf.get());
-        Ok((py.import("deadtime._native")?.getattr("_model")?, (model.to_toml(py)?, model.name().to_owned())))
+        Ok((
+            py.import("deadtime._native")?.getattr("_model")?,
+            (model.to_toml(py)?, model.name().to_owned()),
+        ))
     }
 }
 
@@ -326,7 +382,11 @@ impl Model {
     fn check_effects(&self, py: Python<'_>) -> PyResult<()> {
         // Where operating points are a log's means, their values do not matter here.
         let system = System::new(&self.0, |_| Ok(0.0)).or_raise(py)?;
-        self.0.effects().iter().try_for_each(|entry| Applied::from_entry(&system, entry).map(drop)).map_err(|e| raise(py, e))
+        self.0
+            .effects()
+            .iter()
+            .try_for_each(|entry| Applied::from_entry(&system, entry).map(drop))
+            .map_err(|e| raise(py, e))
     }
 }
 
@@ -339,15 +399,24 @@ fn _uav(py: Python<'_>, name: Option<&str>) -> PyResult<Model> {
             Some(dynamics) => (dynamics.name(), dynamics.model(), vec![dynamics]),
             None => {
                 let known = Dynamics::ALL.iter().map(|d| d.name()).collect();
-                return Err(raise(py, RegistryError::Unknown { kind: "dynamics", name: name.to_owned(), known }));
+                return Err(raise(
+                    py,
+                    RegistryError::Unknown { kind: "dynamics", name: name.to_owned(), known },
+                ));
             }
         },
     };
     let channel = |name: &str, unit: &str| Channel::plain(name, Some(unit));
     let inputs = parts.iter().map(|d| channel(d.input(), "1")).collect();
-    let states = parts.iter().flat_map(|d| d.states()).map(|(n, u)| State { name: (*n).to_owned(), unit: Some((*u).to_owned()) }).collect();
+    let states = parts
+        .iter()
+        .flat_map(|d| d.states())
+        .map(|(n, u)| State { name: (*n).to_owned(), unit: Some((*u).to_owned()) })
+        .collect();
     let outputs = parts.iter().flat_map(|d| d.outputs()).map(|(n, u)| channel(n, u)).collect();
-    Ok(Model(ModelDocument::Lti(ModelFile::from_continuous(name, &sys, inputs, states, outputs).or_raise(py)?)))
+    Ok(Model(ModelDocument::Lti(
+        ModelFile::from_continuous(name, &sys, inputs, states, outputs).or_raise(py)?,
+    )))
 }
 
 /// A model from the text of its file, for pickle.

@@ -25,7 +25,10 @@ fn _frequency_response(
     let (data, text) = long(py, threads, move |_| {
         let (inputs, outputs, references) = &channels;
         let found = frequency_responses(&logs, (inputs, outputs, references), &method, options)?;
-        let report = Report { logs: logs.iter().map(|l| l.source().to_owned()).collect(), responses: &found };
+        let report = Report {
+            logs: logs.iter().map(|l| l.source().to_owned()).collect(),
+            responses: &found,
+        };
         Ok((report.data(), report.text()))
     })?;
     let data = serde_json::to_string(&data).map_err(|e| PyValueError::new_err(e.to_string()))?;

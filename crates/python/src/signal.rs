@@ -25,17 +25,29 @@ fn _excite<'py>(
     options: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let signal = by_name(kind).or_raise(py)?.with(from_python(options)?).or_raise(py)?;
-    let values = py.detach(|| signal.generate(samples, &mut ChaCha8Rng::seed_from_u64(seed))).or_raise(py)?;
+    let values = py
+        .detach(|| signal.generate(samples, &mut ChaCha8Rng::seed_from_u64(seed)))
+        .or_raise(py)?;
     Ok(array1(py, values))
 }
 
 /// A log of one channel on an even grid.
 #[pyfunction]
-fn _of_channel(py: Python<'_>, channel: &str, values: Numbers<'_>, sample_time: f64) -> PyResult<Log> {
+fn _of_channel(
+    py: Python<'_>,
+    channel: &str,
+    values: Numbers<'_>,
+    sample_time: f64,
+) -> PyResult<Log> {
     let step = SampleTime::new(sample_time).or_raise(py)?;
     let values = vector(&values);
     let time_s = (0..values.len()).map(|k| step.to_seconds(k as f64)).collect();
-    Ok(Log(deadtime::log::Log::new("excitation", time_s, vec![Channel::new(channel, None, values)]).or_raise(py)?))
+    Ok(Log(deadtime::log::Log::new(
+        "excitation",
+        time_s,
+        vec![Channel::new(channel, None, values)],
+    )
+    .or_raise(py)?))
 }
 
 /// The list of excitations, in order.
@@ -54,9 +66,11 @@ fn _add_noise<'py>(
     noise: &Bound<'py, PyAny>,
     seed: u64,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-    let noise: Noise = serde_json::from_value(from_python(noise)?).map_err(|e| PyValueError::new_err(e.to_string()))?;
+    let noise: Noise = serde_json::from_value(from_python(noise)?)
+        .map_err(|e| PyValueError::new_err(e.to_string()))?;
     let (noise, signal) = (Noise { snr, ..noise }, vector(&signal));
-    let noisy = py.detach(|| noise.add(&signal, &mut ChaCha8Rng::seed_from_u64(seed))).or_raise(py)?;
+    let noisy =
+        py.detach(|| noise.add(&signal, &mut ChaCha8Rng::seed_from_u64(seed))).or_raise(py)?;
     Ok(array1(py, noisy))
 }
 

@@ -23,10 +23,22 @@ fn domain(what: &'static str, needed: &'static str, found: &'static str) -> Mode
 }
 
 #[pyfunction]
-fn _c2d(py: Python<'_>, system: &StateSpace, sample_time: f64, method: &str, options: &Bound<'_, PyAny>) -> PyResult<StateSpace> {
-    let Either::Continuous(sys) = system.0.clone() else { return Err(raise(py, domain("c2d", "continuous", "sampled"))) };
+fn _c2d(
+    py: Python<'_>,
+    system: &StateSpace,
+    sample_time: f64,
+    method: &str,
+    options: &Bound<'_, PyAny>,
+) -> PyResult<StateSpace> {
+    let Either::Continuous(sys) = system.0.clone() else {
+        return Err(raise(py, domain("c2d", "continuous", "sampled")));
+    };
     let (sample_time, conversion) = conversion(py, sample_time, method, options)?;
-    Ok(StateSpace(Either::Sampled(long(py, None, move |_| Ok(conversion.c2d(&sys, sample_time)?))?)))
+    Ok(StateSpace(Either::Sampled(long(
+        py,
+        None,
+        move |_| Ok(conversion.c2d(&sys, sample_time)?),
+    )?)))
 }
 
 #[pyfunction]
@@ -82,7 +94,11 @@ fn _lsim<'py>(
         prehistory: match prehistory {
             "held" => Prehistory::Held,
             "rest" => Prehistory::Rest,
-            other => return Err(PyValueError::new_err(format!("prehistory is `{other}`; it is `held` or `rest`"))),
+            other => {
+                return Err(PyValueError::new_err(format!(
+                    "prehistory is `{other}`; it is `held` or `rest`"
+                )));
+            }
         },
     };
     let time_s = time.map(|time| numbers("time", time)).transpose()?;
@@ -90,9 +106,13 @@ fn _lsim<'py>(
     let response = long(py, None, move |_| {
         Ok(match (&system, &time_s) {
             // A stamp for every sample is asked for before stamps are looked at as a grid.
-            (Either::Continuous(sys), Some(time_s)) if time_s.len() == u.nrows() => lsim(sys, &u, Grid::of(time_s), &options)?,
+            (Either::Continuous(sys), Some(time_s)) if time_s.len() == u.nrows() => {
+                lsim(sys, &u, Grid::of(time_s), &options)?
+            }
             (Either::Continuous(sys), Some(time_s)) => lsim(sys, &u, time_s.as_slice(), &options)?,
-            (Either::Continuous(sys), None) => lsim(sys, &u, SampleTime::new(sample_time.unwrap_or(f64::NAN))?, &options)?,
+            (Either::Continuous(sys), None) => {
+                lsim(sys, &u, SampleTime::new(sample_time.unwrap_or(f64::NAN))?, &options)?
+            }
             (Either::Sampled(sys), None) => {
                 if let Some(seconds) = sample_time {
                     sys.sample_time().must_equal(SampleTime::new(seconds)?)?;
@@ -129,7 +149,11 @@ fn _simulate<'py>(
         }
         let response = simulation.response()?;
         let source = format!("{} on {}", model.name(), log.source());
-        let comparison = simulation.nrmse(&response)?.into_iter().map(|(name, nrmse)| (name.to_owned(), nrmse.ok())).collect::<Vec<_>>();
+        let comparison = simulation
+            .nrmse(&response)?
+            .into_iter()
+            .map(|(name, nrmse)| (name.to_owned(), nrmse.ok()))
+            .collect::<Vec<_>>();
         Ok((simulation.to_log(&response, &source, states, snr)?, comparison))
     })?;
     let nrmse = PyDict::new(py);
@@ -148,8 +172,10 @@ fn _dlqr<'py>(
     Q: &Bound<'py, PyAny>,
     R: &Bound<'py, PyAny>,
     N: Option<&Bound<'py, PyAny>>,
-) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<Complex64>>)> {
-    let [a, b, q, r] = [("A", A), ("B", B), ("Q", Q), ("R", R)].map(|(name, value)| table(name, value));
+) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<Complex64>>)>
+{
+    let [a, b, q, r] =
+        [("A", A), ("B", B), ("Q", Q), ("R", R)].map(|(name, value)| table(name, value));
     let n = N.map(|n| table("N", n)).transpose()?;
     let lqr = dlqr(&a?, &b?, &q?, &r?, n.as_ref()).or_raise(py)?;
     Ok((array2(py, lqr.k)?, array2(py, lqr.x)?, lqr.poles.into_pyarray(py)))
@@ -165,7 +191,8 @@ fn _dare<'py>(
     R: &Bound<'py, PyAny>,
     N: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let [a, b, q, r] = [("A", A), ("B", B), ("Q", Q), ("R", R)].map(|(name, value)| table(name, value));
+    let [a, b, q, r] =
+        [("A", A), ("B", B), ("Q", Q), ("R", R)].map(|(name, value)| table(name, value));
     let n = N.map(|n| table("N", n)).transpose()?;
     let x: DMatrix<f64> = dare(&a?, &b?, &q?, &r?, n.as_ref()).or_raise(py)?;
     array2(py, x)

@@ -8,7 +8,10 @@ use pyo3::prelude::*;
 use super::convert::{Table, array1, array2, matrix, vector};
 use super::error::{OrRaise, raise};
 use super::work::long;
-use deadtime::model::{Continuous, ModelError, Sampled, StateSpace as Inner, TimeDomain, TransferFunction as InnerTransfer};
+use deadtime::model::{
+    Continuous, ModelError, Sampled, StateSpace as Inner, TimeDomain,
+    TransferFunction as InnerTransfer,
+};
 use deadtime::time::{SampleTime, TimeError};
 
 /// Continuous or sampled, told apart when the program runs.
@@ -80,11 +83,20 @@ impl StateSpace {
             },
         };
         Ok(Self(match sample_time {
-            None => Either::Continuous(Inner::continuous(a, b, c, d).and_then(|sys| sys.with_input_delay(delays)).or_raise(py)?),
+            None => Either::Continuous(
+                Inner::continuous(a, b, c, d)
+                    .and_then(|sys| sys.with_input_delay(delays))
+                    .or_raise(py)?,
+            ),
             Some(seconds) => {
                 let ts = SampleTime::new(seconds).or_raise(py)?;
-                let whole = delays.iter().map(|&delay| samples(py, ts, delay)).collect::<PyResult<_>>()?;
-                Either::Sampled(Inner::sampled(a, b, c, d, ts).and_then(|sys| sys.with_input_delay(whole)).or_raise(py)?)
+                let whole =
+                    delays.iter().map(|&delay| samples(py, ts, delay)).collect::<PyResult<_>>()?;
+                Either::Sampled(
+                    Inner::sampled(a, b, c, d, ts)
+                        .and_then(|sys| sys.with_input_delay(whole))
+                        .or_raise(py)?,
+                )
             }
         }))
     }
@@ -171,7 +183,12 @@ impl StateSpace {
     /// Poles minus zeros of one pair's transfer function, delays aside: the index of its first Markov parameter that is not 0. None where the transfer
     /// function is zero. `output` and `input` are counted from 0.
     #[pyo3(signature = (output = 0, input = 0))]
-    fn relative_degree(&self, py: Python<'_>, output: usize, input: usize) -> PyResult<Option<usize>> {
+    fn relative_degree(
+        &self,
+        py: Python<'_>,
+        output: usize,
+        input: usize,
+    ) -> PyResult<Option<usize>> {
         self.check_pair(py, output, input)?;
         Ok(each!(&self.0, sys => sys.relative_degree(output, input)))
     }
@@ -187,15 +204,22 @@ impl StateSpace {
     /// -------
     /// array of complex, shape (p, m, K), or (p, m) for one number
     ///     Infinite at a pole.
-    fn frequency_response<'py>(&self, py: Python<'py>, omega: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<Complex64>>> {
+    fn frequency_response<'py>(
+        &self,
+        py: Python<'py>,
+        omega: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<Complex64>>> {
         let (omegas, single) = frequencies(omega)?;
         let (p, m) = (self.outputs(), self.inputs());
         let mut values = Vec::with_capacity(p * m * omegas.len());
         for &omega in &omegas {
-            values.extend_from_slice(each!(&self.0, sys => sys.frequency_response(omega)).as_slice());
+            values
+                .extend_from_slice(each!(&self.0, sys => sys.frequency_response(omega)).as_slice());
         }
         let shape = if single { vec![p, m] } else { vec![p, m, omegas.len()] };
-        values.into_pyarray(py).reshape_with_order(shape, numpy::npyffi::NPY_ORDER::NPY_FORTRANORDER)
+        values
+            .into_pyarray(py)
+            .reshape_with_order(shape, numpy::npyffi::NPY_ORDER::NPY_FORTRANORDER)
     }
 
     /// The response to a constant, shape (p, m): infinite where a pair integrates it.
@@ -229,10 +253,19 @@ impl StateSpace {
 
     /// The transfer function of one pair, as it stands (nothing cancelled); outputs and inputs are counted from 0.
     #[pyo3(signature = (output = 0, input = 0))]
-    fn transfer_function(&self, py: Python<'_>, output: usize, input: usize) -> PyResult<TransferFunction> {
+    fn transfer_function(
+        &self,
+        py: Python<'_>,
+        output: usize,
+        input: usize,
+    ) -> PyResult<TransferFunction> {
         Ok(TransferFunction(match &self.0 {
-            Either::Continuous(sys) => Either::Continuous(sys.transfer_function(output, input).or_raise(py)?),
-            Either::Sampled(sys) => Either::Sampled(sys.transfer_function(output, input).or_raise(py)?),
+            Either::Continuous(sys) => {
+                Either::Continuous(sys.transfer_function(output, input).or_raise(py)?)
+            }
+            Either::Sampled(sys) => {
+                Either::Sampled(sys.transfer_function(output, input).or_raise(py)?)
+            }
         }))
     }
 
@@ -248,29 +281,49 @@ impl StateSpace {
             Either::Continuous(_) => Err(PyValueError::new_err(
                 "a delay in continuous time has no states: convert the model with c2d first, or approximate the delay, as by control.pade",
             )),
-            Either::Sampled(sys) => Ok(Self(Either::Sampled(sys.with_delays_as_states().or_raise(py)?))),
+            Either::Sampled(sys) => {
+                Ok(Self(Either::Sampled(sys.with_delays_as_states().or_raise(py)?)))
+            }
         }
     }
 
     /// The responses to a step of each input, from rest, on a grid: the arrays time (N,) and y (N, p, m).
-    fn _step_response<'py>(&self, py: Python<'py>, sample_time: Option<f64>, samples: usize) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    fn _step_response<'py>(
+        &self,
+        py: Python<'py>,
+        sample_time: Option<f64>,
+        samples: usize,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         self.responses(py, sample_time, samples, Shape::Step)
     }
 
     /// The same of an impulse.
-    fn _impulse_response<'py>(&self, py: Python<'py>, sample_time: Option<f64>, samples: usize) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    fn _impulse_response<'py>(
+        &self,
+        py: Python<'py>,
+        sample_time: Option<f64>,
+        samples: usize,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         self.responses(py, sample_time, samples, Shape::Impulse)
     }
 
     /// The response to a step of each input, `duration` s long and `sample_time` s apart, as of `deadtime.step_response`.
     #[pyo3(signature = (duration = None, sample_time = None))]
-    fn step_response<'py>(slf: &Bound<'py, Self>, duration: Option<f64>, sample_time: Option<f64>) -> PyResult<Bound<'py, PyAny>> {
+    fn step_response<'py>(
+        slf: &Bound<'py, Self>,
+        duration: Option<f64>,
+        sample_time: Option<f64>,
+    ) -> PyResult<Bound<'py, PyAny>> {
         models(slf.py(), "step_response")?.call1((slf, duration, sample_time))
     }
 
     /// The response to an impulse at each input, `duration` s long and `sample_time` s apart, as of `deadtime.impulse_response`.
     #[pyo3(signature = (duration = None, sample_time = None))]
-    fn impulse_response<'py>(slf: &Bound<'py, Self>, duration: Option<f64>, sample_time: Option<f64>) -> PyResult<Bound<'py, PyAny>> {
+    fn impulse_response<'py>(
+        slf: &Bound<'py, Self>,
+        duration: Option<f64>,
+        sample_time: Option<f64>,
+    ) -> PyResult<Bound<'py, PyAny>> {
         models(slf.py(), "impulse_response")?.call1((slf, duration, sample_time))
     }
 
@@ -290,8 +343,13 @@ impl StateSpace {
 
     fn __repr__(&self) -> String {
         let (n, m, p) = (self.order(), self.inputs(), self.outputs());
-        let mut text =
-            format!("<StateSpace: {}, {}, {}, {}", time(self.sample_time()), count(n, "state"), count(m, "input"), count(p, "output"));
+        let mut text = format!(
+            "<StateSpace: {}, {}, {}, {}",
+            time(self.sample_time()),
+            count(n, "state"),
+            count(m, "input"),
+            count(p, "output")
+        );
         if let Some(delays) = self.delays_text() {
             text += &format!(", input delay {delays} s");
         }
@@ -312,10 +370,14 @@ impl StateSpace {
             Either::Continuous(_) => (r"\dot x", "(t)"),
             Either::Sampled(_) => ("x[k+1]", "[k]"),
         };
-        let delay = self.delays_text().map_or_else(String::new, |d| format!(r",\quad \tau = {d}\,\mathrm{{s}}"));
+        let delay = self
+            .delays_text()
+            .map_or_else(String::new, |d| format!(r",\quad \tau = {d}\,\mathrm{{s}}"));
         let matrices = each!(&self.0, sys => [sys.a(), sys.b(), sys.c(), sys.d()].map(latex));
         let [a, b, c, d] = matrices;
-        let samples = self.sample_time().map_or_else(String::new, |ts| format!(r",\quad T_s = {}\,\mathrm{{s}}", short(ts)));
+        let samples = self
+            .sample_time()
+            .map_or_else(String::new, |ts| format!(r",\quad T_s = {}\,\mathrm{{s}}", short(ts)));
         Some(format!(
             r"$$\begin{{aligned}} {x} &= {a}\,x{at} + {b}\,u{at} \\ y{at} &= {c}\,x{at} + {d}\,u{at}{samples}{delay} \end{{aligned}}$$"
         ))
@@ -327,7 +389,14 @@ impl StateSpace {
         slf: &Bound<'py, Self>,
     ) -> PyResult<(
         Bound<'py, PyAny>,
-        (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Option<f64>, Bound<'py, PyAny>),
+        (
+            Bound<'py, PyAny>,
+            Bound<'py, PyAny>,
+            Bound<'py, PyAny>,
+            Bound<'py, PyAny>,
+            Option<f64>,
+            Bound<'py, PyAny>,
+        ),
     )> {
         let (py, sys) = (slf.py(), slf.get());
         let arguments = (
@@ -351,7 +420,9 @@ enum Shape {
 
 impl StateSpace {
     fn check_pair(&self, py: Python<'_>, output: usize, input: usize) -> PyResult<()> {
-        for (what, index, count) in [("input", input, self.inputs()), ("output", output, self.outputs())] {
+        for (what, index, count) in
+            [("input", input, self.inputs()), ("output", output, self.outputs())]
+        {
             if index >= count {
                 return Err(raise(py, ModelError::Index { what, index, count }));
             }
@@ -381,7 +452,9 @@ impl StateSpace {
         samples: usize,
         shape: Shape,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        use deadtime::simulate::{impulse_response, impulse_response_sampled, step_response, step_response_sampled};
+        use deadtime::simulate::{
+            impulse_response, impulse_response_sampled, step_response, step_response_sampled,
+        };
         let system = self.0.clone();
         let (p, m) = (self.outputs(), self.inputs());
         let columns = long(py, None, move |_| {
@@ -408,7 +481,9 @@ impl StateSpace {
         for column in &columns {
             values.extend_from_slice(column.as_slice());
         }
-        values.into_pyarray(py).reshape_with_order(vec![samples, p, m], numpy::npyffi::NPY_ORDER::NPY_FORTRANORDER)
+        values
+            .into_pyarray(py)
+            .reshape_with_order(vec![samples, p, m], numpy::npyffi::NPY_ORDER::NPY_FORTRANORDER)
     }
 }
 
@@ -435,14 +510,24 @@ pub(super) struct TransferFunction(pub(super) Transfer);
 impl TransferFunction {
     #[new]
     #[pyo3(signature = (num, den, sample_time = None, delay = 0.0))]
-    fn new(py: Python<'_>, num: &Bound<'_, PyAny>, den: &Bound<'_, PyAny>, sample_time: Option<f64>, delay: f64) -> PyResult<Self> {
+    fn new(
+        py: Python<'_>,
+        num: &Bound<'_, PyAny>,
+        den: &Bound<'_, PyAny>,
+        sample_time: Option<f64>,
+        delay: f64,
+    ) -> PyResult<Self> {
         let (num, den) = (numbers("num", num)?, numbers("den", den)?);
         Ok(Self(match sample_time {
-            None => Either::Continuous(InnerTransfer::from_polynomials(&num, &den, delay, Continuous).or_raise(py)?),
+            None => Either::Continuous(
+                InnerTransfer::from_polynomials(&num, &den, delay, Continuous).or_raise(py)?,
+            ),
             Some(seconds) => {
                 let ts = SampleTime::new(seconds).or_raise(py)?;
                 let delay = samples(py, ts, delay)?;
-                Either::Sampled(InnerTransfer::from_polynomials(&num, &den, delay, Sampled(ts)).or_raise(py)?)
+                Either::Sampled(
+                    InnerTransfer::from_polynomials(&num, &den, delay, Sampled(ts)).or_raise(py)?,
+                )
             }
         }))
     }
@@ -460,11 +545,17 @@ impl TransferFunction {
     ) -> PyResult<Self> {
         let (zeros, poles) = (roots("zeros", zeros)?, roots("poles", poles)?);
         Ok(Self(match sample_time {
-            None => Either::Continuous(InnerTransfer::from_zeros_poles_gain(zeros, poles, gain, delay, Continuous).or_raise(py)?),
+            None => Either::Continuous(
+                InnerTransfer::from_zeros_poles_gain(zeros, poles, gain, delay, Continuous)
+                    .or_raise(py)?,
+            ),
             Some(seconds) => {
                 let ts = SampleTime::new(seconds).or_raise(py)?;
                 let delay = samples(py, ts, delay)?;
-                Either::Sampled(InnerTransfer::from_zeros_poles_gain(zeros, poles, gain, delay, Sampled(ts)).or_raise(py)?)
+                Either::Sampled(
+                    InnerTransfer::from_zeros_poles_gain(zeros, poles, gain, delay, Sampled(ts))
+                        .or_raise(py)?,
+                )
             }
         }))
     }
@@ -525,9 +616,16 @@ impl TransferFunction {
     }
 
     /// The frequency response, delay included, at `omega` (rad/s): complex, of the same shape, (K,) or one number.
-    fn frequency_response<'py>(&self, py: Python<'py>, omega: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<Complex64>>> {
+    fn frequency_response<'py>(
+        &self,
+        py: Python<'py>,
+        omega: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<Complex64>>> {
         let (omegas, single) = frequencies(omega)?;
-        let values: Vec<Complex64> = omegas.iter().map(|&omega| each!(&self.0, tf => tf.frequency_response(omega))).collect();
+        let values: Vec<Complex64> = omegas
+            .iter()
+            .map(|&omega| each!(&self.0, tf => tf.frequency_response(omega)))
+            .collect();
         let shape = if single { vec![] } else { vec![omegas.len()] };
         values.into_pyarray(py).reshape(shape)
     }
@@ -555,7 +653,12 @@ impl TransferFunction {
 
     fn __repr__(&self) -> String {
         let (num, den) = each!(&self.0, tf => (tf.numerator(), tf.denominator()));
-        let mut text = format!("<TransferFunction: {}, num {}, den {}", time(self.sample_time()), list(num.iter()), list(den.iter()));
+        let mut text = format!(
+            "<TransferFunction: {}, num {}, den {}",
+            time(self.sample_time()),
+            list(num.iter()),
+            list(den.iter())
+        );
         if self.delay() > 0.0 {
             text += &format!(", delay {} s", short(self.delay()));
         }
@@ -566,21 +669,33 @@ impl TransferFunction {
     fn _repr_latex_(&self) -> String {
         let (num, den) = each!(&self.0, tf => (tf.numerator(), tf.denominator()));
         let (variable, delay, after) = match &self.0 {
-            Either::Continuous(tf) => ("s", (tf.delay() > 0.0).then(|| format!(r"\,e^{{-{} s}}", short(tf.delay()))), String::new()),
+            Either::Continuous(tf) => (
+                "s",
+                (tf.delay() > 0.0).then(|| format!(r"\,e^{{-{} s}}", short(tf.delay()))),
+                String::new(),
+            ),
             Either::Sampled(tf) => (
                 "z",
                 (tf.delay() > 0).then(|| format!(r"\,z^{{-{}}}", tf.delay())),
                 format!(r",\quad T_s = {}\,\mathrm{{s}}", short(tf.domain().0.seconds())),
             ),
         };
-        format!(r"$$\frac{{{}}}{{{}}}{}{after}$$", polynomial(&num, variable), polynomial(&den, variable), delay.unwrap_or_default())
+        format!(
+            r"$$\frac{{{}}}{{{}}}{}{after}$$",
+            polynomial(&num, variable),
+            polynomial(&den, variable),
+            delay.unwrap_or_default()
+        )
     }
 
     /// Pickles by its zeros, poles and gain.
     #[allow(clippy::type_complexity)]
     fn __reduce__<'py>(
         slf: &Bound<'py, Self>,
-    ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyArray1<Complex64>>, Bound<'py, PyArray1<Complex64>>, f64, Option<f64>, f64))> {
+    ) -> PyResult<(
+        Bound<'py, PyAny>,
+        (Bound<'py, PyArray1<Complex64>>, Bound<'py, PyArray1<Complex64>>, f64, Option<f64>, f64),
+    )> {
         let (py, tf) = (slf.py(), slf.get());
         let make = py.import("deadtime._native")?.getattr("_transfer_function")?;
         Ok((make, (tf.zeros(py), tf.poles(py), tf.gain(), tf.sample_time(), tf.delay())))
@@ -614,7 +729,10 @@ pub(super) fn table(name: &str, value: &Bound<'_, PyAny>) -> PyResult<DMatrix<f6
     let dimensions: usize = array.getattr("ndim")?.extract()?;
     let kind: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
     if !"biuf".contains(&kind) {
-        return Err(PyTypeError::new_err(format!("{name} holds {}; it must hold real numbers", array.getattr("dtype")?)));
+        return Err(PyTypeError::new_err(format!(
+            "{name} holds {}; it must hold real numbers",
+            array.getattr("dtype")?
+        )));
     }
     match dimensions {
         0 => Ok(DMatrix::from_element(1, 1, array.extract()?)),
@@ -629,7 +747,8 @@ pub(super) fn table(name: &str, value: &Bound<'_, PyAny>) -> PyResult<DMatrix<f6
 /// A list of real numbers.
 pub(super) fn numbers(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
     let array = value.py().import("numpy")?.call_method1("asarray", (value,))?;
-    let (dimensions, kind): (usize, String) = (array.getattr("ndim")?.extract()?, array.getattr("dtype")?.getattr("kind")?.extract()?);
+    let (dimensions, kind): (usize, String) =
+        (array.getattr("ndim")?.extract()?, array.getattr("dtype")?.getattr("kind")?.extract()?);
     if !"biuf".contains(&kind) || dimensions > 1 {
         return Err(PyTypeError::new_err(format!("{name} must be a list of real numbers")));
     }
@@ -639,14 +758,16 @@ pub(super) fn numbers(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<f64>
 /// A list of complex numbers.
 fn roots(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<Complex<f64>>> {
     let array = value.py().import("numpy")?.call_method1("ravel", (value,))?;
-    let array =
-        array.call_method1("astype", ("complex128",)).map_err(|_| PyTypeError::new_err(format!("{name} must be a list of numbers")))?;
+    let array = array
+        .call_method1("astype", ("complex128",))
+        .map_err(|_| PyTypeError::new_err(format!("{name} must be a list of numbers")))?;
     Ok(array.cast::<PyArray1<Complex64>>()?.readonly().as_array().iter().copied().collect())
 }
 
 /// Angular frequencies, and whether it was one number.
 fn frequencies(omega: &Bound<'_, PyAny>) -> PyResult<(Vec<f64>, bool)> {
-    let single = omega.py().import("numpy")?.call_method1("ndim", (omega,))?.extract::<usize>()? == 0;
+    let single =
+        omega.py().import("numpy")?.call_method1("ndim", (omega,))?.extract::<usize>()? == 0;
     Ok((numbers("omega", omega)?, single))
 }
 
@@ -669,7 +790,8 @@ fn samples(py: Python<'_>, sample_time: SampleTime, delay_s: f64) -> PyResult<us
 }
 
 fn time(sample_time: Option<f64>) -> String {
-    sample_time.map_or_else(|| "continuous".to_owned(), |ts| format!("sampled every {} s", short(ts)))
+    sample_time
+        .map_or_else(|| "continuous".to_owned(), |ts| format!("sampled every {} s", short(ts)))
 }
 
 fn count(n: usize, what: &str) -> String {
@@ -694,7 +816,9 @@ fn rows(matrix: &DMatrix<f64>) -> String {
 }
 
 fn latex(matrix: &DMatrix<f64>) -> String {
-    let row = |row: nalgebra::RowDVector<f64>| row.iter().map(|v| latex_number(*v)).collect::<Vec<_>>().join(" & ");
+    let row = |row: nalgebra::RowDVector<f64>| {
+        row.iter().map(|v| latex_number(*v)).collect::<Vec<_>>().join(" & ")
+    };
     let body: Vec<String> = matrix.row_iter().map(|r| row(r.into_owned())).collect();
     format!(r"\begin{{bmatrix}} {} \end{{bmatrix}}", body.join(r" \\ "))
 }
@@ -716,7 +840,8 @@ fn polynomial(coefficients: &[f64], variable: &str) -> String {
             1 => variable.to_owned(),
             n => format!("{variable}^{{{n}}}"),
         };
-        let size = if c.abs() == 1.0 && !power.is_empty() { String::new() } else { latex_number(c.abs()) };
+        let size =
+            if c.abs() == 1.0 && !power.is_empty() { String::new() } else { latex_number(c.abs()) };
         let sign = match (c < 0.0, text.is_empty()) {
             (true, true) => "-",
             (true, false) => " - ",

@@ -69,7 +69,9 @@ fn _identify_structure(
     threads: Option<usize>,
 ) -> PyResult<Found> {
     let file = model.0.structure().or_raise(py)?;
-    let complete = |logs: &[PyRef<'_, Log>]| logs.iter().map(|log| model.0.complete(log.0.clone())).collect::<Result<Vec<_>, _>>();
+    let complete = |logs: &[PyRef<'_, Log>]| {
+        logs.iter().map(|log| model.0.complete(log.0.clone())).collect::<Result<Vec<_>, _>>()
+    };
     let (logs, holdout) = (complete(&logs).or_raise(py)?, complete(&holdout).or_raise(py)?);
     let mut answer = long(py, threads, move |stop| {
         let options = Structured {
@@ -93,12 +95,20 @@ fn _identify_structure(
 
 /// The matched model, the text of `deadtime/match@1`, and what the command line prints.
 #[pyfunction]
-fn _match_structure(py: Python<'_>, identified: Given<'_>, model: &Model, asked: ByFrequency, threads: Option<usize>) -> PyResult<Found> {
+fn _match_structure(
+    py: Python<'_>,
+    identified: Given<'_>,
+    model: &Model,
+    asked: ByFrequency,
+    threads: Option<usize>,
+) -> PyResult<Found> {
     let target = match identified {
         Given::Model(identified) => match &identified.0 {
             ModelDocument::Lti(file) => Target::from_file(file),
             ModelDocument::Equations(_) => {
-                return Err(PyValueError::new_err("the identified model is one of equations; give a linear one"));
+                return Err(PyValueError::new_err(
+                    "the identified model is one of equations; give a linear one",
+                ));
             }
         },
         Given::Text(text) => Target::from_identify(&text, Path::new("identified")),

@@ -57,11 +57,14 @@ impl Plan {
         }
         let name: Option<String> = source.extract().ok();
         let plan = match name {
-            Some(text) if text.contains('\n') => study::Plan::parse("text", &text, &folder).or_raise(py)?,
+            Some(text) if text.contains('\n') => {
+                study::Plan::parse("text", &text, &folder).or_raise(py)?
+            }
             Some(name) => py.detach(|| study::Plan::open(&name)).or_raise(py)?,
             None => {
-                let path: PathBuf =
-                    source.extract().map_err(|_| PyTypeError::new_err("a plan is a name, a path, a text, a dict or a Plan"))?;
+                let path: PathBuf = source.extract().map_err(|_| {
+                    PyTypeError::new_err("a plan is a name, a path, a text, a dict or a Plan")
+                })?;
                 // A path is a file even where a shipped plan is called so.
                 let path = std::path::absolute(path)?;
                 py.detach(|| study::Plan::open(&path.display().to_string())).or_raise(py)?
@@ -126,7 +129,8 @@ impl Plan {
     /// Estimates in all.
     #[getter]
     fn estimates(&self, py: Python<'_>) -> PyResult<usize> {
-        py.detach(|| study::Runner::untried(&self.0, &UNLIMITED_DISK).map(|r| r.estimates())).or_raise(py)
+        py.detach(|| study::Runner::untried(&self.0, &UNLIMITED_DISK).map(|r| r.estimates()))
+            .or_raise(py)
     }
 
     /// The plan with these `grids` and `methods` only (none given: all); a method is named with the options that the plan gives it, or without: then with any.
@@ -164,7 +168,9 @@ impl Plan {
 
     /// The text of the plan without published numbers and aims, which no estimate depends on: for workers.
     fn _bare(&self, py: Python<'_>) -> PyResult<String> {
-        study::Plan { published: Vec::new(), aims: Vec::new(), ..self.0.clone() }.to_toml().or_raise(py)
+        study::Plan { published: Vec::new(), aims: Vec::new(), ..self.0.clone() }
+            .to_toml()
+            .or_raise(py)
     }
 
     fn __eq__(&self, other: &Self) -> bool {
@@ -176,9 +182,15 @@ impl Plan {
             [one] => format!("grid {}", one.name),
             many => format!("{} grids", many.len()),
         };
-        let estimates =
-            study::Runner::untried(&self.0, &UNLIMITED_DISK).map_or_else(|e| e.to_string(), |r| format!("{} estimates", r.estimates()));
-        format!("<Plan {}: {}; {grids}, {} methods, {estimates}, seed {}>", self.0.name, self.0.about, self.methods().len(), self.0.seed)
+        let estimates = study::Runner::untried(&self.0, &UNLIMITED_DISK)
+            .map_or_else(|e| e.to_string(), |r| format!("{} estimates", r.estimates()));
+        format!(
+            "<Plan {}: {}; {grids}, {} methods, {estimates}, seed {}>",
+            self.0.name,
+            self.0.about,
+            self.methods().len(),
+            self.0.seed
+        )
     }
 
     /// Pickles by its text.
@@ -295,13 +307,18 @@ impl StudyResult {
 /// The limits of a study, those of the crate where none are given.
 fn budget((memory_gb, disk_gb): (Option<f64>, Option<f64>)) -> study::Budget {
     let default = study::Budget::default();
-    study::Budget { memory_gb: memory_gb.unwrap_or(default.memory_gb), disk_gb: disk_gb.unwrap_or(default.disk_gb) }
+    study::Budget {
+        memory_gb: memory_gb.unwrap_or(default.memory_gb),
+        disk_gb: disk_gb.unwrap_or(default.disk_gb),
+    }
 }
 
 /// Tells of parts that were damaged.
 fn warn(py: Python<'_>, damaged: &[study::Damaged]) -> PyResult<()> {
     let warnings = py.import("warnings")?;
-    damaged.iter().try_for_each(|d| warnings.call_method1("warn", (message(&d.to_string()),)).map(|_| ()))
+    damaged
+        .iter()
+        .try_for_each(|d| warnings.call_method1("warn", (message(&d.to_string()),)).map(|_| ()))
 }
 
 /// Runs a plan on this machine and writes `study.json`, `estimates.csv`, `estimates.parquet`, `tables.md` and `report.html`; `progress` is called with (done, all).
@@ -327,7 +344,8 @@ fn _study(
         let runner = study::Runner::within(&plan, &budget(limits_gb))?;
         let begun = runner.begin(&folder, resume, stop)?;
         let damaged = begun.damaged().to_vec();
-        let study = begun.run(stop, &|p| *count.lock().unwrap_or_else(PoisonError::into_inner) = Some(p))?;
+        let study = begun
+            .run(stop, &|p| *count.lock().unwrap_or_else(PoisonError::into_inner) = Some(p))?;
         deadtime::report::save_study(&study, &plan, &folder)?;
         Ok((study, damaged))
     };
@@ -360,11 +378,21 @@ impl Runner {
     /// Looks up everything that the plan names; with `tried`, makes one record of every setting.
     #[new]
     #[pyo3(signature = (plan, tried = true, max_memory_gb = None, max_disk_gb = None))]
-    fn new(py: Python<'_>, plan: &Bound<'_, Plan>, tried: bool, max_memory_gb: Option<f64>, max_disk_gb: Option<f64>) -> PyResult<Self> {
+    fn new(
+        py: Python<'_>,
+        plan: &Bound<'_, Plan>,
+        tried: bool,
+        max_memory_gb: Option<f64>,
+        max_disk_gb: Option<f64>,
+    ) -> PyResult<Self> {
         let plan = plan.get().0.clone();
         let budget = budget((max_memory_gb, max_disk_gb));
         let runner = long(py, None, move |_| {
-            Ok(if tried { study::Runner::within(&plan, &budget)? } else { study::Runner::untried(&plan, &budget)? })
+            Ok(if tried {
+                study::Runner::within(&plan, &budget)?
+            } else {
+                study::Runner::untried(&plan, &budget)?
+            })
         })?;
         Ok(Self(Arc::new(runner)))
     }
@@ -414,14 +442,25 @@ impl Runner {
     }
 
     /// Makes the estimates of these blocks on one thread, as the bytes of a Parquet part.
-    fn part<'py>(&self, py: Python<'py>, first: usize, end: usize) -> PyResult<Bound<'py, PyBytes>> {
+    fn part<'py>(
+        &self,
+        py: Python<'py>,
+        first: usize,
+        end: usize,
+    ) -> PyResult<Bound<'py, PyBytes>> {
         let runner = self.0.clone();
         let part = long(py, Some(1), move |stop| Ok(runner.part(first..end, stop)?))?;
         Ok(PyBytes::new(py, &part))
     }
 
     /// The same, written to a file, all of it or none; returns the bytes of the file.
-    fn write_part(&self, py: Python<'_>, first: usize, end: usize, path: PathBuf) -> PyResult<usize> {
+    fn write_part(
+        &self,
+        py: Python<'_>,
+        first: usize,
+        end: usize,
+        path: PathBuf,
+    ) -> PyResult<usize> {
         let runner = self.0.clone();
         long(py, Some(1), move |stop| {
             let part = runner.part(first..end, stop)?;
@@ -439,14 +478,24 @@ struct Tasks(study::Tasks);
 impl Tasks {
     /// Begins a study in a folder.
     #[new]
-    fn new(py: Python<'_>, runner: &Bound<'_, Runner>, folder: PathBuf, ends: Vec<usize>) -> PyResult<Self> {
+    fn new(
+        py: Python<'_>,
+        runner: &Bound<'_, Runner>,
+        folder: PathBuf,
+        ends: Vec<usize>,
+    ) -> PyResult<Self> {
         let runner = runner.get();
         py.detach(|| study::Tasks::new(&runner.0, &folder, ends)).or_raise(py).map(Self)
     }
 
     /// The tasks of a folder in which this study was begun, or None.
     #[staticmethod]
-    fn open(py: Python<'_>, runner: &Bound<'_, Runner>, folder: PathBuf, resume: bool) -> PyResult<Option<Self>> {
+    fn open(
+        py: Python<'_>,
+        runner: &Bound<'_, Runner>,
+        folder: PathBuf,
+        resume: bool,
+    ) -> PyResult<Option<Self>> {
         let runner = runner.get();
         Ok(py.detach(|| study::Tasks::open(&runner.0, &folder, resume)).or_raise(py)?.map(Self))
     }
@@ -480,7 +529,12 @@ impl Tasks {
     }
 
     /// Adds all parts up and writes `study.json`, `tables.md` and `report.html`.
-    fn gather(&self, py: Python<'_>, runner: &Bound<'_, Runner>, threads: Option<usize>) -> PyResult<StudyResult> {
+    fn gather(
+        &self,
+        py: Python<'_>,
+        runner: &Bound<'_, Runner>,
+        threads: Option<usize>,
+    ) -> PyResult<StudyResult> {
         let (tasks, runner) = (self.0.clone(), runner.get().0.clone());
         let gather = move |stop: &deadtime::stop::Stop| {
             let study = tasks.gather(&runner, stop)?;

@@ -43,7 +43,10 @@ pub(super) fn long_told<T: Send + 'static>(
     let body = move || {
         let done = match threads {
             None => Ok(work(&wish)),
-            Some(count) => rayon::ThreadPoolBuilder::new().num_threads(at_most(count)).build().map(|pool| pool.install(|| work(&wish))),
+            Some(count) => rayon::ThreadPoolBuilder::new()
+                .num_threads(at_most(count))
+                .build()
+                .map(|pool| pool.install(|| work(&wish))),
         };
         // Whoever waited may have gone.
         let _ = answer.send(done);
@@ -51,7 +54,11 @@ pub(super) fn long_told<T: Send + 'static>(
     thread::Builder::new().name("deadtime".to_owned()).stack_size(STACK).spawn(body)?;
     let answers = std::sync::Mutex::new(answers);
     let wait = |patience: Duration| {
-        py.detach(|| answers.lock().map_or(Err(RecvTimeoutError::Disconnected), |answers| answers.recv_timeout(patience)))
+        py.detach(|| {
+            answers.lock().map_or(Err(RecvTimeoutError::Disconnected), |answers| {
+                answers.recv_timeout(patience)
+            })
+        })
     };
     loop {
         match wait(LOOK) {
@@ -69,7 +76,9 @@ pub(super) fn long_told<T: Send + 'static>(
                 }
             }
             Err(RecvTimeoutError::Disconnected) => {
-                return Err(PyRuntimeError::new_err("the work ended without an answer; this is an error of deadtime"));
+                return Err(PyRuntimeError::new_err(
+                    "the work ended without an answer; this is an error of deadtime",
+                ));
             }
         }
     }

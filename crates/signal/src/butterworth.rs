@@ -53,11 +53,17 @@ impl Butterworth {
     pub(super) fn pass(low: f64, high: f64) -> Self {
         let w = |f: f64| (PI * f / 2.0).tan();
         // The prototype's poles above the real axis; each section holds one and its conjugate.
-        let poles = (0..ORDER / 2).map(|k| Complex::from_polar(1.0, PI * (2 * k + ORDER + 1) as f64 / (2 * ORDER) as f64));
+        let poles = (0..ORDER / 2).map(|k| {
+            Complex::from_polar(1.0, PI * (2 * k + ORDER + 1) as f64 / (2 * ORDER) as f64)
+        });
         let sections = match (low > 0.0, high < 1.0) {
             (false, false) => Vec::new(),
-            (false, true) => poles.map(|p| Section::bilinear([w(high).powi(2), 0.0, 0.0], p * w(high))).collect(),
-            (true, false) => poles.map(|p| Section::bilinear([0.0, 0.0, 1.0], p.inv() * w(low))).collect(),
+            (false, true) => {
+                poles.map(|p| Section::bilinear([w(high).powi(2), 0.0, 0.0], p * w(high))).collect()
+            }
+            (true, false) => {
+                poles.map(|p| Section::bilinear([0.0, 0.0, 1.0], p.inv() * w(low))).collect()
+            }
             (true, true) => {
                 let (b, w0_sq) = (w(high) - w(low), w(low) * w(high));
                 poles
@@ -65,7 +71,11 @@ impl Butterworth {
                         // s² − b·p·s + w₀² = 0: the larger root first, the smaller one from the roots' product.
                         let half = p * (b / 2.0);
                         let root = (half * half - w0_sq).sqrt();
-                        let large = if (half + root).norm() >= (half - root).norm() { half + root } else { half - root };
+                        let large = if (half + root).norm() >= (half - root).norm() {
+                            half + root
+                        } else {
+                            half - root
+                        };
                         [large, large.inv() * w0_sq]
                     })
                     .map(|s| Section::bilinear([0.0, b, 0.0], s))
@@ -86,7 +96,8 @@ mod tests {
     use super::*;
     use approx::assert_abs_diff_eq;
 
-    const BANDS: [(f64, f64); 7] = [(0.0, 0.3), (0.0, 0.01), (0.2, 1.0), (0.9, 1.0), (0.1, 0.3), (0.45, 0.5), (0.01, 0.9)];
+    const BANDS: [(f64, f64); 7] =
+        [(0.0, 0.3), (0.0, 0.01), (0.2, 1.0), (0.9, 1.0), (0.1, 0.3), (0.45, 0.5), (0.01, 0.9)];
 
     fn analytic(low: f64, high: f64, f: f64) -> f64 {
         let w = |f: f64| (PI * f / 2.0).tan();
@@ -114,9 +125,14 @@ mod tests {
     fn magnitude_is_the_analytic_butterworth_one_in_and_outside_the_band() {
         for (low, high) in BANDS {
             let filter = Butterworth::pass(low, high);
-            for f in [0.005, 0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.45, 0.48, 0.5, 0.6, 0.8, 0.9, 0.95] {
+            for f in
+                [0.005, 0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.45, 0.48, 0.5, 0.6, 0.8, 0.9, 0.95]
+            {
                 let (got, want) = (magnitude_squared(&filter, f), analytic(low, high, f));
-                assert!((got - want).abs() <= 1e-8 * want, "band [{low}, {high}] at {f}: {got} instead of {want}");
+                assert!(
+                    (got - want).abs() <= 1e-8 * want,
+                    "band [{low}, {high}] at {f}: {got} instead of {want}"
+                );
             }
         }
     }
@@ -137,10 +153,15 @@ mod tests {
     fn impulse_response_decays_and_has_the_filters_spectrum() {
         for (low, high) in [(0.0, 0.3), (0.2, 1.0), (0.1, 0.3)] {
             let mut filter = Butterworth::pass(low, high);
-            let h: Vec<f64> = (0..4000).map(|k| filter.step(if k == 0 { 1.0 } else { 0.0 })).collect();
+            let h: Vec<f64> =
+                (0..4000).map(|k| filter.step(if k == 0 { 1.0 } else { 0.0 })).collect();
             assert!(h[3000..].iter().all(|v| v.abs() < 1e-12));
             for f in [0.05, 0.15, 0.2, 0.5, 0.8] {
-                let at: Complex<f64> = h.iter().enumerate().map(|(k, &v)| Complex::from_polar(v, -PI * f * k as f64)).sum();
+                let at: Complex<f64> = h
+                    .iter()
+                    .enumerate()
+                    .map(|(k, &v)| Complex::from_polar(v, -PI * f * k as f64))
+                    .sum();
                 assert_abs_diff_eq!(at.norm_sqr(), analytic(low, high, f), epsilon = 1e-10);
             }
         }

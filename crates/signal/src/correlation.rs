@@ -50,14 +50,29 @@ impl Correlator {
         // Beyond these no two samples meet.
         let (from, to) = (first.max(-signed(a)), last.min(signed(b)));
         if count == 0 || a == 0 || b == 0 || to < from {
-            return Self { first, count, from, wanted: 0, fourier: RealFourier::new(1), blocks: false };
+            return Self {
+                first,
+                count,
+                from,
+                wanted: 0,
+                fourier: RealFourier::new(1),
+                blocks: false,
+            };
         }
         let wanted = to.abs_diff(from) + 1;
         let block = fast_length((LAGS_PER_BLOCK * wanted).max(SHORTEST_BLOCK));
         let blocks = block < a.max(b);
         // In one transform, products of lag l wrap to l − length: lags from −(a − 1) to b − 1 are not zero.
-        let whole = || fast_length((to.max(0).unsigned_abs() + a).max(from.min(0).unsigned_abs() + b));
-        Self { first, count, from, wanted, fourier: RealFourier::new(if blocks { block } else { whole() }), blocks }
+        let whole =
+            || fast_length((to.max(0).unsigned_abs() + a).max(from.min(0).unsigned_abs() + b));
+        Self {
+            first,
+            count,
+            from,
+            wanted,
+            fourier: RealFourier::new(if blocks { block } else { whole() }),
+            blocks,
+        }
     }
 
     /// The sums at every lag; samples beyond the lengths planned for are not looked at.
@@ -111,7 +126,8 @@ impl Correlator {
         let block = self.fourier.length();
         let step = block - self.wanted + 1;
         let zero = Complex::new(0.0, 0.0);
-        let (mut sum, mut x, mut y) = (vec![zero; block / 2 + 1], vec![zero; block / 2 + 1], vec![zero; block / 2 + 1]);
+        let (mut sum, mut x, mut y) =
+            (vec![zero; block / 2 + 1], vec![zero; block / 2 + 1], vec![zero; block / 2 + 1]);
         let (mut samples, mut scratch) = (vec![0.0; block], self.fourier.scratch());
         for (start, part) in (0..).step_by(step).zip(a.chunks(step)) {
             // b from start + from on; what lies before its first sample is zero.
@@ -149,7 +165,9 @@ mod tests {
     use super::*;
 
     fn signal(n: usize, seed: f64) -> Vec<f64> {
-        (0..n).map(|t| (t as f64 * seed).sin() + (t as f64 * t as f64 * 0.013 * seed).cos()).collect()
+        (0..n)
+            .map(|t| (t as f64 * seed).sin() + (t as f64 * t as f64 * 0.013 * seed).cos())
+            .collect()
     }
 
     fn direct(a: &[f64], b: &[f64], lag: isize) -> f64 {
@@ -175,7 +193,10 @@ mod tests {
             assert_eq!(fast.len(), lags.clone().count());
             for (lag, r) in lags.zip(fast) {
                 let slow = direct(&a, &b, lag);
-                assert!((r - slow).abs() < 1e-9 * n.min(m) as f64, "{n} and {m} samples, lag {lag}: {r} and {slow}");
+                assert!(
+                    (r - slow).abs() < 1e-9 * n.min(m) as f64,
+                    "{n} and {m} samples, lag {lag}: {r} and {slow}"
+                );
             }
         }
     }

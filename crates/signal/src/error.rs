@@ -24,7 +24,9 @@ pub enum SignalError {
         most: usize,
     },
     /// The signal with these options does not fit into the samples asked for.
-    #[error("{signal} with these options needs {needed} samples, {got} asked for; ask for more samples or shorten it by its options")]
+    #[error(
+        "{signal} with these options needs {needed} samples, {got} asked for; ask for more samples or shorten it by its options"
+    )]
     TooFewSamples {
         /// The signal's registry name.
         signal: &'static str,
@@ -73,7 +75,9 @@ pub enum SignalError {
         high: f64,
     },
     /// More lines were asked for than the band holds.
-    #[error("multisine: {asked} lines asked for and {available} lie in the band; ask for fewer, widen the band or lengthen the period")]
+    #[error(
+        "multisine: {asked} lines asked for and {available} lie in the band; ask for fewer, widen the band or lengthen the period"
+    )]
     TooFewLines {
         /// The number asked for.
         asked: usize,
@@ -99,7 +103,9 @@ pub enum SignalError {
         snr: f64,
     },
     /// The signal's variance is no finite number above zero although its values are finite.
-    #[error("the noise for a signal of variance {variance} at the ratio {snr} is not representable; rescale the signal")]
+    #[error(
+        "the noise for a signal of variance {variance} at the ratio {snr} is not representable; rescale the signal"
+    )]
     Scale {
         /// The signal's variance.
         variance: f64,
@@ -107,7 +113,9 @@ pub enum SignalError {
         snr: f64,
     },
     /// The noise filter's autoregressive part does not decay.
-    #[error("the noise filter has a pole at radius {radius}; its autoregressive coefficients must put every pole inside the unit circle")]
+    #[error(
+        "the noise filter has a pole at radius {radius}; its autoregressive coefficients must put every pole inside the unit circle"
+    )]
     UnstableNoise {
         /// The largest pole's distance from zero.
         radius: f64,
@@ -139,7 +147,9 @@ impl std::fmt::Display for Allowed {
             Self::PositiveOrInfinite => write!(f, "above 0"),
             Self::Between(low, high) => write!(f, "from {low} to {high}"),
             Self::AtLeast(low) => write!(f, "at least {low}"),
-            Self::ZeroOrBetween(low, high) => write!(f, "from {low} to {high}, or 0 for an automatic choice"),
+            Self::ZeroOrBetween(low, high) => {
+                write!(f, "from {low} to {high}, or 0 for an automatic choice")
+            }
         }
     }
 }

@@ -25,7 +25,11 @@ impl RealFourier {
     pub fn new(length: usize) -> Self {
         let length = length.max(1);
         let mut planner = RealFftPlanner::new();
-        Self { length, forward: planner.plan_fft_forward(length), inverse: planner.plan_fft_inverse(length) }
+        Self {
+            length,
+            forward: planner.plan_fft_forward(length),
+            inverse: planner.plan_fft_inverse(length),
+        }
     }
 
     /// Samples of a signal.
@@ -35,17 +39,30 @@ impl RealFourier {
 
     /// Memory that one transform after the other may use.
     pub fn scratch(&self) -> Vec<Complex<f64>> {
-        vec![Complex::new(0.0, 0.0); self.forward.get_scratch_len().max(self.inverse.get_scratch_len())]
+        vec![
+            Complex::new(0.0, 0.0);
+            self.forward.get_scratch_len().max(self.inverse.get_scratch_len())
+        ]
     }
 
     /// X(k) = Σₜ x(t)·exp(−2πi·k·t/n), k = 0 … n/2, of n samples, which are overwritten.
-    pub fn forward(&self, x: &mut [f64], spectrum: &mut [Complex<f64>], scratch: &mut [Complex<f64>]) {
+    pub fn forward(
+        &self,
+        x: &mut [f64],
+        spectrum: &mut [Complex<f64>],
+        scratch: &mut [Complex<f64>],
+    ) {
         // The lengths fit, so the transform cannot refuse.
         let _ = self.forward.process_with_scratch(x, spectrum, scratch);
     }
 
     /// n·x(t) = Σₖ X(k)·exp(+2πi·k·t/n) over the whole circle, of which `spectrum` is the half from 0 to n/2; it is overwritten.
-    pub fn inverse(&self, spectrum: &mut [Complex<f64>], x: &mut [f64], scratch: &mut [Complex<f64>]) {
+    pub fn inverse(
+        &self,
+        spectrum: &mut [Complex<f64>],
+        x: &mut [f64],
+        scratch: &mut [Complex<f64>],
+    ) {
         // What is imaginary at 0 and at the Nyquist frequency has no counterpart in a real signal.
         if let Some(first) = spectrum.first_mut() {
             first.im = 0.0;
@@ -93,10 +110,17 @@ mod tests {
     #[test]
     fn inverse_dft_is_the_direct_sum_for_every_length() {
         for n in (1..70).chain([127, 128, 151, 1000]) {
-            let spectrum: Vec<_> = (0..n).map(|k| Complex::new((k as f64 * 1.7).sin(), (k as f64 * k as f64 * 0.3).cos())).collect();
+            let spectrum: Vec<_> = (0..n)
+                .map(|k| Complex::new((k as f64 * 1.7).sin(), (k as f64 * k as f64 * 0.3).cos()))
+                .collect();
             for (t, fast) in inverse_dft(&spectrum).iter().enumerate() {
-                let slow: Complex<f64> =
-                    spectrum.iter().enumerate().map(|(k, x)| x * Complex::from_polar(1.0, 2.0 * PI * (k * t % n) as f64 / n as f64)).sum();
+                let slow: Complex<f64> = spectrum
+                    .iter()
+                    .enumerate()
+                    .map(|(k, x)| {
+                        x * Complex::from_polar(1.0, 2.0 * PI * (k * t % n) as f64 / n as f64)
+                    })
+                    .sum();
                 assert!((fast - slow).norm() < 1e-11, "length {n}, sample {t}");
             }
         }
@@ -105,13 +129,20 @@ mod tests {
     #[test]
     fn the_real_transform_is_the_direct_sum_and_comes_back() {
         for n in (1..40).chain([127, 128, 151, 192]) {
-            let x: Vec<f64> = (0..n).map(|t| (t as f64 * 1.3).sin() + (t as f64 * t as f64 * 0.7).cos()).collect();
+            let x: Vec<f64> = (0..n)
+                .map(|t| (t as f64 * 1.3).sin() + (t as f64 * t as f64 * 0.7).cos())
+                .collect();
             let fourier = RealFourier::new(n);
             let spectrum = fourier.spectrum(x.iter().copied());
             assert_eq!(spectrum.len(), n / 2 + 1);
             for (k, fast) in spectrum.iter().enumerate() {
-                let slow: Complex<f64> =
-                    x.iter().enumerate().map(|(t, x)| Complex::from_polar(*x, -2.0 * PI * (k * t % n) as f64 / n as f64)).sum();
+                let slow: Complex<f64> = x
+                    .iter()
+                    .enumerate()
+                    .map(|(t, x)| {
+                        Complex::from_polar(*x, -2.0 * PI * (k * t % n) as f64 / n as f64)
+                    })
+                    .sum();
                 assert!((fast - slow).norm() < 1e-11, "length {n}, line {k}");
             }
             let back = fourier.series(spectrum);

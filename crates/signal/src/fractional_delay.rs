@@ -33,11 +33,14 @@ pub fn fractional_delay(x: &[f64], samples: f64) -> Vec<f64> {
     // The comparison above bounds it.
     let whole = whole as isize;
     if fraction == 0.0 {
-        return (0..n).map(|t| t.checked_add_signed(-whole).and_then(|i| x.get(i)).copied().unwrap_or(0.0)).collect();
+        return (0..n)
+            .map(|t| t.checked_add_signed(-whole).and_then(|i| x.get(i)).copied().unwrap_or(0.0))
+            .collect();
     }
     let circle = turned(x, fraction);
     // From n before the record to n behind it, each sample has a place of its own on the circle.
-    let place = |t: usize| (t + circle.len()).checked_add_signed(-whole).map_or(0, |i| i % circle.len());
+    let place =
+        |t: usize| (t + circle.len()).checked_add_signed(-whole).map_or(0, |i| i % circle.len());
     (0..n).map(|t| circle.get(place(t)).copied().unwrap_or(0.0)).collect()
 }
 
@@ -68,12 +71,17 @@ mod tests {
 
     #[test]
     fn a_fractional_delay_is_the_sum_of_sincs_of_a_signal_that_fades_out() {
-        let x: Vec<f64> = (0..200).map(|t| (0.9 * f64::from(t)).sin() * (PI * f64::from(t) / 199.0).sin().powi(6)).collect();
+        let x: Vec<f64> = (0..200)
+            .map(|t| (0.9 * f64::from(t)).sin() * (PI * f64::from(t) / 199.0).sin().powi(6))
+            .collect();
         for delay in [0.5, 0.01, 7.25, -3.6, 60.9] {
             let later = fractional_delay(&x, delay);
             for (t, got) in later.iter().enumerate() {
                 let expected = interpolated(&x, t as f64 - delay);
-                assert!((got - expected).abs() < 1e-7, "delay {delay}, sample {t}: {got} and {expected}");
+                assert!(
+                    (got - expected).abs() < 1e-7,
+                    "delay {delay}, sample {t}: {got} and {expected}"
+                );
             }
         }
     }

@@ -92,7 +92,12 @@ impl Noise {
     pub fn add(&self, signal: &[f64], rng: &mut ChaCha8Rng) -> Result<Vec<f64>, SignalError> {
         let snr = self.snr;
         if snr.is_nan() || snr <= 0.0 {
-            return Err(SignalError::Option { signal: "noise", option: "snr", value: snr, allowed: Allowed::PositiveOrInfinite });
+            return Err(SignalError::Option {
+                signal: "noise",
+                option: "snr",
+                value: snr,
+                allowed: Allowed::PositiveOrInfinite,
+            });
         }
         if let Some((index, &value)) = signal.iter().enumerate().find(|(_, v)| !v.is_finite()) {
             return Err(SignalError::NotFinite { index, value });
@@ -124,7 +129,12 @@ impl Noise {
 ///
 /// # Errors
 /// As [`Noise::add`].
-pub fn add_noise(signal: &[f64], snr: f64, colour: &NoiseColour, rng: &mut ChaCha8Rng) -> Result<Vec<f64>, SignalError> {
+pub fn add_noise(
+    signal: &[f64],
+    snr: f64,
+    colour: &NoiseColour,
+    rng: &mut ChaCha8Rng,
+) -> Result<Vec<f64>, SignalError> {
     Noise { snr, colour: colour.clone(), scaling: NoiseScaling::Expected }.add(signal, rng)
 }
 
@@ -133,7 +143,11 @@ pub fn add_noise(signal: &[f64], snr: f64, colour: &NoiseColour, rng: &mut ChaCh
 /// # Errors
 /// [`SignalError::NoSamples`], [`SignalError::TooManySamples`], [`SignalError::Option`] for a coefficient that is not finite,
 /// [`SignalError::UnstableNoise`].
-pub fn unit_noise(samples: usize, colour: &NoiseColour, rng: &mut ChaCha8Rng) -> Result<Vec<f64>, SignalError> {
+pub fn unit_noise(
+    samples: usize,
+    colour: &NoiseColour,
+    rng: &mut ChaCha8Rng,
+) -> Result<Vec<f64>, SignalError> {
     match samples {
         0 => return Err(SignalError::NoSamples),
         1..=MOST_SAMPLES => {}
@@ -166,11 +180,18 @@ impl ArmaFilter {
         };
         for (option, coefficients) in [("ar", ar), ("ma", ma)] {
             if let Some(&value) = coefficients.iter().find(|v| !v.is_finite()) {
-                return Err(SignalError::Option { signal: "noise", option, value, allowed: Allowed::Finite });
+                return Err(SignalError::Option {
+                    signal: "noise",
+                    option,
+                    value,
+                    allowed: Allowed::Finite,
+                });
             }
         }
         let n = ar.len().max(ma.len());
-        let padded = |coefficients: &[f64]| -> Vec<f64> { (0..n).map(|i| coefficients.get(i).copied().unwrap_or(0.0)).collect() };
+        let padded = |coefficients: &[f64]| -> Vec<f64> {
+            (0..n).map(|i| coefficients.get(i).copied().unwrap_or(0.0)).collect()
+        };
         let (a, c) = (padded(ar), padded(ma));
         if n == 0 {
             return Ok(Self { a, c, covariance: DMatrix::zeros(0, 0) });
@@ -181,7 +202,9 @@ impl ArmaFilter {
         });
         let radius = f.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
         let g = DVector::from_fn(n, |i, _| c[i] - a[i]);
-        let covariance = stationary_covariance(f, &g).filter(|_| is_stable(&a)).ok_or(SignalError::UnstableNoise { radius })?;
+        let covariance = stationary_covariance(f, &g)
+            .filter(|_| is_stable(&a))
+            .ok_or(SignalError::UnstableNoise { radius })?;
         Ok(Self { a, c, covariance })
     }
 
@@ -222,7 +245,11 @@ fn is_stable(a: &[f64]) -> bool {
         if k.abs() >= 1.0 {
             return false;
         }
-        a = a.iter().zip(a.iter().rev()).map(|(forward, backward)| (forward - k * backward) / (1.0 - k * k)).collect();
+        a = a
+            .iter()
+            .zip(a.iter().rev())
+            .map(|(forward, backward)| (forward - k * backward) / (1.0 - k * k))
+            .collect();
     }
     true
 }
@@ -268,7 +295,9 @@ mod tests {
         let s = signal(200);
         for colour in [NoiseColour::White, NoiseColour::Ar { coefficients: vec![-0.9] }] {
             for snr in [0.5, 1.0, 100.0] {
-                let y = Noise { snr, colour: colour.clone(), scaling: NoiseScaling::Realised }.add(&s, &mut rng(3)).unwrap();
+                let y = Noise { snr, colour: colour.clone(), scaling: NoiseScaling::Realised }
+                    .add(&s, &mut rng(3))
+                    .unwrap();
                 let v: Vec<f64> = y.iter().zip(&s).map(|(y, s)| y - s).collect();
                 assert_abs_diff_eq!(variance(&s) / variance(&v) / snr, 1.0, epsilon = 1e-10);
             }
@@ -306,7 +335,8 @@ mod tests {
 
     #[test]
     fn ar_noise_has_the_processs_autocorrelation() {
-        let v = unit_noise(200_000, &NoiseColour::Ar { coefficients: vec![-0.7] }, &mut rng(7)).unwrap();
+        let v = unit_noise(200_000, &NoiseColour::Ar { coefficients: vec![-0.7] }, &mut rng(7))
+            .unwrap();
         for lag in 0..5 {
             assert!((autocovariance(&v, lag) - 0.7_f64.powi(lag as i32)).abs() < 0.02, "lag {lag}");
         }
@@ -314,14 +344,17 @@ mod tests {
 
     #[test]
     fn ma_noise_is_uncorrelated_beyond_its_order() {
-        let v = unit_noise(200_000, &NoiseColour::Arma { ar: vec![], ma: vec![0.5] }, &mut rng(8)).unwrap();
+        let v = unit_noise(200_000, &NoiseColour::Arma { ar: vec![], ma: vec![0.5] }, &mut rng(8))
+            .unwrap();
         assert_abs_diff_eq!(autocovariance(&v, 1), 0.5 / 1.25, epsilon = 0.02);
         assert!(autocovariance(&v, 2).abs() < 0.02);
     }
 
     #[test]
     fn variance_of_the_process_is_the_sum_of_its_squared_impulse_response() {
-        let filter = ArmaFilter::new(&NoiseColour::Arma { ar: vec![-1.6, 0.8], ma: vec![0.5, 0.2, -0.3] }).unwrap();
+        let filter =
+            ArmaFilter::new(&NoiseColour::Arma { ar: vec![-1.6, 0.8], ma: vec![0.5, 0.2, -0.3] })
+                .unwrap();
         let (a, c) = ([-1.6, 0.8], [0.5, 0.2, -0.3]);
         let mut h = vec![1.0_f64];
         for k in 1..2000 {
@@ -343,9 +376,14 @@ mod tests {
     fn unstable_noise_filters_are_refused_with_their_pole() {
         for coefficients in [vec![-1.0], vec![-1.2], vec![-2.0, 1.0], vec![0.0, -1.5]] {
             let refused = unit_noise(10, &NoiseColour::Ar { coefficients }, &mut rng(1));
-            assert!(matches!(refused, Err(SignalError::UnstableNoise { radius }) if radius > 0.999), "{refused:?}");
+            assert!(
+                matches!(refused, Err(SignalError::UnstableNoise { radius }) if radius > 0.999),
+                "{refused:?}"
+            );
         }
-        assert!(unit_noise(10, &NoiseColour::Ar { coefficients: vec![-0.9999] }, &mut rng(1)).is_ok());
+        assert!(
+            unit_noise(10, &NoiseColour::Ar { coefficients: vec![-0.9999] }, &mut rng(1)).is_ok()
+        );
     }
 
     #[test]
@@ -359,12 +397,26 @@ mod tests {
     #[test]
     fn impossible_ratios_and_signals_are_refused() {
         for snr in [0.0, -1.0, f64::NAN] {
-            assert!(matches!(add_noise(&signal(5), snr, &NoiseColour::White, &mut rng(1)), Err(SignalError::Option { .. })));
+            assert!(matches!(
+                add_noise(&signal(5), snr, &NoiseColour::White, &mut rng(1)),
+                Err(SignalError::Option { .. })
+            ));
         }
-        assert_eq!(add_noise(&[], 1.0, &NoiseColour::White, &mut rng(1)), Err(SignalError::NoSamples));
-        assert!(matches!(add_noise(&[0.0, f64::NAN], 1.0, &NoiseColour::White, &mut rng(1)), Err(SignalError::NotFinite { index: 1, .. })));
-        assert!(matches!(add_noise(&[1e300, -1e300], 1.0, &NoiseColour::White, &mut rng(1)), Err(SignalError::Scale { .. })));
-        assert!(unit_noise(5, &NoiseColour::Ar { coefficients: vec![f64::NAN] }, &mut rng(1)).is_err());
+        assert_eq!(
+            add_noise(&[], 1.0, &NoiseColour::White, &mut rng(1)),
+            Err(SignalError::NoSamples)
+        );
+        assert!(matches!(
+            add_noise(&[0.0, f64::NAN], 1.0, &NoiseColour::White, &mut rng(1)),
+            Err(SignalError::NotFinite { index: 1, .. })
+        ));
+        assert!(matches!(
+            add_noise(&[1e300, -1e300], 1.0, &NoiseColour::White, &mut rng(1)),
+            Err(SignalError::Scale { .. })
+        ));
+        assert!(
+            unit_noise(5, &NoiseColour::Ar { coefficients: vec![f64::NAN] }, &mut rng(1)).is_err()
+        );
         assert_eq!(unit_noise(0, &NoiseColour::White, &mut rng(1)), Err(SignalError::NoSamples));
     }
 
@@ -372,13 +424,20 @@ mod tests {
     fn same_seed_gives_the_same_noise() {
         let s = signal(40);
         let colour = NoiseColour::Ar { coefficients: vec![-0.5] };
-        assert_eq!(add_noise(&s, 2.0, &colour, &mut rng(4)), add_noise(&s, 2.0, &colour, &mut rng(4)));
-        assert_ne!(add_noise(&s, 2.0, &colour, &mut rng(4)), add_noise(&s, 2.0, &colour, &mut rng(5)));
+        assert_eq!(
+            add_noise(&s, 2.0, &colour, &mut rng(4)),
+            add_noise(&s, 2.0, &colour, &mut rng(4))
+        );
+        assert_ne!(
+            add_noise(&s, 2.0, &colour, &mut rng(4)),
+            add_noise(&s, 2.0, &colour, &mut rng(5))
+        );
     }
 
     #[test]
     fn colours_are_written_as_data() {
-        let colour: NoiseColour = serde_json::from_str(r#"{"ar": {"coefficients": [-0.7]}}"#).unwrap();
+        let colour: NoiseColour =
+            serde_json::from_str(r#"{"ar": {"coefficients": [-0.7]}}"#).unwrap();
         assert_eq!(colour, NoiseColour::Ar { coefficients: vec![-0.7] });
         assert_eq!(serde_json::to_string(&NoiseColour::White).unwrap(), r#""white""#);
         assert!(serde_json::from_str::<NoiseColour>(r#"{"ar": {"coefficient": [-0.7]}}"#).is_err());

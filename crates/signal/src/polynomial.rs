@@ -49,7 +49,12 @@ pub fn roots(c: &[f64]) -> Vec<Complex<f64>> {
             if !step.is_finite() || step.norm() <= f64::EPSILON * x[i].norm() {
                 continue;
             }
-            let others: Complex<f64> = x.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, other)| (x[i] - other).inv()).sum();
+            let others: Complex<f64> = x
+                .iter()
+                .enumerate()
+                .filter(|(j, _)| *j != i)
+                .map(|(_, other)| (x[i] - other).inv())
+                .sum();
             let step = step / (ONE - step * others);
             if step.is_finite() {
                 x[i] -= step;
@@ -84,7 +89,8 @@ fn start(c: &[f64]) -> Vec<Complex<f64>> {
         let radius = ((ya - yb) / (xb - xa)).exp();
         for i in from..to {
             // An angle that is no fraction of a turn, so that no start lies on the real axis or on another's mirror image.
-            let turn = std::f64::consts::TAU * (i - from) as f64 / (xb - xa) + 0.7 + 0.4 * edge as f64;
+            let turn =
+                std::f64::consts::TAU * (i - from) as f64 / (xb - xa) + 0.7 + 0.4 * edge as f64;
             points.push(Complex::from_polar(radius, turn));
         }
     }
@@ -104,7 +110,12 @@ mod tests {
     fn roots_of_a_product_are_those_of_its_factors() {
         // (x − 0.5)(x + 3)(x² + x + 1.25), roots 0.5, −3, −0.5 ± i.
         let found = sorted(roots(&[-1.875, 1.625, 2.25, 3.5, 1.0]));
-        let expected = [Complex::new(-3.0, 0.0), Complex::new(-0.5, -1.0), Complex::new(-0.5, 1.0), Complex::new(0.5, 0.0)];
+        let expected = [
+            Complex::new(-3.0, 0.0),
+            Complex::new(-0.5, -1.0),
+            Complex::new(-0.5, 1.0),
+            Complex::new(0.5, 0.0),
+        ];
         for (f, e) in found.iter().zip(&expected) {
             assert!((f - e).norm() < 1e-12, "{found:?}");
         }
@@ -118,13 +129,17 @@ mod tests {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
             (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
         };
-        let c: Vec<f64> = (0..71).map(|k| 0.02 * random() + if k < 8 { 0.0 } else { 0.8_f64.powi(k - 8) }).collect();
+        let c: Vec<f64> = (0..71)
+            .map(|k| 0.02 * random() + if k < 8 { 0.0 } else { 0.8_f64.powi(k - 8) })
+            .collect();
         let n = c.len() - 1;
-        let companion =
-            nalgebra::DMatrix::from_fn(n, n, |i, j| if i == 0 { -c[n - 1 - j] / c[n] } else { f64::from(u8::from(i == j + 1)) });
+        let companion = nalgebra::DMatrix::from_fn(n, n, |i, j| {
+            if i == 0 { -c[n - 1 - j] / c[n] } else { f64::from(u8::from(i == j + 1)) }
+        });
         let eigenvalues = companion.complex_eigenvalues();
         for root in roots(&c) {
-            let nearest = eigenvalues.iter().map(|e| (e - root).norm()).fold(f64::INFINITY, f64::min);
+            let nearest =
+                eigenvalues.iter().map(|e| (e - root).norm()).fold(f64::INFINITY, f64::min);
             assert!(nearest < 1e-9 * root.norm().max(1.0), "{root}");
         }
         // Vieta: the product of the roots, and no root found twice.
@@ -139,7 +154,10 @@ mod tests {
         (c[0], c[10], c[11]) = (1e-12, 1.0, -0.5);
         let found = roots(&c);
         assert_eq!(found.len(), 11);
-        assert_eq!(found.iter().filter(|x| (x.norm() / 10.0_f64.powf(-1.2) - 1.0).abs() < 0.01).count(), 10);
+        assert_eq!(
+            found.iter().filter(|x| (x.norm() / 10.0_f64.powf(-1.2) - 1.0).abs() < 0.01).count(),
+            10
+        );
         assert!(found.iter().any(|x| (x - Complex::new(2.0, 0.0)).norm() < 1e-9));
     }
 }

@@ -29,21 +29,28 @@ impl HowFar {
     #[must_use]
     pub fn part(&self, from: f64, to: f64) -> Self {
         let within = |part: &Part, share: f64| part.from + (part.to - part.from) * share;
-        Self(self.0.as_ref().map(|part| Part { told: Arc::clone(&part.told), from: within(part, from), to: within(part, to) }))
+        Self(self.0.as_ref().map(|part| Part {
+            told: Arc::clone(&part.told),
+            from: within(part, from),
+            to: within(part, to),
+        }))
     }
 
     /// So much is done, 0 to 1, and this is what is being done.
     pub fn at(&self, share: f64, what: &dyn Display) {
         if let Some(part) = &self.0 {
             let share = part.from + (part.to - part.from) * share.clamp(0.0, 1.0);
-            *part.told.lock().unwrap_or_else(PoisonError::into_inner) = Some((share, what.to_string()));
+            *part.told.lock().unwrap_or_else(PoisonError::into_inner) =
+                Some((share, what.to_string()));
         }
     }
 
     /// What was said last: the part that is done, 0 to 1, and what is being done.
     #[must_use]
     pub fn told(&self) -> Option<(f64, String)> {
-        self.0.as_ref().and_then(|part| part.told.lock().unwrap_or_else(PoisonError::into_inner).clone())
+        self.0
+            .as_ref()
+            .and_then(|part| part.told.lock().unwrap_or_else(PoisonError::into_inner).clone())
     }
 
     /// Work of `all` equal steps, in any order and on any thread.
@@ -74,7 +81,10 @@ impl Steps<'_> {
     }
 
     fn tell(&self, done: usize) {
-        self.far.at(done as f64 / self.all.max(1) as f64, &format_args!("{}, {done} of {}", self.what, self.all));
+        self.far.at(
+            done as f64 / self.all.max(1) as f64,
+            &format_args!("{}, {done} of {}", self.what, self.all),
+        );
     }
 }
 

@@ -62,7 +62,11 @@ pub enum RegistryError {
 ///
 /// # Errors
 /// [`RegistryError::Unknown`], with the names there are.
-pub fn find<'a, T: ?Sized>(entries: &'a [Entry<T>], kind: &'static str, name: &str) -> Result<&'a Entry<T>, RegistryError> {
+pub fn find<'a, T: ?Sized>(
+    entries: &'a [Entry<T>],
+    kind: &'static str,
+    name: &str,
+) -> Result<&'a Entry<T>, RegistryError> {
     entries.iter().find(|e| e.name == name).ok_or_else(|| RegistryError::Unknown {
         kind,
         name: name.to_owned(),
@@ -82,7 +86,11 @@ impl<T: ?Sized> Entry<T> {
     /// # Errors
     /// [`RegistryError::Options`] for an unknown option or a value of the wrong kind.
     pub fn with(&self, options: Value) -> Result<Box<T>, RegistryError> {
-        (self.build)(options).map_err(|source| RegistryError::Options { name: self.name, defaults: (self.defaults)(), source })
+        (self.build)(options).map_err(|source| RegistryError::Options {
+            name: self.name,
+            defaults: (self.defaults)(),
+            source,
+        })
     }
 }
 
@@ -93,7 +101,8 @@ impl<T: ?Sized> Entry<T> {
 pub fn options<'a>(texts: impl IntoIterator<Item = &'a str>) -> Result<Value, RegistryError> {
     let mut object = serde_json::Map::new();
     for text in texts {
-        let (key, value) = text.split_once('=').ok_or_else(|| RegistryError::Syntax { text: text.to_owned() })?;
+        let (key, value) =
+            text.split_once('=').ok_or_else(|| RegistryError::Syntax { text: text.to_owned() })?;
         let value = serde_json::from_str(value).unwrap_or_else(|_| Value::String(value.to_owned()));
         object.insert(key.trim().to_owned(), value);
     }
@@ -122,7 +131,9 @@ macro_rules! entry {
             name: $name,
             summary: $summary,
             defaults: $crate::registry::defaults::<$options>,
-            build: |options| Ok(Box::new($crate::registry::parse::<$options>(options)?) as Box<$object>),
+            build: |options| {
+                Ok(Box::new($crate::registry::parse::<$options>(options)?) as Box<$object>)
+            },
         }
     };
 }

@@ -232,7 +232,9 @@ mod tests {
         let first = Message::from("ä: ").and(Remedy::ResampleAt { seconds: 0.125 });
         let both = first.and("; ").and(Message::from(Remedy::Resume).and(" is a `resume`"));
         assert_eq!(both.to_string(), "ä: `resample(0.125)`; `resume` is a `resume`");
-        let words = |remedy: &Remedy| if *remedy == Remedy::Resume { "R".to_owned() } else { "long words".to_owned() };
+        let words = |remedy: &Remedy| {
+            if *remedy == Remedy::Resume { "R".to_owned() } else { "long words".to_owned() }
+        };
         assert_eq!(both.worded(words), "ä: long words; R is a `resume`");
     }
 }

@@ -35,11 +35,20 @@ pub const HANN_LINES: f64 = 35.0 / 18.0;
 impl CrossSpectra {
     /// Averages over all pairs (u, y); a pair shorter than a segment counts with one window of its own length.
     #[must_use]
-    pub fn welch<'a>(pairs: impl IntoIterator<Item = (&'a [f64], &'a [f64])>, segment: usize) -> Self {
+    pub fn welch<'a>(
+        pairs: impl IntoIterator<Item = (&'a [f64], &'a [f64])>,
+        segment: usize,
+    ) -> Self {
         let segment = segment.max(1);
         let fourier = RealFourier::new(segment);
         let lines = segment / 2 + 1;
-        let mut spectra = Self { segment, looks: 0.0, uu: vec![0.0; lines], yy: vec![0.0; lines], uy: vec![Complex::new(0.0, 0.0); lines] };
+        let mut spectra = Self {
+            segment,
+            looks: 0.0,
+            uu: vec![0.0; lines],
+            yy: vec![0.0; lines],
+            uy: vec![Complex::new(0.0, 0.0); lines],
+        };
         let long = hann(segment);
         // Σ of squared windows, and of its square, over samples.
         let (mut power, mut squares) = (0.0, 0.0);
@@ -53,8 +62,12 @@ impl CrossSpectra {
                 &long
             };
             let mut weight = vec![0.0; n];
-            for start in (0..(n + 1).saturating_sub(window.len().max(1))).step_by((segment / OVERLAP).max(1)) {
-                let part = |x: &[f64]| fourier.spectrum(window.iter().zip(&x[start..]).map(|(w, x)| w * x));
+            for start in
+                (0..(n + 1).saturating_sub(window.len().max(1))).step_by((segment / OVERLAP).max(1))
+            {
+                let part = |x: &[f64]| {
+                    fourier.spectrum(window.iter().zip(&x[start..]).map(|(w, x)| w * x))
+                };
                 for (k, (u, y)) in part(u).into_iter().zip(part(y)).enumerate() {
                     spectra.uu[k] += u.norm_sqr();
                     spectra.yy[k] += y.norm_sqr();
@@ -124,7 +137,8 @@ mod tests {
         let halves = [(&u[2..1500], &u[..1498]), (&u[1502..4000], &u[1500..3998])];
         let s = CrossSpectra::welch(halves, 32);
         for k in 1..16 {
-            let apart = (s.uy[k] / s.uy[k].norm() - Complex::from_polar(1.0, -2.0 * s.omega(k))).norm();
+            let apart =
+                (s.uy[k] / s.uy[k].norm() - Complex::from_polar(1.0, -2.0 * s.omega(k))).norm();
             assert!(apart < 0.12, "line {k}: {apart}");
         }
         assert!(s.coherence()[1..16].iter().all(|c| *c > 0.9));

@@ -27,14 +27,17 @@ impl SpectralMatrix {
         let channels = records.first().map_or(0, Vec::len);
         let repeated = ((segment as f64 * overlap) as usize).min(segment - 1);
         let apart = segment - repeated;
-        let window: Vec<f64> = (0..segment).map(|t| (std::f64::consts::PI * t as f64 / segment as f64).sin().powi(2)).collect();
+        let window: Vec<f64> = (0..segment)
+            .map(|t| (std::f64::consts::PI * t as f64 / segment as f64).sin().powi(2))
+            .collect();
         let power: f64 = window.iter().map(|w| w * w).sum();
         let fourier = RealFourier::new(segment);
         let mut lines = vec![DMatrix::zeros(channels, channels); segment / 2 + 1];
         let (mut count, mut variance) = (0.0, 0.0);
         for record in records {
             let samples = record.iter().map(Vec::len).min().unwrap_or(0);
-            let starts: Vec<usize> = (0..(samples + 1).saturating_sub(segment)).step_by(apart).collect();
+            let starts: Vec<usize> =
+                (0..(samples + 1).saturating_sub(segment)).step_by(apart).collect();
             for &start in &starts {
                 let part = |x: &Vec<f64>| {
                     let x = &x[start..start + segment];
@@ -52,16 +55,22 @@ impl SpectralMatrix {
             }
             let segments = starts.len() as f64;
             let shared = |j: usize| -> f64 {
-                let sum: f64 = window.iter().zip(window.iter().skip(j * apart)).map(|(a, b)| a * b).sum();
+                let sum: f64 =
+                    window.iter().zip(window.iter().skip(j * apart)).map(|(a, b)| a * b).sum();
                 (sum / power).powi(2)
             };
             let beyond = (1..starts.len()).take_while(|j| j * apart < segment);
-            variance += segments + 2.0 * beyond.map(|j| (segments - j as f64) * shared(j)).sum::<f64>();
+            variance +=
+                segments + 2.0 * beyond.map(|j| (segments - j as f64) * shared(j)).sum::<f64>();
             count += segments;
         }
         if count > 0.0 {
             lines.iter_mut().for_each(|line| *line /= Complex::from(count * power));
         }
-        Self { segment, averages: if variance > 0.0 { count * count / variance } else { 0.0 }, lines }
+        Self {
+            segment,
+            averages: if variance > 0.0 { count * count / variance } else { 0.0 },
+            lines,
+        }
     }
 }

@@ -9,7 +9,8 @@ pub const NORMAL_95_EXACT: f64 = 1.959_963_984_540_054;
 /// The arithmetic mean.
 #[must_use]
 pub fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
-    let (sum, count) = values.into_iter().fold((-0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
+    let (sum, count) =
+        values.into_iter().fold((-0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
     (count > 0.0).then(|| sum / count)
 }
 
@@ -76,7 +77,10 @@ mod tests {
 
     #[test]
     fn of_nothing_there_is_none() {
-        assert_eq!((mean([]), variance(&[]), median(vec![]), upper_median(vec![]), quantile(&[], 0.5)), (None, None, None, None, None));
+        assert_eq!(
+            (mean([]), variance(&[]), median(vec![]), upper_median(vec![]), quantile(&[], 0.5)),
+            (None, None, None, None, None)
+        );
         assert_eq!((deviation(&[]), rms([])), (None, None));
     }
 
@@ -91,7 +95,10 @@ mod tests {
     fn medians_differ_where_the_count_is_even() {
         let values = vec![4.0, 1.0, 3.0, 2.0];
         assert_eq!((median(values.clone()), upper_median(values)), (Some(2.5), Some(3.0)));
-        assert_eq!((median(vec![3.0, 1.0, 2.0]), upper_median(vec![3.0, 1.0, 2.0])), (Some(2.0), Some(2.0)));
+        assert_eq!(
+            (median(vec![3.0, 1.0, 2.0]), upper_median(vec![3.0, 1.0, 2.0])),
+            (Some(2.0), Some(2.0))
+        );
     }
 
     #[test]

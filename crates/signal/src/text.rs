@@ -50,7 +50,11 @@ pub fn shown(text: &str) -> String {
 pub fn plus_minus(value: f64, std: f64) -> String {
     let place = if std > 0.0 && std.is_finite() { std.log10().floor() } else { 0.0 };
     let digits = (1.0 - place).clamp(0.0, 15.0) as usize;
-    if digits <= 8 { format!("{value:.digits$} ± {std:.digits$}") } else { format!("{value:e} ± {std:.1e}") }
+    if digits <= 8 {
+        format!("{value:.digits$} ± {std:.digits$}")
+    } else {
+        format!("{value:e} ± {std:.1e}")
+    }
 }
 
 /// A message as one paragraph: line breaks stay, blank lines go, other control characters are shown as their escapes, and long lines are cut.
@@ -91,7 +95,8 @@ pub fn markdown(text: &str) -> String {
 /// A parser's message about a text, with its line: `line 3, column 5: …`, in one line.
 #[must_use]
 pub fn located(text: &str, at: Option<usize>, message: &str) -> String {
-    let message = message.lines().map(str::trim).filter(|l| !l.is_empty()).collect::<Vec<_>>().join("; ");
+    let message =
+        message.lines().map(str::trim).filter(|l| !l.is_empty()).collect::<Vec<_>>().join("; ");
     match at.and_then(|at| text.get(..at)) {
         Some(before) => {
             let line = before.matches('\n').count() + 1;
@@ -118,7 +123,10 @@ mod tests {
 
     #[test]
     fn a_place_in_a_text_is_told_by_line_and_column() {
-        assert_eq!(located("a = 1\nb = \n", Some(10), "no value\nwanted"), "line 2, column 5: no value; wanted");
+        assert_eq!(
+            located("a = 1\nb = \n", Some(10), "no value\nwanted"),
+            "line 2, column 5: no value; wanted"
+        );
         assert_eq!(located("a", None, "wrong"), "wrong");
         assert_eq!(located("a", Some(9), "wrong"), "wrong");
     }

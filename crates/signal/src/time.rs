@@ -48,7 +48,11 @@ impl SampleTime {
     /// # Errors
     /// [`TimeError::SampleTime`] unless finite and above zero.
     pub fn new(seconds: f64) -> Result<Self, TimeError> {
-        if seconds.is_finite() && seconds > 0.0 { Ok(Self(seconds)) } else { Err(TimeError::SampleTime { seconds }) }
+        if seconds.is_finite() && seconds > 0.0 {
+            Ok(Self(seconds))
+        } else {
+            Err(TimeError::SampleTime { seconds })
+        }
     }
 
     /// The sample time in seconds.
@@ -92,7 +96,11 @@ impl SampleTime {
     /// # Errors
     /// [`TimeError::Mismatch`] when they differ by more than a part in 10⁹.
     pub fn must_equal(self, other: Self) -> Result<(), TimeError> {
-        if (self.0 - other.0).abs() <= 1e-9 * self.0 { Ok(()) } else { Err(TimeError::Mismatch { left_s: self.0, right_s: other.0 }) }
+        if (self.0 - other.0).abs() <= 1e-9 * self.0 {
+            Ok(())
+        } else {
+            Err(TimeError::Mismatch { left_s: self.0, right_s: other.0 })
+        }
     }
 }
 

@@ -75,8 +75,12 @@ impl Aim {
     }
 
     fn by<'a>(&self, method: &'a str, study: &'a Study) -> Option<Reached<'a>> {
-        let cells: Vec<(&Cell, Option<f64>)> =
-            study.cells.iter().filter(|c| c.method_text() == method && self.cells.holds(c)).map(|c| (c, self.of(c))).collect();
+        let cells: Vec<(&Cell, Option<f64>)> = study
+            .cells
+            .iter()
+            .filter(|c| c.method_text() == method && self.cells.holds(c))
+            .map(|c| (c, self.of(c)))
+            .collect();
         let (cell, value) = if self.each {
             // A cell without the number is as far off as can be.
             let (cell, value) = (cells.into_iter().map(|(c, v)| (c, v.unwrap_or(f64::INFINITY))))
@@ -97,7 +101,9 @@ impl Aim {
 
     fn of(&self, cell: &Cell) -> Option<f64> {
         match self.measure {
-            Measure::RmsSamples => cell.kept.iter().find(|k| k.percent == self.kept_percent)?.rms_samples,
+            Measure::RmsSamples => {
+                cell.kept.iter().find(|k| k.percent == self.kept_percent)?.rms_samples
+            }
             Measure::RmsOverBound => Some(cell.rms_samples? / cell.bound_rms_samples?),
             Measure::Flagged => Some(cell.flagged as f64 / cell.trials.max(1) as f64),
             Measure::Coverage95 => cell.coverage95,
@@ -128,12 +134,29 @@ mod tests {
 
     #[test]
     fn means_worst_cells_and_best_methods() {
-        let study = study(&[("a", 1.0, 1.0, 0), ("a", 3.0, 1.0, 5), ("b", 1.5, 1.0, 10), ("b", 1.5, 2.0, 10)]);
-        let values = |text: &str| aim(text).reached(&study).iter().map(|r| (r.method.to_owned(), r.value, r.met)).collect::<Vec<_>>();
+        let study = study(&[
+            ("a", 1.0, 1.0, 0),
+            ("a", 3.0, 1.0, 5),
+            ("b", 1.5, 1.0, 10),
+            ("b", 1.5, 2.0, 10),
+        ]);
+        let values = |text: &str| {
+            aim(text)
+                .reached(&study)
+                .iter()
+                .map(|r| (r.method.to_owned(), r.value, r.met))
+                .collect::<Vec<_>>()
+        };
         let both = "method = [\"a\", \"b\"]\n";
         let of = |name: &str, value, met| (name.to_owned(), value, met);
-        assert_eq!(values(&format!("{both}measure = \"rms_samples\"\nat_most = 1.5")), [of("a", 2.0, false), of("b", 1.5, true)]);
-        assert_eq!(values(&format!("{both}best = true\nmeasure = \"rms_samples\"\nat_most = 1.5")), [of("b", 1.5, true)]);
+        assert_eq!(
+            values(&format!("{both}measure = \"rms_samples\"\nat_most = 1.5")),
+            [of("a", 2.0, false), of("b", 1.5, true)]
+        );
+        assert_eq!(
+            values(&format!("{both}best = true\nmeasure = \"rms_samples\"\nat_most = 1.5")),
+            [of("b", 1.5, true)]
+        );
         assert_eq!(
             values(&format!("{both}kept_percent = 90\nmeasure = \"rms_samples\"\nat_most = 1")),
             [of("a", 1.0, true), of("b", 0.75, true)]
@@ -148,7 +171,12 @@ mod tests {
         );
         // No interval at all is no coverage.
         assert_eq!(
-            values(&format!("{both}each = true\nmeasure = \"coverage95\"\nat_least = 0.9\nat_most = 0.97")).iter().filter(|v| v.2).count(),
+            values(&format!(
+                "{both}each = true\nmeasure = \"coverage95\"\nat_least = 0.9\nat_most = 0.97"
+            ))
+            .iter()
+            .filter(|v| v.2)
+            .count(),
             0
         );
         assert!(values("method = [\"c\"]\nmeasure = \"flagged\"\nat_least = 0.9").is_empty());

@@ -41,7 +41,10 @@ impl BlockFile<'_> {
     /// The last line for these rows.
     fn seal(&self, body: &[u8]) -> String {
         let Self { stamp, number, rows } = self;
-        let digest = Sha256::new().chain_update(format!("{stamp} {number} {rows}\n")).chain_update(body).finalize();
+        let digest = Sha256::new()
+            .chain_update(format!("{stamp} {number} {rows}\n"))
+            .chain_update(body)
+            .finalize();
         let hex: String = digest.iter().map(|b| format!("{b:02x}")).collect();
         format!("{MARK} {number}, {rows} rows, sha256 {hex}\n")
     }
@@ -54,7 +57,8 @@ impl BlockFile<'_> {
         let wrong = |e: csv::Error| super::error::Error::io(path, e.into());
         let mut csv = csv::Writer::from_writer(Vec::new());
         rows.iter().try_for_each(|row| csv.serialize(row)).map_err(wrong)?;
-        let mut body = csv.into_inner().map_err(|e| super::error::Error::io(path, e.into_error()))?;
+        let mut body =
+            csv.into_inner().map_err(|e| super::error::Error::io(path, e.into_error()))?;
         let seal = self.seal(&body);
         body.extend_from_slice(seal.as_bytes());
         Ok(write_atomic(path, |out| out.write_all(&body))?)
@@ -75,7 +79,9 @@ impl BlockFile<'_> {
             return Ok(Err("its last line, with count and digest, is missing".to_owned()));
         }
         if bytes[last..] != *self.seal(&bytes[..last]).as_bytes() {
-            return Ok(Err("its count or digest is not that of its rows, or it is another block's".to_owned()));
+            return Ok(Err(
+                "its count or digest is not that of its rows, or it is another block's".to_owned(),
+            ));
         }
         bytes.truncate(last);
         Ok(Ok(bytes))
@@ -95,7 +101,11 @@ impl BlockFile<'_> {
             .into_deserialize()
             .collect::<Result<_, _>>()
             .map_err(|e: csv::Error| wrong(e.to_string()))?;
-        if rows.len() == self.rows { Ok(rows) } else { Err(wrong(format!("{} rows where there are {}", rows.len(), self.rows)).into()) }
+        if rows.len() == self.rows {
+            Ok(rows)
+        } else {
+            Err(wrong(format!("{} rows where there are {}", rows.len(), self.rows)).into())
+        }
     }
 }
 
@@ -140,7 +150,11 @@ mod tests {
             assert!(block.body(&path).unwrap().is_err(), "cut at {at}");
         }
         std::fs::write(&path, &whole).unwrap();
-        for other in [BlockFile { number: 5, ..block }, BlockFile { rows: 2, ..block }, BlockFile { stamp: "abd", ..block }] {
+        for other in [
+            BlockFile { number: 5, ..block },
+            BlockFile { rows: 2, ..block },
+            BlockFile { stamp: "abd", ..block },
+        ] {
             assert!(other.body(&path).unwrap().is_err());
         }
         assert!(block.body(&path).unwrap().is_ok());

@@ -36,9 +36,15 @@ pub(super) fn bound_samples(
     let (numerator, denominator) = (transfer.numerator(), transfer.denominator());
     let drive = DMatrix::from_column_slice(u.len(), 1, u);
     let respond = |denominator: &[f64], delay_s: f64| -> Option<Vec<f64>> {
-        let model = TransferFunction::from_polynomials(&numerator, denominator, delay_s, Continuous).ok()?.to_state_space().ok()?;
+        let model =
+            TransferFunction::from_polynomials(&numerator, denominator, delay_s, Continuous)
+                .ok()?
+                .to_state_space()
+                .ok()?;
         let options = Options { prehistory: Prehistory::Rest, ..Options::default() };
-        Some(lsim(&model, &drive, sample_time, &options).ok()?.y.column(0).iter().copied().collect())
+        Some(
+            lsim(&model, &drive, sample_time, &options).ok()?.y.column(0).iter().copied().collect(),
+        )
     };
     // The noise is made white by A/C, and the derivatives with it.
     let leading = |c: &[f64]| [1.0].into_iter().chain(c.iter().copied()).collect::<Vec<f64>>();
@@ -84,10 +90,27 @@ mod tests {
             let slopes = model.slopes(&u, ts).unwrap();
             let exact = joint(&slopes.by_delay, &slopes.by_others, 0.1).unwrap();
             let denominator = lags.iter().fold(vec![1.0], |d, lag| {
-                d.iter().map(|v| v * lag).chain([0.0]).zip([0.0].into_iter().chain(d.iter().copied())).map(|(a, b)| a + b).collect()
+                d.iter()
+                    .map(|v| v * lag)
+                    .chain([0.0])
+                    .zip([0.0].into_iter().chain(d.iter().copied()))
+                    .map(|(a, b)| a + b)
+                    .collect()
             });
-            let plant = TransferFunction::from_polynomials(&[1.0], &denominator, 0.0, Continuous).unwrap().to_state_space().unwrap();
-            let got = bound_samples(&plant, 0, std::slice::from_ref(&u), delay_s, ts, 0.1, &Colour::default()).unwrap();
+            let plant = TransferFunction::from_polynomials(&[1.0], &denominator, 0.0, Continuous)
+                .unwrap()
+                .to_state_space()
+                .unwrap();
+            let got = bound_samples(
+                &plant,
+                0,
+                std::slice::from_ref(&u),
+                delay_s,
+                ts,
+                0.1,
+                &Colour::default(),
+            )
+            .unwrap();
             assert!((got / exact - 1.0).abs() < 1e-4, "{lags:?}: {got} {exact}");
         }
     }
@@ -96,9 +119,21 @@ mod tests {
     fn slow_noise_is_whitened_and_does_not_hide_a_delay_as_white_noise_of_its_power_does() {
         let ts = SampleTime::new(1.0).unwrap();
         let u = Rbs::default().generate(500, &mut ChaCha8Rng::seed_from_u64(3)).unwrap();
-        let plant = TransferFunction::from_polynomials(&[1.0], &[1.0, 1.0], 0.0, Continuous).unwrap().to_state_space().unwrap();
+        let plant = TransferFunction::from_polynomials(&[1.0], &[1.0, 1.0], 0.0, Continuous)
+            .unwrap()
+            .to_state_space()
+            .unwrap();
         let of = |std: f64, ar: Vec<f64>| {
-            bound_samples(&plant, 0, std::slice::from_ref(&u), 9.5, ts, std, &Colour { ar, ..Colour::default() }).unwrap()
+            bound_samples(
+                &plant,
+                0,
+                std::slice::from_ref(&u),
+                9.5,
+                ts,
+                std,
+                &Colour { ar, ..Colour::default() },
+            )
+            .unwrap()
         };
         let slow = of((1.0_f64 - 0.81).sqrt() * 0.1, vec![-0.9]);
         assert!(slow < 0.7 * of(0.1, vec![]), "{slow}");

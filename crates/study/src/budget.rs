@@ -55,15 +55,24 @@ impl Needs {
         let (mut settings, mut cells, mut estimates, mut largest) = (0.0, 0.0, 0.0, 0.0_f64);
         for grid in &plan.grids {
             let of_grid = combinations(grid);
-            let methods = grid.method.iter().map(|m| spelt(m)).sum::<usize>() as f64 * grid.place.len() as f64;
+            let methods = grid.method.iter().map(|m| spelt(m)).sum::<usize>() as f64
+                * grid.place.len() as f64;
             settings += of_grid;
             cells += of_grid * methods;
             estimates += of_grid * methods * grid.trials as f64;
             largest = largest.max(grid.samples.iter().copied().max().unwrap_or(0) as f64);
         }
         let threads = rayon::current_num_threads() as f64;
-        let memory = settings * SETTING + cells * CELL + threads * largest * CHANNELS * COPIES * size_of::<f64>() as f64;
-        Self { settings, cells, estimates, memory_gb: memory / GB, disk_gb: estimates * ESTIMATE / GB }
+        let memory = settings * SETTING
+            + cells * CELL
+            + threads * largest * CHANNELS * COPIES * size_of::<f64>() as f64;
+        Self {
+            settings,
+            cells,
+            estimates,
+            memory_gb: memory / GB,
+            disk_gb: estimates * ESTIMATE / GB,
+        }
     }
 }
 
@@ -105,7 +114,9 @@ impl Budget {
             option,
         };
         // A limit that is no number allows nothing.
-        let within = |needed_gb: f64, limit_gb: f64| matches!(needed_gb.partial_cmp(&limit_gb), Some(Ordering::Less | Ordering::Equal));
+        let within = |needed_gb: f64, limit_gb: f64| {
+            matches!(needed_gb.partial_cmp(&limit_gb), Some(Ordering::Less | Ordering::Equal))
+        };
         if !within(memory_gb, self.memory_gb) {
             return Err(refused("memory", memory_gb, self.memory_gb, Remedy::MaxMemory));
         }

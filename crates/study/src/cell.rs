@@ -44,13 +44,20 @@ impl Layout {
         let wrong = |detail: String| StudyError::Plan { plan: plan.name.clone(), detail };
         let (mut settings, mut methods) = (Vec::new(), Vec::new());
         for (number, grid) in plan.grids.iter().enumerate() {
-            let chosen =
-                grid.method.iter().flat_map(|text| spelt_out(text)).map(|text| choose(&text)).collect::<super::error::Result<Vec<_>>>()?;
+            let chosen = grid
+                .method
+                .iter()
+                .flat_map(|text| spelt_out(text))
+                .map(|text| choose(&text))
+                .collect::<super::error::Result<Vec<_>>>()?;
             let states = chosen.iter().any(|c| c.method.scope == Scope::States);
             for key in keys(grid) {
                 let events = key.excitation == EVENTS;
-                if let Some(other) = chosen.iter().find(|c| (c.method.scope == Scope::Events) != events) {
-                    let (name, sees) = (other.method.entry.name, if events { "samples" } else { "events" });
+                if let Some(other) =
+                    chosen.iter().find(|c| (c.method.scope == Scope::Events) != events)
+                {
+                    let (name, sees) =
+                        (other.method.entry.name, if events { "samples" } else { "events" });
                     let detail = format!(
                         "{}: method `{name}` looks at {sees}, the excitation is `{}`: give them grids of their own",
                         grid.name, key.excitation
@@ -74,15 +81,22 @@ impl Layout {
         for (number, setting) in settings.iter().enumerate() {
             let grid = &plan.grids[setting.grid];
             let of_grid = || settings.iter().filter(|s| s.grid == setting.grid);
-            if let Some(unknown) = grid.output.iter().find(|o| !of_grid().any(|s| s.outputs.contains(o))) {
-                return Err(wrong(format!("no plant of {} has an output `{unknown}`", grid.name)).into());
+            if let Some(unknown) =
+                grid.output.iter().find(|o| !of_grid().any(|s| s.outputs.contains(o)))
+            {
+                return Err(
+                    wrong(format!("no plant of {} has an output `{unknown}`", grid.name)).into()
+                );
             }
-            let outputs: Vec<usize> =
-                (0..setting.outputs.len()).filter(|&o| grid.output.is_empty() || grid.output.contains(&setting.outputs[o])).collect();
+            let outputs: Vec<usize> = (0..setting.outputs.len())
+                .filter(|&o| grid.output.is_empty() || grid.output.contains(&setting.outputs[o]))
+                .collect();
             for &place in &grid.place {
                 for (method, chosen) in methods[setting.grid].iter().enumerate() {
                     for input in 0..setting.inputs.len() {
-                        let mut slot = |output| slots.push(Slot { setting: number, place, input, output, method });
+                        let mut slot = |output| {
+                            slots.push(Slot { setting: number, place, input, output, method })
+                        };
                         match chosen.method.scope {
                             Scope::States => slot(None),
                             _ => outputs.iter().for_each(|&o| slot(Some(o))),
@@ -111,7 +125,12 @@ fn choose(text: &str) -> super::error::Result<Chosen> {
     let name = words.next().unwrap_or_default();
     let Some(method) = METHODS.iter().find(|m| m.entry.name == name) else {
         let known = METHODS.iter().map(|m| m.entry.name).collect();
-        return Err(registry::RegistryError::Unknown { kind: "method", name: name.to_owned(), known }.into());
+        return Err(registry::RegistryError::Unknown {
+            kind: "method",
+            name: name.to_owned(),
+            known,
+        }
+        .into());
     };
     let options = registry::options(words)?;
     Ok(Chosen { method, estimator: method.entry.with(options.clone())?, options })
@@ -125,7 +144,9 @@ fn keys(grid: &Grid) -> Vec<Key> {
             set(&mut key, value.clone());
             key
         };
-        keys.iter().flat_map(|key| list.iter().map(|value| one(key, value)).collect::<Vec<_>>()).collect()
+        keys.iter()
+            .flat_map(|key| list.iter().map(|value| one(key, value)).collect::<Vec<_>>())
+            .collect()
     }
     let blank = Key {
         plant: String::new(),

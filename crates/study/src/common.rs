@@ -11,8 +11,8 @@ use rand_distr::{Distribution, Exp1, StandardNormal};
 use rayon::prelude::*;
 
 use deadtime_delay::{
-    Class, DelayError, DelayEstimator, Detrend, Events, Experiment, METHODS, Method, PlantModel, Recording, ReferenceExperiment, Scope,
-    Search, Start,
+    Class, DelayError, DelayEstimator, Detrend, Events, Experiment, METHODS, Method, PlantModel,
+    Recording, ReferenceExperiment, Scope, Search, Start,
 };
 use deadtime_model::simulate::{Options, lsim};
 use deadtime_model::uav::Dynamics;
@@ -83,19 +83,26 @@ impl Common {
     /// # Errors
     /// Whatever keeps a record from being made or a method from being set up.
     pub fn run(&self, progress: &mut dyn FnMut(&str)) -> super::error::Result<Vec<MethodRow>> {
-        let mut records = vec![(ReferenceExperiment::Plant, self.records(ReferenceExperiment::Plant)?)];
+        let mut records =
+            vec![(ReferenceExperiment::Plant, self.records(ReferenceExperiment::Plant)?)];
         for method in METHODS {
             if records.iter().all(|(kind, _)| *kind != method.reference) {
                 records.push((method.reference, self.records(method.reference)?));
             }
         }
-        let of = |kind: ReferenceExperiment| records.iter().find(|(k, _)| *k == kind).map_or(&[][..], |(_, r)| r);
-        let loops: Vec<Known> = (0..self.trials).map(|t| self.closed(t)).collect::<super::error::Result<_>>()?;
+        let of = |kind: ReferenceExperiment| {
+            records.iter().find(|(k, _)| *k == kind).map_or(&[][..], |(_, r)| r)
+        };
+        let loops: Vec<Known> =
+            (0..self.trials).map(|t| self.closed(t)).collect::<super::error::Result<_>>()?;
         METHODS
             .iter()
             .map(|method| {
                 let estimator = method.entry.with(serde_json::json!({}))?;
-                let pairs = |records: &[Known]| (method.scope == Scope::Pair).then(|| score(method, estimator.as_ref(), records));
+                let pairs = |records: &[Known]| {
+                    (method.scope == Scope::Pair)
+                        .then(|| score(method, estimator.as_ref(), records))
+                };
                 let row = MethodRow {
                     method: method.entry.name,
                     class: method.class,
@@ -111,7 +118,10 @@ impl Common {
     }
 
     fn records(&self, kind: ReferenceExperiment) -> super::error::Result<Vec<Known>> {
-        (0..self.trials).into_par_iter().map(|t| self.experiment(kind, t).map(|(experiment, delay)| (experiment, delay, 0))).collect()
+        (0..self.trials)
+            .into_par_iter()
+            .map(|t| self.experiment(kind, t).map(|(experiment, delay)| (experiment, delay, 0)))
+            .collect()
     }
 
     /// The random numbers of record `trial`, its true delay drawn first: the same for every kind.
@@ -126,7 +136,11 @@ impl Common {
     ///
     /// # Errors
     /// Whatever keeps the record from being made.
-    pub fn experiment(&self, kind: ReferenceExperiment, trial: usize) -> super::error::Result<(Experiment<'static>, f64)> {
+    pub fn experiment(
+        &self,
+        kind: ReferenceExperiment,
+        trial: usize,
+    ) -> super::error::Result<(Experiment<'static>, f64)> {
         let (mut rng, delay) = self.draw(trial);
         let sample_time = SampleTime::new(1.0)?;
         let n = self.samples;
@@ -140,11 +154,18 @@ impl Common {
             ReferenceExperiment::Process { poles, zero } => {
                 let u = Rbs::default().generate(n, &mut rng)?;
                 let times = [8.0, 4.0, 2.0];
-                let y = held(&lags(&times[..poles.clamp(1, times.len())], zero.then_some(5.0))?, &u, delay, sample_time)?;
+                let y = held(
+                    &lags(&times[..poles.clamp(1, times.len())], zero.then_some(5.0))?,
+                    &u,
+                    delay,
+                    sample_time,
+                )?;
                 siso(u, noisy(&y, &mut rng)?)?
             }
             ReferenceExperiment::Copy => {
-                let tones: Vec<[f64; 2]> = (0..200).map(|_| [rng.random_range(0.0..0.8 * PI), rng.random_range(0.0..2.0 * PI)]).collect();
+                let tones: Vec<[f64; 2]> = (0..200)
+                    .map(|_| [rng.random_range(0.0..0.8 * PI), rng.random_range(0.0..2.0 * PI)])
+                    .collect();
                 let at = |t: f64| tones.iter().map(|[w, phase]| (w * t + phase).cos()).sum::<f64>();
                 copy(n, delay, at, siso, &mut rng)?
             }
@@ -159,13 +180,19 @@ impl Common {
                 }
                 let at = |t: f64| {
                     // Beyond 12 samples a pulse is below rounding.
-                    let near = pulses.partition_point(|p| p[0] < t - 12.0)..pulses.partition_point(|p| p[0] < t + 12.0);
-                    pulses[near].iter().map(|[when, size]| size * (-((t - when) / 1.5).powi(2)).exp()).sum::<f64>()
+                    let near = pulses.partition_point(|p| p[0] < t - 12.0)
+                        ..pulses.partition_point(|p| p[0] < t + 12.0);
+                    pulses[near]
+                        .iter()
+                        .map(|[when, size]| size * (-((t - when) / 1.5).powi(2)).exp())
+                        .sum::<f64>()
                 };
                 copy(n, delay, at, siso, &mut rng)?
             }
             ReferenceExperiment::Steps => {
-                let u: Vec<f64> = (0..n).map(|t| if t >= n / 10 && t < n * 11 / 20 { 1.0 } else { 0.0 }).collect();
+                let u: Vec<f64> = (0..n)
+                    .map(|t| if t >= n / 10 && t < n * 11 / 20 { 1.0 } else { 0.0 })
+                    .collect();
                 let y = held(&lags(&[10.0, 1.0], None)?, &u, delay, sample_time)?;
                 siso(u, noisy(&y, &mut rng)?)?
             }
@@ -173,14 +200,26 @@ impl Common {
                 let u = Rbs::default().generate(n, &mut rng)?;
                 let sample_time = SampleTime::new(0.1)?;
                 let plant = Dynamics::Directional.model();
-                let delayed = plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
-                let response = lsim(&delayed, &DMatrix::from_column_slice(n, 1, &u), sample_time, &Options::default())?;
-                let column = |m: &DMatrix<f64>, i: usize| m.column(i).iter().copied().collect::<Vec<f64>>();
+                let delayed =
+                    plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
+                let response = lsim(
+                    &delayed,
+                    &DMatrix::from_column_slice(n, 1, &u),
+                    sample_time,
+                    &Options::default(),
+                )?;
+                let column =
+                    |m: &DMatrix<f64>, i: usize| m.column(i).iter().copied().collect::<Vec<f64>>();
                 let states = (0..plant.order())
                     .map(|i| Ok(noisy(&column(&response.x, i), &mut rng)?.into()))
                     .collect::<super::error::Result<_>>()?;
-                let recording = Recording { inputs: vec![u.into()], outputs: vec![column(&response.y, 0).into()], states };
-                Experiment::new(sample_time, vec!["u".into()], vec!["y".into()], vec![recording])?.with_model(PlantModel::Continuous(plant))
+                let recording = Recording {
+                    inputs: vec![u.into()],
+                    outputs: vec![column(&response.y, 0).into()],
+                    states,
+                };
+                Experiment::new(sample_time, vec!["u".into()], vec!["y".into()], vec![recording])?
+                    .with_model(PlantModel::Continuous(plant))
             }
             ReferenceExperiment::Events => {
                 let mut time = 0.0;
@@ -193,7 +232,11 @@ impl Common {
                     first.push(time);
                     second.push(time + delay + 0.2 * jitter);
                 }
-                Experiment::of_events(sample_time, ["a", "b"], vec![Events { first, second, ..Events::default() }])?
+                Experiment::of_events(
+                    sample_time,
+                    ["a", "b"],
+                    vec![Events { first, second, ..Events::default() }],
+                )?
             }
         };
         Ok((experiment, delay))
@@ -202,7 +245,8 @@ impl Common {
     /// The plant of [`ReferenceExperiment::Plant`] under proportional feedback of a noisy output, with a random binary reference.
     fn closed(&self, trial: usize) -> super::error::Result<Known> {
         let (mut rng, delay) = self.draw(trial);
-        let reference = Rbs { band: [0.0, 0.3], ..Rbs::default() }.generate(self.samples, &mut rng)?;
+        let reference =
+            Rbs { band: [0.0, 0.3], ..Rbs::default() }.generate(self.samples, &mut rng)?;
         let plant = First::new(delay);
         let (mut u, mut x, mut y) = (Vec::new(), Vec::new(), Vec::new());
         for r in reference {
@@ -270,9 +314,19 @@ fn lags(times: &[f64], zero: Option<f64>) -> super::error::Result<StateSpace<Con
 }
 
 /// The response of a plant to a held input, later by `delay` samples.
-fn held(plant: &StateSpace<Continuous>, u: &[f64], delay: f64, sample_time: SampleTime) -> super::error::Result<Vec<f64>> {
+fn held(
+    plant: &StateSpace<Continuous>,
+    u: &[f64],
+    delay: f64,
+    sample_time: SampleTime,
+) -> super::error::Result<Vec<f64>> {
     let delayed = plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
-    let response = lsim(&delayed, &DMatrix::from_column_slice(u.len(), 1, u), sample_time, &Options::default())?;
+    let response = lsim(
+        &delayed,
+        &DMatrix::from_column_slice(u.len(), 1, u),
+        sample_time,
+        &Options::default(),
+    )?;
     Ok(response.y.column(0).iter().copied().collect())
 }
 
@@ -290,7 +344,8 @@ fn copy(
 }
 
 fn noisy(y: &[f64], rng: &mut ChaCha8Rng) -> super::error::Result<Vec<f64>> {
-    Ok(Noise { snr: 100.0, colour: NoiseColour::White, scaling: NoiseScaling::Expected }.add(y, rng)?)
+    Ok(Noise { snr: 100.0, colour: NoiseColour::White, scaling: NoiseScaling::Expected }
+        .add(y, rng)?)
 }
 
 /// Without means, or measured from its rest for a method that counts on it: as the command line gives records to methods.
@@ -307,17 +362,34 @@ fn prepared<'a>(method: &Method, experiment: &'a Experiment<'_>) -> Option<Exper
 }
 
 /// Error in samples and whether the interval holds the truth; `None` without a delay.
-fn answer(method: &Method, estimator: &dyn DelayEstimator, (experiment, delay, min_delay): &Known) -> Option<(f64, bool)> {
+fn answer(
+    method: &Method,
+    estimator: &dyn DelayEstimator,
+    (experiment, delay, min_delay): &Known,
+) -> Option<(f64, bool)> {
     let ts = experiment.sample_time();
-    let estimate = estimator.estimate(&prepared(method, experiment)?, &Search { min_delay: *min_delay, ..Search::default() }).ok()?;
+    let estimate = estimator
+        .estimate(
+            &prepared(method, experiment)?,
+            &Search { min_delay: *min_delay, ..Search::default() },
+        )
+        .ok()?;
     let truth_s = ts.to_seconds(*delay);
     let inside = estimate.ci95_s.is_some_and(|[from, to]| from <= truth_s && truth_s <= to);
-    Some(((estimate.delay_s.filter(|_| estimate.outcome.has_delay())? - truth_s) / ts.seconds(), inside))
+    Some((
+        (estimate.delay_s.filter(|_| estimate.outcome.has_delay())? - truth_s) / ts.seconds(),
+        inside,
+    ))
 }
 
 fn score(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> Score {
-    let answers: Vec<(f64, bool)> =
-        records.par_iter().map(|r| answer(method, estimator, r)).collect::<Vec<_>>().into_iter().flatten().collect();
+    let answers: Vec<(f64, bool)> = records
+        .par_iter()
+        .map(|r| answer(method, estimator, r))
+        .collect::<Vec<_>>()
+        .into_iter()
+        .flatten()
+        .collect();
     let mean = |g: &dyn Fn(&(f64, bool)) -> f64| stats::mean(answers.iter().map(g));
     Score {
         trials: records.len(),

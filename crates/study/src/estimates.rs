@@ -49,59 +49,97 @@ pub(super) fn made(plan: &Plan, setting: &Setting, trial: usize) -> super::error
 }
 
 /// All estimates from one record; `stop` is looked at between the methods.
-pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usize, stop: &Stop) -> super::error::Result<Vec<Row>> {
+pub(super) fn of_record(
+    plan: &Plan,
+    layout: &Layout,
+    number: usize,
+    trial: usize,
+    stop: &Stop,
+) -> super::error::Result<Vec<Row>> {
     let setting = &layout.settings[number];
     let grid = &plan.grids[setting.grid];
     let record = made(plan, setting, trial)?;
     let mut rows = Vec::with_capacity(layout.of(number).len());
     for place in [Place::U, Place::R] {
-        let slots: Vec<(usize, Slot)> = layout.of(number).map(|c| (c, layout.slots[c])).filter(|(_, s)| s.place == place).collect();
+        let slots: Vec<(usize, Slot)> = layout
+            .of(number)
+            .map(|c| (c, layout.slots[c]))
+            .filter(|(_, s)| s.place == place)
+            .collect();
         if slots.is_empty() {
             continue;
         }
         // What cannot be used at all has no answers.
-        let views = record.experiment(place).filter(|e| e.events().is_empty()).and_then(|e| Views::new(e, setting.detrend));
+        let views = record
+            .experiment(place)
+            .filter(|e| e.events().is_empty())
+            .and_then(|e| Views::new(e, setting.detrend));
         for (method, chosen) in layout.methods[setting.grid].iter().enumerate() {
             stop.check()?;
             // A controller answers within the sample where the plant does not.
             let search = Search {
-                min_delay: usize::from(setting.is_closed() && place == Place::U && record.degree.iter().flatten().all(|d| *d > 0)),
+                min_delay: usize::from(
+                    setting.is_closed()
+                        && place == Place::U
+                        && record.degree.iter().flatten().all(|d| *d > 0),
+                ),
                 max_delay: setting.max_delay,
                 bias: record.degree.clone(),
                 stop: stop.clone(),
                 ..Search::default()
             };
-            let mine: Vec<&(usize, Slot)> = slots.iter().filter(|(_, s)| s.method == method).collect();
+            let mine: Vec<&(usize, Slot)> =
+                slots.iter().filter(|(_, s)| s.method == method).collect();
             let scope = chosen.method.scope;
             let view = views.as_ref().map(|v| v.of(scope, chosen.method.start));
             let pair = |slot: Slot| {
                 let (view, output) = (view?, slot.output.unwrap_or(0));
                 let own = search.towards(slot.input, output, view.inputs().len());
-                let seen = if chosen.estimator.is_joint() { view.towards(slot.input, output) } else { view.select(slot.input, output) };
+                let seen = if chosen.estimator.is_joint() {
+                    view.towards(slot.input, output)
+                } else {
+                    view.select(slot.input, output)
+                };
                 Some((seen.ok()?, own))
             };
             // The worker's thread does nothing else meanwhile.
             let clock = ThreadTime::now();
             let answers: Vec<Option<DelayEstimate>> = if scope == Scope::States {
-                let all = view.and_then(|v| chosen.estimator.estimate_inputs(v, &search).ok()).unwrap_or_default();
+                let all = view
+                    .and_then(|v| chosen.estimator.estimate_inputs(v, &search).ok())
+                    .unwrap_or_default();
                 mine.iter().map(|(_, slot)| all.get(slot.input).cloned()).collect()
             } else if scope == Scope::Events {
-                let all = record.experiment(place).and_then(|events| chosen.estimator.estimate(events, &search).ok());
+                let all = record
+                    .experiment(place)
+                    .and_then(|events| chosen.estimator.estimate(events, &search).ok());
                 mine.iter().map(|_| all.clone()).collect()
             } else {
-                let estimate = |slot: Slot| pair(slot).and_then(|(seen, own)| chosen.estimator.estimate(&seen, &own).ok());
+                let estimate = |slot: Slot| {
+                    pair(slot).and_then(|(seen, own)| chosen.estimator.estimate(&seen, &own).ok())
+                };
                 mine.iter().map(|(_, slot)| estimate(*slot)).collect()
             };
             let time_s = clock.elapsed().as_secs_f64();
             let asked = scope == Scope::Pair && grid.by.iter().any(|l| l.shown == Shown::Predicted);
             let predicted = |slot: Slot| {
                 let (seen, own) = pair(slot).filter(|_| asked && slot.output.is_some())?;
-                let expected = richness(&seen, &own, &[chosen.method]).ok()?.into_iter().next()??;
+                let expected =
+                    richness(&seen, &own, &[chosen.method]).ok()?.into_iter().next()??;
                 Some(expected.std_s / setting.sample_time.seconds())
             };
             let each_s = time_s / mine.len().max(1) as f64;
             rows.extend(mine.into_iter().zip(answers).map(|(&(cell, slot), estimate)| {
-                let row = row(cell, slot, trial, &record, estimate.as_ref(), each_s, setting, (grid.truth, &grid.scoring));
+                let row = row(
+                    cell,
+                    slot,
+                    trial,
+                    &record,
+                    estimate.as_ref(),
+                    each_s,
+                    setting,
+                    (grid.truth, &grid.scoring),
+                );
                 Row { predicted_samples: predicted(slot), ..row }
             }));
         }
@@ -148,7 +186,9 @@ fn row(
     let ts = setting.sample_time.seconds();
     let true_delay_s = record.delay_s.get(slot.input).copied().unwrap_or(0.0);
     let found = estimate.filter(|e| e.outcome.has_delay());
-    let degree = slot.output.and_then(|o| record.degree.get(o)?.get(slot.input)).copied().unwrap_or(0) as f64;
+    let degree =
+        slot.output.and_then(|o| record.degree.get(o)?.get(slot.input)).copied().unwrap_or(0)
+            as f64;
     let off = found.and_then(|e| match truth {
         // The raw answer less what its method takes off is not cut off at 0.
         Truth::Raw => Some(e.raw_delay_s? / ts - e.degree_bias_samples - true_delay_s / ts),
@@ -157,7 +197,10 @@ fn row(
     let raw_truth = true_delay_s / ts + degree;
     let error_samples = match scoring.invalid_samples {
         None => off.or(scoring.missing_off_samples),
-        Some(invalid) => Some(off.filter(|off| off + raw_truth > 0.0 && off + raw_truth < invalid).unwrap_or(invalid - raw_truth)),
+        Some(invalid) => Some(
+            off.filter(|off| off + raw_truth > 0.0 && off + raw_truth < invalid)
+                .unwrap_or(invalid - raw_truth),
+        ),
     };
     Row {
         cell,
@@ -171,7 +214,10 @@ fn row(
         lo_s: found.and_then(|e| e.ci95_s).map(|i| i[0]),
         hi_s: found.and_then(|e| e.ci95_s).map(|i| i[1]),
         error_samples,
-        bound_samples: slot.output.filter(|_| slot.place == Place::U).and_then(|o| *record.bound_samples.get(o)?),
+        bound_samples: slot
+            .output
+            .filter(|_| slot.place == Place::U)
+            .and_then(|o| *record.bound_samples.get(o)?),
         predicted_samples: None,
         time_s,
     }
@@ -218,7 +264,12 @@ pub(super) fn key_fields(number: usize, cell: &Cell) -> Vec<(&'static str, Field
         ("logging", text(cell.logging.as_deref().unwrap_or(PLAIN))),
         ("truth", text(cell.truth.name())),
         ("method", text(&cell.method)),
-        ("options", text(&cell.options.iter().map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" "))),
+        (
+            "options",
+            text(
+                &cell.options.iter().map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" "),
+            ),
+        ),
     ]
 }
 
@@ -244,7 +295,11 @@ pub(super) fn value_fields(row: &Row) -> [(&'static str, Field); 13] {
 /// A file that takes estimates one at a time and holds few of them.
 pub(super) trait Sink {
     /// One line: the cell's fields, then the estimate's.
-    fn write(&mut self, key: &[(&'static str, Field)], values: &[(&'static str, Field)]) -> super::error::Result<()>;
+    fn write(
+        &mut self,
+        key: &[(&'static str, Field)],
+        values: &[(&'static str, Field)],
+    ) -> super::error::Result<()>;
     /// Gives the file its name, once all is written.
     fn finish(self: Box<Self>) -> super::error::Result<()>;
 }
@@ -264,7 +319,11 @@ impl CsvSink {
 }
 
 impl Sink for CsvSink {
-    fn write(&mut self, key: &[(&'static str, Field)], values: &[(&'static str, Field)]) -> super::error::Result<()> {
+    fn write(
+        &mut self,
+        key: &[(&'static str, Field)],
+        values: &[(&'static str, Field)],
+    ) -> super::error::Result<()> {
         let wrong = |e: csv::Error| super::error::Error::io(&self.path, e.into());
         if !self.headed {
             self.file.write_record(key.iter().chain(values).map(|f| f.0)).map_err(wrong)?;
@@ -274,7 +333,9 @@ impl Sink for CsvSink {
     }
 
     fn finish(self: Box<Self>) -> super::error::Result<()> {
-        let file = self.file.into_inner().map_err(|e| super::error::Error::io(&self.path, std::io::Error::other(e.to_string())))?;
+        let file = self.file.into_inner().map_err(|e| {
+            super::error::Error::io(&self.path, std::io::Error::other(e.to_string()))
+        })?;
         Ok(named(file, &self.path)?)
     }
 }

@@ -40,16 +40,24 @@ pub(super) fn through(
     let direct = if delay == 0 { plant.d()[(0, 0)] } else { 0.0 };
     let mut errors: Vec<f64> = Vec::with_capacity(reference.len());
     let mut u: Vec<f64> = Vec::with_capacity(reference.len());
-    let (mut y, mut states) = (Vec::with_capacity(reference.len()), vec![Vec::with_capacity(reference.len()); plant.order()]);
+    let (mut y, mut states) = (
+        Vec::with_capacity(reference.len()),
+        vec![Vec::with_capacity(reference.len()); plant.order()],
+    );
     let mut x = DVector::zeros(plant.order());
     for (t, (r, v)) in reference.iter().zip(noise).enumerate() {
-        let before = |u: &[f64], lag: usize| t.checked_sub(lag).and_then(|k| u.get(k)).copied().unwrap_or(0.0);
-        let free = (plant.c() * &x)[0] + v + if delay > 0 { plant.d()[(0, 0)] * before(&u, delay) } else { 0.0 };
+        let before = |u: &[f64], lag: usize| {
+            t.checked_sub(lag).and_then(|k| u.get(k)).copied().unwrap_or(0.0)
+        };
+        let free = (plant.c() * &x)[0]
+            + v
+            + if delay > 0 { plant.d()[(0, 0)] * before(&u, delay) } else { 0.0 };
         // u = known + gain·(r − y), y = free + direct·u.
         let (first, a0) = (b.first().copied().unwrap_or(0.0), a.first().copied().unwrap_or(1.0));
-        let known: f64 = (b.iter().skip(1).zip(errors.iter().rev()).map(|(b, e)| b * e).sum::<f64>()
-            - a.iter().skip(1).zip(u.iter().rev()).map(|(a, u)| a * u).sum::<f64>())
-            / a0;
+        let known: f64 =
+            (b.iter().skip(1).zip(errors.iter().rev()).map(|(b, e)| b * e).sum::<f64>()
+                - a.iter().skip(1).zip(u.iter().rev()).map(|(a, u)| a * u).sum::<f64>())
+                / a0;
         let gain = first / a0;
         let input = (known + gain * (r - free)) / (1.0 + gain * direct);
         let output = free + direct * input;
@@ -65,7 +73,10 @@ pub(super) fn through(
 }
 
 /// u = r − K·(x, what is on its way to the plant), K by `dlqr` with unit weights on the plant with its delay, so that the loop is stable whatever the delay.
-pub(super) fn of_states(plant: &StateSpace<Sampled>, reference: &[Vec<f64>]) -> super::error::Result<Closed> {
+pub(super) fn of_states(
+    plant: &StateSpace<Sampled>,
+    reference: &[Vec<f64>],
+) -> super::error::Result<Closed> {
     let (n, m) = (plant.order(), plant.inputs());
     let delays = plant.input_delay();
     let order = n + delays.iter().sum::<usize>();
@@ -101,7 +112,12 @@ pub(super) fn of_states(plant: &StateSpace<Sampled>, reference: &[Vec<f64>]) -> 
         });
         let state = z.rows(0, n).into_owned();
         let output = plant.c() * &state + plant.d() * &acting;
-        for (to, from) in u.iter_mut().zip(input.iter()).chain(y.iter_mut().zip(output.iter())).chain(x.iter_mut().zip(state.iter())) {
+        for (to, from) in u
+            .iter_mut()
+            .zip(input.iter())
+            .chain(y.iter_mut().zip(output.iter()))
+            .chain(x.iter_mut().zip(state.iter()))
+        {
             to.push(*from);
         }
         z = &a * &z + &b * &input;
@@ -110,8 +126,15 @@ pub(super) fn of_states(plant: &StateSpace<Sampled>, reference: &[Vec<f64>]) -> 
 }
 
 fn bounded(closed: Closed, sample_time: SampleTime) -> super::error::Result<Closed> {
-    let explodes = closed.u.iter().chain(&closed.y).filter_map(|c| c.iter().position(|v| !v.is_finite())).min();
-    explodes.map_or(Ok(closed), |sample| Err(SimulateError::Explodes { time_s: sample_time.to_seconds(sample as f64) }.into()))
+    let explodes = closed
+        .u
+        .iter()
+        .chain(&closed.y)
+        .filter_map(|c| c.iter().position(|v| !v.is_finite()))
+        .min();
+    explodes.map_or(Ok(closed), |sample| {
+        Err(SimulateError::Explodes { time_s: sample_time.to_seconds(sample as f64) }.into())
+    })
 }
 
 #[cfg(test)]
@@ -120,8 +143,10 @@ mod tests {
 
     fn plant(delay: usize) -> StateSpace<Sampled> {
         let m = DMatrix::from_row_slice;
-        let (a, b, c) = (m(2, 2, &[1.5, -0.7, 1.0, 0.0]), m(2, 1, &[1.0, 0.0]), m(1, 2, &[0.3, 0.2]));
-        let sys = StateSpace::sampled(a, b, c, DMatrix::zeros(1, 1), SampleTime::new(1.0).unwrap()).unwrap();
+        let (a, b, c) =
+            (m(2, 2, &[1.5, -0.7, 1.0, 0.0]), m(2, 1, &[1.0, 0.0]), m(1, 2, &[0.3, 0.2]));
+        let sys = StateSpace::sampled(a, b, c, DMatrix::zeros(1, 1), SampleTime::new(1.0).unwrap())
+            .unwrap();
         sys.with_input_delay(vec![delay]).unwrap()
     }
 
@@ -130,17 +155,25 @@ mod tests {
         // y(t) = 1.5y(t−1) − 0.7y(t−2) + 0.3u(t−1−d) + 0.2u(t−2−d) + noise's share, u(t) = u(t−1) + 0.1e(t) − 0.08e(t−1), written out as sums.
         let controller = Controller { numerator: vec![0.2, -0.16], denominator: vec![2.0, -2.0] };
         for delay in [0, 3] {
-            let reference: Vec<f64> = (0..60).map(|t| if t % 20 < 10 { 1.0 } else { -0.5 }).collect();
+            let reference: Vec<f64> =
+                (0..60).map(|t| if t % 20 < 10 { 1.0 } else { -0.5 }).collect();
             let noise: Vec<f64> = (0..60).map(|t| 0.05 * f64::from((t * 7919 % 13) - 6)).collect();
             let got = through(&plant(delay), &controller, &reference, &noise).unwrap();
-            let (mut u, mut clean, mut e) = (Vec::<f64>::new(), Vec::<f64>::new(), Vec::<f64>::new());
+            let (mut u, mut clean, mut e) =
+                (Vec::<f64>::new(), Vec::<f64>::new(), Vec::<f64>::new());
             for t in 0..60_usize {
                 let at = |x: &[f64], lag: usize| if t >= lag { x[t - lag] } else { 0.0 };
-                let y = 1.5 * at(&clean, 1) - 0.7 * at(&clean, 2) + 0.3 * at(&u, 1 + delay) + 0.2 * at(&u, 2 + delay);
+                let y = 1.5 * at(&clean, 1) - 0.7 * at(&clean, 2)
+                    + 0.3 * at(&u, 1 + delay)
+                    + 0.2 * at(&u, 2 + delay);
                 e.push(reference[t] - y - noise[t]);
                 u.push(at(&u, 1) + 0.1 * e[t] - 0.08 * at(&e, 1));
                 clean.push(y);
-                assert!((got.y[0][t] - y - noise[t]).abs() < 1e-12 && (got.u[0][t] - u[t]).abs() < 1e-12, "{delay} {t}");
+                assert!(
+                    (got.y[0][t] - y - noise[t]).abs() < 1e-12
+                        && (got.u[0][t] - u[t]).abs() < 1e-12,
+                    "{delay} {t}"
+                );
             }
         }
     }
@@ -163,9 +196,14 @@ mod tests {
     #[test]
     fn state_feedback_holds_a_plant_that_diverges_whatever_the_delay() {
         let m = DMatrix::from_row_slice;
-        let unstable =
-            StateSpace::sampled(m(1, 1, &[1.2]), m(1, 1, &[1.0]), m(1, 1, &[1.0]), DMatrix::zeros(1, 1), SampleTime::new(0.1).unwrap())
-                .unwrap();
+        let unstable = StateSpace::sampled(
+            m(1, 1, &[1.2]),
+            m(1, 1, &[1.0]),
+            m(1, 1, &[1.0]),
+            DMatrix::zeros(1, 1),
+            SampleTime::new(0.1).unwrap(),
+        )
+        .unwrap();
         for delay in [0, 1, 7] {
             let sys = unstable.clone().with_input_delay(vec![delay]).unwrap();
             let got = of_states(&sys, &[vec![1.0; 300]]).unwrap();
@@ -179,6 +217,9 @@ mod tests {
 
     #[test]
     fn a_filter_is_its_difference_equation() {
-        assert_eq!(filtered(&[2.0, 1.0], &[2.0, -1.0], &[1.0, 0.0, 0.0, 4.0]), [1.0, 1.0, 0.5, 4.25]);
+        assert_eq!(
+            filtered(&[2.0, 1.0], &[2.0, -1.0], &[1.0, 0.0, 0.0, 4.0]),
+            [1.0, 1.0, 0.5, 4.25]
+        );
     }
 }

@@ -200,12 +200,23 @@ impl Gate {
         let mut pairs: Vec<Vec<Pair>> = Vec::new();
         let mut missing: Vec<Vec<&Cell>> = Vec::new();
         let mut new_cells = 0;
-        for (cell, in_baseline) in baseline.cells.iter().map(|c| (c, true)).chain(results.cells.iter().map(|c| (c, false))) {
+        for (cell, in_baseline) in
+            baseline.cells.iter().map(|c| (c, true)).chain(results.cells.iter().map(|c| (c, false)))
+        {
             let method = cell.method_text();
-            let same = |g: &GateGroup| g.grid == cell.grid && g.place == cell.place && g.method == method;
+            let same =
+                |g: &GateGroup| g.grid == cell.grid && g.place == cell.place && g.method == method;
             let at = groups.iter().position(same).unwrap_or_else(|| {
                 let (grid, place) = (cell.grid.clone(), cell.place);
-                groups.push(GateGroup { grid, place, method, cells: 0, comparisons: 0, means: Vec::new(), new: !in_baseline });
+                groups.push(GateGroup {
+                    grid,
+                    place,
+                    method,
+                    cells: 0,
+                    comparisons: 0,
+                    means: Vec::new(),
+                    new: !in_baseline,
+                });
                 pairs.push(Vec::new());
                 missing.push(Vec::new());
                 groups.len() - 1
@@ -223,7 +234,12 @@ impl Gate {
         }
         let (mut worse, mut better, mut tested) = (Vec::new(), Vec::new(), Vec::new());
         for (at, group) in groups.iter_mut().enumerate() {
-            let frame = Frame { at, grid: group.grid.clone(), place: group.place, method: group.method.clone() };
+            let frame = Frame {
+                at,
+                grid: group.grid.clone(),
+                place: group.place,
+                method: group.method.clone(),
+            };
             worse.extend(frame.missing(&missing[at], pairs[at].is_empty()));
             let (exact, chance): (Vec<&Pair>, Vec<&Pair>) = pairs[at].iter().partition(|p| p.exact);
             for pair in &exact {
@@ -269,9 +285,10 @@ impl Gate {
         if !(alpha > 0.0 && alpha < 1.0) {
             return wrong(format!("alpha is {alpha}: give a chance between 0 and 1"));
         }
-        if let Some((name, value)) = [("margin", margin), ("margin-samples", margin_samples), ("margin-share", margin_share)]
-            .iter()
-            .find(|(_, v)| !(*v >= 0.0 && v.is_finite()))
+        if let Some((name, value)) =
+            [("margin", margin), ("margin-samples", margin_samples), ("margin-share", margin_share)]
+                .iter()
+                .find(|(_, v)| !(*v >= 0.0 && v.is_finite()))
         {
             return wrong(format!("{name} is {value}: give 0 or more"));
         }
@@ -289,7 +306,12 @@ impl Gate {
                 let finding = Finding {
                     before_ci95: before.rms_ci95_samples,
                     after_ci95: after.rms_ci95_samples,
-                    ..frame.finding(Some(before), Measured::RmsSamples, (Some(b), scored(before)), (Some(a), scored(after)))
+                    ..frame.finding(
+                        Some(before),
+                        Measured::RmsSamples,
+                        (Some(b), scored(before)),
+                        (Some(a), scored(after)),
+                    )
                 };
                 tests.push(Tested { finding, p: both_tails(*z), relevant: self.grew(b, a) });
             }
@@ -311,12 +333,23 @@ impl Gate {
                 *sum += squares[i].unwrap_or(0.0);
                 *count += 1.0;
             }
-            let z = sums.values().map(|[sum, count]| sum / count).sum::<f64>() / (sums.len() as f64).sqrt();
-            let answered = || pairs.iter().filter(|p| p.before.rms_samples.is_some() && p.after.rms_samples.is_some());
-            let mean = |of: &dyn Fn(&Pair) -> Option<f64>| average(answered().filter_map(|p| of(p)));
+            let z = sums.values().map(|[sum, count]| sum / count).sum::<f64>()
+                / (sums.len() as f64).sqrt();
+            let answered = || {
+                pairs
+                    .iter()
+                    .filter(|p| p.before.rms_samples.is_some() && p.after.rms_samples.is_some())
+            };
+            let mean =
+                |of: &dyn Fn(&Pair) -> Option<f64>| average(answered().filter_map(|p| of(p)));
             let total = |of: &dyn Fn(&Pair) -> usize| answered().map(|p| of(p)).sum::<usize>();
-            if let (Some(b), Some(a)) = (mean(&|p| p.before.rms_samples), mean(&|p| p.after.rms_samples)) {
-                let (before, after) = ((Some(b), total(&|p| scored(p.before))), (Some(a), total(&|p| scored(p.after))));
+            if let (Some(b), Some(a)) =
+                (mean(&|p| p.before.rms_samples), mean(&|p| p.after.rms_samples))
+            {
+                let (before, after) = (
+                    (Some(b), total(&|p| scored(p.before))),
+                    (Some(a), total(&|p| scored(p.after))),
+                );
                 tests.push(Tested {
                     finding: frame.finding(None, Measured::RmsSamples, before, after),
                     p: both_tails(z),
@@ -326,14 +359,19 @@ impl Gate {
         }
         for measured in SHARES {
             let of = |p: &Pair| shares(p).into_iter().find(|(m, _)| *m == measured).map(|(_, c)| c);
-            let all: Vec<(usize, Counts)> =
-                (0..pairs.len()).filter_map(|i| Some((clusters[i], of(pairs[i])?))).filter(|(_, c)| c.all.iter().all(|n| *n > 0)).collect();
+            let all: Vec<(usize, Counts)> = (0..pairs.len())
+                .filter_map(|i| Some((clusters[i], of(pairs[i])?)))
+                .filter(|(_, c)| c.all.iter().all(|n| *n > 0))
+                .collect();
             let open: Vec<&(usize, Counts)> = all.iter().filter(|(_, c)| c.can_differ()).collect();
             if open.len() > 1 {
                 let mut sizes: BTreeMap<usize, u32> = BTreeMap::new();
                 open.iter().for_each(|(cluster, _)| *sizes.entry(*cluster).or_default() += 1);
                 let largest = sizes.values().max().copied().unwrap_or(1);
-                let p = stratified(&open.iter().map(|(_, c)| *c).collect::<Vec<Counts>>(), f64::from(largest));
+                let p = stratified(
+                    &open.iter().map(|(_, c)| *c).collect::<Vec<Counts>>(),
+                    f64::from(largest),
+                );
                 let counts: Vec<Counts> = all.iter().map(|(_, c)| *c).collect();
                 tests.push(self.share(frame, None, measured, &counts, p));
             }
@@ -343,11 +381,19 @@ impl Gate {
 
     /// Worse by more than the margins; better by as much.
     fn grew(&self, before: f64, after: f64) -> [bool; 2] {
-        let grew = |from: f64, to: f64| to - from > self.margin * from && to - from > self.margin_samples;
+        let grew =
+            |from: f64, to: f64| to - from > self.margin * from && to - from > self.margin_samples;
         [grew(before, after), grew(after, before)]
     }
 
-    fn share(&self, frame: &Frame, cell: Option<&Cell>, measured: Measured, counts: &[Counts], p: [f64; 2]) -> Tested {
+    fn share(
+        &self,
+        frame: &Frame,
+        cell: Option<&Cell>,
+        measured: Measured,
+        counts: &[Counts],
+        p: [f64; 2],
+    ) -> Tested {
         let shown = |side: usize| {
             let sum = |of: &dyn Fn(&Counts) -> u64| counts.iter().map(of).sum::<u64>();
             let (bad, all) = (sum(&|c| c.bad[side]), sum(&|c| c.all[side]));
@@ -367,12 +413,19 @@ struct Frame {
 }
 
 /// Shares that are tested.
-const SHARES: [Measured; 4] = [Measured::Flagged, Measured::UnflaggedWrong, Measured::WithInterval, Measured::Coverage95];
+const SHARES: [Measured; 4] =
+    [Measured::Flagged, Measured::UnflaggedWrong, Measured::WithInterval, Measured::Coverage95];
 /// What is compared exactly in cells without noise. Intervals there are of rounding's width, and whether they hold the truth is chance.
 const EXACT: [Measured; 3] = [Measured::RmsSamples, Measured::Flagged, Measured::UnflaggedWrong];
 
 impl Frame {
-    fn finding(&self, cell: Option<&Cell>, measured: Measured, before: (Option<f64>, usize), after: (Option<f64>, usize)) -> Finding {
+    fn finding(
+        &self,
+        cell: Option<&Cell>,
+        measured: Measured,
+        before: (Option<f64>, usize),
+        after: (Option<f64>, usize),
+    ) -> Finding {
         Finding {
             group: self.at,
             grid: self.grid.clone(),
@@ -403,10 +456,15 @@ impl Frame {
         let (before, after) = (pair.before, pair.after);
         let values = |cell: &Cell| {
             let share = |count: usize| ratio(count as u64, cell.trials as u64);
-            [(cell.rms_samples, scored(cell)), (share(cell.flagged), cell.trials), (share(cell.unflagged_wrong), cell.trials)]
+            [
+                (cell.rms_samples, scored(cell)),
+                (share(cell.flagged), cell.trials),
+                (share(cell.unflagged_wrong), cell.trials),
+            ]
         };
-        let above =
-            |from: Option<f64>, to: Option<f64>| from.zip(to).is_some_and(|(from, to)| to > from * (1.0 + ROUNDING) + ROUNDING_SAMPLES);
+        let above = |from: Option<f64>, to: Option<f64>| {
+            from.zip(to).is_some_and(|(from, to)| to > from * (1.0 + ROUNDING) + ROUNDING_SAMPLES)
+        };
         let mut found = [Vec::new(), Vec::new()];
         for ((measured, b), a) in EXACT.into_iter().zip(values(before)).zip(values(after)) {
             for (side, differs) in [above(b.0, a.0), above(a.0, b.0)].into_iter().enumerate() {
@@ -421,7 +479,9 @@ impl Frame {
 
 /// Cells by key, after a look at what they hold.
 fn index<'a>(study: &'a Study, which: &str) -> Result<BTreeMap<String, &'a Cell>, StudyError> {
-    let wrong = |detail: String| StudyError::Gate { detail: format!("{which}: {detail}; run the study again").into() };
+    let wrong = |detail: String| StudyError::Gate {
+        detail: format!("{which}: {detail}; run the study again").into(),
+    };
     let mut cells = BTreeMap::new();
     for cell in &study.cells {
         let positive = |v: Option<f64>| v.is_none_or(|v| v.is_finite() && v >= 0.0);
@@ -433,7 +493,10 @@ fn index<'a>(study: &'a Study, which: &str) -> Result<BTreeMap<String, &'a Cell>
             && cell.rms_ci95_samples.is_none_or(|[lo, hi]| lo >= 0.0 && hi.is_finite() && lo <= hi)
             && cell.coverage95.is_none_or(|c| (0.0..=1.0).contains(&c));
         if !fine {
-            return Err(wrong(format!("the cell `{}` holds counts above its trials, or numbers out of range", cell.key())));
+            return Err(wrong(format!(
+                "the cell `{}` holds counts above its trials, or numbers out of range",
+                cell.key()
+            )));
         }
         if cells.insert(cell.key(), cell).is_some() {
             return Err(wrong(format!("it has two cells `{}`", cell.key())));
@@ -453,13 +516,20 @@ fn comparable(
     after: &BTreeMap<String, &Cell>,
 ) -> Result<(), StudyError> {
     let wrong = |fault: String| {
-        let detail = Message::from(fault).and(": compare runs of one plan, or make a new baseline (").and(Remedy::Update).and(")");
+        let detail = Message::from(fault)
+            .and(": compare runs of one plan, or make a new baseline (")
+            .and(Remedy::Update)
+            .and(")");
         Err(StudyError::Gate { detail })
     };
     if results.plan != baseline.plan {
-        return wrong(format!("the baseline is of plan `{}`, the results are of plan `{}`", baseline.plan, results.plan));
+        return wrong(format!(
+            "the baseline is of plan `{}`, the results are of plan `{}`",
+            baseline.plan, results.plan
+        ));
     }
-    let mut shared = before.iter().filter_map(|(key, b)| Some((key, *b, *after.get(key)?))).peekable();
+    let mut shared =
+        before.iter().filter_map(|(key, b)| Some((key, *b, *after.get(key)?))).peekable();
     if shared.peek().is_none() {
         return wrong("the results have none of the baseline's cells".to_owned());
     }
@@ -492,7 +562,13 @@ fn scored(cell: &Cell) -> usize {
 
 /// A share of bad ones as it is shown: of intervals, those that are there and those that hold the truth.
 fn shown(measured: Measured, bad: Option<f64>) -> Option<f64> {
-    bad.map(|bad| if matches!(measured, Measured::WithInterval | Measured::Coverage95) { 1.0 - bad } else { bad })
+    bad.map(|bad| {
+        if matches!(measured, Measured::WithInterval | Measured::Coverage95) {
+            1.0 - bad
+        } else {
+            bad
+        }
+    })
 }
 
 fn ratio(count: u64, all: u64) -> Option<f64> {
@@ -504,7 +580,11 @@ fn shares(pair: &Pair) -> Vec<(Measured, Counts)> {
     let of = |cell: &Cell| {
         let answers = (cell.trials - cell.flagged) as u64;
         // A study of an older program does not count its intervals.
-        let intervals = if cell.intervals == 0 && cell.coverage95.is_some() { answers } else { cell.intervals as u64 };
+        let intervals = if cell.intervals == 0 && cell.coverage95.is_some() {
+            answers
+        } else {
+            cell.intervals as u64
+        };
         let outside = ((1.0 - cell.coverage95.unwrap_or(1.0)) * intervals as f64).round() as u64;
         let trials = cell.trials as u64;
         [
@@ -515,7 +595,9 @@ fn shares(pair: &Pair) -> Vec<(Measured, Counts)> {
         ]
     };
     (SHARES.into_iter().zip(of(pair.before)).zip(of(pair.after)))
-        .map(|((measured, (b, of_b)), (a, of_a))| (measured, Counts { bad: [b, a], all: [of_b, of_a] }))
+        .map(|((measured, (b, of_b)), (a, of_a))| {
+            (measured, Counts { bad: [b, a], all: [of_b, of_a] })
+        })
         .collect()
 }
 
@@ -544,7 +626,8 @@ impl Counts {
 
     /// Bad ones after that were to be expected, had nothing changed.
     fn expected(&self) -> f64 {
-        (self.bad[0] + self.bad[1]) as f64 * self.all[1] as f64 / (self.all[0] + self.all[1]).max(1) as f64
+        (self.bad[0] + self.bad[1]) as f64 * self.all[1] as f64
+            / (self.all[0] + self.all[1]).max(1) as f64
     }
 }
 
@@ -561,12 +644,18 @@ fn growth(tables: &[Counts]) -> f64 {
 /// Cells that share their records: the same setting seen at another output or input.
 fn clusters(pairs: &[&Pair]) -> Vec<usize> {
     // With one delay per input the cells of a record differ in it.
-    let one_input = pairs.iter().all(|p| Some(&p.before.input) == pairs.first().map(|f| &f.before.input));
+    let one_input =
+        pairs.iter().all(|p| Some(&p.before.input) == pairs.first().map(|f| &f.before.input));
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
     pairs
         .iter()
         .map(|p| {
-            let mut record = Cell { input: String::new(), output: String::new(), max_delay: 0, ..p.before.clone() };
+            let mut record = Cell {
+                input: String::new(),
+                output: String::new(),
+                max_delay: 0,
+                ..p.before.clone()
+            };
             if !one_input {
                 record.delay_s = Delay::Same(0.0);
             }
@@ -581,7 +670,8 @@ fn score(pair: &Pair) -> Option<f64> {
     let [b, a] = [Moments::of(pair.before)?, Moments::of(pair.after)?];
     let all = b.count + a.count;
     let grown = a.mean - b.mean;
-    let variance = (b.count * b.variance + a.count * a.variance) / all + b.count * a.count * (grown / all).powi(2);
+    let variance = (b.count * b.variance + a.count * a.variance) / all
+        + b.count * a.count * (grown / all).powi(2);
     let permuted = variance * all / (all - 1.0) * (1.0 / b.count + 1.0 / a.count);
     let [of_b, of_a] = [&b, &a].map(|m| m.variance / (m.count - 1.0));
     let welch = of_b + of_a;
@@ -614,7 +704,8 @@ impl Moments {
         let count = scored(cell) as f64;
         let mean = rms * rms;
         // Where no error was seen, the interval's end is what may have been missed, and the spread is 0.
-        let error = if mean > 0.0 { ((high * high - mean) / NORMAL_95_EXACT).max(0.0) } else { 0.0 };
+        let error =
+            if mean > 0.0 { ((high * high - mean) / NORMAL_95_EXACT).max(0.0) } else { 0.0 };
         (count > 1.0).then_some(Self { count, mean, variance: error * error * (count - 1.0) })
     }
 }
@@ -633,7 +724,9 @@ fn fisher(counts: Counts) -> Option<[f64; 2]> {
 fn hypergeometric_tail(c: &Counts) -> f64 {
     let (bad, good) = (c.bad[0] + c.bad[1], c.all[0] + c.all[1] - c.bad[0] - c.bad[1]);
     let whole = ln_binomial(bad + good, c.all[1]);
-    let chance = |k: u64| (ln_binomial(bad, k) + ln_binomial(good, c.all[1].saturating_sub(k)) - whole).exp();
+    let chance = |k: u64| {
+        (ln_binomial(bad, k) + ln_binomial(good, c.all[1].saturating_sub(k)) - whole).exp()
+    };
     (c.bad[1]..=bad.min(c.all[1])).map(chance).sum::<f64>().min(1.0)
 }
 
@@ -644,9 +737,15 @@ fn stratified(tables: &[Counts], shared: f64) -> [f64; 2] {
         // Whichever are fewer, bad or good, make the sharper bound.
         let bad: u64 = tables.iter().map(|t| t.bad[0] + t.bad[1]).sum();
         let all: u64 = tables.iter().map(|t| t.all[0] + t.all[1]).sum();
-        let tables: Vec<Counts> = if 2 * bad > all { tables.iter().map(|t| t.turned()).collect() } else { tables.to_vec() };
-        let [events, seen] =
-            [tables.iter().map(|t| t.bad[0] + t.bad[1]).sum::<u64>() as f64, tables.iter().map(|t| t.bad[1]).sum::<u64>() as f64];
+        let tables: Vec<Counts> = if 2 * bad > all {
+            tables.iter().map(|t| t.turned()).collect()
+        } else {
+            tables.to_vec()
+        };
+        let [events, seen] = [
+            tables.iter().map(|t| t.bad[0] + t.bad[1]).sum::<u64>() as f64,
+            tables.iter().map(|t| t.bad[1]).sum::<u64>() as f64,
+        ];
         let mean: f64 = tables.iter().map(Counts::expected).sum();
         let [events, seen, mean] = [events / shared, seen / shared, mean / shared];
         if seen < mean + 1.0 {
@@ -678,10 +777,13 @@ fn average(values: impl Iterator<Item = f64>) -> Option<f64> {
 /// Root mean square error and shares of a group, averaged over its cells.
 fn means(pairs: &[Pair]) -> Vec<(Measured, Option<f64>, Option<f64>)> {
     let rms = |of: &dyn Fn(&Pair) -> Option<f64>| average(pairs.iter().filter_map(of));
-    let mut all = vec![(Measured::RmsSamples, rms(&|p| p.before.rms_samples), rms(&|p| p.after.rms_samples))];
+    let mut all =
+        vec![(Measured::RmsSamples, rms(&|p| p.before.rms_samples), rms(&|p| p.after.rms_samples))];
     for (at, measured) in SHARES.into_iter().enumerate() {
         let share = |side: usize| {
-            let each = pairs.iter().filter_map(|p| shares(p).get(at).and_then(|(_, c)| ratio(c.bad[side], c.all[side])));
+            let each = pairs.iter().filter_map(|p| {
+                shares(p).get(at).and_then(|(_, c)| ratio(c.bad[side], c.all[side]))
+            });
             shown(measured, average(each))
         };
         all.push((measured, share(0), share(1)));
@@ -701,8 +803,16 @@ mod tests {
     #[test]
     fn fisher_judges_the_lady_tasting_tea_as_fisher_did() {
         // Four cups of each kind: all told apart by chance in 1 of 70, three or more of four in 17 of 70.
-        assert_abs_diff_eq!(hypergeometric_tail(&counts([0, 4], [4, 4])), 1.0 / 70.0, epsilon = 1e-12);
-        assert_abs_diff_eq!(hypergeometric_tail(&counts([1, 3], [4, 4])), 17.0 / 70.0, epsilon = 1e-12);
+        assert_abs_diff_eq!(
+            hypergeometric_tail(&counts([0, 4], [4, 4])),
+            1.0 / 70.0,
+            epsilon = 1e-12
+        );
+        assert_abs_diff_eq!(
+            hypergeometric_tail(&counts([1, 3], [4, 4])),
+            17.0 / 70.0,
+            epsilon = 1e-12
+        );
         assert!(
             fisher(counts([0, 0], [4, 4])).is_none()
                 && fisher(counts([4, 4], [4, 4])).is_none()
@@ -714,7 +824,8 @@ mod tests {
     fn enumerated(tables: &[Counts]) -> f64 {
         let mut sums = vec![1.0];
         for t in tables {
-            let at_least = |k| hypergeometric_tail(&Counts { bad: [t.bad[0] + t.bad[1] - k, k], all: t.all });
+            let at_least =
+                |k| hypergeometric_tail(&Counts { bad: [t.bad[0] + t.bad[1] - k, k], all: t.all });
             let bad = t.bad[0] + t.bad[1];
             let first = bad.saturating_sub(t.all[0]);
             let last = bad.min(t.all[1]);

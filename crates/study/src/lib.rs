@@ -43,7 +43,10 @@ pub use origin::Origin;
 pub use parquet::{Values, columns};
 #[cfg(feature = "tables")]
 pub use parts::Tasks;
-pub use plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Layout, Loop, PLANS, Place, Plan, Scoring, Shown, Signal, Truth};
+pub use plan::{
+    Colour, Controller, Delay, Draw, Drawn, Grid, Layout, Loop, PLANS, Place, Plan, Scoring, Shown,
+    Signal, Truth,
+};
 pub use plants::{PLANTS, Plant, PlantEntry};
 pub use published::{Beside, Published, Standing, Statistic, Which};
 pub use results::{Cell, FORMAT, Kept, Score, Study};

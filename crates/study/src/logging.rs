@@ -35,7 +35,9 @@ impl Logging {
             return Err(format!("missing is {missing}: give a share from 0 to {MOST_MISSING}"));
         }
         if !(0.0..=MOST_JITTER).contains(&jitter) {
-            return Err(format!("jitter is {jitter}: give a share of the sample time from 0 to {MOST_JITTER}"));
+            return Err(format!(
+                "jitter is {jitter}: give a share of the sample time from 0 to {MOST_JITTER}"
+            ));
         }
         Ok(())
     }
@@ -54,7 +56,8 @@ impl Logging {
     pub(super) fn stamps(&self, samples: usize, rng: &mut impl Rng) -> Option<Vec<usize>> {
         let reach = (self.jitter * STEPS as f64).round() as usize;
         (reach > 0).then(|| {
-            let drawn: Vec<usize> = (0..samples).map(|k| STEPS * k + rng.random_range(0..=2 * reach)).collect();
+            let drawn: Vec<usize> =
+                (0..samples).map(|k| STEPS * k + rng.random_range(0..=2 * reach)).collect();
             let from = drawn.first().copied().unwrap_or(0);
             drawn.into_iter().map(|stamp| stamp - from.min(stamp)).collect()
         })
@@ -70,24 +73,41 @@ impl Logging {
         rng: &mut impl Rng,
     ) -> super::error::Result<(Vec<Vec<f64>>, Vec<Series<'static>>)> {
         let missing = self.missing > 0.0;
-        let present: Vec<Option<Vec<bool>>> = outputs.iter().map(|y| missing.then(|| self.present(y.len(), rng))).collect();
+        let present: Vec<Option<Vec<bool>>> =
+            outputs.iter().map(|y| missing.then(|| self.present(y.len(), rng))).collect();
         let Some(stamps) = stamps else {
-            let series =
-                |(y, present): (&Vec<f64>, Option<Vec<bool>>)| Series { values: y.clone().into(), present: present.map(Into::into) };
+            let series = |(y, present): (&Vec<f64>, Option<Vec<bool>>)| Series {
+                values: y.clone().into(),
+                present: present.map(Into::into),
+            };
             return Ok((inputs.to_vec(), outputs.iter().zip(present).map(series).collect()));
         };
-        let time_s = stamps.iter().map(|t| sample_time.to_seconds(*t as f64 / STEPS as f64)).collect();
-        let commands = names.0.iter().zip(inputs).map(|(name, u)| Channel::new(name.as_str(), None, u.clone()));
-        let responses = names.1.iter().zip(outputs).zip(present).map(|((name, y), present)| match present {
-            Some(present) => Channel::partial(name.as_str(), None, y.clone(), present),
-            None => Channel::new(name.as_str(), None, y.clone()),
-        });
+        let time_s =
+            stamps.iter().map(|t| sample_time.to_seconds(*t as f64 / STEPS as f64)).collect();
+        let commands = names
+            .0
+            .iter()
+            .zip(inputs)
+            .map(|(name, u)| Channel::new(name.as_str(), None, u.clone()));
+        let responses =
+            names.1.iter().zip(outputs).zip(present).map(|((name, y), present)| match present {
+                Some(present) => Channel::partial(name.as_str(), None, y.clone(), present),
+                None => Channel::new(name.as_str(), None, y.clone()),
+            });
         let held: Vec<&str> = names.0.iter().map(String::as_str).collect();
-        let even = Log::new("record", time_s, commands.chain(responses).collect())?.resample(sample_time, &held)?;
-        let inputs = names.0.iter().map(|name| Ok(even.input(name)?.to_vec())).collect::<super::error::Result<_>>()?;
+        let even = Log::new("record", time_s, commands.chain(responses).collect())?
+            .resample(sample_time, &held)?;
+        let inputs = names
+            .0
+            .iter()
+            .map(|name| Ok(even.input(name)?.to_vec()))
+            .collect::<super::error::Result<_>>()?;
         let output = |name: &String| -> super::error::Result<Series<'static>> {
             let measured = even.output(name)?;
-            Ok(Series { values: measured.values.to_vec().into(), present: measured.present.map(|p| p.to_vec().into()) })
+            Ok(Series {
+                values: measured.values.to_vec().into(),
+                present: measured.present.map(|p| p.to_vec().into()),
+            })
         };
         Ok((inputs, names.1.iter().map(output).collect::<super::error::Result<_>>()?))
     }
@@ -96,7 +116,11 @@ impl Logging {
 /// A value that is held from each stamp to the next, by steps, one sample longer than the stamps.
 pub(super) fn held(values: &[f64], stamps: &[usize]) -> Vec<f64> {
     let ends = stamps.iter().skip(1).copied().chain(stamps.last().map(|last| last + STEPS));
-    values.iter().zip(stamps.iter().zip(ends)).flat_map(|(v, (from, to))| std::iter::repeat_n(*v, to.saturating_sub(*from))).collect()
+    values
+        .iter()
+        .zip(stamps.iter().zip(ends))
+        .flat_map(|(v, (from, to))| std::iter::repeat_n(*v, to.saturating_sub(*from)))
+        .collect()
 }
 
 #[cfg(test)]
@@ -111,8 +135,10 @@ mod tests {
         let stamps = logging.stamps(2000, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
         assert_eq!(stamps[0], 0);
         assert!(stamps.windows(2).all(|w| w[1] > w[0]));
-        let off: Vec<f64> = stamps.iter().enumerate().map(|(k, t)| *t as f64 / STEPS as f64 - k as f64).collect();
-        let [least, most] = [off.iter().copied().fold(0.0, f64::min), off.iter().copied().fold(0.0, f64::max)];
+        let off: Vec<f64> =
+            stamps.iter().enumerate().map(|(k, t)| *t as f64 / STEPS as f64 - k as f64).collect();
+        let [least, most] =
+            [off.iter().copied().fold(0.0, f64::min), off.iter().copied().fold(0.0, f64::max)];
         // Reach 23 of 50 steps up and down: nearly all of 0.92 samples is used.
         assert!(most - least > 0.9 && most - least <= 0.92 + 1e-12, "{least} {most}");
         assert_eq!(Logging::default().stamps(10, &mut ChaCha8Rng::seed_from_u64(1)), None);
@@ -120,14 +146,16 @@ mod tests {
 
     #[test]
     fn what_is_missing_of_a_log_with_uneven_stamps_takes_with_it_what_is_made_of_it() {
-        let (names, ts) = ((vec!["u".to_owned()], vec!["y".to_owned()]), SampleTime::new(0.5).unwrap());
+        let (names, ts) =
+            ((vec!["u".to_owned()], vec!["y".to_owned()]), SampleTime::new(0.5).unwrap());
         let logging = Logging { missing: 0.1, jitter: 0.2 };
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let stamps = logging.stamps(1000, &mut rng).unwrap();
         // y(t) = t, so that every interpolated sample is its time.
         let y: Vec<f64> = stamps.iter().map(|t| 0.5 * *t as f64 / STEPS as f64).collect();
         let u: Vec<f64> = (0..1000).map(f64::from).collect();
-        let (u, y) = logging.read((&names.0, &names.1), (&[u], &[y]), Some(&stamps), ts, &mut rng).unwrap();
+        let (u, y) =
+            logging.read((&names.0, &names.1), (&[u], &[y]), Some(&stamps), ts, &mut rng).unwrap();
         let present = y[0].present.as_deref().unwrap();
         let there = present.iter().filter(|p| **p).count() as f64 / present.len() as f64;
         // Two neighbours are needed off the stamps: 0.9² of them are there.
@@ -147,7 +175,9 @@ mod tests {
         let values = held(&[1.0, 2.0, 3.0], &[0, 40, 110]);
         assert_eq!(values.len(), 160);
         assert!(
-            values[..40].iter().all(|v| *v == 1.0) && values[40..110].iter().all(|v| *v == 2.0) && values[110..].iter().all(|v| *v == 3.0)
+            values[..40].iter().all(|v| *v == 1.0)
+                && values[40..110].iter().all(|v| *v == 2.0)
+                && values[110..].iter().all(|v| *v == 3.0)
         );
     }
 }

@@ -29,7 +29,9 @@ impl Origin {
 
     pub(super) fn study(&self, error: StudyError) -> StudyError {
         match error {
-            StudyError::Plan { plan, detail } => StudyError::Plan { plan: self.line(&detail).unwrap_or(plan), detail },
+            StudyError::Plan { plan, detail } => {
+                StudyError::Plan { plan: self.line(&detail).unwrap_or(plan), detail }
+            }
             other => other,
         }
     }
@@ -39,7 +41,10 @@ impl Origin {
         match error {
             Error::Study(error) => self.study(error).into(),
             Error::Registry(source) => match self.line(&source.to_string()) {
-                Some(place) => RegistryError::At { place: format!("plan {place}"), source: Box::new(source) }.into(),
+                Some(place) => {
+                    RegistryError::At { place: format!("plan {place}"), source: Box::new(source) }
+                        .into()
+                }
                 None => source.into(),
             },
             other => other,
@@ -50,28 +55,53 @@ impl Origin {
 /// The line, from 1, that a message is about: that of the first key or word which it quotes, in the grid which it names; else that of the grid.
 fn line_of(text: &str, detail: &str) -> usize {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
-    let headers: Vec<usize> = lines.iter().enumerate().filter(|(_, l)| l.starts_with("[[grids]]")).map(|(at, _)| at).collect();
-    let grid = detail.strip_prefix("grid ").and_then(|rest| rest.split(':').next()?.parse::<usize>().ok());
+    let headers: Vec<usize> = lines
+        .iter()
+        .enumerate()
+        .filter(|(_, l)| l.starts_with("[[grids]]"))
+        .map(|(at, _)| at)
+        .collect();
+    let grid =
+        detail.strip_prefix("grid ").and_then(|rest| rest.split(':').next()?.parse::<usize>().ok());
     let from = grid.and_then(|g| headers.get(g.checked_sub(1)?).copied()).unwrap_or(0);
-    let own = from..headers.iter().copied().find(|at| *at > from).filter(|_| grid.is_some()).unwrap_or(lines.len());
+    let own = from..headers
+        .iter()
+        .copied()
+        .find(|at| *at > from)
+        .filter(|_| grid.is_some())
+        .unwrap_or(lines.len());
     let quoted = detail.split('`').skip(1).step_by(2);
     // `noises.NAME: …` and `scoring.kept_percent: …` begin with the key.
     let after_grid = grid.and_then(|_| detail.split_once(':')).map_or(detail, |(_, rest)| rest);
-    let begins = after_grid.split(':').map(str::trim).take_while(|w| !w.is_empty() && !w.contains(' '));
+    let begins =
+        after_grid.split(':').map(str::trim).take_while(|w| !w.is_empty() && !w.contains(' '));
     let last = |w: &str| w.rsplit('.').next().unwrap_or(w).to_owned();
-    let words: Vec<String> = begins.chain(quoted).map(|w| last(w.trim())).filter(|w| !w.is_empty()).collect();
+    let words: Vec<String> =
+        begins.chain(quoted).map(|w| last(w.trim())).filter(|w| !w.is_empty()).collect();
     let is_key = |line: &str, word: &str| {
-        let header = line.strip_prefix('[').is_some_and(|h| h.trim_matches(['[', ']']).rsplit('.').next() == Some(word));
-        header || line.trim_start_matches('"').strip_prefix(word).is_some_and(|rest| rest.trim_start_matches(['"', ' ']).starts_with('='))
+        let header = line
+            .strip_prefix('[')
+            .is_some_and(|h| h.trim_matches(['[', ']']).rsplit('.').next() == Some(word));
+        header
+            || line
+                .trim_start_matches('"')
+                .strip_prefix(word)
+                .is_some_and(|rest| rest.trim_start_matches(['"', ' ']).starts_with('='))
     };
     // The first word counts most; the grid's own lines come before those that all grids share.
     let find = |fits: &dyn Fn(&str, &str) -> bool| {
-        let at = |range: std::ops::Range<usize>, word: &str| range.clone().find(|at| lines.get(*at).is_some_and(|line| fits(line, word)));
+        let at = |range: std::ops::Range<usize>, word: &str| {
+            range.clone().find(|at| lines.get(*at).is_some_and(|line| fits(line, word)))
+        };
         words.iter().find_map(|word| at(own.clone(), word).or_else(|| at(0..lines.len(), word)))
     };
     let plain = |c: char| c.is_alphanumeric() || c == '_';
     let holds = |line: &str, word: &str| {
-        let whole = if word.chars().all(plain) { line.split(|c| !plain(c)).any(|w| w == word) } else { line.contains(word) };
+        let whole = if word.chars().all(plain) {
+            line.split(|c| !plain(c)).any(|w| w == word)
+        } else {
+            line.contains(word)
+        };
         whole && !line.starts_with('#')
     };
     find(&is_key).or_else(|| find(&holds)).unwrap_or(from) + 1
@@ -105,8 +135,10 @@ method = ["crosscorr"]
     fn every_error_of_a_plan_names_the_file_and_the_line() {
         let told = |from: &str, to: &str| {
             let plan = Plan::parse("p.toml", &PLAN.replacen(from, to, 1), Path::new("."));
-            let error =
-                plan.map_err(crate::error::Error::from).and_then(|p| Runner::untried(&p, &Budget::default()).map(drop)).unwrap_err();
+            let error = plan
+                .map_err(crate::error::Error::from)
+                .and_then(|p| Runner::untried(&p, &Budget::default()).map(drop))
+                .unwrap_err();
             error.to_string()
         };
         for (from, to, line) in [
@@ -119,11 +151,18 @@ method = ["crosscorr"]
             ("ar = [0.5]", "at = [0.5]", 6),
             ("grid = \"b\"", "grid = \"a\"", 8),
             ("grid = \"b\"\nplant = [\"slow2\"]", "grid = \"b\"\nplant = [\"slow9\"]", 13),
-            ("grid = \"b\"\nplant = [\"slow2\"]\nmethod = [\"crosscorr\"]", "grid = \"b\"\nplant = [\"slow2\"]\nmethod = [\"x\"]", 14),
+            (
+                "grid = \"b\"\nplant = [\"slow2\"]\nmethod = [\"crosscorr\"]",
+                "grid = \"b\"\nplant = [\"slow2\"]\nmethod = [\"x\"]",
+                14,
+            ),
             ("grid = \"b\"\n", "grid = \"b\"\nbanana = 1\n", 13),
         ] {
             let said = told(from, to);
-            assert!(said.starts_with("plan p.toml") && said.contains(&format!("line {line}")), "{to}: {said}");
+            assert!(
+                said.starts_with("plan p.toml") && said.contains(&format!("line {line}")),
+                "{to}: {said}"
+            );
             assert_eq!(said.lines().count(), 1, "{said}");
         }
     }

@@ -48,16 +48,24 @@ impl<W: Write + Send> Table<W> {
     ) -> Result<Self, ParquetError> {
         let typed = |(name, field): &(&'static str, Field)| -> Result<TypePtr, ParquetError> {
             let column = match field {
-                Field::Text(_) => Type::primitive_type_builder(name, Physical::BYTE_ARRAY).with_logical_type(Some(LogicalType::String)),
+                Field::Text(_) => Type::primitive_type_builder(name, Physical::BYTE_ARRAY)
+                    .with_logical_type(Some(LogicalType::String)),
                 Field::Count(_) => Type::primitive_type_builder(name, Physical::INT64),
                 Field::Number(_) => Type::primitive_type_builder(name, Physical::DOUBLE),
             };
-            let may_lack = if matches!(field, Field::Number(_)) { Repetition::OPTIONAL } else { Repetition::REQUIRED };
+            let may_lack = if matches!(field, Field::Number(_)) {
+                Repetition::OPTIONAL
+            } else {
+                Repetition::REQUIRED
+            };
             column.with_repetition(may_lack).build().map(Arc::new)
         };
         let columns = fields.clone().map(typed).collect::<Result<_, _>>()?;
         let schema = Arc::new(Type::group_type_builder("estimates").with_fields(columns).build()?);
-        let about: Vec<KeyValue> = about.iter().map(|(key, value)| KeyValue::new((*key).to_owned(), value.clone())).collect();
+        let about: Vec<KeyValue> = about
+            .iter()
+            .map(|(key, value)| KeyValue::new((*key).to_owned(), value.clone()))
+            .collect();
         let properties = WriterProperties::builder()
             .set_compression(Compression::SNAPPY)
             .set_key_value_metadata((!about.is_empty()).then_some(about))
@@ -69,11 +77,18 @@ impl<W: Write + Send> Table<W> {
                 Field::Number(_) => Column::Number(Vec::new(), Vec::new()),
             })
             .collect();
-        Ok(Self { writer: SerializedFileWriter::new(file, schema, Arc::new(properties))?, columns, rows: 0 })
+        Ok(Self {
+            writer: SerializedFileWriter::new(file, schema, Arc::new(properties))?,
+            columns,
+            rows: 0,
+        })
     }
 
     /// One line.
-    pub(super) fn write<'a>(&mut self, fields: impl Iterator<Item = &'a (&'static str, Field)>) -> Result<(), ParquetError> {
+    pub(super) fn write<'a>(
+        &mut self,
+        fields: impl Iterator<Item = &'a (&'static str, Field)>,
+    ) -> Result<(), ParquetError> {
         for (column, (_, field)) in self.columns.iter_mut().zip(fields) {
             match (column, field) {
                 (Column::Text(to), Field::Text(text)) => to.push(text.as_bytes().to_vec().into()),
@@ -99,10 +114,18 @@ impl<W: Write + Send> Table<W> {
         let mut group = self.writer.next_row_group()?;
         for column in &mut self.columns {
             match column {
-                Column::Text(values) => put::<ByteArrayType, _>(&mut group, &std::mem::take(values), None)?,
-                Column::Count(values) => put::<Int64Type, _>(&mut group, &std::mem::take(values), None)?,
+                Column::Text(values) => {
+                    put::<ByteArrayType, _>(&mut group, &std::mem::take(values), None)?
+                }
+                Column::Count(values) => {
+                    put::<Int64Type, _>(&mut group, &std::mem::take(values), None)?
+                }
                 Column::Number(values, there) => {
-                    put::<DoubleType, _>(&mut group, &std::mem::take(values), Some(&std::mem::take(there)))?;
+                    put::<DoubleType, _>(
+                        &mut group,
+                        &std::mem::take(values),
+                        Some(&std::mem::take(there)),
+                    )?;
                 }
             }
         }
@@ -146,12 +169,19 @@ pub(super) fn unwritten(path: &Path, e: &ParquetError) -> super::error::Error {
 }
 
 impl Sink for ParquetSink {
-    fn write(&mut self, key: &[(&'static str, Field)], values: &[(&'static str, Field)]) -> super::error::Result<()> {
+    fn write(
+        &mut self,
+        key: &[(&'static str, Field)],
+        values: &[(&'static str, Field)],
+    ) -> super::error::Result<()> {
         let fields = key.iter().chain(values);
         let path = &self.path;
         let table = match &mut self.table {
             Some(table) => table,
-            none => none.insert(Table::new(temporary(path)?, fields.clone(), &[]).map_err(|e| unwritten(path, &e))?),
+            none => none.insert(
+                Table::new(temporary(path)?, fields.clone(), &[])
+                    .map_err(|e| unwritten(path, &e))?,
+            ),
         };
         table.write(fields).map_err(|e| unwritten(path, &e))
     }
@@ -189,7 +219,8 @@ impl Reader {
 
     /// A file whose bytes are at hand.
     pub(super) fn of(path: &Path, bytes: Vec<u8>) -> super::error::Result<Self> {
-        let file = SerializedFileReader::new(bytes::Bytes::from(bytes)).map_err(|e| unread(path, &e.to_string()))?;
+        let file = SerializedFileReader::new(bytes::Bytes::from(bytes))
+            .map_err(|e| unread(path, &e.to_string()))?;
         Ok(Self { path: path.to_owned(), file: Box::new(file) })
     }
 
@@ -201,19 +232,32 @@ impl Reader {
 
     /// Names of the columns, in order.
     fn names(&self) -> Vec<String> {
-        self.file.metadata().file_metadata().schema_descr().columns().iter().map(|c| c.name().to_owned()).collect()
+        self.file
+            .metadata()
+            .file_metadata()
+            .schema_descr()
+            .columns()
+            .iter()
+            .map(|c| c.name().to_owned())
+            .collect()
     }
 
     /// A column of one row group.
     fn column(&self, group: usize, name: &str) -> super::error::Result<Column> {
         let wrong = |detail: &str| unread(&self.path, detail);
         let failed = |e: ParquetError| wrong(&e.to_string());
-        let Some(at) = self.names().iter().position(|n| n == name) else { return Err(wrong(&format!("no column `{name}`"))) };
+        let Some(at) = self.names().iter().position(|n| n == name) else {
+            return Err(wrong(&format!("no column `{name}`")));
+        };
         let group = self.file.get_row_group(group).map_err(failed)?;
         let rows = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
         match group.get_column_reader(at).map_err(failed)? {
-            ColumnReader::ByteArrayColumnReader(mut column) => Ok(Column::Text(all(&mut column, rows, &mut Vec::new()).map_err(failed)?)),
-            ColumnReader::Int64ColumnReader(mut column) => Ok(Column::Count(all(&mut column, rows, &mut Vec::new()).map_err(failed)?)),
+            ColumnReader::ByteArrayColumnReader(mut column) => {
+                Ok(Column::Text(all(&mut column, rows, &mut Vec::new()).map_err(failed)?))
+            }
+            ColumnReader::Int64ColumnReader(mut column) => {
+                Ok(Column::Count(all(&mut column, rows, &mut Vec::new()).map_err(failed)?))
+            }
             ColumnReader::DoubleColumnReader(mut column) => {
                 let mut there = Vec::with_capacity(rows);
                 let values = all(&mut column, rows, &mut there).map_err(failed)?;
@@ -272,15 +316,19 @@ impl Reader {
                     Some((_, outcome)) => *outcome,
                     None => {
                         let text = String::from_utf8_lossy(word.data()).into_owned();
-                        let outcome =
-                            serde_json::from_value(text.clone().into()).map_err(|_| unread(&self.path, &format!("outcome `{text}`")))?;
+                        let outcome = serde_json::from_value(text.clone().into())
+                            .map_err(|_| unread(&self.path, &format!("outcome `{text}`")))?;
                         known.push((word.clone(), outcome));
                         outcome
                     }
                 };
-                let at = |column: usize| columns.get(column).and_then(|c| c.get(k)).copied().ok_or_else(short);
+                let at = |column: usize| {
+                    columns.get(column).and_then(|c| c.get(k)).copied().ok_or_else(short)
+                };
                 let must = |column: usize| at(column)?.ok_or_else(short);
-                let count = |value: Option<&i64>| value.and_then(|v| usize::try_from(*v).ok()).ok_or_else(short);
+                let count = |value: Option<&i64>| {
+                    value.and_then(|v| usize::try_from(*v).ok()).ok_or_else(short)
+                };
                 rows.push(Row {
                     cell: count(Some(cell))?,
                     trial: count(trials.get(k))?,
@@ -305,12 +353,19 @@ impl Reader {
 
 /// A file that cannot be used.
 pub(super) fn unread(path: &Path, detail: &str) -> super::error::Error {
-    let detail = Message::from(detail).and("; go on where it was (").and(Remedy::Resume).and("): a damaged part is made again");
+    let detail = Message::from(detail)
+        .and("; go on where it was (")
+        .and(Remedy::Resume)
+        .and("): a damaged part is made again");
     StudyError::Results { path: path.to_owned(), detail }.into()
 }
 
 /// Everything that a column of a row group holds.
-fn all<T: DataType>(column: &mut ColumnReaderImpl<T>, rows: usize, there: &mut Vec<i16>) -> Result<Vec<T::T>, ParquetError> {
+fn all<T: DataType>(
+    column: &mut ColumnReaderImpl<T>,
+    rows: usize,
+    there: &mut Vec<i16>,
+) -> Result<Vec<T::T>, ParquetError> {
     let mut values = Vec::with_capacity(rows);
     let mut read = 0;
     while read < rows {
@@ -324,7 +379,11 @@ fn all<T: DataType>(column: &mut ColumnReaderImpl<T>, rows: usize, there: &mut V
 }
 
 /// Values with gaps where there is none.
-fn spread<T>(values: Vec<f64>, there: &[i16], of: impl Fn(Option<f64>) -> T) -> impl Iterator<Item = T> {
+fn spread<T>(
+    values: Vec<f64>,
+    there: &[i16],
+    of: impl Fn(Option<f64>) -> T,
+) -> impl Iterator<Item = T> {
     let mut values = values.into_iter();
     there.iter().map(move |there| of(if *there > 0 { values.next() } else { None }))
 }
@@ -333,7 +392,10 @@ fn spread<T>(values: Vec<f64>, there: &[i16], of: impl Fn(Option<f64>) -> T) -> 
 ///
 /// # Errors
 /// [`super::error::Error::Io`]; [`StudyError::Results`] for files that are damaged, or have other columns than the first.
-pub fn columns(paths: &[PathBuf], stop: &deadtime_signal::stop::Stop) -> super::error::Result<Vec<(String, Values)>> {
+pub fn columns(
+    paths: &[PathBuf],
+    stop: &deadtime_signal::stop::Stop,
+) -> super::error::Result<Vec<(String, Values)>> {
     let mut whole: Vec<(String, Values)> = Vec::new();
     let mut words: Vec<BTreeMap<String, i32>> = Vec::new();
     for path in paths {
@@ -359,11 +421,13 @@ pub fn columns(paths: &[PathBuf], stop: &deadtime_signal::stop::Stop) -> super::
                 match (values, reader.column(group, name)?) {
                     (Values::Words(different, codes), Column::Text(texts)) => {
                         for text in &texts {
-                            let text = std::str::from_utf8(text.data()).map_err(|e| unread(path, &e.to_string()))?;
+                            let text = std::str::from_utf8(text.data())
+                                .map_err(|e| unread(path, &e.to_string()))?;
                             let code = match seen.get(text) {
                                 Some(code) => *code,
                                 None => {
-                                    let code = i32::try_from(different.len()).map_err(|e| unread(path, &e.to_string()))?;
+                                    let code = i32::try_from(different.len())
+                                        .map_err(|e| unread(path, &e.to_string()))?;
                                     different.push(text.to_owned());
                                     seen.insert(text.to_owned(), code);
                                     code
@@ -373,8 +437,15 @@ pub fn columns(paths: &[PathBuf], stop: &deadtime_signal::stop::Stop) -> super::
                         }
                     }
                     (Values::Counts(to), Column::Count(values)) => to.extend(values),
-                    (Values::Numbers(to), Column::Number(values, there)) => to.extend(spread(values, &there, |v| v.unwrap_or(f64::NAN))),
-                    _ => return Err(unread(path, &format!("column `{name}` has another type than in the first file"))),
+                    (Values::Numbers(to), Column::Number(values, there)) => {
+                        to.extend(spread(values, &there, |v| v.unwrap_or(f64::NAN)))
+                    }
+                    _ => {
+                        return Err(unread(
+                            path,
+                            &format!("column `{name}` has another type than in the first file"),
+                        ));
+                    }
                 }
             }
         }

@@ -73,7 +73,8 @@ impl Runner {
     #[must_use]
     pub fn kinds(&self) -> Vec<(usize, usize)> {
         let mut kinds: Vec<(usize, usize)> = Vec::new();
-        for (number, (setting, kind)) in self.layout.settings.iter().zip(self.kind_of()).enumerate() {
+        for (number, (setting, kind)) in self.layout.settings.iter().zip(self.kind_of()).enumerate()
+        {
             match kinds.get_mut(kind) {
                 Some((_, records)) => *records += setting.trials,
                 None => kinds.push((number, setting.trials)),
@@ -86,7 +87,8 @@ impl Runner {
     fn kind_of(&self) -> Vec<usize> {
         let mut known = BTreeMap::new();
         let settings = self.layout.settings.iter();
-        let key = |s: &Setting| (s.grid, s.key.samples, s.max_delay, s.inputs.len(), s.outputs.len());
+        let key =
+            |s: &Setting| (s.grid, s.key.samples, s.max_delay, s.inputs.len(), s.outputs.len());
         settings
             .map(|s| {
                 let next = known.len();
@@ -100,7 +102,9 @@ impl Runner {
     /// # Errors
     /// [`StudyError::Record`]; [`super::error::Error::Stopped`].
     pub fn cost(&self, setting: usize, stop: &Stop) -> super::error::Result<f64> {
-        let Some(trials) = self.layout.settings.get(setting).map(|s| s.trials) else { return Ok(0.0) };
+        let Some(trials) = self.layout.settings.get(setting).map(|s| s.trials) else {
+            return Ok(0.0);
+        };
         let mut least = f64::INFINITY;
         for trial in 0..TIMED.min(trials) {
             let clock = Instant::now();
@@ -119,7 +123,8 @@ impl Runner {
         let share = |setting: usize, block: usize| {
             let records = self.blocks.get(block).map_or(0, |b| b.end - b.first) as f64;
             let cost = kind.get(setting).and_then(|k| cost_s.get(*k)).copied().unwrap_or(0.0);
-            (records * cost / task_s).max(self.estimates_of(block..block + 1) as f64 / LARGEST as f64)
+            (records * cost / task_s)
+                .max(self.estimates_of(block..block + 1) as f64 / LARGEST as f64)
         };
         let (mut ends, mut held) = (Vec::new(), 0.0);
         let mut first = 0;
@@ -168,7 +173,9 @@ impl Runner {
                 let fields = key.iter().chain(&values);
                 let table = match &mut table {
                     Some(table) => table,
-                    none => none.insert(Table::new(Vec::new(), fields.clone(), &told).map_err(wrong)?),
+                    none => {
+                        none.insert(Table::new(Vec::new(), fields.clone(), &told).map_err(wrong)?)
+                    }
                 };
                 table.write(fields).map_err(wrong)?;
             }
@@ -187,29 +194,42 @@ impl Tasks {
     ///
     /// # Errors
     /// [`StudyError::Folder`] where the folder holds another study, or this one without `resume`; [`super::error::Error::Io`].
-    pub fn open(runner: &Runner, folder: &Path, resume: bool) -> super::error::Result<Option<Self>> {
+    pub fn open(
+        runner: &Runner,
+        folder: &Path,
+        resume: bool,
+    ) -> super::error::Result<Option<Self>> {
         let path = folder.join(TASKS);
-        let refused = |detail: Message| Err(StudyError::Folder { folder: folder.to_owned(), detail }.into());
+        let refused =
+            |detail: Message| Err(StudyError::Folder { folder: folder.to_owned(), detail }.into());
         if !path.exists() {
-            let full = std::fs::read_dir(folder.join(ESTIMATES)).is_ok_and(|mut entries| entries.next().is_some());
+            let full = std::fs::read_dir(folder.join(ESTIMATES))
+                .is_ok_and(|mut entries| entries.next().is_some());
             return if full {
-                refused("has a folder `estimates` that is no part of this study; give another folder".into())
+                refused(
+                    "has a folder `estimates` that is no part of this study; give another folder"
+                        .into(),
+                )
             } else {
                 Ok(None)
             };
         }
         let text = read_text(&path)?;
-        let saved: Saved = serde_json::from_str(&text).map_err(|e| unread(&path, &format!("no {FORMAT}: {e}")))?;
-        if saved.stamp != runner.stamp() || saved.format != FORMAT || !tile(&saved.ends, runner.blocks()) {
+        let saved: Saved =
+            serde_json::from_str(&text).map_err(|e| unread(&path, &format!("no {FORMAT}: {e}")))?;
+        if saved.stamp != runner.stamp()
+            || saved.format != FORMAT
+            || !tile(&saved.ends, runner.blocks())
+        {
             return refused(
                 "holds the parts of another study (other trials, seed or program version included); give another folder, or remove its tasks.json and estimates".into(),
             );
         }
         if !resume {
             return refused(
-                Message::from("holds parts of this study; ")
-                    .and(Remedy::Resume)
-                    .and(" goes on where it was, removing its tasks.json and estimates starts anew"),
+                Message::from("holds parts of this study; ").and(Remedy::Resume).and(
+                    " goes on where it was, removing its tasks.json and estimates starts anew",
+                ),
             );
         }
         Ok(Some(Self { folder: folder.to_owned(), stamp: saved.stamp, ends: saved.ends }))
@@ -221,12 +241,17 @@ impl Tasks {
     /// [`StudyError::Folder`] where these tasks do not hold every block once; [`super::error::Error::Io`].
     pub fn new(runner: &Runner, folder: &Path, ends: Vec<usize>) -> super::error::Result<Self> {
         if !tile(&ends, runner.blocks()) {
-            return Err(StudyError::Folder { folder: folder.to_owned(), detail: "the tasks do not hold every block once".into() }.into());
+            return Err(StudyError::Folder {
+                folder: folder.to_owned(),
+                detail: "the tasks do not hold every block once".into(),
+            }
+            .into());
         }
         let (path, parts) = (folder.join(TASKS), folder.join(ESTIMATES));
         std::fs::create_dir_all(&parts).map_err(|e| super::error::Error::io(&parts, e))?;
         let (plan, stamp) = (runner.plan.name.clone(), runner.stamp().to_owned());
-        let saved = Saved { format: FORMAT.to_owned(), plan, stamp, records_per_block: BLOCK, ends };
+        let saved =
+            Saved { format: FORMAT.to_owned(), plan, stamp, records_per_block: BLOCK, ends };
         let text = serde_json::to_string(&saved).map_err(|e| unread(&path, &e.to_string()))?;
         write_atomic(&path, |out| writeln!(out, "{text}"))?;
         Ok(Self { folder: folder.to_owned(), stamp: saved.stamp, ends: saved.ends })
@@ -253,7 +278,8 @@ impl Tasks {
     /// The blocks of a task.
     #[must_use]
     pub fn blocks(&self, task: usize) -> Range<usize> {
-        let first = task.checked_sub(1).and_then(|before| self.ends.get(before)).copied().unwrap_or(0);
+        let first =
+            task.checked_sub(1).and_then(|before| self.ends.get(before)).copied().unwrap_or(0);
         first..self.ends.get(task).copied().unwrap_or(first)
     }
 
@@ -284,8 +310,10 @@ impl Tasks {
             }
             Ok(self.sound(task)?.err().map(|why| (task, Some(Damaged { file: path, why }))))
         };
-        let missing = (0..self.len()).into_par_iter().map(state).collect::<super::error::Result<Vec<_>>>()?;
-        let (tasks, damaged): (Vec<usize>, Vec<Option<Damaged>>) = missing.into_iter().flatten().unzip();
+        let missing =
+            (0..self.len()).into_par_iter().map(state).collect::<super::error::Result<Vec<_>>>()?;
+        let (tasks, damaged): (Vec<usize>, Vec<Option<Damaged>>) =
+            missing.into_iter().flatten().unzip();
         Ok((tasks, damaged.into_iter().flatten().collect()))
     }
 
@@ -294,17 +322,25 @@ impl Tasks {
         let path = self.path(task);
         let bytes = std::fs::read(&path).map_err(|e| super::error::Error::io(&path, e))?;
         if !seal::is_whole(&bytes) {
-            return Ok(Err(if bytes.is_empty() { "it is empty" } else { "its digest is not that of its bytes" }.to_owned()));
+            return Ok(Err(if bytes.is_empty() {
+                "it is empty"
+            } else {
+                "its digest is not that of its bytes"
+            }
+            .to_owned()));
         }
         Ok(match Reader::of(&path, bytes) {
             Err(e) => Err(e.to_string()),
-            Ok(part) if !self.owns(task, &part) => Err("it is no part of this study, or another task's".to_owned()),
+            Ok(part) if !self.owns(task, &part) => {
+                Err("it is no part of this study, or another task's".to_owned())
+            }
             Ok(part) => Ok(part),
         })
     }
 
     fn owns(&self, task: usize, part: &Reader) -> bool {
-        part.about(STAMP) == Some(self.stamp.as_str()) && part.about(BLOCKS) == Some(text(&self.blocks(task)).as_str())
+        part.about(STAMP) == Some(self.stamp.as_str())
+            && part.about(BLOCKS) == Some(text(&self.blocks(task)).as_str())
     }
 
     /// Writes a task's part, all of it or none.
@@ -325,7 +361,9 @@ impl Tasks {
         // Tasks that share a setting are added up one after the other.
         let starts = |task: &usize| {
             let first = self.blocks(*task).start;
-            first == 0 || runner.blocks.get(first).map(|b| b.setting) != runner.blocks.get(first - 1).map(|b| b.setting)
+            first == 0
+                || runner.blocks.get(first).map(|b| b.setting)
+                    != runner.blocks.get(first - 1).map(|b| b.setting)
         };
         let mut runs: Vec<Range<usize>> = Vec::new();
         for task in 0..self.len() {
@@ -340,7 +378,10 @@ impl Tasks {
                 stop.check()?;
                 for row in self.rows(runner, task)? {
                     if row.cell >= cells {
-                        return Err(unread(&self.path(task), &format!("cell {} is none of this study", row.cell)));
+                        return Err(unread(
+                            &self.path(task),
+                            &format!("cell {} is none of this study", row.cell),
+                        ));
                     }
                     runner.count(tallies.entry(row.cell).or_default(), &row);
                 }
@@ -371,11 +412,17 @@ impl Tasks {
         let path = self.path(task);
         let rows = self.sound(task)?.map_err(|why| unread(&path, &why))?.rows()?;
         let expected = runner.estimates_of(self.blocks(task));
-        if rows.len() == expected { Ok(rows) } else { Err(unread(&path, &format!("{} estimates where there are {expected}", rows.len()))) }
+        if rows.len() == expected {
+            Ok(rows)
+        } else {
+            Err(unread(&path, &format!("{} estimates where there are {expected}", rows.len())))
+        }
     }
 }
 
 /// The ends go up to the last block, none of them twice.
 fn tile(ends: &[usize], blocks: usize) -> bool {
-    ends.first().is_some_and(|e| *e > 0) && ends.windows(2).all(|w| w[0] < w[1]) && ends.last() == Some(&blocks)
+    ends.first().is_some_and(|e| *e > 0)
+        && ends.windows(2).all(|w| w[0] < w[1])
+        && ends.last() == Some(&blocks)
 }

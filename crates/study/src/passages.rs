@@ -34,7 +34,9 @@ pub(super) fn passages(
     for _ in 0..count {
         let (rest, error): (f64, f64) = (Exp1.sample(rng), StandardNormal.sample(rng));
         time_s += half_s * (1.0 + rest);
-        for (place, time) in [(&mut first, time_s), (&mut second, time_s + delay_s + error_s * error)] {
+        for (place, time) in
+            [(&mut first, time_s), (&mut second, time_s + delay_s + error_s * error)]
+        {
             if !rng.random_bool(logging.missing) {
                 place.push(time);
             }
@@ -58,7 +60,8 @@ mod tests {
         let ts = SampleTime::new(0.01).unwrap();
         let made = |missing: f64| {
             let logging = Logging { missing, jitter: 0.0 };
-            passages(["a", "b"], 20_000, 3.0, 25.0, &logging, ts, &mut ChaCha8Rng::seed_from_u64(3)).unwrap()
+            passages(["a", "b"], 20_000, 3.0, 25.0, &logging, ts, &mut ChaCha8Rng::seed_from_u64(3))
+                .unwrap()
         };
         let whole = made(0.0);
         let Events { first, second, .. } = &whole.events()[0];
@@ -73,6 +76,10 @@ mod tests {
         assert!((ratio - 25.0).abs() < 2.0, "{ratio}");
         let few = made(0.1);
         let lost = |seen: &[f64]| 1.0 - seen.len() as f64 / 20_000.0;
-        assert!([&few.events()[0].first, &few.events()[0].second].into_iter().all(|e| (lost(e) - 0.1).abs() < 0.01));
+        assert!(
+            [&few.events()[0].first, &few.events()[0].second]
+                .into_iter()
+                .all(|e| (lost(e) - 0.1).abs() < 0.01)
+        );
     }
 }

@@ -137,7 +137,12 @@ pub struct Scoring {
 
 impl Default for Scoring {
     fn default() -> Self {
-        Self { kept_percent: vec![100.0], invalid_samples: None, missing_off_samples: None, wrong_samples: 1.0 }
+        Self {
+            kept_percent: vec![100.0],
+            invalid_samples: None,
+            missing_off_samples: None,
+            wrong_samples: 1.0,
+        }
     }
 }
 
@@ -234,7 +239,9 @@ impl std::fmt::Display for Delay {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Same(s) => write!(f, "{s}"),
-            Self::PerInput(all) => f.write_str(&all.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")),
+            Self::PerInput(all) => {
+                f.write_str(&all.iter().map(ToString::to_string).collect::<Vec<_>>().join(" "))
+            }
             Self::Drawn(Drawn { uniform_s: [from, to], whole }) => {
                 write!(f, "{from}..{to}{}", if *whole { " whole" } else { "" })
             }
@@ -426,9 +433,32 @@ struct Keys {
 }
 
 /// Keys of the head; every other key of the file is one of a cell.
-const HEAD: [&str; 10] = ["format", "name", "about", "seed", "excitations", "noises", "controllers", "loggings", "published", "aims"];
+const HEAD: [&str; 10] = [
+    "format",
+    "name",
+    "about",
+    "seed",
+    "excitations",
+    "noises",
+    "controllers",
+    "loggings",
+    "published",
+    "aims",
+];
 /// Keys of cells that tables can be laid out by.
-const BY: [&str; 11] = ["plant", "output", "c2d", "excitation", "snr", "noise", "loop", "delay_s", "samples", "logging", "place"];
+const BY: [&str; 11] = [
+    "plant",
+    "output",
+    "c2d",
+    "excitation",
+    "snr",
+    "noise",
+    "loop",
+    "delay_s",
+    "samples",
+    "logging",
+    "place",
+];
 /// The logging that lacks nothing.
 pub(super) const PLAIN: &str = "plain";
 /// Records of a setting where a plan does not say.
@@ -445,7 +475,11 @@ impl Plan {
         }
         let path = Path::new(name);
         if !path.exists() {
-            return Err(StudyError::UnknownPlan { name: name.to_owned(), known: PLANS.iter().map(|p| p.0).collect() }.into());
+            return Err(StudyError::UnknownPlan {
+                name: name.to_owned(),
+                known: PLANS.iter().map(|p| p.0).collect(),
+            }
+            .into());
         }
         let text = read_text(path)?;
         Ok(Self::parse(name, &text, path.parent().unwrap_or(Path::new(".")))?)
@@ -456,8 +490,10 @@ impl Plan {
     /// # Errors
     /// [`StudyError::Plan`] naming the file, the line and the key.
     pub fn parse(name: &str, text: &str, folder: &Path) -> Result<Self, StudyError> {
-        let wrong =
-            |e: toml::de::Error| StudyError::Plan { plan: name.to_owned(), detail: located(text, e.span().map(|s| s.start), e.message()) };
+        let wrong = |e: toml::de::Error| StudyError::Plan {
+            plan: name.to_owned(),
+            detail: located(text, e.span().map(|s| s.start), e.message()),
+        };
         let keys = toml::from_str(text).map_err(wrong)?;
         let origin = Origin::of(name, text);
         let plan = Self::of(name, keys, folder).map_err(|e| origin.study(e))?;
@@ -479,15 +515,21 @@ impl Plan {
                     _ => Err(wrong("`grids` holds tables: write [[grids]]".to_owned())),
                 })
                 .collect::<Result<_, _>>()?,
-            Some(_) => return Err(wrong("`grids` is a list of tables: write [[grids]]".to_owned())),
+            Some(_) => {
+                return Err(wrong("`grids` is a list of tables: write [[grids]]".to_owned()));
+            }
         };
         if let Some(entries) = keys.remove("published") {
             keys.insert("published".to_owned(), spread(entries).map_err(&wrong)?);
         }
-        let (head, shared): (toml::Table, toml::Table) = keys.into_iter().partition(|(k, _)| HEAD.contains(&k.as_str()));
+        let (head, shared): (toml::Table, toml::Table) =
+            keys.into_iter().partition(|(k, _)| HEAD.contains(&k.as_str()));
         let head: Head = read(head).map_err(&wrong)?;
         if head.format != FORMAT {
-            return Err(wrong(format!("format is `{}`; this program reads `{FORMAT}`", head.format)));
+            return Err(wrong(format!(
+                "format is `{}`; this program reads `{FORMAT}`",
+                head.format
+            )));
         }
         let many = grids.len() > 1;
         let mut names = Vec::new();
@@ -499,9 +541,13 @@ impl Plan {
                 all.extend(own);
                 let label = format!("grid {}", number + 1);
                 let keys: Keys = read(all).map_err(|e| wrong(format!("{label}: {e}")))?;
-                let grid = Grid::new(keys, if many { &label } else { &head.name }).map_err(|e| wrong(format!("{label}: {e}")))?;
+                let grid = Grid::new(keys, if many { &label } else { &head.name })
+                    .map_err(|e| wrong(format!("{label}: {e}")))?;
                 if names.contains(&grid.name) {
-                    return Err(wrong(format!("two grids are called `{}`: give each its own name with the key `grid`", grid.name)));
+                    return Err(wrong(format!(
+                        "two grids are called `{}`: give each its own name with the key `grid`",
+                        grid.name
+                    )));
                 }
                 names.push(grid.name.clone());
                 Ok(grid)
@@ -531,16 +577,23 @@ impl Plan {
     /// [`StudyError::Plan`] for a seed that no file can hold.
     pub fn to_toml(&self) -> Result<String, StudyError> {
         let wrong = |detail: String| StudyError::Plan { plan: self.name.clone(), detail };
-        let grids = self.grids.iter().map(Grid::keys).collect::<Result<Vec<_>, _>>().map_err(|e| wrong(e.to_string()))?;
+        let grids = self
+            .grids
+            .iter()
+            .map(Grid::keys)
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|e| wrong(e.to_string()))?;
         let mut keys = toml::Table::new();
-        let mut put = |key: &str, value: Result<toml::Value, toml::ser::Error>| -> Result<(), StudyError> {
-            let value = value.map_err(|e| wrong(format!("{key}: {e}")))?;
-            let blank = value.as_array().is_some_and(Vec::is_empty) || value.as_table().is_some_and(toml::Table::is_empty);
-            if !blank {
-                keys.insert(key.to_owned(), value);
-            }
-            Ok(())
-        };
+        let mut put =
+            |key: &str, value: Result<toml::Value, toml::ser::Error>| -> Result<(), StudyError> {
+                let value = value.map_err(|e| wrong(format!("{key}: {e}")))?;
+                let blank = value.as_array().is_some_and(Vec::is_empty)
+                    || value.as_table().is_some_and(toml::Table::is_empty);
+                if !blank {
+                    keys.insert(key.to_owned(), value);
+                }
+                Ok(())
+            };
         put("format", Ok(FORMAT.into()))?;
         put("name", Ok(self.name.as_str().into()))?;
         put("about", Ok(self.about.as_str().into()))?;
@@ -563,18 +616,39 @@ impl Plan {
         let wrong = |what: &str, name: &str, mut known: Vec<String>| {
             let mut seen = BTreeSet::new();
             known.retain(|k| seen.insert(k.clone()));
-            let detail = format!("there is no {what} `{name}` in it; there are: {}", known.join(", "));
+            let detail =
+                format!("there is no {what} `{name}` in it; there are: {}", known.join(", "));
             StudyError::Plan { plan: self.name.clone(), detail }
         };
-        let fits = |wanted: &str, method: &str| wanted == method || Some(wanted) == method.split_whitespace().next();
-        if let Some(unknown) = grids.iter().find(|g| !self.grids.iter().any(|grid| grid.name == **g)) {
-            return Err(wrong("grid", unknown, self.grids.iter().map(|g| g.name.clone()).collect()));
+        let fits = |wanted: &str, method: &str| {
+            wanted == method || Some(wanted) == method.split_whitespace().next()
+        };
+        if let Some(unknown) =
+            grids.iter().find(|g| !self.grids.iter().any(|grid| grid.name == **g))
+        {
+            return Err(wrong(
+                "grid",
+                unknown,
+                self.grids.iter().map(|g| g.name.clone()).collect(),
+            ));
         }
-        let mut left: Vec<Grid> = self.grids.iter().filter(|g| grids.is_empty() || grids.contains(&g.name)).cloned().collect();
+        let mut left: Vec<Grid> = self
+            .grids
+            .iter()
+            .filter(|g| grids.is_empty() || grids.contains(&g.name))
+            .cloned()
+            .collect();
         if !methods.is_empty() {
-            left.iter_mut().for_each(|g| g.method = g.method.iter().flat_map(|m| spelt_out(m)).collect());
-            if let Some(unknown) = methods.iter().find(|m| !left.iter().flat_map(|g| &g.method).any(|of| fits(m, of))) {
-                return Err(wrong("method", unknown, left.into_iter().flat_map(|g| g.method).collect()));
+            left.iter_mut()
+                .for_each(|g| g.method = g.method.iter().flat_map(|m| spelt_out(m)).collect());
+            if let Some(unknown) =
+                methods.iter().find(|m| !left.iter().flat_map(|g| &g.method).any(|of| fits(m, of)))
+            {
+                return Err(wrong(
+                    "method",
+                    unknown,
+                    left.into_iter().flat_map(|g| g.method).collect(),
+                ));
             }
             left.iter_mut().for_each(|g| g.method.retain(|of| methods.iter().any(|m| fits(m, of))));
             left.retain(|g| !g.method.is_empty());
@@ -594,12 +668,17 @@ impl Plan {
                 || controller.denominator.first().is_none_or(|a| *a == 0.0)
                 || !coefficients.clone().all(|c| c.is_finite())
             {
-                return Err(format!("controllers.{name}: give finite coefficients, the first of the denominator not 0"));
+                return Err(format!(
+                    "controllers.{name}: give finite coefficients, the first of the denominator not 0"
+                ));
             }
         }
         for (name, noise) in &self.noises {
-            if name == "white" || noise.innovation_std.is_some_and(|s| !(s.is_finite() && s >= 0.0)) {
-                return Err(format!("noises.{name}: `white` is taken, and innovation_std is 0 or more"));
+            if name == "white" || noise.innovation_std.is_some_and(|s| !(s.is_finite() && s >= 0.0))
+            {
+                return Err(format!(
+                    "noises.{name}: `white` is taken, and innovation_std is 0 or more"
+                ));
             }
         }
         for (name, logging) in &self.loggings {
@@ -624,7 +703,9 @@ fn all_of(method: &str) -> Option<Scope> {
 /// `all` as the names that it stands for.
 pub(super) fn spelt_out(method: &str) -> Vec<String> {
     match all_of(method) {
-        Some(scope) => METHODS.iter().filter(|m| m.scope == scope).map(|m| m.entry.name.to_owned()).collect(),
+        Some(scope) => {
+            METHODS.iter().filter(|m| m.scope == scope).map(|m| m.entry.name.to_owned()).collect()
+        }
         None => vec![method.to_owned()],
     }
 }
@@ -641,15 +722,27 @@ fn read<T: DeserializeOwned>(table: toml::Table) -> Result<T, String> {
 impl Grid {
     /// The keys of a file that make this grid.
     fn keys(&self) -> Result<toml::Value, toml::ser::Error> {
-        let mut value = toml::Value::try_from(Self { snr: Vec::new(), by: Vec::new(), ..self.clone() })?;
+        let mut value =
+            toml::Value::try_from(Self { snr: Vec::new(), by: Vec::new(), ..self.clone() })?;
         if let Some(keys) = value.as_table_mut() {
             keys.remove("name");
             keys.insert("grid".to_owned(), self.name.as_str().into());
             let ratio = |r: &f64| if r.is_finite() { toml::Value::from(*r) } else { "inf".into() };
             keys.insert("snr".to_owned(), toml::Value::Array(self.snr.iter().map(ratio).collect()));
-            let layout =
-                |l: &Layout| Ok(format!("{}: {}", toml::Value::try_from(l.shown)?.as_str().unwrap_or_default(), l.keys.join(" ")).into());
-            keys.insert("by".to_owned(), toml::Value::Array(self.by.iter().map(layout).collect::<Result<_, toml::ser::Error>>()?));
+            let layout = |l: &Layout| {
+                Ok(format!(
+                    "{}: {}",
+                    toml::Value::try_from(l.shown)?.as_str().unwrap_or_default(),
+                    l.keys.join(" ")
+                )
+                .into())
+            };
+            keys.insert(
+                "by".to_owned(),
+                toml::Value::Array(
+                    self.by.iter().map(layout).collect::<Result<_, toml::ser::Error>>()?,
+                ),
+            );
         }
         Ok(value)
     }
@@ -659,33 +752,53 @@ impl Grid {
             list.map_or_else(|| vec![otherwise], Vec::from)
         }
         fn must<T>(list: Option<Many<T>>, key: &str, hint: &str) -> Result<Vec<T>, String> {
-            list.map(Vec::from).filter(|l: &Vec<T>| !l.is_empty()).ok_or_else(|| format!("`{key}` is missing: {hint}"))
+            list.map(Vec::from)
+                .filter(|l: &Vec<T>| !l.is_empty())
+                .ok_or_else(|| format!("`{key}` is missing: {hint}"))
         }
         let snr = or(keys.snr, Ratio::Number(f64::INFINITY))
             .into_iter()
             .map(|r| match r {
                 Ratio::Number(v) if v > 0.0 => Ok(v),
                 Ratio::Text(t) if t == "inf" => Ok(f64::INFINITY),
-                Ratio::Number(v) => Err(format!("`snr` is {v}: give numbers above 0, or \"inf\" for no noise")),
-                Ratio::Text(t) => Err(format!("`snr` is \"{t}\": give numbers above 0, or \"inf\" for no noise")),
+                Ratio::Number(v) => {
+                    Err(format!("`snr` is {v}: give numbers above 0, or \"inf\" for no noise"))
+                }
+                Ratio::Text(t) => {
+                    Err(format!("`snr` is \"{t}\": give numbers above 0, or \"inf\" for no noise"))
+                }
             })
             .collect::<Result<Vec<f64>, String>>()?;
         let delay_s = keys.delay_s.unwrap_or_else(|| vec![Delay::Same(0.0)]);
         for delay in &delay_s {
             let fine = match delay {
                 Delay::Same(s) => s.is_finite() && *s >= 0.0,
-                Delay::PerInput(all) => !all.is_empty() && all.iter().all(|s| s.is_finite() && *s >= 0.0),
-                Delay::Drawn(Drawn { uniform_s: [from, to], .. }) => *from >= 0.0 && from <= to && to.is_finite(),
+                Delay::PerInput(all) => {
+                    !all.is_empty() && all.iter().all(|s| s.is_finite() && *s >= 0.0)
+                }
+                Delay::Drawn(Drawn { uniform_s: [from, to], .. }) => {
+                    *from >= 0.0 && from <= to && to.is_finite()
+                }
             };
             if !fine {
-                return Err(format!("`delay_s` holds {delay}: give seconds, 0 or more, or {{ uniform_s = [FROM, TO] }}"));
+                return Err(format!(
+                    "`delay_s` holds {delay}: give seconds, 0 or more, or {{ uniform_s = [FROM, TO] }}"
+                ));
             }
         }
         let grid = Self {
             name: keys.grid.unwrap_or_else(|| name.to_owned()),
-            plant: must(keys.plant, "plant", "name plants (`deadtime list plants`) or model files")?,
+            plant: must(
+                keys.plant,
+                "plant",
+                "name plants (`deadtime list plants`) or model files",
+            )?,
             c2d: or(keys.c2d, "zoh".to_owned()),
-            excitation: must(keys.excitation, "excitation", "name excitations (`deadtime list excitations`) or those of [excitations]")?,
+            excitation: must(
+                keys.excitation,
+                "excitation",
+                "name excitations (`deadtime list excitations`) or those of [excitations]",
+            )?,
             snr,
             noise: or(keys.noise, "white".to_owned()),
             loops: or(keys.loops, Loop::Open),
@@ -697,7 +810,11 @@ impl Grid {
             logging: or(keys.logging, PLAIN.to_owned()),
             place: or(keys.place, Place::U),
             output: keys.output.map(Vec::from).unwrap_or_default(),
-            method: must(keys.method, "method", "name methods (`deadtime list methods`), or `all`")?,
+            method: must(
+                keys.method,
+                "method",
+                "name methods (`deadtime list methods`), or `all`",
+            )?,
             truth: keys.truth.unwrap_or(Truth::Delay),
             scoring: keys.scoring.unwrap_or_default(),
             trials: keys.trials.unwrap_or(TRIALS),
@@ -723,7 +840,8 @@ impl Scoring {
             return Err("scoring.kept_percent: give numbers above 0 and up to 100".to_owned());
         }
         let beyond = |v: &f64| !(v.is_finite() && *v > 0.0);
-        if [invalid_samples, missing_off_samples].into_iter().flatten().any(beyond) || !(wrong_samples.is_finite() && *wrong_samples >= 0.0)
+        if [invalid_samples, missing_off_samples].into_iter().flatten().any(beyond)
+            || !(wrong_samples.is_finite() && *wrong_samples >= 0.0)
         {
             return Err("scoring: invalid_samples and missing_off_samples are above 0, wrong_samples 0 or more".to_owned());
         }

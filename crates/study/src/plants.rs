@@ -52,12 +52,24 @@ macro_rules! plant {
 /// Every plant. Those of Björklund (2003), LiU-TEK-LIC-2003:60, pp. 69-77 and 111, are in seconds and without their 9 s of dead time.
 pub const PLANTS: &[PlantEntry] = &[
     plant!("lateral", "the thesis' lateral dynamics, unstable", Ok(vehicle(Dynamics::Lateral))),
-    plant!("longitudinal", "the thesis' longitudinal dynamics, unstable", Ok(vehicle(Dynamics::Longitudinal))),
+    plant!(
+        "longitudinal",
+        "the thesis' longitudinal dynamics, unstable",
+        Ok(vehicle(Dynamics::Longitudinal))
+    ),
     plant!("directional", "the thesis' directional dynamics", Ok(vehicle(Dynamics::Directional))),
     plant!("vertical", "the thesis' vertical dynamics", Ok(vehicle(Dynamics::Vertical))),
     plant!("vehicle", "the thesis' vehicle: four inputs, six outputs, unstable", Ok(whole())),
-    plant!("slow2", "Björklund's G1, 1/((10s + 1)(s + 1))", rational(&[0.1], &[[0.1, 0.0], [1.0, 0.0]])),
-    plant!("fast2", "Björklund's G2, 1/((s + 1)(0.1s + 1))", rational(&[10.0], &[[1.0, 0.0], [10.0, 0.0]])),
+    plant!(
+        "slow2",
+        "Björklund's G1, 1/((10s + 1)(s + 1))",
+        rational(&[0.1], &[[0.1, 0.0], [1.0, 0.0]])
+    ),
+    plant!(
+        "fast2",
+        "Björklund's G2, 1/((s + 1)(0.1s + 1))",
+        rational(&[10.0], &[[1.0, 0.0], [10.0, 0.0]])
+    ),
     plant!(
         "real4",
         "Björklund's G5, 0.05(s + 0.9)(s + 0.4)/((s + 1)(s + 0.6)(s + 0.3)(s + 0.1))",
@@ -71,12 +83,28 @@ pub const PLANTS: &[PlantEntry] = &[
     plant!("slow1", "Björklund's G7, 1/(10s + 1)", rational(&[0.1], &[[0.1, 0.0]])),
     plant!("fast1", "Björklund's G8, 1/(s + 1)", rational(&[1.0], &[[1.0, 0.0]])),
     plant!("gain", "Björklund's G9, a dead time alone", rational(&[1.0], &[])),
-    plant!("slow2b", "Björklund's G1b, half of slow2", rational(&[0.05], &[[0.1, 0.0], [1.0, 0.0]])),
-    plant!("fast2b", "Björklund's G2b, half of fast2", rational(&[5.0], &[[1.0, 0.0], [10.0, 0.0]])),
-    plant!("mixer", "3/((10s + 1)(s + 1)) of `a` and 1/(s + 1) of `b` add up to one output", mixer()),
+    plant!(
+        "slow2b",
+        "Björklund's G1b, half of slow2",
+        rational(&[0.05], &[[0.1, 0.0], [1.0, 0.0]])
+    ),
+    plant!(
+        "fast2b",
+        "Björklund's G2b, half of fast2",
+        rational(&[5.0], &[[1.0, 0.0], [10.0, 0.0]])
+    ),
+    plant!(
+        "mixer",
+        "3/((10s + 1)(s + 1)) of `a` and 1/(s + 1) of `b` add up to one output",
+        mixer()
+    ),
     plant!("unrelated", "an output that does not follow its input: noise alone", silent()),
     plant!("pole_1.00", "1/(s(s + 0.5)): sampled every second, a pole at z = 1", pole(1.0)),
-    plant!("pole_1.02", "1/((s − ln 1.02)(s + 0.5)): sampled every second, a pole at z = 1.02", pole(1.02)),
+    plant!(
+        "pole_1.02",
+        "1/((s − ln 1.02)(s + 0.5)): sampled every second, a pole at z = 1.02",
+        pole(1.02)
+    ),
     plant!("pole_1.05", "the same at z = 1.05", pole(1.05)),
     plant!("pole_1.10", "the same at z = 1.1", pole(1.1)),
     plant!("pole_1.20", "the same at z = 1.2", pole(1.2)),
@@ -96,7 +124,11 @@ fn names(list: &[(&str, &str)]) -> Vec<String> {
 }
 
 fn vehicle(dynamics: Dynamics) -> Plant {
-    Plant { model: PlantModel::Continuous(dynamics.model()), inputs: vec![dynamics.input().to_owned()], outputs: names(dynamics.outputs()) }
+    Plant {
+        model: PlantModel::Continuous(dynamics.model()),
+        inputs: vec![dynamics.input().to_owned()],
+        outputs: names(dynamics.outputs()),
+    }
 }
 
 fn whole() -> Plant {
@@ -108,7 +140,11 @@ fn whole() -> Plant {
 }
 
 fn single(model: Result<StateSpace<Continuous>, ModelError>) -> Result<Plant, ModelError> {
-    Ok(Plant { model: PlantModel::Continuous(model?), inputs: vec!["u".to_owned()], outputs: vec!["y".to_owned()] })
+    Ok(Plant {
+        model: PlantModel::Continuous(model?),
+        inputs: vec!["u".to_owned()],
+        outputs: vec!["y".to_owned()],
+    })
 }
 
 /// Two inputs, one output.
@@ -119,7 +155,11 @@ fn mixer() -> Result<Plant, ModelError> {
         DMatrix::from_row_slice(1, 3, &[0.0, 1.0, 1.0]),
         DMatrix::zeros(1, 2),
     )?;
-    Ok(Plant { model: PlantModel::Continuous(model), inputs: vec!["a".to_owned(), "b".to_owned()], outputs: vec!["y".to_owned()] })
+    Ok(Plant {
+        model: PlantModel::Continuous(model),
+        inputs: vec!["a".to_owned(), "b".to_owned()],
+        outputs: vec!["y".to_owned()],
+    })
 }
 
 /// 0/(s + 1).
@@ -139,7 +179,10 @@ fn rational(numerator: &[f64], factors: &[[f64; 2]]) -> Result<Plant, ModelError
         let factor = if b == 0.0 { vec![1.0, a] } else { vec![1.0, 2.0 * a, a * a + b * b] };
         product(&all, &factor)
     });
-    single(TransferFunction::from_polynomials(numerator, &denominator, 0.0, Continuous)?.to_state_space())
+    single(
+        TransferFunction::from_polynomials(numerator, &denominator, 0.0, Continuous)?
+            .to_state_space(),
+    )
 }
 
 fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
@@ -157,8 +200,11 @@ fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
 /// normal. Ours have no direct path and no repeated poles.
 fn random(rng: &mut ChaCha8Rng) -> Result<Plant, ModelError> {
     const ORDER: usize = 10;
-    let (mut a, b, c) =
-        (DMatrix::zeros(ORDER, ORDER), DMatrix::from_fn(ORDER, 1, |_, _| normal(rng)), DMatrix::from_fn(1, ORDER, |_, _| normal(rng)));
+    let (mut a, b, c) = (
+        DMatrix::zeros(ORDER, ORDER),
+        DMatrix::from_fn(ORDER, 1, |_, _| normal(rng)),
+        DMatrix::from_fn(1, ORDER, |_, _| normal(rng)),
+    );
     // The first pole stays at 0 in one of ten.
     let mut at = usize::from(rng.random_bool(0.1));
     while at < ORDER {
@@ -191,7 +237,9 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut integrators = 0;
         for _ in 0..400 {
-            let PlantModel::Continuous(model) = random(&mut rng).unwrap().model else { panic!("sampled") };
+            let PlantModel::Continuous(model) = random(&mut rng).unwrap().model else {
+                panic!("sampled")
+            };
             assert_eq!(model.order(), 10);
             let real: Vec<f64> = model.a().complex_eigenvalues().iter().map(|p| p.re).collect();
             let at_zero = real.iter().filter(|re| re.abs() < 1e-12).count();

@@ -111,8 +111,19 @@ impl Which {
 impl std::fmt::Display for Which {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { grid, plant, output, c2d, excitation, snr, loops, place, method } = self;
-        let words = [method.clone(), plant.clone(), output.clone(), c2d.clone(), excitation.clone(), snr.map(|s| format!("SNR {s}"))];
-        let more = [grid.clone(), loops.map(|l| l.name().to_owned()), place.map(|p| format!("from {}", p.name()))];
+        let words = [
+            method.clone(),
+            plant.clone(),
+            output.clone(),
+            c2d.clone(),
+            excitation.clone(),
+            snr.map(|s| format!("SNR {s}")),
+        ];
+        let more = [
+            grid.clone(),
+            loops.map(|l| l.name().to_owned()),
+            place.map(|p| format!("from {}", p.name())),
+        ];
         f.write_str(&words.into_iter().chain(more).flatten().collect::<Vec<_>>().join(", "))
     }
 }
@@ -123,25 +134,37 @@ fn words(text: &str) -> BTreeSet<&str> {
 }
 
 /// Keys of an entry itself; what else stands in a table of `each` is a key of its cells.
-const OWN: [&str; 6] = ["source", "statistic", "kept_percent", "value", "tolerance", "not_reproducible"];
+const OWN: [&str; 6] =
+    ["source", "statistic", "kept_percent", "value", "tolerance", "not_reproducible"];
 
 /// An entry with a list `each` of tables stands for one entry per table: the entry with the table's keys in place of its own or of its cells'.
 pub(super) fn spread(entries: toml::Value) -> Result<toml::Value, String> {
-    let toml::Value::Array(entries) = entries else { return Err("`published` is a list of tables: write [[published]]".to_owned()) };
+    let toml::Value::Array(entries) = entries else {
+        return Err("`published` is a list of tables: write [[published]]".to_owned());
+    };
     let mut all = Vec::with_capacity(entries.len());
     for entry in entries {
-        let toml::Value::Table(mut shared) = entry else { return Err("`published` holds tables: write [[published]]".to_owned()) };
+        let toml::Value::Table(mut shared) = entry else {
+            return Err("`published` holds tables: write [[published]]".to_owned());
+        };
         let Some(each) = shared.remove("each") else {
             all.push(toml::Value::Table(shared));
             continue;
         };
-        let toml::Value::Array(each) = each else { return Err("published.each is a list of tables".to_owned()) };
+        let toml::Value::Array(each) = each else {
+            return Err("published.each is a list of tables".to_owned());
+        };
         for one in each {
-            let toml::Value::Table(one) = one else { return Err("published.each is a list of tables".to_owned()) };
-            let (own, of_cells): (toml::Table, toml::Table) = one.into_iter().partition(|(key, _)| OWN.contains(&key.as_str()));
+            let toml::Value::Table(one) = one else {
+                return Err("published.each is a list of tables".to_owned());
+            };
+            let (own, of_cells): (toml::Table, toml::Table) =
+                one.into_iter().partition(|(key, _)| OWN.contains(&key.as_str()));
             let mut entry = shared.clone();
             entry.extend(own);
-            if let toml::Value::Table(cells) = entry.entry("cells").or_insert_with(|| toml::Table::new().into()) {
+            if let toml::Value::Table(cells) =
+                entry.entry("cells").or_insert_with(|| toml::Table::new().into())
+            {
                 cells.extend(of_cells);
             }
             all.push(toml::Value::Table(entry));
@@ -158,15 +181,20 @@ impl Published {
         if cells.is_empty() {
             return None;
         }
-        let mean = |of: &dyn Fn(&Cell) -> Option<f64>| stats::mean(cells.iter().filter_map(|c| of(c)));
+        let mean =
+            |of: &dyn Fn(&Cell) -> Option<f64>| stats::mean(cells.iter().filter_map(|c| of(c)));
         let ours = match self.statistic {
-            Statistic::RmsSamples => mean(&|c| c.kept.iter().find(|k| k.percent == self.kept_percent)?.rms_samples),
+            Statistic::RmsSamples => {
+                mean(&|c| c.kept.iter().find(|k| k.percent == self.kept_percent)?.rms_samples)
+            }
             Statistic::MeanRawS => mean(&|c| c.mean_raw_s),
             Statistic::StdRawS => mean(&|c| c.std_raw_s),
             Statistic::Failed => mean(&|c| Some(c.flagged as f64 / c.trials.max(1) as f64)),
         };
         let wanted = if self.statistic == Statistic::Failed { Some(1.0) } else { self.value };
-        let near = ours.zip(wanted).is_some_and(|(a, b)| (a - b).abs() <= self.tolerance.unwrap_or(NEAR * b.abs()));
+        let near = ours
+            .zip(wanted)
+            .is_some_and(|(a, b)| (a - b).abs() <= self.tolerance.unwrap_or(NEAR * b.abs()));
         let standing = match (near, &self.not_reproducible) {
             // That chance comes near is no reproduction.
             (_, Some(_)) => Standing::NotReproducible,

@@ -187,7 +187,20 @@ impl Cell {
     /// What tells this cell from every other one of a study.
     #[must_use]
     pub fn key(&self) -> String {
-        let Self { grid, plant, input, output, c2d, excitation, noise, delay_s, samples, sample_time_s, max_delay, .. } = self;
+        let Self {
+            grid,
+            plant,
+            input,
+            output,
+            c2d,
+            excitation,
+            noise,
+            delay_s,
+            samples,
+            sample_time_s,
+            max_delay,
+            ..
+        } = self;
         let snr = self.snr.map_or_else(|| "–".to_owned(), |v| v.to_string());
         let controller = self.controller.as_deref().unwrap_or("–");
         let logging = self.logging.as_ref().map_or_else(String::new, |l| format!(" {l}"));
@@ -217,7 +230,9 @@ impl Score {
 }
 
 fn text(method: &str, options: &Map<String, Value>) -> String {
-    let options = options.iter().map(|(k, v)| format!(" {k}={}", v.as_str().map_or_else(|| v.to_string(), str::to_owned)));
+    let options = options
+        .iter()
+        .map(|(k, v)| format!(" {k}={}", v.as_str().map_or_else(|| v.to_string(), str::to_owned)));
     method.to_owned() + &options.collect::<String>()
 }
 
@@ -242,10 +257,16 @@ impl Study {
     pub fn read(path: &Path) -> super::error::Result<Self> {
         let path = if path.is_dir() { path.join("study.json") } else { path.to_owned() };
         let text = read_text(&path)?;
-        let wrong = |detail: String| StudyError::Results { path: path.clone(), detail: detail.into() };
-        let study: Self = serde_json::from_str(&text).map_err(|e| wrong(format!("no {FORMAT}: {e}")))?;
+        let wrong =
+            |detail: String| StudyError::Results { path: path.clone(), detail: detail.into() };
+        let study: Self =
+            serde_json::from_str(&text).map_err(|e| wrong(format!("no {FORMAT}: {e}")))?;
         if study.format != FORMAT {
-            return Err(wrong(format!("format is `{}`; this program reads `{FORMAT}`", study.format)).into());
+            return Err(wrong(format!(
+                "format is `{}`; this program reads `{FORMAT}`",
+                study.format
+            ))
+            .into());
         }
         Ok(study)
     }
@@ -256,7 +277,8 @@ impl Study {
     /// # Errors
     /// [`super::error::Error::Io`].
     pub fn write_baseline(&self, path: &Path) -> super::error::Result<()> {
-        let path = if path.extension().is_some() { path.to_owned() } else { path.join("study.json") };
+        let path =
+            if path.extension().is_some() { path.to_owned() } else { path.join("study.json") };
         let lines = |list: &mut dyn Iterator<Item = serde_json::Result<Value>>| -> serde_json::Result<String> {
             Ok(list.map(|v| v.map(|v| format!("    {}", without_blanks(v)))).collect::<serde_json::Result<Vec<_>>>()?.join(",\n"))
         };
@@ -264,13 +286,17 @@ impl Study {
         let whole = || -> serde_json::Result<String> {
             let cells = lines(&mut self.cells.iter().map(|c| serde_json::to_value(c.brief())))?;
             let scores = lines(&mut self.scores.iter().map(|s| serde_json::to_value(s.brief())))?;
-            let (format, plan, about, program) = (text(&self.format), text(&self.plan), text(&self.about), text(&self.program));
+            let (format, plan, about, program) =
+                (text(&self.format), text(&self.plan), text(&self.about), text(&self.program));
             Ok(format!(
                 "{{ \"format\": {format}, \"plan\": {plan}, \"about\": {about}, \"seed\": {}, \"program\": {program},\n  \"cells\": [\n{cells}\n  ],\n  \"scores\": [\n{scores}\n  ]\n}}",
                 self.seed
             ))
         };
-        let whole = whole().map_err(|e| StudyError::Results { path: path.clone(), detail: e.to_string().into() })?;
+        let whole = whole().map_err(|e| StudyError::Results {
+            path: path.clone(),
+            detail: e.to_string().into(),
+        })?;
         Ok(write_atomic(&path, |out| writeln!(out, "{whole}"))?)
     }
 
@@ -279,8 +305,10 @@ impl Study {
     /// # Errors
     /// [`super::error::Error::Io`].
     pub fn write(&self, path: &Path) -> super::error::Result<()> {
-        let text =
-            serde_json::to_string_pretty(self).map_err(|e| StudyError::Results { path: path.to_owned(), detail: e.to_string().into() })?;
+        let text = serde_json::to_string_pretty(self).map_err(|e| StudyError::Results {
+            path: path.to_owned(),
+            detail: e.to_string().into(),
+        })?;
         Ok(write_atomic(path, |out| writeln!(out, "{text}"))?)
     }
 }

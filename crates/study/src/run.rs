@@ -89,7 +89,10 @@ impl Runner {
     pub fn untried(plan: &Plan, budget: &Budget) -> super::error::Result<Self> {
         budget.check(plan)?;
         let layout = Layout::new(plan).map_err(|e| plan.origin.place(e))?;
-        let uncounted = || StudyError::Plan { plan: plan.name.clone(), detail: "`trials`: more records than can be counted".to_owned() };
+        let uncounted = || StudyError::Plan {
+            plan: plan.name.clone(),
+            detail: "`trials`: more records than can be counted".to_owned(),
+        };
         let blocks = Blocks::new(layout.settings.iter().map(|s| s.trials)).ok_or_else(uncounted)?;
         let stamp = stamp(plan, &layout);
         Ok(Self { plan: plan.clone(), layout, blocks, stamp })
@@ -110,7 +113,12 @@ impl Runner {
     /// Estimates in all.
     #[must_use]
     pub fn estimates(&self) -> usize {
-        self.layout.settings.iter().enumerate().map(|(number, s)| s.trials.saturating_mul(self.layout.of(number).len())).sum()
+        self.layout
+            .settings
+            .iter()
+            .enumerate()
+            .map(|(number, s)| s.trials.saturating_mul(self.layout.of(number).len()))
+            .sum()
     }
 
     pub(super) fn size(&self, block: Block) -> usize {
@@ -122,7 +130,13 @@ impl Runner {
     ///
     /// # Errors
     /// As [`Self::begin`] and [`Begun::run`].
-    pub fn run(&self, folder: &Path, resume: bool, stop: &Stop, progress: &(dyn Fn(Progress) + Sync)) -> super::error::Result<Study> {
+    pub fn run(
+        &self,
+        folder: &Path,
+        resume: bool,
+        stop: &Stop,
+        progress: &(dyn Fn(Progress) + Sync),
+    ) -> super::error::Result<Study> {
         self.begin(folder, resume, stop)?.run(stop, progress)
     }
 
@@ -131,7 +145,12 @@ impl Runner {
     /// # Errors
     /// [`super::error::Error::Busy`] where another run writes to the folder; [`StudyError::Folder`] where it holds another plan's blocks, or some of this one without
     /// `resume`; [`super::error::Error::Io`]; [`super::error::Error::Stopped`].
-    pub fn begin(&self, folder: &Path, resume: bool, stop: &Stop) -> super::error::Result<Begun<'_>> {
+    pub fn begin(
+        &self,
+        folder: &Path,
+        resume: bool,
+        stop: &Stop,
+    ) -> super::error::Result<Begun<'_>> {
         let lock = Lock::of(folder)?;
         let spent = folder.join(SPENT);
         if spent.exists() {
@@ -140,20 +159,32 @@ impl Runner {
         sweep(folder)?;
         let parts = self.open(folder, resume)?;
         sweep(&parts)?;
-        let there: Vec<(usize, PathBuf)> = blocks_in(&parts)?.into_iter().filter(|(number, _)| *number < self.blocks.len()).collect();
+        let there: Vec<(usize, PathBuf)> = blocks_in(&parts)?
+            .into_iter()
+            .filter(|(number, _)| *number < self.blocks.len())
+            .collect();
         let whole = |(number, path): &(usize, PathBuf)| -> super::error::Result<Option<Damaged>> {
             stop.check()?;
             let damaged = |why| Damaged { file: path.clone(), why };
             Ok(self.block_file(*number).body(path)?.err().map(damaged))
         };
         let checked = there.par_iter().map(whole).collect::<super::error::Result<Vec<_>>>()?;
-        let done = there.iter().zip(&checked).filter(|(_, damage)| damage.is_none()).map(|((number, _), _)| *number).collect();
+        let done = there
+            .iter()
+            .zip(&checked)
+            .filter(|(_, damage)| damage.is_none())
+            .map(|((number, _), _)| *number)
+            .collect();
         let damaged = checked.into_iter().flatten().collect();
         Ok(Begun { runner: self, folder: folder.to_owned(), parts, done, damaged, _lock: lock })
     }
 
     fn block_file(&self, number: usize) -> BlockFile<'_> {
-        BlockFile { stamp: &self.stamp, number, rows: self.blocks.get(number).map_or(0, |b| self.size(b)) }
+        BlockFile {
+            stamp: &self.stamp,
+            number,
+            rows: self.blocks.get(number).map_or(0, |b| self.size(b)),
+        }
     }
 
     /// The rows of one block, in the order of trials and cells.
@@ -194,7 +225,11 @@ impl Runner {
 
     /// The columns of a cell's estimates that are the same in all of them.
     pub(super) fn key(&self, number: usize) -> Vec<(&'static str, Field)> {
-        self.layout.slots.get(number).map(|slot| key_fields(number, &self.cell(*slot))).unwrap_or_default()
+        self.layout
+            .slots
+            .get(number)
+            .map(|slot| key_fields(number, &self.cell(*slot)))
+            .unwrap_or_default()
     }
 
     /// Adds an estimate to the sums of its cell.
@@ -254,7 +289,8 @@ impl Runner {
                 let count = some.len() as f64;
                 let mean = stats::mean(some.iter().copied());
                 // Cells are independent of each other.
-                let variance: Option<f64> = of.iter().map(|t| t.rms_std().map(|[_, s]| s * s)).sum();
+                let variance: Option<f64> =
+                    of.iter().map(|t| t.rms_std().map(|[_, s]| s * s)).sum();
                 let half = variance.map(|v| stats::NORMAL_95 * v.sqrt() / count);
                 scores.push(Score {
                     grid: cells[first].grid.clone(),
@@ -263,7 +299,10 @@ impl Runner {
                     options: cells[first].options.clone(),
                     kept_percent: percent,
                     mean_rms_samples: mean,
-                    ci95_samples: mean.zip(half).filter(|_| percent >= 100.0).map(|(m, h)| [(m - h).max(0.0), m + h]),
+                    ci95_samples: mean
+                        .zip(half)
+                        .filter(|_| percent >= 100.0)
+                        .map(|(m, h)| [(m - h).max(0.0), m + h]),
                 });
             }
         }
@@ -289,7 +328,9 @@ impl Runner {
             controller: key.controller.clone(),
             place: slot.place,
             delay_s: match &key.delay {
-                Delay::PerInput(all) => all.get(slot.input).map_or_else(|| key.delay.clone(), |s| Delay::Same(*s)),
+                Delay::PerInput(all) => {
+                    all.get(slot.input).map_or_else(|| key.delay.clone(), |s| Delay::Same(*s))
+                }
                 other => other.clone(),
             },
             samples: key.samples,
@@ -334,9 +375,18 @@ impl Begun<'_> {
     ///
     /// # Errors
     /// What keeps a record from being made; [`super::error::Error::Io`]; [`super::error::Error::Stopped`].
-    pub fn run(self, stop: &Stop, progress: &(dyn Fn(Progress) + Sync)) -> super::error::Result<Study> {
+    pub fn run(
+        self,
+        stop: &Stop,
+        progress: &(dyn Fn(Progress) + Sync),
+    ) -> super::error::Result<Study> {
         let runner = self.runner;
-        let done = self.done.iter().filter_map(|number| runner.blocks.get(*number)).map(|b| runner.size(b)).sum();
+        let done = self
+            .done
+            .iter()
+            .filter_map(|number| runner.blocks.get(*number))
+            .map(|b| runner.size(b))
+            .sum();
         let count = Mutex::new(Progress { done, now: 0, all: runner.estimates() });
         let tell = |more: usize| {
             if let Ok(mut count) = count.lock() {
@@ -347,22 +397,30 @@ impl Begun<'_> {
         };
         tell(0);
         shared_out(runner.blocks.len(), |number| {
-            let Some(block) = runner.blocks.get(number).filter(|_| !self.done.contains(&number)) else { return Ok(()) };
-            runner.block_file(number).write(&part(&self.parts, number), &runner.block(block, stop)?)?;
+            let Some(block) = runner.blocks.get(number).filter(|_| !self.done.contains(&number))
+            else {
+                return Ok(());
+            };
+            runner
+                .block_file(number)
+                .write(&part(&self.parts, number), &runner.block(block, stop)?)?;
             tell(runner.size(block));
             Ok(())
         })?;
         let study = self.gather(stop)?;
         // At once, so that a kill on the way leaves no half of them.
         let spent = self.folder.join(SPENT);
-        fs::rename(&self.parts, &spent).and_then(|()| fs::remove_dir_all(&spent)).map_err(|e| super::error::Error::io(&self.parts, e))?;
+        fs::rename(&self.parts, &spent)
+            .and_then(|()| fs::remove_dir_all(&spent))
+            .map_err(|e| super::error::Error::io(&self.parts, e))?;
         Ok(study)
     }
 
     /// Reads all blocks in order, one at a time, and writes what came of them.
     fn gather(&self, stop: &Stop) -> super::error::Result<Study> {
         let Self { runner, folder, parts, .. } = self;
-        let keys: Vec<_> = (0..runner.layout.slots.len()).map(|number| runner.key(number)).collect();
+        let keys: Vec<_> =
+            (0..runner.layout.slots.len()).map(|number| runner.key(number)).collect();
         let mut tallies = vec![Tally::default(); keys.len()];
         let mut sinks = sinks(folder)?;
         for number in 0..runner.blocks.len() {
@@ -370,7 +428,11 @@ impl Begun<'_> {
             let path = part(parts, number);
             for row in runner.block_file(number).read(&path)? {
                 let Some((tally, key)) = tallies.get_mut(row.cell).zip(keys.get(row.cell)) else {
-                    return Err(StudyError::Results { path, detail: format!("cell {} is none of this study", row.cell).into() }.into());
+                    return Err(StudyError::Results {
+                        path,
+                        detail: format!("cell {} is none of this study", row.cell).into(),
+                    }
+                    .into());
                 };
                 runner.count(tally, &row);
                 let values = value_fields(&row);
@@ -386,7 +448,9 @@ impl Begun<'_> {
 
 /// What two runs must share for their blocks to go together; what published numbers and aims say is no part of it.
 fn stamp(plan: &Plan, layout: &Layout) -> String {
-    let plan = serde_json::to_string(&Plan { published: Vec::new(), aims: Vec::new(), ..plan.clone() }).unwrap_or_default();
+    let plan =
+        serde_json::to_string(&Plan { published: Vec::new(), aims: Vec::new(), ..plan.clone() })
+            .unwrap_or_default();
     let definitions: Vec<&str> = layout.settings.iter().map(|s| s.definition.as_str()).collect();
     let text = format!("{}|{BLOCK}|{plan}|{}", env!("CARGO_PKG_VERSION"), definitions.join(" "));
     Sha256::digest(text.as_bytes()).iter().map(|b| format!("{b:02x}")).collect()
@@ -395,11 +459,17 @@ fn stamp(plan: &Plan, layout: &Layout) -> String {
 /// Hands the numbers below `count` out to as many workers as there are threads, in order, until one fails.
 ///
 /// Each worker is a pool of one thread: what a method would do in parallel it does there one after the other, so that its run time is its own, and no other estimate's.
-fn shared_out(count: usize, work: impl Fn(usize) -> super::error::Result<()> + Sync) -> super::error::Result<()> {
+fn shared_out(
+    count: usize,
+    work: impl Fn(usize) -> super::error::Result<()> + Sync,
+) -> super::error::Result<()> {
     let next = AtomicUsize::new(0);
     let failed = AtomicBool::new(false);
     let worker = || -> super::error::Result<()> {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|e| StudyError::Threads { detail: e.to_string() })?;
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .build()
+            .map_err(|e| StudyError::Threads { detail: e.to_string() })?;
         while !failed.load(Ordering::Relaxed) {
             let number = next.fetch_add(1, Ordering::Relaxed);
             if number >= count {
@@ -413,7 +483,9 @@ fn shared_out(count: usize, work: impl Fn(usize) -> super::error::Result<()> + S
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
         let ended = |w: std::thread::ScopedJoinHandle<'_, super::error::Result<()>>| {
-            w.join().unwrap_or_else(|_| Err(StudyError::Threads { detail: "a worker stopped".to_owned() }.into()))
+            w.join().unwrap_or_else(|_| {
+                Err(StudyError::Threads { detail: "a worker stopped".to_owned() }.into())
+            })
         };
         // All are waited for; the first error is told.
         workers.into_iter().map(ended).collect::<Vec<_>>().into_iter().collect()
@@ -426,7 +498,8 @@ fn blocks_in(parts: &Path) -> super::error::Result<Vec<(usize, PathBuf)>> {
     let mut found = Vec::new();
     for entry in fs::read_dir(parts).map_err(wrong)? {
         let name = entry.map_err(wrong)?.file_name();
-        let number = name.to_str().and_then(|n| n.strip_suffix(".csv")).and_then(|n| n.parse().ok());
+        let number =
+            name.to_str().and_then(|n| n.strip_suffix(".csv")).and_then(|n| n.parse().ok());
         if let Some(number) = number
             && part(parts, number).file_name() == Some(&name)
         {

@@ -41,7 +41,8 @@ pub(super) fn close(mut bytes: Vec<u8>) -> Vec<u8> {
 
 /// Every byte is as it was written.
 pub(super) fn is_whole(bytes: &[u8]) -> bool {
-    place(bytes).is_some_and(|place| bytes.get(place.clone()) == Some(digest(bytes, &place).as_bytes()))
+    place(bytes)
+        .is_some_and(|place| bytes.get(place.clone()) == Some(digest(bytes, &place).as_bytes()))
 }
 
 #[cfg(test)]

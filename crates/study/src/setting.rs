@@ -13,7 +13,9 @@ use super::error::StudyError;
 use super::feedback;
 use super::logging::{Logging, STEPS, held};
 use super::passages::{EVENTS, passages};
-use super::plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Loop, PLAIN, Place, Plan, Scoring, Signal};
+use super::plan::{
+    Colour, Controller, Delay, Draw, Drawn, Grid, Loop, PLAIN, Place, Plan, Scoring, Signal,
+};
 use super::plants::{PLANTS, Plant, PlantEntry};
 use deadtime_delay::{Detrend, Experiment, PlantModel, Recording};
 use deadtime_model::c2d::{CONVERSIONS, Conversion, Tustin};
@@ -55,9 +57,15 @@ pub struct Key {
 
 impl std::fmt::Display for Key {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { plant, c2d, excitation, snr, noise, delay, samples, sample_time_s, logging, .. } = self;
+        let Self {
+            plant, c2d, excitation, snr, noise, delay, samples, sample_time_s, logging, ..
+        } = self;
         write!(f, "{plant} {c2d} {excitation} snr {snr} {noise} {:?} ", self.loops)?;
-        write!(f, "{} delay {delay} s, {samples} samples of {sample_time_s} s", self.controller.as_deref().unwrap_or("no controller"))?;
+        write!(
+            f,
+            "{} delay {delay} s, {samples} samples of {sample_time_s} s",
+            self.controller.as_deref().unwrap_or("no controller")
+        )?;
         // A record that lacks nothing has the seed that it had before there were others.
         if logging == PLAIN { Ok(()) } else { write!(f, ", {logging}") }
     }
@@ -133,25 +141,36 @@ pub(super) fn named<T: ?Sized>(
 type Wrong<'w> = &'w dyn Fn(String) -> StudyError;
 
 /// The conversion that a key names; one that rounds delays takes whole ones only.
-fn conversion(key: &Key, sample_time: SampleTime, wrong: Wrong<'_>) -> super::error::Result<Box<dyn Conversion>> {
+fn conversion(
+    key: &Key,
+    sample_time: SampleTime,
+    wrong: Wrong<'_>,
+) -> super::error::Result<Box<dyn Conversion>> {
     let (entry, options) = named(CONVERSIONS, "conversion", &key.c2d)?;
     let conversion = entry.with(options.clone())?;
     // These two put a delay on the nearest sample unless told otherwise: what was injected would not be what acts.
     let rounds = match entry.name {
-        "tustin" => serde_json::from_value::<Tustin>(options).is_ok_and(|t| t.fractional_delay_order == 0),
+        "tustin" => {
+            serde_json::from_value::<Tustin>(options).is_ok_and(|t| t.fractional_delay_order == 0)
+        }
         "matched" => true,
         _ => false,
     };
     let fractional = match &key.delay {
         Delay::Same(s) => sample_time.samples(*s)?.fraction != 0.0,
-        Delay::PerInput(all) => {
-            all.iter().map(|s| sample_time.samples(*s)).collect::<Result<Vec<_>, _>>()?.iter().any(|d| d.fraction != 0.0)
-        }
+        Delay::PerInput(all) => all
+            .iter()
+            .map(|s| sample_time.samples(*s))
+            .collect::<Result<Vec<_>, _>>()?
+            .iter()
+            .any(|d| d.fraction != 0.0),
         Delay::Drawn(d) => !d.whole,
     };
     if rounds && fractional {
-        let detail =
-            format!("`{}` puts a delay on the nearest sample: inject whole samples, or give tustin fractional_delay_order=3", key.c2d);
+        let detail = format!(
+            "`{}` puts a delay on the nearest sample: inject whole samples, or give tustin fractional_delay_order=3",
+            key.c2d
+        );
         return Err(wrong(detail).into());
     }
     Ok(conversion)
@@ -163,25 +182,44 @@ fn colour(plan: &Plan, key: &Key, wrong: Wrong<'_>) -> super::error::Result<Colo
         ("white", _) => Colour::default(),
         (_, Some(colour)) => colour.clone(),
         (name, None) => {
-            let known: Vec<&str> = plan.noises.keys().map(String::as_str).chain(["white"]).collect();
-            return Err(wrong(format!("there is no noise `{name}`; there are: {}", known.join(", "))).into());
+            let known: Vec<&str> =
+                plan.noises.keys().map(String::as_str).chain(["white"]).collect();
+            return Err(wrong(format!(
+                "there is no noise `{name}`; there are: {}",
+                known.join(", ")
+            ))
+            .into());
         }
     };
     if colour.innovation_std.is_some() && key.snr.is_finite() {
-        return Err(wrong(format!("noise `{}` has a level of its own (innovation_std): leave out `snr`", key.noise)).into());
+        return Err(wrong(format!(
+            "noise `{}` has a level of its own (innovation_std): leave out `snr`",
+            key.noise
+        ))
+        .into());
     }
     Ok(colour)
 }
 
 /// The controller that a key names; `None`: none, or one that feeds back the states.
-fn controller(plan: &Plan, key: &Key, channels: (usize, usize), wrong: Wrong<'_>) -> super::error::Result<Option<Controller>> {
+fn controller(
+    plan: &Plan,
+    key: &Key,
+    channels: (usize, usize),
+    wrong: Wrong<'_>,
+) -> super::error::Result<Option<Controller>> {
     let controller = match key.controller.as_deref() {
         None | Some("dlqr") => None,
         Some(name) => match plan.controllers.get(name) {
             Some(controller) => Some(controller.clone()),
             None => {
-                let known: Vec<&str> = plan.controllers.keys().map(String::as_str).chain(["dlqr"]).collect();
-                return Err(wrong(format!("there is no controller `{name}`; there are: {}", known.join(", "))).into());
+                let known: Vec<&str> =
+                    plan.controllers.keys().map(String::as_str).chain(["dlqr"]).collect();
+                return Err(wrong(format!(
+                    "there is no controller `{name}`; there are: {}",
+                    known.join(", ")
+                ))
+                .into());
             }
         },
     };
@@ -197,16 +235,28 @@ fn controller(plan: &Plan, key: &Key, channels: (usize, usize), wrong: Wrong<'_>
 }
 
 /// The way of logging that a key names, for a plant of so many states measured.
-fn logging(plan: &Plan, key: &Key, source: &Source, states: bool, wrong: Wrong<'_>) -> super::error::Result<Logging> {
+fn logging(
+    plan: &Plan,
+    key: &Key,
+    source: &Source,
+    states: bool,
+    wrong: Wrong<'_>,
+) -> super::error::Result<Logging> {
     let logging = match (key.logging.as_str(), plan.loggings.get(&key.logging)) {
         (PLAIN, _) => Logging::default(),
         (_, Some(logging)) => *logging,
         (name, None) => {
-            let known: Vec<&str> = plan.loggings.keys().map(String::as_str).chain([PLAIN]).collect();
-            return Err(wrong(format!("there is no logging `{name}`; there are: {}", known.join(", "))).into());
+            let known: Vec<&str> =
+                plan.loggings.keys().map(String::as_str).chain([PLAIN]).collect();
+            return Err(wrong(format!(
+                "there is no logging `{name}`; there are: {}",
+                known.join(", ")
+            ))
+            .into());
         }
     };
-    let sampled = matches!(source, Source::File(plant) if matches!(plant.model, PlantModel::Sampled(_)));
+    let sampled =
+        matches!(source, Source::File(plant) if matches!(plant.model, PlantModel::Sampled(_)));
     if logging.jitter > 0.0 && (states || sampled || key.c2d != "zoh" || key.loops != Loop::Open) {
         let detail = format!(
             "logging `{}`: uneven stamps are simulated between the samples of continuous plants behind `zoh` in an open loop, for methods that look at pairs",
@@ -219,7 +269,11 @@ fn logging(plan: &Plan, key: &Key, source: &Source, states: bool, wrong: Wrong<'
 
 /// Events pass through a dead time and nothing else.
 fn only_events(key: &Key, logging: &Logging, wrong: Wrong<'_>) -> super::error::Result<()> {
-    let plain = key.plant == "gain" && key.c2d == "zoh" && key.noise == "white" && key.loops == Loop::Open && logging.jitter == 0.0;
+    let plain = key.plant == "gain"
+        && key.c2d == "zoh"
+        && key.noise == "white"
+        && key.loops == Loop::Open
+        && logging.jitter == 0.0;
     if plain {
         return Ok(());
     }
@@ -231,7 +285,13 @@ fn only_events(key: &Key, logging: &Logging, wrong: Wrong<'_>) -> super::error::
 
 impl Setting {
     /// Looks up what a key names.
-    pub(super) fn new(plan: &Plan, number: usize, key: Key, max_delay: usize, states: bool) -> super::error::Result<Self> {
+    pub(super) fn new(
+        plan: &Plan,
+        number: usize,
+        key: Key,
+        max_delay: usize,
+        states: bool,
+    ) -> super::error::Result<Self> {
         let grid: &Grid = &plan.grids[number];
         let wrong: Wrong<'_> = &|detail| StudyError::Plan { plan: plan.name.clone(), detail };
         let (source, inputs, outputs) = source(&key.plant, &plan.folder)?;
@@ -240,11 +300,21 @@ impl Setting {
         if let Delay::PerInput(all) = &key.delay
             && all.len() != inputs.len()
         {
-            return Err(wrong(format!("delay_s holds {} delays for the {} inputs of {}", all.len(), inputs.len(), key.plant)).into());
+            return Err(wrong(format!(
+                "delay_s holds {} delays for the {} inputs of {}",
+                all.len(),
+                inputs.len(),
+                key.plant
+            ))
+            .into());
         }
         let signal = match plan.excitations.get(&key.excitation) {
             Some(signal) => signal.clone(),
-            None => Signal { signal: key.excitation.clone(), options: serde_json::Map::new(), draw: Draw::EachTrial },
+            None => Signal {
+                signal: key.excitation.clone(),
+                options: serde_json::Map::new(),
+                draw: Draw::EachTrial,
+            },
         };
         let definition = definition(plan, grid, &key, &signal)?;
         let logging = logging(plan, &key, &source, states, wrong)?;
@@ -289,10 +359,16 @@ impl Setting {
             Source::Listed(entry) => !entry.random,
             Source::File(_) => true,
         };
-        let quiet = self.key.snr.is_infinite() && self.colour.innovation_std.is_none_or(|std| std == 0.0);
+        let quiet =
+            self.key.snr.is_infinite() && self.colour.innovation_std.is_none_or(|std| std == 0.0);
         let chosen = !matches!(self.key.delay, Delay::Drawn(_));
         let drive = |seed| self.drive(&mut ChaCha8Rng::seed_from_u64(seed));
-        Ok(self.excitation.is_some() && self.logging.is_plain() && fixed && quiet && chosen && drive(0)? == drive(1)?)
+        Ok(self.excitation.is_some()
+            && self.logging.is_plain()
+            && fixed
+            && quiet
+            && chosen
+            && drive(0)? == drive(1)?)
     }
 
     /// The seed of a record: a hash of the plan's seed, of what the record is of and of its number, so that no other record of a plan moves it.
@@ -314,25 +390,36 @@ impl Setting {
         };
         let drive = match self.draw {
             Draw::EachTrial => self.drive(&mut rng)?,
-            Draw::Once => {
-                self.drive(&mut ChaCha8Rng::seed_from_u64(hash(&format!("{plan_seed}|{}|{}", self.key.excitation, self.key.samples))))?
-            }
+            Draw::Once => self.drive(&mut ChaCha8Rng::seed_from_u64(hash(&format!(
+                "{plan_seed}|{}|{}",
+                self.key.excitation, self.key.samples
+            ))))?,
         };
         let bare = self.sampled(&plant.model, &vec![0.0; delay_s.len()])?;
         let delayed = self.sampled(&plant.model, &delay_s)?;
         let noise = |rng: &mut ChaCha8Rng, clean: &[f64]| self.noisy(clean, rng);
         let stamps = self.logging.stamps(self.key.samples, &mut rng);
         let (plant_in, clean, states, model) = match self.key.loops {
-            Loop::Open if let Some(stamps) = &stamps => {
-                (drive.clone(), self.between(&plant.model, &delay_s, &drive, stamps)?, Vec::new(), self.told(&plant.model, &bare))
-            }
+            Loop::Open if let Some(stamps) = &stamps => (
+                drive.clone(),
+                self.between(&plant.model, &delay_s, &drive, stamps)?,
+                Vec::new(),
+                self.told(&plant.model, &bare),
+            ),
             Loop::Open => {
                 let [y, x] = simulated(&delayed, &drive)?;
                 (drive.clone(), y, x, self.told(&plant.model, &bare))
             }
             Loop::Stabilised => {
                 let identity = DMatrix::identity;
-                let k = dlqr(bare.a(), bare.b(), &identity(bare.order(), bare.order()), &identity(bare.inputs(), bare.inputs()), None)?.k;
+                let k = dlqr(
+                    bare.a(),
+                    bare.b(),
+                    &identity(bare.order(), bare.order()),
+                    &identity(bare.inputs(), bare.inputs()),
+                    None,
+                )?
+                .k;
                 let [y, x] = simulated(&fed_back(&delayed, &bare, &k)?, &drive)?;
                 (drive.clone(), y, x, PlantModel::Sampled(bare.with_state_feedback(&k)?))
             }
@@ -349,35 +436,63 @@ impl Setting {
         };
         // A controller's loop has its noise inside.
         let inside = self.is_closed() && self.controller.is_some();
-        let outputs =
-            clean.iter().map(|y| if inside { Ok(y.clone()) } else { noise(&mut rng, y) }).collect::<super::error::Result<Vec<_>>>()?;
+        let outputs = clean
+            .iter()
+            .map(|y| if inside { Ok(y.clone()) } else { noise(&mut rng, y) })
+            .collect::<super::error::Result<Vec<_>>>()?;
         let order = match &model {
             PlantModel::Continuous(m) => m.order(),
             PlantModel::Sampled(m) => m.order(),
         };
         let states = if self.states {
-            states.iter().take(order).map(|x| noise(&mut rng, x)).collect::<super::error::Result<Vec<_>>>()?
+            states
+                .iter()
+                .take(order)
+                .map(|x| noise(&mut rng, x))
+                .collect::<super::error::Result<Vec<_>>>()?
         } else {
             Vec::new()
         };
         let degree = self.degree(&bare);
         let bound_samples = (clean.iter().enumerate())
             .map(|(output, y)| match &plant.model {
-                PlantModel::Continuous(continuous) if self.key.loops == Loop::Open && self.exact_hold() && self.logging.is_plain() => {
-                    bound_samples(continuous, output, &drive, delay_s[0], self.sample_time, self.noise_std(y)?, &self.colour)
+                PlantModel::Continuous(continuous)
+                    if self.key.loops == Loop::Open
+                        && self.exact_hold()
+                        && self.logging.is_plain() =>
+                {
+                    bound_samples(
+                        continuous,
+                        output,
+                        &drive,
+                        delay_s[0],
+                        self.sample_time,
+                        self.noise_std(y)?,
+                        &self.colour,
+                    )
                 }
                 _ => None,
             })
             .collect();
-        let (plant_in, outputs) =
-            self.logging.read((&self.inputs, &self.outputs), (&plant_in, &outputs), stamps.as_deref(), self.sample_time, &mut rng)?;
+        let (plant_in, outputs) = self.logging.read(
+            (&self.inputs, &self.outputs),
+            (&plant_in, &outputs),
+            stamps.as_deref(),
+            self.sample_time,
+            &mut rng,
+        )?;
         let from = |inputs: Vec<Vec<f64>>| {
             let recording = Recording {
                 inputs: inputs.into_iter().map(Into::into).collect(),
                 outputs: outputs.clone(),
                 states: states.iter().cloned().map(Into::into).collect(),
             };
-            let experiment = Experiment::new(self.sample_time, self.inputs.clone(), self.outputs.clone(), vec![recording]);
+            let experiment = Experiment::new(
+                self.sample_time,
+                self.inputs.clone(),
+                self.outputs.clone(),
+                vec![recording],
+            );
             experiment.ok().map(|e| e.with_model(model.clone()))
         };
         let reference = self.is_closed().then(|| from(drive.clone())).flatten();
@@ -385,18 +500,45 @@ impl Setting {
     }
 
     /// Record `seed` of events.
-    fn passages(&self, seed: u64, delay_s: Vec<f64>, rng: &mut ChaCha8Rng) -> super::error::Result<Record> {
+    fn passages(
+        &self,
+        seed: u64,
+        delay_s: Vec<f64>,
+        rng: &mut ChaCha8Rng,
+    ) -> super::error::Result<Record> {
         let name = |names: &[String]| names.first().cloned().unwrap_or_default();
-        let (first, second, delay) = (name(&self.inputs), name(&self.outputs), delay_s.first().copied().unwrap_or(0.0));
-        let events = passages([&first, &second], self.key.samples, delay, self.key.snr, &self.logging, self.sample_time, rng)?;
-        Ok(Record { seed, from: [Some(events), None], delay_s, degree: vec![vec![0]], bound_samples: vec![None] })
+        let (first, second, delay) =
+            (name(&self.inputs), name(&self.outputs), delay_s.first().copied().unwrap_or(0.0));
+        let events = passages(
+            [&first, &second],
+            self.key.samples,
+            delay,
+            self.key.snr,
+            &self.logging,
+            self.sample_time,
+            rng,
+        )?;
+        Ok(Record {
+            seed,
+            from: [Some(events), None],
+            delay_s,
+            degree: vec![vec![0]],
+            bound_samples: vec![None],
+        })
     }
 
     /// The outputs at stamps off the grid, of inputs held from stamp to stamp.
-    fn between(&self, model: &PlantModel, delay_s: &[f64], drive: &[Vec<f64>], stamps: &[usize]) -> super::error::Result<Vec<Vec<f64>>> {
+    fn between(
+        &self,
+        model: &PlantModel,
+        delay_s: &[f64],
+        drive: &[Vec<f64>],
+        stamps: &[usize],
+    ) -> super::error::Result<Vec<Vec<f64>>> {
         let PlantModel::Continuous(continuous) = model else { return Ok(Vec::new()) };
         let step = SampleTime::new(self.sample_time.to_seconds(1.0 / STEPS as f64))?;
-        let fine = self.conversion.c2d(&continuous.clone().with_input_delay(delay_s.to_vec())?, step)?;
+        let fine =
+            self.conversion.c2d(&continuous.clone().with_input_delay(delay_s.to_vec())?, step)?;
         let inputs: Vec<Vec<f64>> = drive.iter().map(|u| held(u, stamps)).collect();
         let [y, _] = simulated(&fine, &inputs)?;
         Ok(y.iter().map(|y| stamps.iter().filter_map(|t| y.get(*t)).copied().collect()).collect())
@@ -414,7 +556,8 @@ impl Setting {
             Delay::Drawn(Drawn { uniform_s: [from, to], whole }) => (0..self.inputs.len())
                 .map(|_| {
                     if *whole {
-                        let (first, last) = ((from / ts).ceil() as u64, (to / ts + 1e-9).floor() as u64);
+                        let (first, last) =
+                            ((from / ts).ceil() as u64, (to / ts + 1e-9).floor() as u64);
                         let drawn = rng.random_range(first..=last.max(first)) as f64;
                         drawn * ts
                     } else if from < to {
@@ -432,11 +575,20 @@ impl Setting {
         self.inputs.iter().map(|_| Ok(excitation.generate(self.key.samples, rng)?)).collect()
     }
 
-    fn sampled(&self, model: &PlantModel, delay_s: &[f64]) -> super::error::Result<StateSpace<Sampled>> {
+    fn sampled(
+        &self,
+        model: &PlantModel,
+        delay_s: &[f64],
+    ) -> super::error::Result<StateSpace<Sampled>> {
         match model {
-            PlantModel::Continuous(m) => Ok(self.conversion.c2d(&m.clone().with_input_delay(delay_s.to_vec())?, self.sample_time)?),
+            PlantModel::Continuous(m) => Ok(self
+                .conversion
+                .c2d(&m.clone().with_input_delay(delay_s.to_vec())?, self.sample_time)?),
             PlantModel::Sampled(m) => {
-                let whole = delay_s.iter().map(|s| Ok(self.sample_time.samples(*s)?.whole)).collect::<super::error::Result<Vec<_>>>()?;
+                let whole = delay_s
+                    .iter()
+                    .map(|s| Ok(self.sample_time.samples(*s)?.whole))
+                    .collect::<super::error::Result<Vec<_>>>()?;
                 m.sample_time().must_equal(self.sample_time)?;
                 Ok(m.clone().with_input_delay(whole)?)
             }
@@ -454,8 +606,12 @@ impl Setting {
     }
 
     fn degree(&self, bare: &StateSpace<Sampled>) -> Vec<Vec<usize>> {
-        let of = |output, input| if self.known_degree { bare.relative_degree(output, input).unwrap_or(1) } else { 1 };
-        (0..bare.outputs()).map(|output| (0..bare.inputs()).map(|input| of(output, input)).collect()).collect()
+        let of = |output, input| {
+            if self.known_degree { bare.relative_degree(output, input).unwrap_or(1) } else { 1 }
+        };
+        (0..bare.outputs())
+            .map(|output| (0..bare.inputs()).map(|input| of(output, input)).collect())
+            .collect()
     }
 
     fn noise_colour(&self) -> NoiseColour {
@@ -473,13 +629,22 @@ impl Setting {
 
     fn noisy(&self, clean: &[f64], rng: &mut ChaCha8Rng) -> super::error::Result<Vec<f64>> {
         if let Some(std) = self.colour.innovation_std {
-            return Ok(clean.iter().zip(self.innovations_through(clean.len(), std, rng)).map(|(y, v)| y + v).collect());
+            return Ok(clean
+                .iter()
+                .zip(self.innovations_through(clean.len(), std, rng))
+                .map(|(y, v)| y + v)
+                .collect());
         }
         // A state that rests has no signal-to-noise ratio, and no noise.
         if clean.iter().all(|v| Some(v) == clean.first()) {
             return Ok(clean.to_vec());
         }
-        Ok(Noise { snr: self.key.snr, colour: self.noise_colour(), scaling: NoiseScaling::Expected }.add(clean, rng)?)
+        Ok(Noise {
+            snr: self.key.snr,
+            colour: self.noise_colour(),
+            scaling: NoiseScaling::Expected,
+        }
+        .add(clean, rng)?)
     }
 
     /// White noise of this standard deviation through C/A, from rest.
@@ -487,7 +652,9 @@ impl Setting {
         use rand_distr::{Distribution, StandardNormal};
         let white = |rng: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(rng) };
         let e: Vec<f64> = (0..samples).map(|_| std * white(rng)).collect();
-        let filter = |leading: &[f64]| [1.0].into_iter().chain(leading.iter().copied()).collect::<Vec<f64>>();
+        let filter = |leading: &[f64]| {
+            [1.0].into_iter().chain(leading.iter().copied()).collect::<Vec<f64>>()
+        };
         feedback::filtered(&filter(&self.colour.ma), &filter(&self.colour.ar), &e)
     }
 
@@ -518,18 +685,36 @@ fn spread(x: &[f64]) -> f64 {
 
 /// 53 bits of SHA-256: a seed reads alike wherever numbers are doubles.
 fn hash(text: &str) -> u64 {
-    Sha256::digest(text.as_bytes()).iter().take(8).fold(0, |seed, byte| (seed << 8) | u64::from(*byte)) >> 11
+    Sha256::digest(text.as_bytes())
+        .iter()
+        .take(8)
+        .fold(0, |seed, byte| (seed << 8) | u64::from(*byte))
+        >> 11
 }
 
 /// Digest of what stands behind the names of a key in this plan, and of what else its answers hang on.
-fn definition(plan: &Plan, grid: &Grid, key: &Key, signal: &Signal) -> super::error::Result<String> {
+fn definition(
+    plan: &Plan,
+    grid: &Grid,
+    key: &Key,
+    signal: &Signal,
+) -> super::error::Result<String> {
     let Scoring { invalid_samples, wrong_samples, .. } = grid.scoring;
     let noise = plan.noises.get(&key.noise);
     let controller = key.controller.as_ref().and_then(|c| plan.controllers.get(c));
     let listed = PLANTS.iter().any(|p| p.name == key.plant);
     let path = plan.folder.join(&key.plant);
     let file = if listed { String::new() } else { read_text(&path)? };
-    let mut all = serde_json::json!([signal, noise, controller, file, grid.detrend, grid.known_degree, invalid_samples, wrong_samples]);
+    let mut all = serde_json::json!([
+        signal,
+        noise,
+        controller,
+        file,
+        grid.detrend,
+        grid.known_degree,
+        invalid_samples,
+        wrong_samples
+    ]);
     if let (Some(list), Some(logging)) = (all.as_array_mut(), plan.loggings.get(&key.logging)) {
         list.push(serde_json::json!(logging));
     }
@@ -545,32 +730,56 @@ fn source(name: &str, folder: &Path) -> super::error::Result<(Source, Vec<String
     let path = folder.join(name);
     if !path.exists() {
         let known: Vec<&str> = PLANTS.iter().map(|p| p.name).collect();
-        let detail = format!("there is no plant `{name}`, and no model file of that name; there are: {}", known.join(", "));
+        let detail = format!(
+            "there is no plant `{name}`, and no model file of that name; there are: {}",
+            known.join(", ")
+        );
         return Err(StudyError::Plan { plan: name.to_owned(), detail }.into());
     }
     let file = ModelFile::read(&path)?;
-    let model = if file.is_sampled() { PlantModel::Sampled(file.sampled()?) } else { PlantModel::Continuous(file.continuous()?) };
+    let model = if file.is_sampled() {
+        PlantModel::Sampled(file.sampled()?)
+    } else {
+        PlantModel::Continuous(file.continuous()?)
+    };
     if file.input_delay_s.iter().any(|d| *d != 0.0) || !file.effects.is_empty() {
         let detail = "a plant of a study has no dead time and no effects of its own: take them out of the model file, and inject delays with `delay_s`";
-        return Err(StudyError::Plan { plan: path.display().to_string(), detail: detail.to_owned() }.into());
+        return Err(StudyError::Plan {
+            plan: path.display().to_string(),
+            detail: detail.to_owned(),
+        }
+        .into());
     }
-    let names = |channels: &[deadtime_model::Channel]| channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
+    let names = |channels: &[deadtime_model::Channel]| {
+        channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>()
+    };
     let (inputs, outputs) = (names(&file.inputs), names(&file.outputs));
     let plant = Plant { model, inputs: inputs.clone(), outputs: outputs.clone() };
     Ok((Source::File(Box::new(plant)), inputs, outputs))
 }
 
 /// Outputs and states of a plant that rests before the first sample.
-fn simulated(sys: &StateSpace<Sampled>, inputs: &[Vec<f64>]) -> super::error::Result<[Vec<Vec<f64>>; 2]> {
+fn simulated(
+    sys: &StateSpace<Sampled>,
+    inputs: &[Vec<f64>],
+) -> super::error::Result<[Vec<Vec<f64>>; 2]> {
     let u = DMatrix::from_fn(inputs.first().map_or(0, Vec::len), inputs.len(), |t, j| inputs[j][t]);
-    let options = Options { initial: Some(DVector::zeros(sys.order())), prehistory: Prehistory::Rest, ..Options::default() };
+    let options = Options {
+        initial: Some(DVector::zeros(sys.order())),
+        prehistory: Prehistory::Rest,
+        ..Options::default()
+    };
     let response = lsim(sys, &u, sys.sample_time(), &options)?;
     let columns = |m: &DMatrix<f64>| m.column_iter().map(|c| c.iter().copied().collect()).collect();
     Ok([columns(&response.y), columns(&response.x)])
 }
 
 /// The delayed plant with feedback that is not delayed: a fraction of a sample adds states after the plant's own, which K does not see.
-fn fed_back(delayed: &StateSpace<Sampled>, bare: &StateSpace<Sampled>, k: &DMatrix<f64>) -> super::error::Result<StateSpace<Sampled>> {
+fn fed_back(
+    delayed: &StateSpace<Sampled>,
+    bare: &StateSpace<Sampled>,
+    k: &DMatrix<f64>,
+) -> super::error::Result<StateSpace<Sampled>> {
     let n = bare.order();
     let (mut a, mut c) = (delayed.a().clone(), delayed.c().clone());
     let mut upper = a.view_mut((0, 0), (n, n));
@@ -590,7 +799,12 @@ mod tests {
     fn outputs(plan: &mut Plan, grid: &str) -> Vec<Vec<f64>> {
         plan.only(&[grid.to_owned()], &[]).unwrap();
         let record = |s: &Setting| s.record(plan.seed, 0).unwrap().from[0].take().unwrap();
-        Layout::new(plan).unwrap().settings.iter().map(|s| record(s).recordings()[0].outputs[0].values.to_vec()).collect()
+        Layout::new(plan)
+            .unwrap()
+            .settings
+            .iter()
+            .map(|s| record(s).recordings()[0].outputs[0].values.to_vec())
+            .collect()
     }
 
     fn power(x: impl Iterator<Item = f64>) -> f64 {
@@ -606,7 +820,8 @@ mod tests {
         assert_eq!(noisy.len(), 18);
         // Björklund (2003), p. 75: 790 to 1147; 2000 samples of a noise tell its power to 5 %, a slow one's to 10 %.
         for (noisy, quiet) in noisy.iter().zip(&quiet) {
-            let ratio = power(quiet.iter().copied()) / power(noisy.iter().zip(quiet).map(|(a, b)| a - b));
+            let ratio =
+                power(quiet.iter().copied()) / power(noisy.iter().zip(quiet).map(|(a, b)| a - b));
             assert!(ratio > 0.85 * 790.0 && ratio < 1.15 * 1147.0, "{ratio}");
         }
     }

@@ -55,14 +55,18 @@ impl Tally {
             *mean += off / *count;
             *squares += off * (raw - *mean);
         }
-        for (sums, value) in [(&mut self.bound, row.bound_samples), (&mut self.predicted, row.predicted_samples)] {
+        for (sums, value) in
+            [(&mut self.bound, row.bound_samples), (&mut self.predicted, row.predicted_samples)]
+        {
             if let Some(value) = value {
                 sums[0] += 1.0;
                 sums[1] += value * value;
             }
         }
         if let Some(e) = row.error_samples {
-            self.wrong += usize::from(row.delay_s.is_some() && e.abs() > scoring.wrong_samples && held != Some(true));
+            self.wrong += usize::from(
+                row.delay_s.is_some() && e.abs() > scoring.wrong_samples && held != Some(true),
+            );
             self.scored += 1;
             self.sum += e;
             self.square += e * e;
@@ -96,7 +100,10 @@ impl Tally {
     pub(super) fn rms_ci95(&self) -> Option<[f64; 2]> {
         let [mean, std] = self.mean_square()?;
         let unseen = if self.square == 0.0 { UNSEEN / self.count() } else { 0.0 };
-        Some([(mean - NORMAL_95_EXACT * std).max(0.0).sqrt(), (mean + NORMAL_95_EXACT * std + unseen).sqrt()])
+        Some([
+            (mean - NORMAL_95_EXACT * std).max(0.0).sqrt(),
+            (mean + NORMAL_95_EXACT * std + unseen).sqrt(),
+        ])
     }
 
     /// The root mean square error and its standard deviation.
@@ -201,7 +208,9 @@ mod tests {
 
     fn tally(errors: &[f64]) -> Tally {
         let mut tally = Tally::default();
-        errors.iter().for_each(|e| tally.add(&row(*e), &Scoring::default(), SampleTime::new(1.0).unwrap()));
+        errors
+            .iter()
+            .for_each(|e| tally.add(&row(*e), &Scoring::default(), SampleTime::new(1.0).unwrap()));
         tally
     }
 
@@ -212,7 +221,8 @@ mod tests {
         assert_abs_diff_eq!(t.bias().unwrap(), 0.625, epsilon = 1e-12);
         // 3 is off by more than a sample and its interval, 7 … 9, leaves out 5; −1 is on the edge of its interval.
         assert_eq!((t.wrong, t.flagged, t.coverage95()), (1, 0, Some(0.75)));
-        let spread = [5.0, 8.0, 4.0, 5.5_f64].map(|v| (v - 5.625).powi(2)).iter().sum::<f64>() / 3.0;
+        let spread =
+            [5.0, 8.0, 4.0, 5.5_f64].map(|v| (v - 5.625).powi(2)).iter().sum::<f64>() / 3.0;
         assert_abs_diff_eq!(t.std_raw_s().unwrap(), spread.sqrt(), epsilon = 1e-12);
         assert_eq!(t.bound_rms(), Some(0.5));
     }
@@ -225,8 +235,10 @@ mod tests {
         for (kind, truth) in [(0, 1.0), (1, 0.125_f64.sqrt())] {
             let mut held = 0;
             for _ in 0..2000 {
-                let errors: Vec<f64> =
-                    (0..100).map(|_| normal(&mut rng)).map(|e| if kind == 0 { e } else { f64::from(u8::from(e > 1.150_349_38)) }).collect();
+                let errors: Vec<f64> = (0..100)
+                    .map(|_| normal(&mut rng))
+                    .map(|e| if kind == 0 { e } else { f64::from(u8::from(e > 1.150_349_38)) })
+                    .collect();
                 let [a, b] = tally(&errors).rms_ci95().unwrap();
                 held += u32::from(a <= truth && truth <= b);
             }
@@ -234,7 +246,10 @@ mod tests {
             assert!((1820..=1960).contains(&held), "kind {kind}: {held} of 2000");
         }
         let [a, b] = tally(&[0.0; 100]).rms_ci95().unwrap();
-        assert!(a == 0.0 && b > 0.18 && b < 0.2, "no error in 100 records leaves one in 27 possible: {b}");
+        assert!(
+            a == 0.0 && b > 0.18 && b < 0.2,
+            "no error in 100 records leaves one in 27 possible: {b}"
+        );
     }
 
     #[test]
@@ -247,10 +262,21 @@ mod tests {
         let (a, b) = (tally(&first), tally(&second));
         let kept90 = kept(&[&a, &b], 90.0);
         let share = 1.0_f64 / 3.0;
-        assert_abs_diff_eq!(kept90[0].unwrap(), (16.0 * share / (9.0 + share)).sqrt(), epsilon = 1e-9);
-        assert_abs_diff_eq!(kept90[1].unwrap(), ((8.0 + 32.0 * share) / (8.0 + 2.0 * share)).sqrt(), epsilon = 1e-9);
+        assert_abs_diff_eq!(
+            kept90[0].unwrap(),
+            (16.0 * share / (9.0 + share)).sqrt(),
+            epsilon = 1e-9
+        );
+        assert_abs_diff_eq!(
+            kept90[1].unwrap(),
+            ((8.0 + 32.0 * share) / (8.0 + 2.0 * share)).sqrt(),
+            epsilon = 1e-9
+        );
         let all = kept(&[&a, &b], 100.0);
-        assert!((all[0].unwrap() - a.rms().unwrap()).abs() < 1e-12 && (all[1].unwrap() - b.rms().unwrap()).abs() < 1e-12);
+        assert!(
+            (all[0].unwrap() - a.rms().unwrap()).abs() < 1e-12
+                && (all[1].unwrap() - b.rms().unwrap()).abs() < 1e-12
+        );
         // Nothing of a cell whose answers are all worse than the border.
         assert_eq!(kept(&[&tally(&[0.0; 9]), &tally(&[7.0])], 90.0)[1], None);
     }

@@ -121,14 +121,21 @@ impl Timings {
     }
 
     fn from_csv(text: impl Read, path: &Path) -> Result<Self, StudyError> {
-        let wrong = |detail: String| StudyError::Results { path: path.to_owned(), detail: detail.into() };
-        let remedy = "give a CSV with the columns bench, before_s and after_s, a line a pair of runs";
+        let wrong =
+            |detail: String| StudyError::Results { path: path.to_owned(), detail: detail.into() };
+        let remedy =
+            "give a CSV with the columns bench, before_s and after_s, a line a pair of runs";
         let mut pairs = Vec::new();
-        for (at, pair) in csv::Reader::from_reader(text).into_deserialize::<TimedPair>().enumerate() {
+        for (at, pair) in csv::Reader::from_reader(text).into_deserialize::<TimedPair>().enumerate()
+        {
             let pair = pair.map_err(|e| wrong(format!("{e}; {remedy}")))?;
             for (column, value) in [("before_s", pair.before_s), ("after_s", pair.after_s)] {
                 if !(value.is_finite() && value > 0.0) {
-                    return Err(wrong(format!("line {}, bench `{}`: {column} is {value}: a run takes some time", at + 2, pair.bench)));
+                    return Err(wrong(format!(
+                        "line {}, bench `{}`: {column} is {value}: a run takes some time",
+                        at + 2,
+                        pair.bench
+                    )));
                 }
             }
             pairs.push(pair);
@@ -182,7 +189,8 @@ impl SpeedGate {
                 100.0 * alpha
             ));
         }
-        let mut benches: Vec<Timed> = names.iter().zip(&groups).map(|(name, group)| self.counted(name, group)).collect();
+        let mut benches: Vec<Timed> =
+            names.iter().zip(&groups).map(|(name, group)| self.counted(name, group)).collect();
         for side in [0, 1] {
             let corrected = holm(&benches.iter().map(|b| b.p_value[side]).collect::<Vec<f64>>());
             benches.iter_mut().zip(corrected).for_each(|(b, p)| b.p_value[side] = p);
@@ -251,7 +259,11 @@ mod tests {
                 self.burst = self.rng.random_range(20..400);
             }
             self.burst = self.burst.saturating_sub(1);
-            let stray = if self.rng.random_bool(0.125) { Pareto::new(0.05, 1.2).unwrap().sample(&mut self.rng) } else { 0.0 };
+            let stray = if self.rng.random_bool(0.125) {
+                Pareto::new(0.05, 1.2).unwrap().sample(&mut self.rng)
+            } else {
+                0.0
+            };
             let busy = if self.burst > 0 { 1.5 } else { 1.0 };
             true_s * busy * self.wander.exp() * (1.0 + 0.03 * normal(&mut self.rng).abs() + stray)
         }
@@ -269,7 +281,11 @@ mod tests {
                     *time = machine.run(base_s * if side == 1 { slowdown(bench) } else { 1.0 });
                 }
             }
-            pairs.extend((0..BENCHES).map(|b| TimedPair { bench: format!("b{b}"), before_s: times[0][b], after_s: times[1][b] }));
+            pairs.extend((0..BENCHES).map(|b| TimedPair {
+                bench: format!("b{b}"),
+                before_s: times[0][b],
+                after_s: times[1][b],
+            }));
         }
         Timings { pairs }
     }
@@ -279,9 +295,17 @@ mod tests {
         const RUNS: u64 = 1000;
         for margin in [0.1, 0.0] {
             let gate = SpeedGate { margin, ..SpeedGate::default() };
-            let alarms = |speed| (0..RUNS).filter(|seed| gate.judge(&measured(*seed, |_| 1.0)).unwrap().of(speed).count() > 0).count();
+            let alarms = |speed| {
+                (0..RUNS)
+                    .filter(|seed| {
+                        gate.judge(&measured(*seed, |_| 1.0)).unwrap().of(speed).count() > 0
+                    })
+                    .count()
+            };
             let (slower, faster) = (alarms(Speed::Slower), alarms(Speed::Faster));
-            println!("margin {margin}: of {RUNS} pairs of equal programs {slower} called slower, {faster} faster");
+            println!(
+                "margin {margin}: of {RUNS} pairs of equal programs {slower} called slower, {faster} faster"
+            );
             // Fewer than 1 % of the runs; without the margin the test alone is what stands, and it is allowed the 1 %: three standard deviations of that count beside it.
             let most = if margin > 0.0 { 9 } else { 20 };
             assert!(slower <= most && faster <= most, "{slower} {faster}");
@@ -293,8 +317,11 @@ mod tests {
         // What the rule is for: the same machine, judged by the ratio of mean times.
         let naive = |timings: &Timings| {
             (0..BENCHES).any(|b| {
-                let of: Vec<&TimedPair> = timings.pairs.iter().filter(|p| p.bench == format!("b{b}")).collect();
-                let mean = |f: fn(&TimedPair) -> f64| of.iter().map(|p| f(p)).sum::<f64>() / of.len() as f64;
+                let of: Vec<&TimedPair> =
+                    timings.pairs.iter().filter(|p| p.bench == format!("b{b}")).collect();
+                let mean = |f: fn(&TimedPair) -> f64| {
+                    of.iter().map(|p| f(p)).sum::<f64>() / of.len() as f64
+                };
                 mean(|p| p.after_s) > 1.1 * mean(|p| p.before_s)
             })
         };
@@ -306,15 +333,22 @@ mod tests {
     fn a_doubled_loop_in_one_bench_is_named_and_nothing_else() {
         let (mut found, mut others) = (0, 0);
         for seed in 0..200 {
-            let report = SpeedGate::default().judge(&measured(5000 + seed, |b| if b == 7 { 2.0 } else { 1.0 })).unwrap();
+            let report = SpeedGate::default()
+                .judge(&measured(5000 + seed, |b| if b == 7 { 2.0 } else { 1.0 }))
+                .unwrap();
             found += report.of(Speed::Slower).filter(|b| b.bench == "b7").count();
             others += report.of(Speed::Slower).filter(|b| b.bench != "b7").count();
         }
-        println!("a doubled bench of {BENCHES} found in {found} of 200 runs of {ROUNDS} rounds, {others} others");
+        println!(
+            "a doubled bench of {BENCHES} found in {found} of 200 runs of {ROUNDS} rounds, {others} others"
+        );
         assert!(found >= 180 && others <= 2, "{found} {others}");
         // All of them at half the time are faster, each.
         let report = SpeedGate::default().judge(&measured(1, |_| 0.5)).unwrap();
-        assert!(report.of(Speed::Faster).count() > BENCHES * 8 / 10 && report.of(Speed::Slower).count() == 0);
+        assert!(
+            report.of(Speed::Faster).count() > BENCHES * 8 / 10
+                && report.of(Speed::Slower).count() == 0
+        );
     }
 
     #[test]
@@ -328,7 +362,9 @@ mod tests {
 
     #[test]
     fn files_that_are_no_timings_are_refused_with_line_and_remedy() {
-        let read = |text: &str| Timings::from_csv(text.as_bytes(), Path::new("t.csv")).unwrap_err().to_string();
+        let read = |text: &str| {
+            Timings::from_csv(text.as_bytes(), Path::new("t.csv")).unwrap_err().to_string()
+        };
         for (text, told) in [
             ("", "no pairs"),
             ("bench,before_s,after_s\n", "no pairs"),
@@ -339,7 +375,14 @@ mod tests {
         ] {
             assert!(read(text).contains(told), "{text}: {}", read(text));
         }
-        let whole = Timings::from_csv("bench,round,before_s,after_s\n\"a, b\",1,1e-6,2e-6\n".as_bytes(), Path::new("t.csv")).unwrap();
-        assert_eq!(whole.pairs, [TimedPair { bench: "a, b".to_owned(), before_s: 1e-6, after_s: 2e-6 }]);
+        let whole = Timings::from_csv(
+            "bench,round,before_s,after_s\n\"a, b\",1,1e-6,2e-6\n".as_bytes(),
+            Path::new("t.csv"),
+        )
+        .unwrap();
+        assert_eq!(
+            whole.pairs,
+            [TimedPair { bench: "a, b".to_owned(), before_s: 1e-6, after_s: 2e-6 }]
+        );
     }
 }

@@ -5,7 +5,9 @@
 use std::error::Error;
 
 use deadtime::identify::Identifier;
-use deadtime::identify::subspace::{Identified, Moesp, N4sid, Named, Pbsidopt, Recordings, Root, Settings, Stretch};
+use deadtime::identify::subspace::{
+    Identified, Moesp, N4sid, Named, Pbsidopt, Recordings, Root, Settings, Stretch,
+};
 use deadtime::model::StateSpace;
 use deadtime::progress::HowFar;
 use deadtime::time::SampleTime;
@@ -96,7 +98,13 @@ impl Machine {
 
     fn truth(&self) -> Result<StateSpace<deadtime::model::Sampled>, Box<dyn Error>> {
         let d = DMatrix::zeros(self.c.nrows(), 1);
-        Ok(StateSpace::sampled(self.a.clone(), self.b.clone(), self.c.clone(), d, SampleTime::new(SAMPLE_TIME_S)?)?)
+        Ok(StateSpace::sampled(
+            self.a.clone(),
+            self.b.clone(),
+            self.c.clone(),
+            d,
+            SampleTime::new(SAMPLE_TIME_S)?,
+        )?)
     }
 }
 
@@ -108,7 +116,10 @@ struct Held {
     failed: bool,
 }
 
-fn held(found: &Identified, truth: &StateSpace<deadtime::model::Sampled>) -> Result<Held, Box<dyn Error>> {
+fn held(
+    found: &Identified,
+    truth: &StateSpace<deadtime::model::Sampled>,
+) -> Result<Held, Box<dyn Error>> {
     let mut counts = [[0, 0]; 4];
     let mut count = |which: usize, holds: bool| {
         counts[which][0] += usize::from(holds);
@@ -140,7 +151,8 @@ fn roots(found: &[Root], truth: &[Complex<f64>]) -> Vec<bool> {
     let mut left = found.to_vec();
     let far = |r: &Root, z: &Complex<f64>| (Complex::new(r.re, r.im) - z).norm();
     let one = |z: &Complex<f64>| {
-        let nearest = (0..left.len()).min_by(|a, b| far(&left[*a], z).total_cmp(&far(&left[*b], z)))?;
+        let nearest =
+            (0..left.len()).min_by(|a, b| far(&left[*a], z).total_cmp(&far(&left[*b], z)))?;
         Some(left.swap_remove(nearest).covers(*z))
     };
     truth.iter().map(one).map(|holds| holds.unwrap_or(false)).collect()
@@ -148,14 +160,18 @@ fn roots(found: &[Root], truth: &[Complex<f64>]) -> Vec<bool> {
 
 /// The share over all records with its standard error by records: values of one record err together.
 fn share(all: &[Held], which: usize) -> String {
-    let shares: Vec<f64> =
-        all.iter().filter(|h| h.counts[which][1] > 0).map(|h| h.counts[which][0] as f64 / h.counts[which][1] as f64).collect();
+    let shares: Vec<f64> = all
+        .iter()
+        .filter(|h| h.counts[which][1] > 0)
+        .map(|h| h.counts[which][0] as f64 / h.counts[which][1] as f64)
+        .collect();
     if shares.is_empty() {
         return "–".to_owned();
     }
     let n = shares.len() as f64;
     let mean = shares.iter().sum::<f64>() / n;
-    let error = (shares.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / (n * (n - 1.0).max(1.0))).sqrt();
+    let error =
+        (shares.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / (n * (n - 1.0).max(1.0))).sqrt();
     let missed = if (0.90..=0.98).contains(&mean) { "" } else { " missed" };
     format!("{:.1} ± {:.1}{missed}", 100.0 * mean, 100.0 * error)
 }
@@ -164,8 +180,10 @@ fn share(all: &[Held], which: usize) -> String {
 fn methods(order: usize, replicates: bool) -> Vec<(&'static str, Box<dyn Identifier>)> {
     let given = Settings { order: Some(order), ..Settings::default() };
     let blocks = Settings { past: Some(12), bootstrap: 100, ..given.clone() };
-    let mut all: Vec<(&'static str, Box<dyn Identifier>)> =
-        vec![("pbsidopt, order given", Box::new(Pbsidopt(given))), ("pbsidopt, order chosen", Box::new(Pbsidopt(Settings::default())))];
+    let mut all: Vec<(&'static str, Box<dyn Identifier>)> = vec![
+        ("pbsidopt, order given", Box::new(Pbsidopt(given))),
+        ("pbsidopt, order chosen", Box::new(Pbsidopt(Settings::default()))),
+    ];
     if replicates {
         all.push(("pbsidopt, order given, bootstrap of 100", Box::new(Pbsidopt(blocks.clone()))));
         all.push(("n4sid, order given, bootstrap of 100", Box::new(N4sid(blocks.clone()))));
@@ -181,20 +199,37 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!(
         "Each row: {records} records of {SAMPLES} samples, seeds from {first}; shares in % of the intervals of 95 % that hold the truth, with the"
     );
-    println!("standard error over records. Responses at {FREQUENCIES} frequencies. A share below 90 or above 98 is *missed*.\n");
+    println!(
+        "standard error over records. Responses at {FREQUENCIES} frequencies. A share below 90 or above 98 is *missed*.\n"
+    );
     println!("| machine | method | gain | phase | poles | zeros | another order found | failed |");
     println!("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |");
     for (which, machine) in machines().iter().enumerate() {
         let truth = machine.truth()?;
         for (name, method) in methods(machine.a.nrows(), which == 0) {
             let one = |i: u64| {
-                let found = machine.record(first + i).ok().and_then(|r| method.identify(&r, &HowFar::default()).ok());
-                found.and_then(|f| held(&f, &truth).ok()).unwrap_or(Held { failed: true, ..Held::default() })
+                let found = machine
+                    .record(first + i)
+                    .ok()
+                    .and_then(|r| method.identify(&r, &HowFar::default()).ok());
+                found
+                    .and_then(|f| held(&f, &truth).ok())
+                    .unwrap_or(Held { failed: true, ..Held::default() })
             };
             let all: Vec<Held> = (0..records).into_par_iter().map(one).collect();
             let of = |which| share(&all, which);
-            let (other, failed) = (all.iter().filter(|h| h.other_order).count(), all.iter().filter(|h| h.failed).count());
-            println!("| {} | {name} | {} | {} | {} | {} | {other} | {failed} |", machine.name, of(0), of(1), of(2), of(3));
+            let (other, failed) = (
+                all.iter().filter(|h| h.other_order).count(),
+                all.iter().filter(|h| h.failed).count(),
+            );
+            println!(
+                "| {} | {name} | {} | {} | {} | {} | {other} | {failed} |",
+                machine.name,
+                of(0),
+                of(1),
+                of(2),
+                of(3)
+            );
         }
     }
     Ok(())

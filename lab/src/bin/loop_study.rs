@@ -22,8 +22,19 @@ const AGAIN: usize = 250;
 /// The window of the search, samples.
 const WINDOW: usize = 35;
 /// Methods that are asked for the verdict: quick ones of every class.
-const METHODS: [&str; 11] =
-    ["oestruc", "arxstruc", "delayest", "met1struc", "oe_posterior", "p1d", "p2d", "impulseest", "arxdap", "lagudap", "fischer"];
+const METHODS: [&str; 11] = [
+    "oestruc",
+    "arxstruc",
+    "delayest",
+    "met1struc",
+    "oe_posterior",
+    "p1d",
+    "p2d",
+    "impulseest",
+    "arxdap",
+    "lagudap",
+    "fischer",
+];
 
 /// A gain of one behind two lags and a dead time, all in samples.
 struct Plant {
@@ -39,7 +50,9 @@ impl Plant {
 
     /// The gain at which the loop with a proportional controller that is `late` samples late begins to oscillate, and the frequency, rad by sample.
     fn ultimate(&self, late: f64) -> (f64, f64) {
-        let phase = |w: f64| self.lags.iter().map(|t| (w * t).atan()).sum::<f64>() + w * (self.delay + 0.5 + late);
+        let phase = |w: f64| {
+            self.lags.iter().map(|t| (w * t).atan()).sum::<f64>() + w * (self.delay + 0.5 + late)
+        };
         let w = (1..3000).map(|i| 1e-3 * f64::from(i)).find(|w| phase(*w) >= PI).unwrap_or(3.0);
         (self.lags.iter().map(|t| (1.0 + (w * t).powi(2)).sqrt()).product(), w)
     }
@@ -65,7 +78,11 @@ impl<'a> Running<'a> {
             self.given.push(command);
             let mut x = self.given.len().checked_sub(later + 1).map_or(0.0, |i| self.given[i]);
             for (state, lag) in self.states.iter_mut().zip(self.plant.lags) {
-                *state = if lag > 0.0 { x + (*state - x) * (-1.0 / (lag * FINE as f64)).exp() } else { x };
+                *state = if lag > 0.0 {
+                    x + (*state - x) * (-1.0 / (lag * FINE as f64)).exp()
+                } else {
+                    x
+                };
                 x = *state;
             }
         }
@@ -110,9 +127,14 @@ fn excite(name: &str, samples: usize, rng: &mut ChaCha8Rng) -> Option<Vec<f64>> 
         return noise(samples, 1, rng).ok();
     }
     let entry = EXCITATIONS.iter().find(|e| e.name == name)?;
-    let options = if name == "prbs" { serde_json::json!({ "order": 9, "clock": 3 }) } else { serde_json::json!({}) };
+    let options = if name == "prbs" {
+        serde_json::json!({ "order": 9, "clock": 3 })
+    } else {
+        serde_json::json!({})
+    };
     let signal = entry.with(options).ok()?;
-    let fixed = ["two_ramps", "impulse", "step", "staircase", "doublet", "three_two_one_one"].contains(&name);
+    let fixed = ["two_ramps", "impulse", "step", "staircase", "doublet", "three_two_one_one"]
+        .contains(&name);
     let short = signal.generate(if fixed { AGAIN } else { samples }, rng).ok()?;
     Some((0..samples).map(|k| short[k % short.len()]).collect())
 }
@@ -159,7 +181,8 @@ fn closed(reference: &str, rng: &mut ChaCha8Rng) -> Option<Closed> {
     let e = scaled(&noise(samples, rng.random_range(0..3), rng).ok()?, level);
     let run = |r: &[f64], e: &[f64]| {
         let (mut running, mut sum, mut past) = (Running::new(&plant), 0.0, 0.0);
-        let (mut u, mut y, mut clean) = (Vec::with_capacity(samples), Vec::with_capacity(samples), 0.0);
+        let (mut u, mut y, mut clean) =
+            (Vec::with_capacity(samples), Vec::with_capacity(samples), 0.0);
         for (r, e) in r.iter().zip(e) {
             let measured = clean + e;
             let error = r - if at_once { measured } else { past };
@@ -175,25 +198,43 @@ fn closed(reference: &str, rng: &mut ChaCha8Rng) -> Option<Closed> {
     let (u, y) = run(&r, &e);
     let (alone, _) = run(&vec![0.0; samples], &e);
     let bounded = u.iter().all(|v| v.is_finite() && v.abs() < 1e6);
-    bounded.then(|| Closed { by_noise: (deviation(&alone) / deviation(&u)).powi(2), u, y, delay: plant.delay, at_once })
+    bounded.then(|| Closed {
+        by_noise: (deviation(&alone) / deviation(&u)).powi(2),
+        u,
+        y,
+        delay: plant.delay,
+        at_once,
+    })
 }
 
 fn percent(part: usize, of: usize) -> String {
-    if of == 0 { "–".to_owned() } else { format!("{:.1} % of {of}", 100.0 * part as f64 / of as f64) }
+    if of == 0 {
+        "–".to_owned()
+    } else {
+        format!("{:.1} % of {of}", 100.0 * part as f64 / of as f64)
+    }
 }
 
 /// The verdict's interval, s, at a sample time of 1 s.
 fn verdict(u: &[f64], y: &[f64]) -> Result<Option<[f64; 2]>, Box<dyn Error + Send + Sync>> {
     let time_s = (0..u.len()).map(|k| k as f64).collect();
-    let log = Log::new("draw", time_s, vec![Channel::new("u", None, u.to_vec()), Channel::new("y", None, y.to_vec())])?;
+    let log = Log::new(
+        "draw",
+        time_s,
+        vec![Channel::new("u", None, u.to_vec()), Channel::new("y", None, y.to_vec())],
+    )?;
     let methods = chosen(&METHODS.map(str::to_owned), &BTreeMap::new(), &[Scope::Pair])?;
     let report = Job { methods, ..Job::new(vec![log], ["u"], ["y"]) }.run()?;
     Ok(report.pairs.first().and_then(|p| p.verdict.ci95_s))
 }
 
 /// Parts of the input's variance that noise makes: the rows of the tables.
-const PARTS: [(&str, f64, f64); 4] =
-    [("less than 1 %", 0.0, 0.01), ("1 to 5 %", 0.01, 0.05), ("5 to 50 %", 0.05, 0.5), ("more than 50 %", 0.5, 2.0)];
+const PARTS: [(&str, f64, f64); 4] = [
+    ("less than 1 %", 0.0, 0.01),
+    ("1 to 5 %", 0.01, 0.05),
+    ("5 to 50 %", 0.05, 0.5),
+    ("more than 50 %", 0.5, 2.0),
+];
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
@@ -205,7 +246,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!(
         "two lags, three colours of noise, signal-to-noise ratios of 1 to 10 000, plants that are linear and plants whose gain falls by a fifth.\n"
     );
-    println!("| excitation | linear: a loop | bent: a loop | leads |\n| --- | ---: | ---: | ---: |");
+    println!(
+        "| excitation | linear: a loop | bent: a loop | leads |\n| --- | ---: | ---: | ---: |"
+    );
     let names: Vec<&str> = EXCITATIONS.iter().map(|e| e.name).chain(["noise"]).collect();
     let mut total = [0; 5];
     for name in &names {
@@ -216,22 +259,46 @@ fn main() -> Result<(), Box<dyn Error>> {
                 let bent = rng.random_bool(0.5);
                 let (u, y) = open(name, bent, &mut rng)?;
                 let record = [Record::new(without_mean(&u), without_mean(&y))];
-                Some((bent, in_loop(&record, WINDOW, 1).closed(), lead(&record, WINDOW, 1).is_some()))
+                Some((
+                    bent,
+                    in_loop(&record, WINDOW, 1).closed(),
+                    lead(&record, WINDOW, 1).is_some(),
+                ))
             })
             .collect();
         let count = |f: &dyn Fn(&(bool, bool, bool)) -> bool| seen.iter().filter(|s| f(s)).count();
-        let row = [count(&|s| !s.0 && s.1), count(&|s| !s.0), count(&|s| s.0 && s.1), count(&|s| s.0), count(&|s| s.2)];
-        println!("| {name} | {} | {} | {} |", percent(row[0], row[1]), percent(row[2], row[3]), percent(row[4], row[1] + row[3]));
+        let row = [
+            count(&|s| !s.0 && s.1),
+            count(&|s| !s.0),
+            count(&|s| s.0 && s.1),
+            count(&|s| s.0),
+            count(&|s| s.2),
+        ];
+        println!(
+            "| {name} | {} | {} | {} |",
+            percent(row[0], row[1]),
+            percent(row[2], row[3]),
+            percent(row[4], row[1] + row[3])
+        );
         total.iter_mut().zip(row).for_each(|(t, r)| *t += r);
     }
-    println!("| all | {} | {} | {} |\n", percent(total[0], total[1]), percent(total[2], total[3]), percent(total[4], total[1] + total[3]));
+    println!(
+        "| all | {} | {} | {} |\n",
+        percent(total[0], total[1]),
+        percent(total[2], total[3]),
+        percent(total[4], total[1] + total[3])
+    );
     println!(
         "## Loops\n\nRecords of 500 to 2000 samples in which a controller makes the input from the output, within the sample or one later, and those that are said to be of a"
     );
     println!(
         "loop, by the reference and by how much of the input's variance the output's noise makes (where that is little, so is the error of a method made for open records).\n"
     );
-    println!("| reference | {} |\n| --- | {}", PARTS.map(|p| p.0).join(" | "), "---: | ".repeat(PARTS.len()).trim_end());
+    println!(
+        "| reference | {} |\n| --- | {}",
+        PARTS.map(|p| p.0).join(" | "),
+        "---: | ".repeat(PARTS.len()).trim_end()
+    );
     let references = ["rbs", "prbs", "noise", "multisine", "chirp", "doublet", "step", "none"];
     let draw = |seed: u64, reference: &str| closed(reference, &mut ChaCha8Rng::seed_from_u64(seed));
     let mut sum = [[0; 2]; 4];
@@ -246,7 +313,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             .collect();
         let mut row = Vec::new();
         for (i, (_, from, to)) in PARTS.iter().enumerate() {
-            let all: Vec<&(f64, bool)> = seen.iter().filter(|s| s.0 >= *from && s.0 < *to).collect();
+            let all: Vec<&(f64, bool)> =
+                seen.iter().filter(|s| s.0 >= *from && s.0 < *to).collect();
             let found = all.iter().filter(|s| s.1).count();
             sum[i] = [sum[i][0] + found, sum[i][1] + all.len()];
             row.push(percent(found, all.len()));
@@ -257,7 +325,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!(
         "## Verdicts in a loop\n\nThe same draws (a quarter of them): records that get a verdict, those of them whose interval holds the dead time, and its median width, samples.\n"
     );
-    println!("| reference | the controller answers | answered | holds | width |\n| --- | --- | ---: | ---: | ---: |");
+    println!(
+        "| reference | the controller answers | answered | holds | width |\n| --- | --- | ---: | ---: | ---: |"
+    );
     let mut all = [0; 3];
     for reference in references {
         for (when, wanted) in [("within the sample", true), ("a sample later", false)] {
@@ -273,8 +343,13 @@ fn main() -> Result<(), Box<dyn Error>> {
             let held = answers.iter().filter(|a| a.0).count();
             let mut widths: Vec<f64> = answers.iter().map(|a| a.1).collect();
             widths.sort_by(f64::total_cmp);
-            let width = widths.get(widths.len() / 2).map_or("–".to_owned(), |w| format!("{w:.1}"));
-            println!("| {reference} | {when} | {} | {} | {width} |", percent(answers.len(), seen.len()), percent(held, answers.len()));
+            let width =
+                widths.get(widths.len() / 2).map_or("–".to_owned(), |w| format!("{w:.1}"));
+            println!(
+                "| {reference} | {when} | {} | {} | {width} |",
+                percent(answers.len(), seen.len()),
+                percent(held, answers.len())
+            );
             all = [all[0] + seen.len(), all[1] + answers.len(), all[2] + held];
         }
     }

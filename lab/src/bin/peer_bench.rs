@@ -56,7 +56,10 @@ fn matrix(rows: &[Vec<f64>]) -> DMatrix<f64> {
 
 fn signal(path: &str) -> Result<Vec<f64>, Box<dyn Error>> {
     let bytes = std::fs::read(path)?;
-    Ok(bytes.chunks_exact(8).map(|c| f64::from_le_bytes(c.try_into().unwrap_or_default())).collect())
+    Ok(bytes
+        .chunks_exact(8)
+        .map(|c| f64::from_le_bytes(c.try_into().unwrap_or_default()))
+        .collect())
 }
 
 /// Row after row, as numpy writes an array.
@@ -67,7 +70,9 @@ fn by_rows(m: &DMatrix<f64>) -> Vec<f64> {
 /// The computation of a request, its data already in memory.
 fn task(request: &Request) -> Result<Box<dyn Fn() -> Answer>, Box<dyn Error>> {
     let sample_time = || SampleTime::new(request.ts);
-    let records = || -> Result<_, Box<dyn Error>> { Ok([Record::new(signal(&request.u)?, signal(&request.y)?)]) };
+    let records = || -> Result<_, Box<dyn Error>> {
+        Ok([Record::new(signal(&request.u)?, signal(&request.y)?)])
+    };
     let (max_delay, taps) = (request.max_delay, request.taps);
     Ok(match request.task.as_str() {
         "c2d" => {
@@ -97,27 +102,40 @@ fn task(request: &Request) -> Result<Box<dyn Fn() -> Answer>, Box<dyn Error>> {
             let records = records()?;
             let orders = OutputError { nb: 1, nf: 2, initial: Initial::Zero };
             Box::new(move || {
-                Ok(orders.scan(&records, max_delay).iter().map(|fit| fit.as_ref().map_or(f64::INFINITY, |fit| fit.loss)).collect())
+                Ok(orders
+                    .scan(&records, max_delay)
+                    .iter()
+                    .map(|fit| fit.as_ref().map_or(f64::INFINITY, |fit| fit.loss))
+                    .collect())
             })
         }
         "fir" => {
             let records = records()?;
             Box::new(move || {
                 let fir = fir(&records, taps).ok_or("the input does not excite all taps")?;
-                Ok(fir.coefficients.iter().chain(fir.covariance.diagonal().iter()).copied().collect())
+                Ok(fir
+                    .coefficients
+                    .iter()
+                    .chain(fir.covariance.diagonal().iter())
+                    .copied()
+                    .collect())
             })
         }
         "csv" => {
             let path = std::path::PathBuf::from(&request.u);
             // The sum of every channel: all of it was read.
-            Box::new(move || Ok(read(&path)?.channels().map(|c| c.samples().values.iter().sum()).collect()))
+            Box::new(move || {
+                Ok(read(&path)?.channels().map(|c| c.samples().values.iter().sum()).collect())
+            })
         }
         "recording" => {
             let path = std::path::PathBuf::from(&request.u);
             // One sum per topic.
             Box::new(move || {
                 let recording = open(&path, &ReadOptions::default())?;
-                let sum = |topic: &Topic| topic.log.channels().map(|c| c.iter().flatten().sum::<f64>()).sum();
+                let sum = |topic: &Topic| {
+                    topic.log.channels().map(|c| c.iter().flatten().sum::<f64>()).sum()
+                };
                 Ok(recording.topics.iter().map(sum).collect())
             })
         }

@@ -47,12 +47,30 @@ fn machines() -> Vec<Machine> {
     vec![
         Machine { step: true, ..one("one lag, one step", "p1d", &fopdt, 0.1) },
         one("one lag", "p1d", &fopdt, 0.2),
-        one("one lag and a zero", "p1dz", &[("K", 1.7), ("T1", 8.0), ("Tz", 3.0), ("dead_time", 3.0)], 0.2),
+        one(
+            "one lag and a zero",
+            "p1dz",
+            &[("K", 1.7), ("T1", 8.0), ("Tz", 3.0), ("dead_time", 3.0)],
+            0.2,
+        ),
         one("two lags", "p2d", &[("K", 1.7), ("T1", 8.0), ("T2", 3.0), ("dead_time", 3.37)], 0.1),
-        one("two lags and a zero", "p2dz", &[("K", 1.7), ("T1", 8.0), ("T2", 3.0), ("Tz", -2.0), ("dead_time", 3.37)], 0.05),
+        one(
+            "two lags and a zero",
+            "p2dz",
+            &[("K", 1.7), ("T1", 8.0), ("T2", 3.0), ("Tz", -2.0), ("dead_time", 3.37)],
+            0.05,
+        ),
         one("integrator", "p0di", &[("K", 0.8), ("dead_time", 3.37), ("u0", 2.1)], 0.5),
-        one("integrator and a lag", "p1di", &[("K", 0.8), ("T1", 4.0), ("dead_time", 3.37), ("u0", 2.1)], 0.5),
-        Machine { options: json!({ "draws": 0, "nf": 2, "nb": 2 }), ..one("transfer function, lag 4", "riv", &riv, 1.0) },
+        one(
+            "integrator and a lag",
+            "p1di",
+            &[("K", 0.8), ("T1", 4.0), ("dead_time", 3.37), ("u0", 2.1)],
+            0.5,
+        ),
+        Machine {
+            options: json!({ "draws": 0, "nf": 2, "nb": 2 }),
+            ..one("transfer function, lag 4", "riv", &riv, 1.0)
+        },
     ]
 }
 
@@ -67,7 +85,8 @@ impl Machine {
         if t < 0.0 {
             return 0.0;
         }
-        let (k, t1, t2, tz) = (self.number("K"), self.number("T1"), self.number("T2"), self.number("Tz"));
+        let (k, t1, t2, tz) =
+            (self.number("K"), self.number("T1"), self.number("T2"), self.number("Tz"));
         let e = |lag: f64| (-t / lag).exp();
         match self.method {
             "p0di" => k * t,
@@ -80,7 +99,9 @@ impl Machine {
     fn outputs(&self, u: &[f64]) -> Vec<f64> {
         let n = u.len();
         if self.method == "riv" {
-            let (mut y, at) = (vec![0.0; n], |t: usize, lag: usize| t.checked_sub(lag).map_or(0.0, |t| u[t] - 2.0));
+            let (mut y, at) = (vec![0.0; n], |t: usize, lag: usize| {
+                t.checked_sub(lag).map_or(0.0, |t| u[t] - 2.0)
+            });
             for t in 2..n {
                 y[t] = 1.5 * y[t - 1] - 0.7 * y[t - 2] + at(t, 4) + 0.5 * at(t, 5);
             }
@@ -129,7 +150,12 @@ impl Machine {
         let named = |name: &str| vec![Named { name: name.to_owned(), unit: None }];
         let row = |v: &[f64]| DMatrix::from_row_slice(1, SAMPLES, &v[BEFORE..]);
         let stretches = vec![Stretch { u: row(&u), y: row(&y) }];
-        Ok(Recordings { sample_time: SampleTime::new(TS)?, inputs: named("u"), outputs: named("y"), stretches })
+        Ok(Recordings {
+            sample_time: SampleTime::new(TS)?,
+            inputs: named("u"),
+            outputs: named("y"),
+            stretches,
+        })
     }
 
     /// Of each number: its error over its standard deviation, and whether its interval holds it; `None` where there is no model.
@@ -161,7 +187,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("| --- | --- | --- | --- | ---: | ---: | ---: | ---: |");
     for machine in machines() {
         for (noise, colour) in [("white", 0.0), ("coloured", 0.8)] {
-            let all: Vec<_> = (0..records).into_par_iter().map(|i| machine.judged(first + i, colour)).collect();
+            let all: Vec<_> =
+                (0..records).into_par_iter().map(|i| machine.judged(first + i, colour)).collect();
             let found: Vec<&Vec<(f64, bool)>> = all.iter().flatten().collect();
             for (i, (name, truth)) in machine.truth.iter().enumerate() {
                 let n = found.len().max(1) as f64;

@@ -75,9 +75,14 @@ fn colour(number: usize) -> NoiseColour {
 /// An excitation by its name, given again and again where its shape is fixed; `None` where it cannot be that long.
 fn excite(name: &str, samples: usize, rng: &mut ChaCha8Rng) -> Option<Vec<f64>> {
     let entry = EXCITATIONS.iter().find(|e| e.name == name)?;
-    let options = if name == "prbs" { serde_json::json!({ "order": 9, "clock": 3 }) } else { serde_json::json!({}) };
+    let options = if name == "prbs" {
+        serde_json::json!({ "order": 9, "clock": 3 })
+    } else {
+        serde_json::json!({})
+    };
     let signal = entry.with(options).ok()?;
-    let fixed = ["two_ramps", "impulse", "step", "staircase", "doublet", "three_two_one_one"].contains(&name);
+    let fixed = ["two_ramps", "impulse", "step", "staircase", "doublet", "three_two_one_one"]
+        .contains(&name);
     let short = signal.generate(if fixed { AGAIN } else { RECORD }, rng).ok()?;
     Some((0..samples).map(|k| short[k % short.len()]).collect())
 }
@@ -134,7 +139,11 @@ fn alarms(u: &[f64], y: &[f64]) -> Result<Raised, Box<dyn Error>> {
 }
 
 fn percent(part: usize, of: usize) -> String {
-    if of == 0 { "–".to_owned() } else { format!("{:.1} % of {of}", 100.0 * part as f64 / of as f64) }
+    if of == 0 {
+        "–".to_owned()
+    } else {
+        format!("{:.1} % of {of}", 100.0 * part as f64 / of as f64)
+    }
 }
 
 /// How a delay moves: its name, and the samples that it is later at a share of the record.
@@ -150,12 +159,20 @@ const MOTIONS: [Motion; 5] = [
 ];
 
 /// Share of the samples at which the track's band holds the truth, and whether the record is said to be what it is; through the whole estimation.
-fn held(u: &[f64], y: &[f64], truth: impl Fn(f64) -> f64) -> Result<Option<(f64, bool)>, Box<dyn Error>> {
+fn held(
+    u: &[f64],
+    y: &[f64],
+    truth: impl Fn(f64) -> f64,
+) -> Result<Option<(f64, bool)>, Box<dyn Error>> {
     let time_s = (0..u.len()).map(|k| TS * k as f64).collect();
     let channels = vec![Channel::new("u", None, u.to_vec()), Channel::new("y", None, y.to_vec())];
     let names = ["oestruc", "oe_posterior", "arxstruc", "p2d"].map(str::to_owned);
     let methods = chosen(&names, &BTreeMap::new(), &[Scope::Pair])?;
-    let job = Job { methods, track: true, ..Job::new(vec![Log::new("draw", time_s, channels)?], ["u"], ["y"]) };
+    let job = Job {
+        methods,
+        track: true,
+        ..Job::new(vec![Log::new("draw", time_s, channels)?], ["u"], ["y"])
+    };
     let report = job.run()?;
     let Some(pair) = report.pairs.first() else { return Ok(None) };
     let Some(track) = &pair.track else { return Ok(None) };
@@ -164,8 +181,12 @@ fn held(u: &[f64], y: &[f64], truth: impl Fn(f64) -> f64) -> Result<Option<(f64,
         track.low_s[*i] <= d + 1e-9 && d <= track.high_s[*i] + 1e-9
     };
     let count = track.time_s.len();
-    let moves = truth(0.0) != truth(u.len() as f64 - 1.0) || truth(0.0) != truth(u.len() as f64 / 2.0);
-    Ok(Some(((0..count).filter(inside).count() as f64 / count.max(1) as f64, pair.moving.is_some() == moves)))
+    let moves =
+        truth(0.0) != truth(u.len() as f64 - 1.0) || truth(0.0) != truth(u.len() as f64 / 2.0);
+    Ok(Some((
+        (0..count).filter(inside).count() as f64 / count.max(1) as f64,
+        pair.moving.is_some() == moves,
+    )))
 }
 
 /// Tracks of every motion.
@@ -174,7 +195,9 @@ fn bands(draws: u64, first: u64, cases: &[(usize, usize)]) -> Result<(), Box<dyn
         "## Tracks\n\nThe share of samples at which the 95 % band of `estimate --track` holds the true dead time, and that of records whose delay is rightly said to move or to"
     );
     println!("stand: records of {RECORD} samples, signal-to-noise ratios of 10 and 100.\n");
-    println!("| excitation | the delay | in the band | rightly said | records |\n| --- | --- | ---: | ---: | ---: |");
+    println!(
+        "| excitation | the delay | in the band | rightly said | records |\n| --- | --- | ---: | ---: | ---: |"
+    );
     let mut all = (0.0, 0.0);
     for name in ["rbs", "prbs", "multisine", "chirp", "doublet", "three_two_one_one"] {
         for (motion, later) in MOTIONS {
@@ -182,12 +205,15 @@ fn bands(draws: u64, first: u64, cases: &[(usize, usize)]) -> Result<(), Box<dyn
             for seed in first..first + draws {
                 for &case in cases {
                     for snr in [10.0, 100.0] {
-                        let mut rng = ChaCha8Rng::seed_from_u64(1000 * seed + 10 * case.0 as u64 + case.1 as u64);
+                        let mut rng = ChaCha8Rng::seed_from_u64(
+                            1000 * seed + 10 * case.0 as u64 + case.1 as u64,
+                        );
                         let Some(u) = excite(name, RECORD, &mut rng) else { continue };
                         let delay = rng.random_range(2.0..15.0);
                         let truth = |t: f64| delay + later(t / RECORD as f64);
                         let y = respond(case.0, &u, truth, &mut rng);
-                        let y = Noise { snr, colour: colour(case.1), ..Noise::default() }.add(&y, &mut rng)?;
+                        let y = Noise { snr, colour: colour(case.1), ..Noise::default() }
+                            .add(&y, &mut rng)?;
                         if let Some((held, said)) = held(&u, &y, truth)? {
                             share += held;
                             right += f64::from(u8::from(said));
@@ -196,7 +222,11 @@ fn bands(draws: u64, first: u64, cases: &[(usize, usize)]) -> Result<(), Box<dyn
                     }
                 }
             }
-            println!("| {name} | {motion} | {:.1} % | {:.1} % | {count} |", 100.0 * share / count, 100.0 * right / count);
+            println!(
+                "| {name} | {motion} | {:.1} % | {:.1} % | {count} |",
+                100.0 * share / count,
+                100.0 * right / count
+            );
             all = (all.0 + share, all.1 + count);
         }
     }
@@ -208,15 +238,20 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let draws: u64 = arguments.next().map_or(Ok(10), |a| a.parse())?;
     let first: u64 = arguments.next().map_or(Ok(1_000_000), |a| a.parse())?;
-    let cases: Vec<(usize, usize)> = (0..PLANTS).flat_map(|p| (0..COLOURS).map(move |c| (p, c))).collect();
-    let rng = |seed: u64, case: (usize, usize)| ChaCha8Rng::seed_from_u64(1000 * seed + 10 * case.0 as u64 + case.1 as u64);
+    let cases: Vec<(usize, usize)> =
+        (0..PLANTS).flat_map(|p| (0..COLOURS).map(move |c| (p, c))).collect();
+    let rng = |seed: u64, case: (usize, usize)| {
+        ChaCha8Rng::seed_from_u64(1000 * seed + 10 * case.0 as u64 + case.1 as u64)
+    };
     println!(
         "## A delay that stands\n\nRecords of {RECORD} samples said to have a delay that changes, and runs of {RUN} samples with an alarm (of a delay or of a response that"
     );
     println!(
         "changed), by excitation, over four kinds of plant, three colours of noise and signal-to-noise ratios of 10, 100 and 10 000.\n"
     );
-    println!("| excitation | record | run | runs in which nothing could be learnt |\n| --- | ---: | ---: | ---: |");
+    println!(
+        "| excitation | record | run | runs in which nothing could be learnt |\n| --- | ---: | ---: | ---: |"
+    );
     let mut total = [0; 4];
     for entry in EXCITATIONS {
         let mut count = [0; 5];
@@ -224,7 +259,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             for &case in &cases {
                 for snr in [10.0, 100.0, 1e4] {
                     let mut rng = rng(seed, case);
-                    if let Some((u, y, _)) = draw(entry.name, RECORD, case, snr, 0.0, 0.0, &mut rng) {
+                    if let Some((u, y, _)) = draw(entry.name, RECORD, case, snr, 0.0, 0.0, &mut rng)
+                    {
                         count[0] += 1;
                         count[1] += usize::from(first_change(&u, &y).is_some());
                     }
@@ -250,8 +286,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!(
         "## A delay that jumps\n\nAt a signal-to-noise ratio of 10 and a sample time of {TS} s: jumps that are seen at the right time to within a second and by the right amount to within"
     );
-    println!("two samples; the median distance in time; runs with an alarm within a second of the jump, and the median wait for it.\n");
-    println!("| excitation | jump (samples) | record | off (samples) | run | wait (samples) |\n| --- | ---: | ---: | ---: | ---: | ---: |");
+    println!(
+        "two samples; the median distance in time; runs with an alarm within a second of the jump, and the median wait for it.\n"
+    );
+    println!(
+        "| excitation | jump (samples) | record | off (samples) | run | wait (samples) |\n| --- | ---: | ---: | ---: | ---: | ---: |"
+    );
     let second = 1.0 / TS;
     let mut rich = [0; 4];
     for entry in EXCITATIONS {
@@ -261,23 +301,26 @@ fn main() -> Result<(), Box<dyn Error>> {
                 for &case in &cases {
                     let mut rng = rng(seed, case);
                     let at = RECORD as f64 * rng.random_range(0.3..0.7);
-                    if let Some((u, y, by)) = draw(entry.name, RECORD, case, 10.0, jump, at, &mut rng) {
+                    if let Some((u, y, by)) =
+                        draw(entry.name, RECORD, case, 10.0, jump, at, &mut rng)
+                    {
                         count[0] += 1;
-                        if let Some((when, _)) =
-                            first_change(&u, &y).filter(|(when, change)| (when - at).abs() <= second && (change - by).abs() <= 2.0)
-                        {
+                        if let Some((when, _)) = first_change(&u, &y).filter(|(when, change)| {
+                            (when - at).abs() <= second && (change - by).abs() <= 2.0
+                        }) {
                             count[1] += 1;
                             off.push((when - at).abs());
                         }
                     }
                     let at = RUN as f64 * rng.random_range(0.5..0.7);
-                    if let Some((u, y, by)) = draw(entry.name, RUN, case, 10.0, jump, at, &mut rng) {
+                    if let Some((u, y, by)) = draw(entry.name, RUN, case, 10.0, jump, at, &mut rng)
+                    {
                         count[2] += 1;
                         let (found, _) = alarms(&u, &y)?;
-                        let after = found
-                            .iter()
-                            .find(|(k, _)| *k as f64 >= at)
-                            .filter(|(k, change)| *k as f64 <= at + second && (change - by).abs() <= 2.0);
+                        let after =
+                            found.iter().find(|(k, _)| *k as f64 >= at).filter(|(k, change)| {
+                                *k as f64 <= at + second && (change - by).abs() <= 2.0
+                            });
                         if let Some((k, _)) = after {
                             count[3] += 1;
                             wait.push(*k as f64 - at);
@@ -302,6 +345,10 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
         }
     }
-    println!("| rbs and prbs, all jumps | | {} | | {} | |\n", percent(rich[1], rich[0]), percent(rich[3], rich[2]));
+    println!(
+        "| rbs and prbs, all jumps | | {} | | {} | |\n",
+        percent(rich[1], rich[0]),
+        percent(rich[3], rich[2])
+    );
     bands(draws.div_ceil(10), first, &cases)
 }

@@ -47,7 +47,9 @@ impl Identify {
             self.matched.must_be_absent()?;
         }
         match (&self.structured.structure, &self.matched.matched) {
-            (Some(structure), Some(identified)) => self.matched.run((&self.common, &self.structured.free), structure, identified, to),
+            (Some(structure), Some(identified)) => {
+                self.matched.run((&self.common, &self.structured.free), structure, identified, to)
+            }
             (Some(structure), None) => self.structured.run(&self.common, structure, to),
             (None, _) => self.linear.run(&self.common, to),
         }

@@ -23,10 +23,20 @@ use deadtime_signal::stop::Stop;
 #[command(next_help_heading = "A linear model of inputs and outputs")]
 pub(super) struct Linear {
     /// Input channel (the command); may be repeated
-    #[arg(long, value_name = "U", required_unless_present = "structure", conflicts_with = "structure")]
+    #[arg(
+        long,
+        value_name = "U",
+        required_unless_present = "structure",
+        conflicts_with = "structure"
+    )]
     input: Vec<String>,
     /// Output channel (the response); may be repeated
-    #[arg(long, value_name = "Y", required_unless_present = "structure", conflicts_with = "structure")]
+    #[arg(
+        long,
+        value_name = "Y",
+        required_unless_present = "structure",
+        conflicts_with = "structure"
+    )]
     output: Vec<String>,
     /// Method; `deadtime list identifiers` shows them
     #[arg(long, value_name = "NAME", default_value = "pbsidopt")]
@@ -56,20 +66,41 @@ const LEARNT: f64 = 0.7;
 
 impl Linear {
     pub(super) fn run(&self, common: &Common, to: &Out<'_>) -> anyhow::Result<()> {
-        let Some(out) = &common.out else { bail!("--out FILE is missing: where the model is to be written") };
+        let Some(out) = &common.out else {
+            bail!("--out FILE is missing: where the model is to be written")
+        };
         let logs = self.read(common, to, &common.logs)?;
         let all = Recordings::from_logs(&logs, &self.input, &self.output)?;
         let (learnt, judged, held_out) = if common.holdout.is_empty() {
             let (learnt, judged) = all.split(LEARNT);
             (learnt, judged, format!("the last {:.0} % of each record", 100.0 * (1.0 - LEARNT)))
         } else {
-            let judged = Recordings::from_logs(&self.read(common, to, &common.holdout)?, &self.input, &self.output)?;
+            let judged = Recordings::from_logs(
+                &self.read(common, to, &common.holdout)?,
+                &self.input,
+                &self.output,
+            )?;
             all.sample_time.must_equal(judged.sample_time).context("--holdout")?;
-            (all, judged, common.holdout.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", "))
+            (
+                all,
+                judged,
+                common
+                    .holdout
+                    .iter()
+                    .map(|p| p.display().to_string())
+                    .collect::<Vec<_>>()
+                    .join(", "),
+            )
         };
         let bar = Bar::new(to);
-        let found =
-            identify_behind_delays(&learnt, &logs, &self.method, &self.options()?, &self.taken_out()?, (&Stop::default(), bar.far()))?;
+        let found = identify_behind_delays(
+            &learnt,
+            &logs,
+            &self.method,
+            &self.options()?,
+            &self.taken_out()?,
+            (&Stop::default(), bar.far()),
+        )?;
         let BehindDelays { model: identified, delays, notes: delay_notes } = found;
         let file = identified.file(&name(out), &delays, self.continuous).map_err(|e| {
             anyhow::Error::new(e).context(if self.continuous {
@@ -103,7 +134,10 @@ impl Linear {
 
     fn read(&self, common: &Common, to: &Out<'_>, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
         let needed = Needed { inputs: &self.input, outputs: &self.output, required: true };
-        let records = paths.iter().map(|path| common.reading.read(to, path, &needed)).collect::<anyhow::Result<Vec<_>>>()?;
+        let records = paths
+            .iter()
+            .map(|path| common.reading.read(to, path, &needed))
+            .collect::<anyhow::Result<Vec<_>>>()?;
         Ok(records.into_iter().flatten().collect())
     }
 
@@ -135,7 +169,9 @@ impl Linear {
         match self.delay.as_slice() {
             [one] if one == "auto" => Ok(TakenOut::Estimated),
             [one] if one == "none" => Ok(TakenOut::Nothing),
-            given => Ok(TakenOut::Given(given.iter().map(|text| self.given(text)).collect::<anyhow::Result<_>>()?)),
+            given => Ok(TakenOut::Given(
+                given.iter().map(|text| self.given(text)).collect::<anyhow::Result<_>>()?,
+            )),
         }
     }
 
@@ -144,7 +180,10 @@ impl Linear {
         match parts.filter(|(name, _)| self.input.iter().any(|input| input == name)) {
             Some((name, delay_s)) => Ok((name.to_owned(), delay_s)),
             None => {
-                bail!("--delay {text}: write it as INPUT=SECONDS with an input of the model ({}), or auto or none", self.input.join(", "))
+                bail!(
+                    "--delay {text}: write it as INPUT=SECONDS with an input of the model ({}), or auto or none",
+                    self.input.join(", ")
+                )
             }
         }
     }

@@ -48,7 +48,9 @@ impl Matched {
         ];
         match given.iter().find(|(_, there)| *there) {
             Some((option, _)) => {
-                bail!("{option} is an option of a match by frequency: name the identified model (--match IDENTIFIED) in place of logs")
+                bail!(
+                    "{option} is an option of a match by frequency: name the identified model (--match IDENTIFIED) in place of logs"
+                )
             }
             None => Ok(()),
         }
@@ -62,9 +64,13 @@ impl Matched {
         to: &Out<'_>,
     ) -> anyhow::Result<()> {
         if !common.holdout.is_empty() {
-            bail!("--holdout: a match sees no logs; compare the models on a log by `deadtime simulate`");
+            bail!(
+                "--holdout: a match sees no logs; compare the models on a log by `deadtime simulate`"
+            );
         }
-        let file = ModelDocument::read(structure)?.structure().with_context(|| structure.display().to_string())?;
+        let file = ModelDocument::read(structure)?
+            .structure()
+            .with_context(|| structure.display().to_string())?;
         let Matching { norm, starts, .. } = Matching::default();
         let options = Matching {
             free: free.to_vec(),
@@ -91,13 +97,17 @@ impl Matched {
 }
 
 fn band(text: &str) -> anyhow::Result<[f64; 2]> {
-    let ends = text.split_once(':').and_then(|(low, high)| Some([low.trim().parse().ok()?, high.trim().parse().ok()?]));
+    let ends = text
+        .split_once(':')
+        .and_then(|(low, high)| Some([low.trim().parse().ok()?, high.trim().parse().ok()?]));
     ends.with_context(|| format!("--band {text}: write it as LOW:HIGH in rad/s"))
 }
 
 fn pairs(option: &str, texts: &[String]) -> anyhow::Result<Vec<(String, f64)>> {
     let one = |text: &String| {
-        let parts = text.rsplit_once('=').and_then(|(name, value)| Some((name.to_owned(), value.parse().ok()?)));
+        let parts = text
+            .rsplit_once('=')
+            .and_then(|(name, value)| Some((name.to_owned(), value.parse().ok()?)));
         parts.with_context(|| format!("{option} {text}: write it as NAME=NUMBER"))
     };
     texts.iter().map(one).collect()

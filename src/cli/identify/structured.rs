@@ -57,7 +57,12 @@ enum BalanceName {
 }
 
 impl Structured {
-    pub(super) fn run(&self, common: &Common, structure: &Path, to: &Out<'_>) -> anyhow::Result<()> {
+    pub(super) fn run(
+        &self,
+        common: &Common,
+        structure: &Path,
+        to: &Out<'_>,
+    ) -> anyhow::Result<()> {
         let document = ModelDocument::read(structure)?;
         let file = &document.structure().with_context(|| structure.display().to_string())?;
         if self.threshold.is_nan() || self.threshold <= 0.0 {
@@ -66,7 +71,10 @@ impl Structured {
         if self.shrinkage.is_some_and(|s| !s.is_finite() || s < 0.0) {
             bail!("--shrinkage must be finite and not negative");
         }
-        let (logs, held_out) = (read(common, to, &document, &common.logs)?, read(common, to, &document, &common.holdout)?);
+        let (logs, held_out) = (
+            read(common, to, &document, &common.logs)?,
+            read(common, to, &document, &common.holdout)?,
+        );
         if self.free.is_empty() && self.per_record.is_empty() {
             return self.only_score(common, file, &logs, to);
         }
@@ -103,21 +111,36 @@ impl Structured {
         Ok(())
     }
 
-    fn only_score(&self, common: &Common, file: &EquationsFile, logs: &[Log], to: &Out<'_>) -> anyhow::Result<()> {
+    fn only_score(
+        &self,
+        common: &Common,
+        file: &EquationsFile,
+        logs: &[Log],
+        to: &Out<'_>,
+    ) -> anyhow::Result<()> {
         if common.out.is_some() {
             bail!("nothing is fitted, so there is nothing to write: name parameters with --free");
         }
         if common.html.is_some() {
-            bail!("--html: nothing is fitted, so there is no page to write: name parameters with --free");
+            bail!(
+                "--html: nothing is fitted, so there is no page to write: name parameters with --free"
+            );
         }
         let found = score(file, logs, self.horizon, self.stride.unwrap_or(self.horizon))?;
-        to.json(&serde_json::json!({ "name": file.name, "horizon": self.horizon, "score": found }))?;
+        to.json(
+            &serde_json::json!({ "name": file.name, "horizon": self.horizon, "score": found }),
+        )?;
         say!(to, "{}", scores(&file.name, &[&found]).trim_end());
         Ok(())
     }
 }
 
-fn read(common: &Common, to: &Out<'_>, document: &ModelDocument, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
+fn read(
+    common: &Common,
+    to: &Out<'_>,
+    document: &ModelDocument,
+    paths: &[PathBuf],
+) -> anyhow::Result<Vec<Log>> {
     let mut logs = Vec::new();
     for path in paths {
         logs.extend(common.reading.read_for(to, path, document, true, &mut |_, _| {})?);

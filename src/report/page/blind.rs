@@ -31,7 +31,10 @@ pub fn blind(scores: &BlindScore) -> String {
 
 /// Every score with its interval; those that are shares on an axis from 0 to 1.
 fn overall(scores: &BlindScore) -> Markup {
-    let share = |s: &Score| s.value.is_some_and(|v| (0.0..=1.0).contains(&v)) && s.ci95.is_none_or(|[l, h]| l >= 0.0 && h <= 1.0);
+    let share = |s: &Score| {
+        s.value.is_some_and(|v| (0.0..=1.0).contains(&v))
+            && s.ci95.is_none_or(|[l, h]| l >= 0.0 && h <= 1.0)
+    };
     let row = |(name, summary, score): (&str, &str, &Score)| {
         let label = format!("{} ({})", number(score.value), ends(score.ci95));
         let drawn = html! {
@@ -49,7 +52,8 @@ fn overall(scores: &BlindScore) -> Markup {
             Cell::Words(summary.to_owned()),
         ]
     };
-    let (said, silent): (Vec<_>, Vec<_>) = SCORES.iter().zip(&scores.scores).partition(|(_, s)| s.value.is_some());
+    let (said, silent): (Vec<_>, Vec<_>) =
+        SCORES.iter().zip(&scores.scores).partition(|(_, s)| s.value.is_some());
     let rows: Vec<Vec<Cell>> = said.into_iter().map(|(d, s)| row((s.name, d.summary, s))).collect();
     let silent: Vec<&str> = silent.into_iter().map(|(_, s)| s.name).collect();
     html! {
@@ -75,12 +79,18 @@ fn figures(scores: &BlindScore) -> Vec<Value> {
         }
     }
     let count = |truth: &str, verdict: &str| {
-        let cases = scores.confusion.iter().filter(|c| c.truth == truth && c.verdict == verdict).map(|c| c.cases).sum::<usize>();
+        let cases = scores
+            .confusion
+            .iter()
+            .filter(|c| c.truth == truth && c.verdict == verdict)
+            .map(|c| c.cases)
+            .sum::<usize>();
         (cases > 0).then_some(cases)
     };
     let row = |truth: &&str| {
         let values: Vec<Option<usize>> = verdicts.iter().map(|v| count(truth, v)).collect();
-        let texts: Vec<String> = values.iter().map(|v| v.map_or_else(String::new, |v| v.to_string())).collect();
+        let texts: Vec<String> =
+            values.iter().map(|v| v.map_or_else(String::new, |v| v.to_string())).collect();
         json!({ "name": truth, "values": values, "texts": texts })
     };
     if !truths.is_empty() {

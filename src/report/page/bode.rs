@@ -34,7 +34,12 @@ pub(super) fn views(name: &str, hz: &[f64], curves: &[Curve<'_>]) -> [Value; 2] 
         json!({ "label": curve.label.unwrap_or(label), "y": values, "low": edge(0), "high": edge(1), "color": curve.color, "points": false })
     };
     let gain = |c: &Curve<'_>| {
-        let ends = c.gain_ci95.iter().zip(&c.gain).map(|(e, gain)| e.map(|[low, high]| [low.max(LEAST * gain), high])).collect();
+        let ends = c
+            .gain_ci95
+            .iter()
+            .zip(&c.gain)
+            .map(|(e, gain)| e.map(|[low, high]| [low.max(LEAST * gain), high]))
+            .collect();
         drawn(c, "gain", &c.gain, ends)
     };
     // All curves begin in the turn of the first.
@@ -50,7 +55,10 @@ pub(super) fn views(name: &str, hz: &[f64], curves: &[Curve<'_>]) -> [Value; 2] 
         let (middle, ends): (Vec<f64>, Vec<_>) = turned.unzip();
         drawn(c, "phase (°)", &middle, ends)
     };
-    [view("gain", true, curves.iter().map(gain).collect()), view("phase (°)", false, curves.iter().map(phase).collect())]
+    [
+        view("gain", true, curves.iter().map(gain).collect()),
+        view("phase (°)", false, curves.iter().map(phase).collect()),
+    ]
 }
 
 /// The figures of gain and of phase, a view for each pair.
@@ -58,8 +66,12 @@ pub(super) fn figures(views: Vec<[Value; 2]>) -> Vec<Value> {
     if views.is_empty() {
         return Vec::new();
     }
-    let (gains, phases): (Vec<Value>, Vec<Value>) = views.into_iter().map(|[gain, phase]| (gain, phase)).unzip();
-    vec![json!({ "id": "gain", "pick": ["pair"], "views": gains }), json!({ "id": "phase", "pick": ["pair"], "views": phases })]
+    let (gains, phases): (Vec<Value>, Vec<Value>) =
+        views.into_iter().map(|[gain, phase]| (gain, phase)).unzip();
+    vec![
+        json!({ "id": "gain", "pick": ["pair"], "views": gains }),
+        json!({ "id": "phase", "pick": ["pair"], "views": phases }),
+    ]
 }
 
 #[cfg(test)]
@@ -76,7 +88,11 @@ mod tests {
             phase_deg: phase_deg.to_vec(),
             phase_ci95_deg: phase_deg.iter().map(|p| Some([p - 1.0, p + 1.0])).collect(),
         };
-        let [gain, phase] = views("u → y", &[1.0, 2.0, 3.0], &[curve(&[-170.0, 175.0, 100.0]), curve(&[185.0, 170.0, -260.0])]);
+        let [gain, phase] = views(
+            "u → y",
+            &[1.0, 2.0, 3.0],
+            &[curve(&[-170.0, 175.0, 100.0]), curve(&[185.0, 170.0, -260.0])],
+        );
         assert_eq!(gain["curves"][0]["low"], json!([1e-3, 1e-3, 1e-3]));
         assert_eq!(phase["curves"][0]["y"], json!([-170.0, -185.0, -260.0]));
         assert_eq!(phase["curves"][1]["y"], json!([-175.0, -190.0, -260.0]));

@@ -11,7 +11,11 @@ use deadtime_gap::{Inspection, LogReport, Role};
 #[must_use]
 pub fn check(found: &Inspection) -> String {
     let failed = found.checks.iter().filter(|c| c.ok == Some(false)).count();
-    let faults = found.logs.iter().map(|l| l.channels.iter().filter(|c| !c.ok).count() + usize::from(l.time.is_some())).sum::<usize>();
+    let faults = found
+        .logs
+        .iter()
+        .map(|l| l.channels.iter().filter(|c| !c.ok).count() + usize::from(l.time.is_some()))
+        .sum::<usize>();
     let verdict = match (failed + faults, &found.not_run) {
         (0, None) => "Nothing needs a look.".to_owned(),
         (0, Some(_)) => "The checks were not run.".to_owned(),
@@ -43,18 +47,33 @@ fn checks(found: &Inspection) -> Markup {
     let mut rows: Vec<Vec<Cell>> = Vec::new();
     for ok in [Some(false), None, Some(true)] {
         for check in found.checks.iter().filter(|c| c.ok == ok) {
-            let name = serde_json::to_value(check.check).ok().and_then(|v| v.as_str().map(|s| s.replace('_', " "))).unwrap_or_default();
-            rows.push(vec![Cell::Words(name), mark(ok), Cell::Words(check.channel.clone()), Cell::Marked(quoted(&check.finding))]);
+            let name = serde_json::to_value(check.check)
+                .ok()
+                .and_then(|v| v.as_str().map(|s| s.replace('_', " ")))
+                .unwrap_or_default();
+            rows.push(vec![
+                Cell::Words(name),
+                mark(ok),
+                Cell::Words(check.channel.clone()),
+                Cell::Marked(quoted(&check.finding)),
+            ]);
         }
     }
     html! { @if !rows.is_empty() { h2 { "Checks" } (sorted("What needs no dynamics; what needs a look comes first", &["check", "result", "channel", "finding"], &rows)) } }
 }
 
 fn channels(log: &LogReport) -> Markup {
-    let every = log.sample_time_s.map_or_else(|| "unevenly sampled".to_owned(), |ts| format!("one every {} s", number(Some(ts))));
+    let every = log.sample_time_s.map_or_else(
+        || "unevenly sampled".to_owned(),
+        |ts| format!("one every {} s", number(Some(ts))),
+    );
     let row = |c: &deadtime_gap::ChannelReport| {
         let share = c.missing as f64 / log.samples.max(1) as f64;
-        let missing = if c.missing > 0 { format!("{} ({})", c.missing, percent(Some(share))) } else { c.missing.to_string() };
+        let missing = if c.missing > 0 {
+            format!("{} ({})", c.missing, percent(Some(share)))
+        } else {
+            c.missing.to_string()
+        };
         let role = match c.role {
             Role::Input => "command",
             Role::Output => "response",
@@ -67,12 +86,16 @@ fn channels(log: &LogReport) -> Markup {
             unit(&c.model_unit),
             unit(&c.log_unit),
             Cell::Number(missing.clone()),
-            Cell::Drawn(bar(&format!("{missing} samples are missing"), &stretch(0.0, share, "before"))),
+            Cell::Drawn(bar(
+                &format!("{missing} samples are missing"),
+                &stretch(0.0, share, "before"),
+            )),
             Cell::Marked(quoted(c.finding.as_deref().unwrap_or(""))),
         ]
     };
     let rows: Vec<Vec<Cell>> = log.channels.iter().map(row).collect();
-    let caption = format!("{} samples, {every}, {} s in all", log.samples, number(Some(log.duration_s)));
+    let caption =
+        format!("{} samples, {every}, {} s in all", log.samples, number(Some(log.duration_s)));
     html! {
         h3 { (log.log) }
         @if let Some(time) = &log.time { p { span .look { "✗ time stamps" } ": " (quoted(time)) } }

@@ -5,7 +5,9 @@ use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
 use super::frame::{Cell, figure, given, made_by, page, percent, quoted, table};
-use crate::report::compare::{MEASURES, agreement, by_method, findings, part_text, shared_cells, value_text, values};
+use crate::report::compare::{
+    MEASURES, agreement, by_method, findings, part_text, shared_cells, value_text, values,
+};
 use crate::report::terminal::axis::Axis;
 use deadtime_study::compare::{Diagnoses, ParameterRow, Studies};
 
@@ -38,7 +40,13 @@ pub fn compared_diagnoses(found: &Diagnoses) -> String {
 
 /// Errors on one axis.
 fn standings(found: &Diagnoses) -> Markup {
-    let most = found.diagnoses.iter().flat_map(|d| [d.before, d.after]).flatten().filter(|v| v.is_finite()).fold(0.0, f64::max);
+    let most = found
+        .diagnoses
+        .iter()
+        .flat_map(|d| [d.before, d.after])
+        .flatten()
+        .filter(|v| v.is_finite())
+        .fold(0.0, f64::max);
     let scale = |v: f64| if most > 0.0 { v / most } else { 0.0 };
     let rows: Vec<Vec<Cell>> = found
         .names
@@ -64,7 +72,20 @@ fn standings(found: &Diagnoses) -> Markup {
             ]
         })
         .collect();
-    table("Held-out nrmse", &["diagnosis", "verdict", "", "as it came", "with its causes", "noise", "shrink", "95 % interval"], &rows)
+    table(
+        "Held-out nrmse",
+        &[
+            "diagnosis",
+            "verdict",
+            "",
+            "as it came",
+            "with its causes",
+            "noise",
+            "shrink",
+            "95 % interval",
+        ],
+        &rows,
+    )
 }
 
 /// A number of every diagnosis on an axis of its own.
@@ -79,11 +100,24 @@ fn numbers(found: &Diagnoses, row: &ParameterRow) -> Markup {
             }
         };
         let text = value_text(v);
-        vec![Cell::Words(name.to_owned()), Cell::Number(text.clone()), Cell::Drawn(bar(&text, &drawn))]
+        vec![
+            Cell::Words(name.to_owned()),
+            Cell::Number(text.clone()),
+            Cell::Drawn(bar(&text, &drawn)),
+        ]
     };
-    let mut rows: Vec<Vec<Cell>> = found.names.iter().zip(&row.values).filter_map(|(name, v)| Some(line(name, v.as_ref()?, ""))).collect();
+    let mut rows: Vec<Vec<Cell>> = found
+        .names
+        .iter()
+        .zip(&row.values)
+        .filter_map(|(name, v)| Some(line(name, v.as_ref()?, "")))
+        .collect();
     if let Some(value) = row.mean {
-        rows.push(line("one value for all", &deadtime_study::compare::Value { value, ci95: row.mean_ci95 }, "aside"));
+        rows.push(line(
+            "one value for all",
+            &deadtime_study::compare::Value { value, ci95: row.mean_ci95 },
+            "aside",
+        ));
     }
     let unit = if row.unit == "1" { String::new() } else { format!(", {}", row.unit) };
     let caption = format!("{} of {}{unit}: agree: {}", row.parameter, row.cause, agreement(row));
@@ -97,8 +131,16 @@ fn matrix(found: &Diagnoses) -> Vec<Value> {
     }
     let row = |cause: &deadtime_study::compare::CauseRow| {
         // What was found without a share is there all the same.
-        let values: Vec<Option<f64>> = cause.parts.iter().map(|p| p.as_ref().map(|p| p.share.unwrap_or(1.0).max(0.0))).collect();
-        let texts: Vec<String> = cause.parts.iter().map(|p| p.as_ref().map_or_else(|| "–".to_owned(), part_text)).collect();
+        let values: Vec<Option<f64>> = cause
+            .parts
+            .iter()
+            .map(|p| p.as_ref().map(|p| p.share.unwrap_or(1.0).max(0.0)))
+            .collect();
+        let texts: Vec<String> = cause
+            .parts
+            .iter()
+            .map(|p| p.as_ref().map_or_else(|| "–".to_owned(), part_text))
+            .collect();
         json!({ "name": cause.cause, "values": values, "texts": texts })
     };
     vec![json!({ "id": "causes", "views": [{
@@ -116,7 +158,10 @@ pub fn compared_studies(found: &Studies) -> String {
         .zip(&found.studies)
         .map(|(name, s)| {
             let words = [name.clone(), s.plan.clone(), s.program.clone()].map(Cell::Words);
-            words.into_iter().chain([s.seed.to_string(), s.cells.to_string()].map(Cell::Number)).collect()
+            words
+                .into_iter()
+                .chain([s.seed.to_string(), s.cells.to_string()].map(Cell::Number))
+                .collect()
         })
         .collect();
     let body = html! {
@@ -149,6 +194,10 @@ pub fn compared_studies(found: &Studies) -> String {
             })
         })
         .collect();
-    let figures = if views.is_empty() { Vec::new() } else { vec![json!({ "id": "methods", "pick": ["number"], "views": views })] };
+    let figures = if views.is_empty() {
+        Vec::new()
+    } else {
+        vec![json!({ "id": "methods", "pick": ["number"], "views": views })]
+    };
     page("Studies side by side", &body, &json!({ "kind": "compare", "figures": figures }))
 }

@@ -14,7 +14,8 @@ const OF_CORRELATION: &[&str] = &["crosscorr"];
 pub(super) fn curves(pair: &Pair, evidence: &Evidence, step_s: f64) -> Vec<Value> {
     let output = if pair.output == "*" { "the states" } else { &pair.output };
     let draw = Draw { pair, name: format!("{} → {output}", pair.input), step_s };
-    let response = evidence.response.as_ref().map(|r| draw.response(&r.values, &r.std, evidence.limit_std));
+    let response =
+        evidence.response.as_ref().map(|r| draw.response(&r.values, &r.std, evidence.limit_std));
     let scan = evidence.scan.as_ref().map(|s| draw.scan(s));
     let correlation = evidence.correlation.as_ref().map(|c| draw.correlation(c));
     let phase = evidence.phase.as_ref().map(|p| draw.phase(p));
@@ -42,14 +43,27 @@ impl Draw<'_> {
 
     /// The answer of the first of the methods that has one, as a point on the curve.
     fn answer(&self, of: &[&str], values: &[f64]) -> Option<Value> {
-        let said = of.iter().find_map(|name| self.pair.estimates.iter().find(|e| e.method == *name && e.raw_delay_s.is_some()))?;
+        let said = of.iter().find_map(|name| {
+            self.pair.estimates.iter().find(|e| e.method == *name && e.raw_delay_s.is_some())
+        })?;
         let at = (said.raw_delay_s? / self.step_s).round();
         let at = (at >= 0.0 && at < values.len() as f64).then_some(at as usize)?;
-        let y: Vec<Option<f64>> = (0..values.len()).map(|lag| if lag == at { brief(values[lag]) } else { None }).collect();
-        Some(json!({ "label": format!("answer of {}", said.method), "y": y, "color": "before", "points": "only" }))
+        let y: Vec<Option<f64>> = (0..values.len())
+            .map(|lag| if lag == at { brief(values[lag]) } else { None })
+            .collect();
+        Some(
+            json!({ "label": format!("answer of {}", said.method), "y": y, "color": "before", "points": "only" }),
+        )
     }
 
-    fn view(&self, curve: &str, about: &str, x: &Value, y: &Value, curves: Vec<Option<Value>>) -> Value {
+    fn view(
+        &self,
+        curve: &str,
+        about: &str,
+        x: &Value,
+        y: &Value,
+        curves: Vec<Option<Value>>,
+    ) -> Value {
         let curves: Vec<Value> = curves.into_iter().flatten().collect();
         json!({ "kind": "lines", "keys": [self.name, curve], "about": format!("{about}, {}", self.name), "x": x, "y": y, "curves": curves })
     }
@@ -60,33 +74,66 @@ impl Draw<'_> {
         let curve = json!({ "label": "impulse response", "y": all(values), "color": "after" });
         let x = json!({ "label": "lag (s)", "values": self.lags(values.len()) });
         let curves = vec![Some(threshold), Some(curve), self.answer(OF_RESPONSE, values)];
-        self.view("impulse response", "Impulse response with the threshold", &x, &json!({ "label": "response" }), curves)
+        self.view(
+            "impulse response",
+            "Impulse response with the threshold",
+            &x,
+            &json!({ "label": "response" }),
+            curves,
+        )
     }
 
     fn scan(&self, scan: &Scan) -> [Value; 2] {
         let x = json!({ "label": "lag (s)", "values": self.lags(scan.loss.len()) });
-        let loss = json!({ "label": "loss over the smallest", "y": all(&scan.loss), "color": "after" });
+        let loss =
+            json!({ "label": "loss over the smallest", "y": all(&scan.loss), "color": "after" });
         let curves = vec![Some(loss), self.answer(OF_LOSS, &scan.loss)];
-        let by_delay =
-            self.view("loss over the delay", "Loss of ARX models over the delay", &x, &json!({ "label": "loss", "log": true }), curves);
-        let probability = json!({ "label": "probability", "y": all(&scan.probability), "color": "after" });
+        let by_delay = self.view(
+            "loss over the delay",
+            "Loss of ARX models over the delay",
+            &x,
+            &json!({ "label": "loss", "log": true }),
+            curves,
+        );
+        let probability =
+            json!({ "label": "probability", "y": all(&scan.probability), "color": "after" });
         let curves = vec![Some(probability), self.answer(OF_LOSS, &scan.probability)];
         let y = json!({ "label": "probability", "range": [-0.02, 1.02] });
-        [by_delay, self.view("probability of the delay", "Probability of each delay by ARX models", &x, &y, curves)]
+        [
+            by_delay,
+            self.view(
+                "probability of the delay",
+                "Probability of each delay by ARX models",
+                &x,
+                &y,
+                curves,
+            ),
+        ]
     }
 
     fn correlation(&self, found: &Correlated) -> Value {
         let count = found.coefficient.len();
         let chance = brief(found.chance);
         let band = json!({ "label": "by chance, 95 %", "y": vec![0.0; count], "low": vec![chance.map(|c| -c); count], "high": vec![chance; count], "color": "measured", "points": false });
-        let curve = json!({ "label": "correlation", "y": all(&found.coefficient), "color": "after" });
+        let curve =
+            json!({ "label": "correlation", "y": all(&found.coefficient), "color": "after" });
         let x = json!({ "label": "lag (s)", "values": self.lags(count) });
         let curves = vec![Some(band), Some(curve), self.answer(OF_CORRELATION, &found.coefficient)];
-        self.view("correlation", "Correlation of input and output", &x, &json!({ "label": "correlation" }), curves)
+        self.view(
+            "correlation",
+            "Correlation of input and output",
+            &x,
+            &json!({ "label": "correlation" }),
+            curves,
+        )
     }
 
     fn phase(&self, found: &Phase) -> Value {
-        let line: Vec<f64> = found.frequency_hz.iter().map(|f| -2.0 * std::f64::consts::PI * f * found.delay_s).collect();
+        let line: Vec<f64> = found
+            .frequency_hz
+            .iter()
+            .map(|f| -2.0 * std::f64::consts::PI * f * found.delay_s)
+            .collect();
         let measured = json!({ "label": "phase", "y": all(&found.phase_rad), "color": "after", "points": "only" });
         let line = json!({ "label": format!("a pure delay of {} s", super::frame::number(Some(found.delay_s))), "y": all(&line), "color": "measured", "dash": [8, 5], "points": false });
         let x = json!({ "label": "frequency (Hz)", "values": all(&found.frequency_hz) });

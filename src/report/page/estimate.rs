@@ -93,7 +93,9 @@ fn methods(pair: &Pair, step_s: f64) -> Markup {
         let counts = match (e.outcome, e.distrust.as_slice()) {
             (_, []) if e.counts() => "yes".to_owned(),
             (Outcome::Found, []) => "no: the data contradict its model".to_owned(),
-            (Outcome::Found, reasons) => format!("no: {}", reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(", ")),
+            (Outcome::Found, reasons) => {
+                format!("no: {}", reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(", "))
+            }
             _ => e.outcome.name().replace('_', " "),
         };
         let drawn = html! {
@@ -113,9 +115,16 @@ fn methods(pair: &Pair, step_s: f64) -> Markup {
         ]);
         cells
     };
-    let all = |counting: bool| pair.estimates.iter().filter(|e| e.counts() == counting).map(row).collect::<Vec<Vec<Cell>>>();
+    let all = |counting: bool| {
+        pair.estimates
+            .iter()
+            .filter(|e| e.counts() == counting)
+            .map(row)
+            .collect::<Vec<Vec<Cell>>>()
+    };
     let (open, aside) = (all(true), all(false));
-    let ends = axis.map_or_else(String::new, |a| a.ends().map(|v| seconds(v, step_s)).join(" to ") + " s");
+    let ends =
+        axis.map_or_else(String::new, |a| a.ends().map(|v| seconds(v, step_s)).join(" to ") + " s");
     let headings = ["method", "answer (s)", "95 % interval (s)", &ends, "counts", "note"];
     html! {
         h2 { "Methods: " (pair.input) " → " (target(pair)) }
@@ -143,11 +152,14 @@ const POINTS: usize = 4000;
 fn tracks(pair: &Pair, track: &Tracked) -> Vec<Value> {
     let records = track.record.iter().max().map_or(0, |last| last + 1);
     let view = |record: usize| {
-        let at: Vec<usize> = (0..track.record.len()).filter(|&i| track.record[i] == record).collect();
+        let at: Vec<usize> =
+            (0..track.record.len()).filter(|&i| track.record[i] == record).collect();
         let parts: Vec<&[usize]> = at.chunks(at.len().div_ceil(POINTS).max(1)).collect();
         let brief = |v: f64| format!("{v:.5e}").parse::<f64>().ok().filter(|v| v.is_finite());
         let of = |values: &[f64], fold: fn(&[f64]) -> f64| -> Vec<Option<f64>> {
-            let part = |p: &&[usize]| brief(fold(&p.iter().filter_map(|&i| values.get(i).copied()).collect::<Vec<_>>()));
+            let part = |p: &&[usize]| {
+                brief(fold(&p.iter().filter_map(|&i| values.get(i).copied()).collect::<Vec<_>>()))
+            };
             parts.iter().map(part).collect()
         };
         let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len().max(1) as f64;
@@ -172,7 +184,8 @@ fn data(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> Value {
     let samples: usize = logs.iter().take(shown).map(Log::len).sum();
     let all = [f64::NEG_INFINITY, f64::INFINITY];
     let record = |(at, log): (usize, &Log)| {
-        let time_s: Vec<f64> = log.time_s().iter().map(|t| t - log.time_s().first().unwrap_or(&0.0)).collect();
+        let time_s: Vec<f64> =
+            log.time_s().iter().map(|t| t - log.time_s().first().unwrap_or(&0.0)).collect();
         let thinning = Thinning::share(&time_s, 2 * pairs.len(), samples);
         let one = |pair: &&Pair| {
             let (u, y) = (log.channel(&pair.input).ok()?, log.channel(&pair.output).ok()?);
@@ -189,15 +202,25 @@ fn data(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> Value {
                 "delay_s": pair.verdict.delay_s,
             }))
         };
-        let name = if logs.len() > 1 { format!("record {}", at + 1) } else { log.source().to_owned() };
+        let name =
+            if logs.len() > 1 { format!("record {}", at + 1) } else { log.source().to_owned() };
         json!({ "name": name, "bucket": thinning.bucket(), "time": thinning.times(&time_s), "pairs": pairs.iter().filter_map(one).collect::<Vec<Value>>() })
     };
-    let tracks: Vec<Value> = report.pairs.iter().filter_map(|p| Some((p, p.track.as_ref()?))).flat_map(|(p, t)| tracks(p, t)).collect();
-    let pairs_and_curves = report.pairs.iter().zip(evidence).filter_map(|(pair, e)| Some((pair, e.as_ref()?)));
-    let curves: Vec<Value> = pairs_and_curves.flat_map(|(pair, e)| curves::curves(pair, e, report.sample_time_s)).collect();
+    let tracks: Vec<Value> = report
+        .pairs
+        .iter()
+        .filter_map(|p| Some((p, p.track.as_ref()?)))
+        .flat_map(|(p, t)| tracks(p, t))
+        .collect();
+    let pairs_and_curves =
+        report.pairs.iter().zip(evidence).filter_map(|(pair, e)| Some((pair, e.as_ref()?)));
+    let curves: Vec<Value> = pairs_and_curves
+        .flat_map(|(pair, e)| curves::curves(pair, e, report.sample_time_s))
+        .collect();
     let filled = [("track", ["pair", "record"], tracks), ("evidence", ["pair", "curve"], curves)]
         .into_iter()
         .filter(|(.., views)| !views.is_empty());
-    let figures: Vec<Value> = filled.map(|(id, pick, views)| json!({ "id": id, "pick": pick, "views": views })).collect();
+    let figures: Vec<Value> =
+        filled.map(|(id, pick, views)| json!({ "id": id, "pick": pick, "views": views })).collect();
     json!({ "kind": "estimate", "figures": figures, "logs": logs.iter().take(shown).enumerate().map(record).collect::<Vec<Value>>(), "opens": 0 })
 }

@@ -16,8 +16,14 @@ pub(super) const SCRIPT: &str = concat!(include_str!("frame.js"), include_str!("
 
 /// A page of this title; `data` is what its script draws. Only the page's own scripts may run: their digests stand in its policy.
 pub(super) fn page(title: &str, body: &Markup, data: &Value) -> String {
-    let digest = |script: &str| format!("'sha256-{}'", base64(Sha256::digest(script.as_bytes()).into_iter()));
-    let policy = format!("default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {} {}", digest(UPLOT), digest(SCRIPT));
+    let digest = |script: &str| {
+        format!("'sha256-{}'", base64(Sha256::digest(script.as_bytes()).into_iter()))
+    };
+    let policy = format!(
+        "default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {} {}",
+        digest(UPLOT),
+        digest(SCRIPT)
+    );
     // No name can end the element that it stands in.
     let data = data.to_string().replace('<', "\\u003c");
     html! {
@@ -77,7 +83,9 @@ pub(super) fn percent(share: Option<f64>) -> String {
     match share {
         Some(v) if v > 0.0 && v < 0.0005 => "< 0.1 %".to_owned(),
         Some(v) if v < 0.0 && v > -0.0005 => "0 %".to_owned(),
-        Some(v) if v.is_finite() && (v == 0.0 || v.abs() >= 0.0995) => format!("{:.0} %", 100.0 * v),
+        Some(v) if v.is_finite() && (v == 0.0 || v.abs() >= 0.0995) => {
+            format!("{:.0} %", 100.0 * v)
+        }
         Some(v) if v.is_finite() => format!("{:.1} %", 100.0 * v),
         _ => "–".to_owned(),
     }
@@ -125,14 +133,21 @@ pub(super) fn given(caption: &str, table: &Table) -> Markup {
     let (all, left) = table.parts();
     let Some((headings, rows)) = all.split_first() else { return html! {} };
     let headings: Vec<&str> = headings.iter().map(String::as_str).collect();
-    let cell = |(at, text): (usize, &String)| if left.contains(&at) { Cell::Words(text.clone()) } else { Cell::Number(text.clone()) };
-    let rows: Vec<Vec<Cell>> = rows.iter().map(|r| r.iter().enumerate().map(cell).collect()).collect();
+    let cell = |(at, text): (usize, &String)| {
+        if left.contains(&at) { Cell::Words(text.clone()) } else { Cell::Number(text.clone()) }
+    };
+    let rows: Vec<Vec<Cell>> =
+        rows.iter().map(|r| r.iter().enumerate().map(cell).collect()).collect();
     sorted(caption, &headings, &rows)
 }
 
 pub(super) fn drawn(caption: &str, headings: &[&str], rows: &[Vec<Cell>], sorts: bool) -> Markup {
-    let left = |at: usize| rows.first().and_then(|r| r.get(at)).is_some_and(|c| !matches!(c, Cell::Number(_)));
-    let bar = |at: usize| rows.first().and_then(|r| r.get(at)).is_some_and(|c| matches!(c, Cell::Drawn(_)));
+    let left = |at: usize| {
+        rows.first().and_then(|r| r.get(at)).is_some_and(|c| !matches!(c, Cell::Number(_)))
+    };
+    let bar = |at: usize| {
+        rows.first().and_then(|r| r.get(at)).is_some_and(|c| matches!(c, Cell::Drawn(_)))
+    };
     html! {
         div .wide tabindex="0" role="group" aria-label=(caption) {
             table .sorts[sorts] {
@@ -167,20 +182,35 @@ mod tests {
         assert_eq!(quoted("in `a<b>` and").into_string(), "in <code>a&lt;b&gt;</code> and");
         let data = serde_json::json!({ "name": "</script><script>alert(1)</script>" });
         let text = page("<title>", &html! { (quoted("<b>")) }, &data);
-        assert!(!text.contains("alert(1)</script>") && !text.contains("<b>") && text.contains("<title>&lt;title&gt;</title>"));
+        assert!(
+            !text.contains("alert(1)</script>")
+                && !text.contains("<b>")
+                && text.contains("<title>&lt;title&gt;</title>")
+        );
         assert_eq!(text.matches("<script").count(), 3);
-        assert!(text.contains("script-src &apos;sha256-") || text.contains("script-src 'sha256-"), "the policy");
+        assert!(
+            text.contains("script-src &apos;sha256-") || text.contains("script-src 'sha256-"),
+            "the policy"
+        );
     }
 
     #[test]
     fn what_is_not_a_number_is_a_dash() {
-        assert_eq!([number(None), number(Some(f64::NAN)), percent(Some(f64::INFINITY)), percent(None)], ["–", "–", "–", "–"]);
+        assert_eq!(
+            [number(None), number(Some(f64::NAN)), percent(Some(f64::INFINITY)), percent(None)],
+            ["–", "–", "–", "–"]
+        );
         assert_eq!(
             [number(Some(0.161)), number(Some(-716_382.0)), number(Some(2e-7)), number(Some(0.0))],
             ["0.1610", "−716382", "2.000e−7", "0"]
         );
         assert_eq!(
-            [percent(Some(-1e-5)), percent(Some(0.0123)), percent(Some(0.456)), percent(Some(-0.05))],
+            [
+                percent(Some(-1e-5)),
+                percent(Some(0.0123)),
+                percent(Some(0.456)),
+                percent(Some(-0.05))
+            ],
             ["0 %", "1.2 %", "46 %", "−5.0 %"]
         );
     }

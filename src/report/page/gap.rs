@@ -9,7 +9,8 @@ use super::series::{Thinning, base64};
 use super::{force, laws, residual};
 use crate::report::diagnosis::{recalibrated, summary};
 use deadtime_gap::{
-    CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, HorizonError, Mode, RankingRow, Strength, Trace, proposed,
+    CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, HorizonError, Mode,
+    RankingRow, Strength, Trace, proposed,
 };
 
 /// Logs that the page holds.
@@ -25,9 +26,14 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
     let d = &diagnosed.diagnosis;
     let verdict = match d.cause.effects.as_slice() {
         [] => d.cause.verdict.clone(),
-        found => found.iter().map(|e| format!("{} on {}", e.effect, e.channel)).collect::<Vec<_>>().join(" and "),
+        found => found
+            .iter()
+            .map(|e| format!("{} on {}", e.effect, e.channel))
+            .collect::<Vec<_>>()
+            .join(" and "),
     };
-    let (mut figures, laws, next) = (residual::figures(diagnosed), laws::figure(diagnosed), experiment(diagnosed));
+    let (mut figures, laws, next) =
+        (residual::figures(diagnosed), laws::figure(diagnosed), experiment(diagnosed));
     let missing = force::figure(diagnosed.missing_force.as_ref());
     figures.extend(laws.iter().chain(&missing).cloned());
     figures.extend(next.iter().map(|(figure, _)| figure.clone()));
@@ -128,13 +134,28 @@ fn experiment(diagnosed: &Diagnosed) -> Option<(Value, String)> {
     let commands = diagnosed.commands.get(at * inputs..(at + 1) * inputs)?;
     let logged: Vec<Vec<f64>> = commands.iter().map(|c| c.values.clone()).collect();
     let planned = proposed(sentence, &logged)?;
-    let time_s: Vec<f64> = diagnosed.traces.get(at)?.time_s.iter().take(planned.first()?.len()).copied().collect();
-    let cell =
-        |name: &str| if name.contains([',', '"', '\n', '\r']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_owned() };
-    let heading = |c: &CommandTrace| cell(&c.unit.as_deref().map_or_else(|| c.input.clone(), |u| format!("{} [{u}]", c.input)));
-    let mut csv = std::iter::once("time [s]".to_owned()).chain(commands.iter().map(heading)).collect::<Vec<_>>().join(",") + "\n";
+    let time_s: Vec<f64> =
+        diagnosed.traces.get(at)?.time_s.iter().take(planned.first()?.len()).copied().collect();
+    let cell = |name: &str| {
+        if name.contains([',', '"', '\n', '\r']) {
+            format!("\"{}\"", name.replace('"', "\"\""))
+        } else {
+            name.to_owned()
+        }
+    };
+    let heading = |c: &CommandTrace| {
+        cell(&c.unit.as_deref().map_or_else(|| c.input.clone(), |u| format!("{} [{u}]", c.input)))
+    };
+    let mut csv = std::iter::once("time [s]".to_owned())
+        .chain(commands.iter().map(heading))
+        .collect::<Vec<_>>()
+        .join(",")
+        + "\n";
     for (k, t) in time_s.iter().enumerate() {
-        let row: Vec<String> = std::iter::once(*t).chain(planned.iter().filter_map(|u| u.get(k).copied())).map(|v| v.to_string()).collect();
+        let row: Vec<String> = std::iter::once(*t)
+            .chain(planned.iter().filter_map(|u| u.get(k).copied()))
+            .map(|v| v.to_string())
+            .collect();
         csv += &(row.join(",") + "\n");
     }
     let view = |(c, u): (&CommandTrace, &Vec<f64>)| {
@@ -150,13 +171,21 @@ fn experiment(diagnosed: &Diagnosed) -> Option<(Value, String)> {
         })
     };
     let views: Vec<Value> = commands.iter().zip(&planned).map(view).collect();
-    Some((json!({ "id": "experiment", "pick": ["command"], "views": views }), format!("data:text/csv;base64,{}", base64(csv.bytes()))))
+    Some((
+        json!({ "id": "experiment", "pick": ["command"], "views": views }),
+        format!("data:text/csv;base64,{}", base64(csv.bytes())),
+    ))
 }
 
 /// The names of the logs that have curves, in order.
 fn logs(diagnosed: &Diagnosed) -> Vec<&str> {
     let Some(first) = diagnosed.traces.first() else { return Vec::new() };
-    diagnosed.traces.iter().take_while(|t| t.output == first.output).map(|t| t.log.as_str()).collect()
+    diagnosed
+        .traces
+        .iter()
+        .take_while(|t| t.output == first.output)
+        .map(|t| t.log.as_str())
+        .collect()
 }
 
 /// What the script draws.
@@ -169,8 +198,10 @@ fn data(diagnosed: &Diagnosed, figures: &[Value]) -> Value {
     let curves = 3 * outputs + inputs;
     let samples: usize = diagnosed.traces.iter().take(shown).map(|t| t.time_s.len()).sum();
     let log = |at: usize| {
-        let of: Vec<&Trace> = (0..outputs).filter_map(|i| diagnosed.traces.get(i * count + at)).collect();
-        let commands: Vec<&CommandTrace> = diagnosed.commands.iter().skip(at * inputs).take(inputs).collect();
+        let of: Vec<&Trace> =
+            (0..outputs).filter_map(|i| diagnosed.traces.get(i * count + at)).collect();
+        let commands: Vec<&CommandTrace> =
+            diagnosed.commands.iter().skip(at * inputs).take(inputs).collect();
         let first = *of.first()?;
         let thinning = Thinning::share(&first.time_s, curves, samples);
         let outputs: Vec<Value> = of.iter().map(|t| output(t, thinning, d)).collect();
@@ -188,12 +219,22 @@ fn data(diagnosed: &Diagnosed, figures: &[Value]) -> Value {
 
 fn output(t: &Trace, thinning: Thinning, d: &Diagnosis) -> Value {
     let range = t.measured.iter().flatten().filter(|v| v.is_finite());
-    let [low, high] = range.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)]);
+    let [low, high] = range
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)]);
     let beyond = (LEAVES * (high - low)).max(t.floor);
-    let within = if low <= high { [low - beyond, high + beyond] } else { [f64::NEG_INFINITY, f64::INFINITY] };
+    let within = if low <= high {
+        [low - beyond, high + beyond]
+    } else {
+        [f64::NEG_INFINITY, f64::INFINITY]
+    };
     let of = |values: &[f64]| thinning.curve(|i| values.get(i).copied(), within);
-    let spans: Vec<[f64; 2]> =
-        d.place.times.iter().filter(|s| s.log == t.log && s.output == t.output).map(|s| [s.from_s, s.to_s]).collect();
+    let spans: Vec<[f64; 2]> = d
+        .place
+        .times
+        .iter()
+        .filter(|s| s.log == t.log && s.output == t.output)
+        .map(|s| [s.from_s, s.to_s])
+        .collect();
     json!({
         "name": t.output,
         "unit": unit(t.unit.as_deref()),
@@ -217,7 +258,9 @@ fn unit(unit: Option<&str>) -> &str {
 /// What takes how much of the gap, as a waterfall of squared errors: nominal, each contribution, what stays, noise.
 fn budget(d: &Diagnosis) -> Markup {
     let found = !d.cause.contributions.is_empty() || recalibrated(d).is_some();
-    let (Some(before), Some(floor), true) = (d.gap.before, d.gap.floor, found) else { return html! {} };
+    let (Some(before), Some(floor), true) = (d.gap.before, d.gap.floor, found) else {
+        return html! {};
+    };
     let noise = if before > 0.0 { (floor / before).powi(2).min(1.0) } else { 0.0 };
     let mut top = 1.0;
     let mut rows = vec![vec![
@@ -227,7 +270,12 @@ fn budget(d: &Diagnosis) -> Markup {
         Cell::Drawn(bar("all of the squared error", &stretch(0.0, 1.0, "before"))),
     ]];
     let block = recalibrated(d).map(|r| ("parameters recalibrated".to_owned(), r.share));
-    let causes = d.cause.contributions.iter().map(|c| (format!("{} on {}", c.effect, c.channel), c.share)).chain(block);
+    let causes = d
+        .cause
+        .contributions
+        .iter()
+        .map(|c| (format!("{} on {}", c.effect, c.channel), c.share))
+        .chain(block);
     for (name, share) in causes {
         let takes = share.learnt.unwrap_or(0.0) * (1.0 - noise);
         let label = format!("{name} takes {} of the squared error", percent(Some(takes)));
@@ -241,7 +289,8 @@ fn budget(d: &Diagnosis) -> Markup {
         top -= takes;
     }
     if let Some(rest) = &d.cause.remainder {
-        let label = format!("what stays above the noise: {} of the gap", percent(rest.share.learnt));
+        let label =
+            format!("what stays above the noise: {} of the gap", percent(rest.share.learnt));
         let drawn = bar(&label, &stretch(noise.min(top), top, "rest"));
         rows.push(vec![
             Cell::Words("what stays".to_owned()),
@@ -251,9 +300,18 @@ fn budget(d: &Diagnosis) -> Markup {
         ]);
     }
     let drawn = bar("noise that no model can explain", &stretch(0.0, noise, "noise"));
-    rows.push(vec![Cell::Words("noise floor".to_owned()), Cell::Number("–".to_owned()), Cell::Number("–".to_owned()), Cell::Drawn(drawn)]);
-    let remark =
-        d.cause.remainder.as_ref().and_then(|r| r.above_floor).map(|times| format!("What is left is {times:.1} times the noise floor."));
+    rows.push(vec![
+        Cell::Words("noise floor".to_owned()),
+        Cell::Number("–".to_owned()),
+        Cell::Number("–".to_owned()),
+        Cell::Drawn(drawn),
+    ]);
+    let remark = d
+        .cause
+        .remainder
+        .as_ref()
+        .and_then(|r| r.above_floor)
+        .map(|times| format!("What is left is {times:.1} times the noise floor."));
     html! {
         h2 { "Which: the budget of the gap" }
         p { "The error falls from " (percent(Some(before))) " of the spread; the noise floor is " (percent(Some(floor))) ". Shares are of the gap between the two, in squared error." }
@@ -278,9 +336,17 @@ fn parameters(d: &Diagnosis) -> Markup {
         (Strength::Clear, _) => "clear",
         (Strength::Weak, _) => "weak",
     };
-    let row = |(effect, channel, clear, acts): (&str, &str, &str, Option<f64>), p: &FoundParameter| {
-        let interval = p.ci95.map_or_else(|| "at a bound".to_owned(), |[l, u]| format!("{} to {}", number(Some(l)), number(Some(u))));
-        let (value, interval) = if p.value.is_some() { (number(p.value), interval) } else { ("no limit".to_owned(), "–".to_owned()) };
+    let row = |(effect, channel, clear, acts): (&str, &str, &str, Option<f64>),
+               p: &FoundParameter| {
+        let interval = p.ci95.map_or_else(
+            || "at a bound".to_owned(),
+            |[l, u]| format!("{} to {}", number(Some(l)), number(Some(u))),
+        );
+        let (value, interval) = if p.value.is_some() {
+            (number(p.value), interval)
+        } else {
+            ("no limit".to_owned(), "–".to_owned())
+        };
         let label = format!("{value}, {interval}");
         vec![
             Cell::Words(effect.to_owned()),
@@ -294,15 +360,30 @@ fn parameters(d: &Diagnosis) -> Markup {
             Cell::Number(acts.map_or_else(|| "–".to_owned(), |p| percent(Some(p)))),
         ]
     };
-    let found = d
-        .cause
-        .contributions
-        .iter()
-        .flat_map(|c| c.parameters.iter().map(move |p| row((&c.effect, &c.channel, clear(c), c.probability), p)));
-    let block = recalibrated(d).into_iter().flat_map(|r| &r.parameters).map(|p| row(("recalibrated", "", "a part of a set", None), p));
+    let found = d.cause.contributions.iter().flat_map(|c| {
+        c.parameters.iter().map(move |p| row((&c.effect, &c.channel, clear(c), c.probability), p))
+    });
+    let block = recalibrated(d)
+        .into_iter()
+        .flat_map(|r| &r.parameters)
+        .map(|p| row(("recalibrated", "", "a part of a set", None), p));
     let rows: Vec<Vec<Cell>> = found.chain(block).collect();
-    let caption = if d.cause.effects.is_empty() { "What contributes, though not all is explained" } else { "What was found to act" };
-    let headings = ["effect", "channel", "parameter", "value", "95 % interval", "unit", "from zero", "how clear", "acts"];
+    let caption = if d.cause.effects.is_empty() {
+        "What contributes, though not all is explained"
+    } else {
+        "What was found to act"
+    };
+    let headings = [
+        "effect",
+        "channel",
+        "parameter",
+        "value",
+        "95 % interval",
+        "unit",
+        "from zero",
+        "how clear",
+        "acts",
+    ];
     html! {
         h2 { "Parameters" }
         (table(caption, &headings, &rows))
@@ -330,13 +411,20 @@ fn names(all: &[String]) -> Markup {
 fn candidates(d: &Diagnosis) -> Markup {
     let row = |row: &RankingRow| {
         let (effect, channel, probability, after) = match row {
-            RankingRow::Single(r) => (r.effect.clone(), r.channel.clone().unwrap_or_default(), r.probability, r.after),
+            RankingRow::Single(r) => {
+                (r.effect.clone(), r.channel.clone().unwrap_or_default(), r.probability, r.after)
+            }
             RankingRow::Pair(r) => {
-                let join = |i: usize| r.effects.iter().map(|e| e[i].as_str()).collect::<Vec<_>>().join(" + ");
+                let join = |i: usize| {
+                    r.effects.iter().map(|e| e[i].as_str()).collect::<Vec<_>>().join(" + ")
+                };
                 (join(0), join(1), r.probability, r.after)
             }
         };
-        let drawn = bar(&format!("probability {}", percent(Some(probability))), &stretch(0.0, probability, "after"));
+        let drawn = bar(
+            &format!("probability {}", percent(Some(probability))),
+            &stretch(0.0, probability, "after"),
+        );
         vec![
             Cell::Words(effect),
             Cell::Words(channel),
@@ -375,7 +463,12 @@ fn size(d: &Diagnosis) -> Markup {
         .filter(|v| v.is_finite())
         .fold(1e-9, f64::max);
     let drawn = |before: Option<f64>, rest: Option<f64>, floor: Option<f64>| {
-        let label = format!("held out: {} before, {} after, floor {}", percent(before), after(rest), percent(floor));
+        let label = format!(
+            "held out: {} before, {} after, floor {}",
+            percent(before),
+            after(rest),
+            percent(floor)
+        );
         let at = |v: Option<f64>| v.unwrap_or(0.0) / most;
         let shown = html! {
             (stretch(0.0, at(before), "before"))
@@ -384,7 +477,10 @@ fn size(d: &Diagnosis) -> Markup {
         };
         Cell::Drawn(bar(&label, &shown))
     };
-    let row = |name: &str, share: Option<f64>, gap: [Option<f64>; 2], [before, rest, floor]: [Option<f64>; 3]| {
+    let row = |name: &str,
+               share: Option<f64>,
+               gap: [Option<f64>; 2],
+               [before, rest, floor]: [Option<f64>; 3]| {
         let mut cells = vec![Cell::Words(name.to_owned()), Cell::Number(percent(share))];
         cells.extend(gap.map(|v| Cell::Number(percent(v))));
         cells.extend([percent(before), after(rest), percent(floor)].map(Cell::Number));
@@ -401,8 +497,16 @@ fn size(d: &Diagnosis) -> Markup {
     if rows.len() > 1 {
         rows.push(row("together", None, [d.gap.before, d.gap.floor], [s.before, s.after, s.floor]));
     }
-    let headings =
-        ["output", "share of the gap", "learnt from: error", "floor", "held out: before", "after", "floor", "before, after and floor"];
+    let headings = [
+        "output",
+        "share of the gap",
+        "learnt from: error",
+        "floor",
+        "held out: before",
+        "after",
+        "floor",
+        "before, after and floor",
+    ];
     html! {
         h2 { "How far: big before, small after" }
         (table("Root mean square error in parts of the spread, of predictions and of the noise that stays", &headings, &rows))
@@ -439,11 +543,25 @@ fn place(d: &Diagnosis) -> Markup {
     let row = |output: &str, what: String, [from, to]: [f64; 2], share: f64| {
         let drawn = bar(&percent(Some(share)), &stretch(0.0, share, "before"));
         let [from, to] = [from, to].map(|v| Cell::Number(number(Some(v))));
-        vec![Cell::Words(output.to_owned()), Cell::Words(what), from, to, Cell::Number(percent(Some(share))), Cell::Drawn(drawn)]
+        vec![
+            Cell::Words(output.to_owned()),
+            Cell::Words(what),
+            from,
+            to,
+            Cell::Number(percent(Some(share))),
+            Cell::Drawn(drawn),
+        ]
     };
-    let times = w.times.iter().map(|t| row(&t.output, format!("time (s), {}", t.log), [t.from_s, t.to_s], t.share));
-    let bands = w.bands.iter().map(|b| row(&b.output, "frequency (Hz)".to_owned(), [b.from_hz, b.to_hz], b.share));
-    let regimes = w.regimes.iter().map(|r| row(&r.output, r.variable.clone(), [r.from, r.to], r.share));
+    let times = w
+        .times
+        .iter()
+        .map(|t| row(&t.output, format!("time (s), {}", t.log), [t.from_s, t.to_s], t.share));
+    let bands = w
+        .bands
+        .iter()
+        .map(|b| row(&b.output, "frequency (Hz)".to_owned(), [b.from_hz, b.to_hz], b.share));
+    let regimes =
+        w.regimes.iter().map(|r| row(&r.output, r.variable.clone(), [r.from, r.to], r.share));
     let rows: Vec<Vec<Cell>> = times.chain(bands).chain(regimes).collect();
     let caption = "Where the error above the floor is most dense; shares are of the output's own";
     html! { @if !rows.is_empty() { h2 { "Where: times, bands and regimes" } (table(caption, &["output", "in", "from", "to", "share", ""], &rows)) } }
@@ -454,9 +572,14 @@ fn checks(d: &Diagnosis) -> Markup {
         .checks
         .iter()
         .map(|check| {
-            let name = serde_json::to_value(check.check).ok().and_then(|v| v.as_str().map(|s| s.replace('_', " "))).unwrap_or_default();
+            let name = serde_json::to_value(check.check)
+                .ok()
+                .and_then(|v| v.as_str().map(|s| s.replace('_', " ")))
+                .unwrap_or_default();
             let passed = check.ok.map_or("cannot be tested", |ok| if ok { "yes" } else { "no" });
-            [name, check.channel.clone(), passed.to_owned(), check.finding.clone()].map(Cell::Words).into()
+            [name, check.channel.clone(), passed.to_owned(), check.finding.clone()]
+                .map(Cell::Words)
+                .into()
         })
         .collect();
     html! { @if !rows.is_empty() { h2 { "Checks" } (table("What needs no dynamics", &["check", "channel", "passed", "finding"], &rows)) } }
@@ -466,10 +589,16 @@ fn origin(d: &Diagnosis) -> Markup {
     let mode = match d.prediction.mode {
         Mode::Simulation => "a free run of the model from the most likely start of each log",
         Mode::Predictor => "one-step predictions of a fixed observer",
-        Mode::Horizon => "free runs of the model over a horizon, each from the state that a fixed observer has estimated there",
+        Mode::Horizon => {
+            "free runs of the model over a horizon, each from the state that a fixed observer has estimated there"
+        }
     };
     let held = |h: &deadtime_gap::Holdout| {
-        vec![Cell::Words(h.log.clone()), Cell::Number(number(Some(h.from_s))), Cell::Number(number(Some(h.to_s)))]
+        vec![
+            Cell::Words(h.log.clone()),
+            Cell::Number(number(Some(h.from_s))),
+            Cell::Number(number(Some(h.to_s))),
+        ]
     };
     let rows: Vec<Vec<Cell>> = d.holdout.iter().map(held).collect();
     html! {

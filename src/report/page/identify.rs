@@ -78,7 +78,9 @@ fn plane(poles: &[Root], zeros: &[Root]) -> Markup {
     let edge = poles.iter().map(|r| r.re.hypot(r.im)).fold(1.1, f64::max).min(2.0);
     let at = |v: f64| 150.0 * (v / edge).clamp(-1.0, 1.0);
     let size = |length: f64| 150.0 * (length / edge).min(2.0);
-    let told = |roots: &[Root]| roots.iter().map(|r| format!("{:.3}{:+.3}i", r.re, r.im)).collect::<Vec<_>>().join(", ");
+    let told = |roots: &[Root]| {
+        roots.iter().map(|r| format!("{:.3}{:+.3}i", r.re, r.im)).collect::<Vec<_>>().join(", ")
+    };
     let around = |r: &Root| {
         let (x, y) = (at(r.re), -at(r.im));
         html! {
@@ -114,12 +116,16 @@ fn order(report: &Report<'_>) -> Markup {
     let choice = &report.model.order;
     let most = choice.candidates.iter().map(|c| c.singular_value).fold(f64::MIN_POSITIVE, f64::max);
     let row = |c: &deadtime_identify::subspace::Candidate| {
-        let schwarz = c.schwarz.map_or_else(|| "no stable predictor".to_owned(), |s| format!("{s:.2}"));
+        let schwarz =
+            c.schwarz.map_or_else(|| "no stable predictor".to_owned(), |s| format!("{s:.2}"));
         let weight = format!("{:.3}", c.weight);
         vec![
             Cell::Number(c.order.to_string()),
             Cell::Number(number(Some(c.singular_value))),
-            Cell::Drawn(bar(&number(Some(c.singular_value)), &stretch(0.0, c.singular_value / most, "noise"))),
+            Cell::Drawn(bar(
+                &number(Some(c.singular_value)),
+                &stretch(0.0, c.singular_value / most, "noise"),
+            )),
             Cell::Number(schwarz),
             Cell::Number(weight.clone()),
             Cell::Drawn(bar(&weight, &stretch(0.0, c.weight, "after"))),

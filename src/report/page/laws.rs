@@ -14,13 +14,16 @@ const POINTS: usize = 401;
 
 /// The figure; `None` where nothing that was found can be drawn.
 pub(super) fn figure(d: &Diagnosed) -> Option<Value> {
-    let views: Vec<Value> = d.diagnosis.cause.contributions.iter().filter_map(|c| drawn(c, d)).collect();
+    let views: Vec<Value> =
+        d.diagnosis.cause.contributions.iter().filter_map(|c| drawn(c, d)).collect();
     (!views.is_empty()).then(|| json!({ "id": "laws", "pick": ["effect"], "views": views }))
 }
 
 fn drawn(c: &Contribution, d: &Diagnosed) -> Option<Value> {
     let (mut view, about) = match c.effect.as_str() {
-        "input_delay" | "output_delay" | "clock_offset" | "delay_jump" | "delay_drift" => (over_time(c, d, "delay")?, "delay over time"),
+        "input_delay" | "output_delay" | "clock_offset" | "delay_jump" | "delay_drift" => {
+            (over_time(c, d, "delay")?, "delay over time")
+        }
         "gain_jump" => (over_time(c, d, "gain")?, "gain over time"),
         "parameter_jump" => (over_time(c, d, "value")?, "value over time"),
         "input_gain" | "input_curve" | "input_offset" | "deadband" | "backlash" | "saturation" => {
@@ -31,7 +34,9 @@ fn drawn(c: &Contribution, d: &Diagnosed) -> Option<Value> {
         }
         "actuator_lag" | "rate_limit" => (stepped(c, range(d, c)?, false)?, "answer to a step"),
         "sensor_lag" => (stepped(c, range(d, c)?, true)?, "answer to a step"),
-        "coulomb_friction" | "stribeck_friction" | "quadratic_drag" | "cubic_stiffness" => (law(c, d)?, "what it adds to the derivative"),
+        "coulomb_friction" | "stribeck_friction" | "quadratic_drag" | "cubic_stiffness" => {
+            (law(c, d)?, "what it adds to the derivative")
+        }
         _ => return None,
     };
     view["kind"] = json!("lines");
@@ -78,11 +83,16 @@ fn over_time(c: &Contribution, d: &Diagnosed, what: &str) -> Option<Value> {
     let least = values.iter().copied().chain(interval.into_iter().flatten()).fold(0.0, f64::min);
     let most = values.iter().copied().chain(interval.into_iter().flatten()).fold(0.0, f64::max);
     let room = 0.1 * (most - least).max(1e-9);
-    let unit =
-        c.parameters.first().map(|p| p.unit.as_str()).filter(|unit| *unit != "1").map_or_else(String::new, |unit| format!(" ({unit})"));
+    let unit = c
+        .parameters
+        .first()
+        .map(|p| p.unit.as_str())
+        .filter(|unit| *unit != "1")
+        .map_or_else(String::new, |unit| format!(" ({unit})"));
     let mut curve = json!({ "label": what, "y": briefly(values), "color": "after", "points": false, "width": 2.2 });
     if let Some([low, high]) = interval {
-        (curve["low"], curve["high"]) = (json!(vec![brief(low); POINTS]), json!(vec![brief(high); POINTS]));
+        (curve["low"], curve["high"]) =
+            (json!(vec![brief(low); POINTS]), json!(vec![brief(high); POINTS]));
     }
     Some(json!({
         "x": { "label": "time (s)", "values": briefly(time_s), "tight": true },
@@ -92,7 +102,11 @@ fn over_time(c: &Contribution, d: &Diagnosed, what: &str) -> Option<Value> {
 
 /// The smallest and largest value of the channel in the logs, and its unit; of `*` those of the first output.
 fn range(d: &Diagnosed, c: &Contribution) -> Option<(f64, f64, Option<String>)> {
-    let commands = d.commands.iter().filter(|t| t.input == c.channel).map(|t| (t.values.clone(), t.unit.clone()));
+    let commands = d
+        .commands
+        .iter()
+        .filter(|t| t.input == c.channel)
+        .map(|t| (t.values.clone(), t.unit.clone()));
     let outputs = d
         .traces
         .iter()
@@ -117,34 +131,52 @@ fn alone(c: &Contribution) -> Option<(System, Plan)> {
     let file: ModelFile = serde_json::from_value(file).ok()?;
     let system = System::new(&ModelDocument::Lti(file), |_| Ok(0.0)).ok()?;
     let parameters = c.parameters.iter().map(|p| Some((p.name.clone(), p.value?)));
-    let entry = EffectEntry { effect: c.effect.clone(), channel: c.channel.clone(), parameters: parameters.flatten().collect() };
+    let entry = EffectEntry {
+        effect: c.effect.clone(),
+        channel: c.channel.clone(),
+        parameters: parameters.flatten().collect(),
+    };
     let applied = Applied::from_entry(&system, &entry).ok()?;
     let plan = Applied::plan(&system, [&applied], Chance::Mean).ok()?;
     Some((system, plan))
 }
 
 fn out(system: &System, plan: &Plan, time_s: &[f64], u: Vec<f64>) -> Option<Vec<f64>> {
-    let run = system.simulate(plan, Commands { time_s, inputs: &[u] }, &system.initial, None).ok()?;
+    let run =
+        system.simulate(plan, Commands { time_s, inputs: &[u] }, &system.initial, None).ok()?;
     Some(run.y.column(0).iter().copied().collect())
 }
 
 fn label(name: &str, what: &str, unit: Option<&str>) -> String {
-    unit.filter(|u| *u != "1").map_or_else(|| format!("{name}, {what}"), |u| format!("{name}, {what} ({u})"))
+    unit.filter(|u| *u != "1")
+        .map_or_else(|| format!("{name}, {what}"), |u| format!("{name}, {what} ({u})"))
 }
 
 /// Slowly up and down again through the range that the logs have: what comes out, where the two ways differ in two curves.
-fn swept(c: &Contribution, (low, high, unit): (f64, f64, Option<String>), output: bool) -> Option<Value> {
+fn swept(
+    c: &Contribution,
+    (low, high, unit): (f64, f64, Option<String>),
+    output: bool,
+) -> Option<Value> {
     let (system, plan) = alone(c)?;
     // Twice: the first pass fills whatever the effect remembers.
     let up = between(low, high);
-    let way: Vec<f64> = [&up, &up.iter().rev().copied().collect::<Vec<_>>()].into_iter().flatten().copied().collect();
+    let way: Vec<f64> = [&up, &up.iter().rev().copied().collect::<Vec<_>>()]
+        .into_iter()
+        .flatten()
+        .copied()
+        .collect();
     let twice: Vec<f64> = way.iter().chain(&way).copied().collect();
     let time_s: Vec<f64> = (0..twice.len()).map(|k| k as f64).collect();
     let y = out(&system, &plan, &time_s, twice)?;
-    let (rising, falling) = (y.get(2 * POINTS..3 * POINTS)?.to_vec(), y.get(3 * POINTS..)?.iter().rev().copied().collect::<Vec<f64>>());
+    let (rising, falling) = (
+        y.get(2 * POINTS..3 * POINTS)?.to_vec(),
+        y.get(3 * POINTS..)?.iter().rev().copied().collect::<Vec<f64>>(),
+    );
     let same = rising.iter().zip(&falling).all(|(a, b)| (a - b).abs() <= 1e-9 * (high - low));
-    let mut curves =
-        vec![json!({ "label": "as it is", "y": briefly(up.iter().copied()), "color": "measured", "dash": [3, 4], "points": false })];
+    let mut curves = vec![
+        json!({ "label": "as it is", "y": briefly(up.iter().copied()), "color": "measured", "dash": [3, 4], "points": false }),
+    ];
     curves.push(
         json!({ "label": if same { "out" } else { "out, rising" }, "y": briefly(rising), "color": "after", "points": false, "width": 2.2 }),
     );
@@ -159,7 +191,11 @@ fn swept(c: &Contribution, (low, high, unit): (f64, f64, Option<String>), output
 }
 
 /// A step over the range that the logs have.
-fn stepped(c: &Contribution, (low, high, unit): (f64, f64, Option<String>), output: bool) -> Option<Value> {
+fn stepped(
+    c: &Contribution,
+    (low, high, unit): (f64, f64, Option<String>),
+    output: bool,
+) -> Option<Value> {
     let (system, plan) = alone(c)?;
     let of = |name: &str| parameter(c, name).and_then(|p| p.value).filter(|v| *v > 0.0);
     let settles = of("time_constant")
@@ -167,7 +203,8 @@ fn stepped(c: &Contribution, (low, high, unit): (f64, f64, Option<String>), outp
         .or_else(|| of("rate").map(|r| 1.5 * (high - low) / r))
         .or_else(|| of("limit").map(|r| 1.5 * (high - low) / r))?;
     let time_s = between(0.0, 1.25 * settles);
-    let u: Vec<f64> = time_s.iter().map(|t| if *t < 0.25 * settles { 0.0 } else { high - low }).collect();
+    let u: Vec<f64> =
+        time_s.iter().map(|t| if *t < 0.25 * settles { 0.0 } else { high - low }).collect();
     let y = out(&system, &plan, &time_s, u.clone())?;
     let shift = |v: f64| v - 0.25 * settles;
     Some(json!({
@@ -196,7 +233,8 @@ fn law(c: &Contribution, d: &Diagnosed) -> Option<Value> {
     x.retain(|v| v.abs() > 1e-9 * reach);
     x.extend([-1e-6 * reach, 1e-6 * reach]);
     x.sort_by(f64::total_cmp);
-    let y: Option<Vec<f64>> = x.iter().map(|v| plan.terms.iter().map(|t| of(t, *v)).sum()).collect();
+    let y: Option<Vec<f64>> =
+        x.iter().map(|v| plan.terms.iter().map(|t| of(t, *v)).sum()).collect();
     let unit = known.and_then(|(.., unit)| unit);
     Some(json!({
         "x": { "label": label(&c.channel, "the state", unit.as_deref()), "values": briefly(x) },
@@ -212,7 +250,10 @@ mod tests {
 
     fn found(effect: &str, parameters: &[(&str, f64)]) -> Contribution {
         let parameter = |(name, value): &(&str, f64)| {
-            serde_json::from_value(json!({ "name": name, "unit": "1", "value": value, "std": null, "ci95": null })).unwrap()
+            serde_json::from_value(
+                json!({ "name": name, "unit": "1", "value": value, "std": null, "ci95": null }),
+            )
+            .unwrap()
         };
         Contribution {
             effect: effect.into(),
@@ -240,7 +281,8 @@ mod tests {
             assert!((y - x.signum() * (x.abs() - 0.5).max(0.0)).abs() < 1e-4, "{x} {y}");
         }
         let view = swept(&found("backlash", &[("width", 0.4)]), (-2.0, 2.0, None), false).unwrap();
-        let (rising, falling) = (numbers(&view["curves"][1]["y"]), numbers(&view["curves"][2]["y"]));
+        let (rising, falling) =
+            (numbers(&view["curves"][1]["y"]), numbers(&view["curves"][2]["y"]));
         // The play operator lags by its half-width either way.
         let between = falling[POINTS / 2] - rising[POINTS / 2];
         assert!((between - 2.0 * 0.4).abs() < 1e-3, "{between}");
@@ -248,7 +290,9 @@ mod tests {
 
     #[test]
     fn a_lag_answers_a_step_by_two_thirds_after_its_time_constant() {
-        let view = stepped(&found("actuator_lag", &[("time_constant", 0.2)]), (0.0, 3.0, None), false).unwrap();
+        let view =
+            stepped(&found("actuator_lag", &[("time_constant", 0.2)]), (0.0, 3.0, None), false)
+                .unwrap();
         let (t, y) = (numbers(&view["x"]["values"]), numbers(&view["curves"][1]["y"]));
         let at = t.iter().position(|t| *t >= 0.2).unwrap();
         assert!((y[at] / 3.0 - (1.0 - (-1.0_f64).exp())).abs() < 0.02, "{}", y[at]);

@@ -46,16 +46,24 @@ fn table(found: &Matched) -> Markup {
 }
 
 fn figures(responses: &[Compared]) -> Vec<Value> {
-    let curve = |label: &'static str, color: &'static str, points: &[ComparedPoint], of: fn(&ComparedPoint) -> [f64; 2], known: bool| {
+    let curve = |label: &'static str,
+                 color: &'static str,
+                 points: &[ComparedPoint],
+                 of: fn(&ComparedPoint) -> [f64; 2],
+                 known: bool| {
         let gain: Vec<f64> = points.iter().map(|p| of(p)[0].hypot(of(p)[1])).collect();
-        let phase_deg: Vec<f64> = points.iter().map(|p| of(p)[1].atan2(of(p)[0]).to_degrees()).collect();
+        let phase_deg: Vec<f64> =
+            points.iter().map(|p| of(p)[1].atan2(of(p)[0]).to_degrees()).collect();
         let ends = |values: &[f64], which: usize, unit: f64| {
             let end = |(p, v): (&ComparedPoint, &f64)| {
-                p.std.filter(|_| known).map(|std| [-1.0, 1.0].map(|s| v + s * NORMAL_95 * unit * std[which]))
+                p.std
+                    .filter(|_| known)
+                    .map(|std| [-1.0, 1.0].map(|s| v + s * NORMAL_95 * unit * std[which]))
             };
             points.iter().zip(values).map(end).collect::<Vec<_>>()
         };
-        let (gain_ci95, phase_ci95_deg) = (ends(&gain, 0, 1.0), ends(&phase_deg, 1, 1.0_f64.to_degrees()));
+        let (gain_ci95, phase_ci95_deg) =
+            (ends(&gain, 0, 1.0), ends(&phase_deg, 1, 1.0_f64.to_degrees()));
         Curve { label: Some(label), color, gain, gain_ci95, phase_deg, phase_ci95_deg }
     };
     let views = |r: &Compared| {

@@ -27,19 +27,32 @@ const FULL_DB: f64 = 40.0;
 
 /// All figures of a diagnosis; those that there is nothing for are left out.
 pub(super) fn figures(d: &Diagnosed) -> Vec<Value> {
-    let logs = d.traces.first().map_or(0, |first| d.traces.iter().take_while(|t| t.output == first.output).count());
+    let logs = d
+        .traces
+        .first()
+        .map_or(0, |first| d.traces.iter().take_while(|t| t.output == first.output).count());
     if logs == 0 {
         return Vec::new();
     }
     let outputs: Vec<&[Trace]> = d.traces.chunks(logs).collect();
     let inputs: Vec<Vec<&CommandTrace>> = {
         let count = d.commands.len() / logs;
-        (0..count).map(|j| (0..logs).filter_map(|at| d.commands.get(at * count + j)).collect()).collect()
+        (0..count)
+            .map(|j| (0..logs).filter_map(|at| d.commands.get(at * count + j)).collect())
+            .collect()
     };
     let all: [(&str, &[&str], Vec<Value>); 4] = [
-        ("regimes", &["output", "against"], outputs.iter().flat_map(|o| regimes(o, &outputs, &inputs)).collect()),
+        (
+            "regimes",
+            &["output", "against"],
+            outputs.iter().flat_map(|o| regimes(o, &outputs, &inputs)).collect(),
+        ),
         ("spectrum", &["output"], outputs.iter().filter_map(|o| spectrum(o)).collect()),
-        ("coherence", &["output", "command"], outputs.iter().flat_map(|o| coherence(o, &inputs)).collect()),
+        (
+            "coherence",
+            &["output", "command"],
+            outputs.iter().flat_map(|o| coherence(o, &inputs)).collect(),
+        ),
         ("map", &["output", "log", "simulated"], outputs.iter().flat_map(|o| maps(o)).collect()),
     ];
     let filled = all.into_iter().filter(|(.., views)| !views.is_empty());
@@ -75,34 +88,65 @@ fn regimes(output: &[Trace], outputs: &[&[Trace]], inputs: &[Vec<&CommandTrace>]
     let commands = inputs.iter().filter_map(|logs| {
         let one = logs.first()?;
         let of = |log: usize, at: usize| logs.get(log).and_then(|c| c.values.get(at).copied());
-        view(output, &format!("command {}", one.input), &labelled(&one.input, one.unit.as_deref()), &of)
+        view(
+            output,
+            &format!("command {}", one.input),
+            &labelled(&one.input, one.unit.as_deref()),
+            &of,
+        )
     });
     let measured = outputs.iter().filter_map(|logs| {
         let one = logs.first()?;
-        let of = |log: usize, at: usize| logs.get(log).and_then(|t| t.measured.get(at).copied().flatten());
-        view(output, &format!("measured {}", one.output), &labelled(&one.output, one.unit.as_deref()), &of)
-    });
-    let slopes = outputs.iter().filter(|logs| logs.first().is_some_and(|t| t.output == first.output)).filter_map(|logs| {
-        let slope = |t: &Trace, at: usize| {
-            let (from, to) = (at.checked_sub(1)?, at + 1);
-            let rise = t.measured.get(to).copied().flatten()? - t.measured.get(from).copied().flatten()?;
-            Some(rise / (t.time_s.get(to)? - t.time_s.get(from)?))
+        let of = |log: usize, at: usize| {
+            logs.get(log).and_then(|t| t.measured.get(at).copied().flatten())
         };
-        let unit = first.unit.as_deref().filter(|u| *u != "1").map_or_else(|| "1/s".to_owned(), |u| format!("{u}/s"));
-        view(output, &format!("slope of {}", first.output), &labelled(&format!("slope of {}", first.output), Some(&unit)), &|log, at| {
-            logs.get(log).and_then(|t| slope(t, at))
-        })
+        view(
+            output,
+            &format!("measured {}", one.output),
+            &labelled(&one.output, one.unit.as_deref()),
+            &of,
+        )
     });
+    let slopes = outputs
+        .iter()
+        .filter(|logs| logs.first().is_some_and(|t| t.output == first.output))
+        .filter_map(|logs| {
+            let slope = |t: &Trace, at: usize| {
+                let (from, to) = (at.checked_sub(1)?, at + 1);
+                let rise = t.measured.get(to).copied().flatten()?
+                    - t.measured.get(from).copied().flatten()?;
+                Some(rise / (t.time_s.get(to)? - t.time_s.get(from)?))
+            };
+            let unit = first
+                .unit
+                .as_deref()
+                .filter(|u| *u != "1")
+                .map_or_else(|| "1/s".to_owned(), |u| format!("{u}/s"));
+            view(
+                output,
+                &format!("slope of {}", first.output),
+                &labelled(&format!("slope of {}", first.output), Some(&unit)),
+                &|log, at| logs.get(log).and_then(|t| slope(t, at)),
+            )
+        });
     commands.chain(measured).chain(slopes).collect()
 }
 
-fn view(output: &[Trace], key: &str, label: &str, variable: &dyn Fn(usize, usize) -> Option<f64>) -> Option<Value> {
+fn view(
+    output: &[Trace],
+    key: &str,
+    label: &str,
+    variable: &dyn Fn(usize, usize) -> Option<f64>,
+) -> Option<Value> {
     let first = output.first()?;
     let with = output.iter().all(|t| t.after.is_some());
     let mut rows: Vec<(f64, f64, f64)> = Vec::new();
     for (log, t) in output.iter().enumerate() {
         for at in 0..t.time_s.len() {
-            let Some((x, e)) = variable(log, at).filter(|v| v.is_finite()).zip(left(t, false, at)) else { continue };
+            let Some((x, e)) = variable(log, at).filter(|v| v.is_finite()).zip(left(t, false, at))
+            else {
+                continue;
+            };
             rows.push((x, e * e, left(t, true, at).map_or(0.0, |a| a * a)));
         }
     }
@@ -120,8 +164,12 @@ fn view(output: &[Trace], key: &str, label: &str, variable: &dyn Fn(usize, usize
     if stretches.len() < 2 {
         return None;
     }
-    let of = |f: fn(&(f64, f64, f64)) -> f64| stretches.iter().map(move |s| s.iter().map(f).sum::<f64>() / s.len().max(1) as f64);
-    let mut curves = vec![json!({ "label": "simulated", "y": briefly(of(|r| r.1).map(f64::sqrt)), "color": "before" })];
+    let of = |f: fn(&(f64, f64, f64)) -> f64| {
+        stretches.iter().map(move |s| s.iter().map(f).sum::<f64>() / s.len().max(1) as f64)
+    };
+    let mut curves = vec![
+        json!({ "label": "simulated", "y": briefly(of(|r| r.1).map(f64::sqrt)), "color": "before" }),
+    ];
     if with {
         curves.push(json!({ "label": "with causes", "y": briefly(of(|r| r.2).map(f64::sqrt)), "color": "after", "dash": [7, 3] }));
     }
@@ -140,7 +188,10 @@ fn floor_line(level: f64, count: usize) -> Value {
 fn step(output: &[Trace]) -> Option<f64> {
     let t = &output.iter().find(|t| t.time_s.len() > 2)?.time_s;
     let step = t[1] - t[0];
-    let even = output.iter().flat_map(|t| t.time_s.windows(2)).all(|w| (w[1] - w[0] - step).abs() <= 1e-3 * step);
+    let even = output
+        .iter()
+        .flat_map(|t| t.time_s.windows(2))
+        .all(|w| (w[1] - w[0] - step).abs() <= 1e-3 * step);
     (even && step > 0.0).then_some(step)
 }
 
@@ -149,10 +200,13 @@ fn stretches(count: usize, series: &[&dyn Fn(usize) -> Option<f64>]) -> Vec<Vec<
     let mut all = Vec::new();
     let mut now: Vec<Vec<f64>> = vec![Vec::new(); series.len()];
     for at in 0..=count {
-        let row: Option<Vec<f64>> = if at < count { series.iter().map(|s| s(at)).collect() } else { None };
+        let row: Option<Vec<f64>> =
+            if at < count { series.iter().map(|s| s(at)).collect() } else { None };
         match row {
             Some(row) => now.iter_mut().zip(row).for_each(|(list, v)| list.push(v)),
-            None if now.first().is_some_and(|l| !l.is_empty()) => all.push(std::mem::replace(&mut now, vec![Vec::new(); series.len()])),
+            None if now.first().is_some_and(|l| !l.is_empty()) => {
+                all.push(std::mem::replace(&mut now, vec![Vec::new(); series.len()]))
+            }
             None => {}
         }
     }
@@ -168,11 +222,16 @@ fn averaged(parts: &[Vec<Vec<f64>>], a: usize, b: usize) -> Option<CrossSpectra>
         return None;
     }
     let segment = (1_usize << wanted.ilog2()).min(SEGMENTS[1]);
-    let mean = |i: usize| stats::mean(parts.iter().filter_map(|p| p.get(i)).flatten().copied()).unwrap_or(0.0);
+    let mean = |i: usize| {
+        stats::mean(parts.iter().filter_map(|p| p.get(i)).flatten().copied()).unwrap_or(0.0)
+    };
     let (ma, mb) = (mean(a), mean(b));
     let centred = |v: &[f64], m: f64| v.iter().map(|v| v - m).collect::<Vec<f64>>();
-    let pairs: Vec<(Vec<f64>, Vec<f64>)> =
-        parts.iter().filter(|p| p[a].len() >= segment).map(|p| (centred(&p[a], ma), centred(&p[b], mb))).collect();
+    let pairs: Vec<(Vec<f64>, Vec<f64>)> = parts
+        .iter()
+        .filter(|p| p[a].len() >= segment)
+        .map(|p| (centred(&p[a], ma), centred(&p[b], mb)))
+        .collect();
     Some(CrossSpectra::welch(pairs.iter().map(|(a, b)| (a.as_slice(), b.as_slice())), segment))
 }
 
@@ -186,7 +245,10 @@ fn spectrum(output: &[Trace]) -> Option<Value> {
     let with = output.iter().all(|t| t.after.is_some());
     let parts = |t: &Trace| {
         let measured = |at: usize| t.measured.get(at).copied().flatten();
-        let (before, after) = (|at: usize| left(t, false, at), |at: usize| if with { left(t, true, at) } else { Some(0.0) });
+        let (before, after) = (
+            |at: usize| left(t, false, at),
+            |at: usize| if with { left(t, true, at) } else { Some(0.0) },
+        );
         stretches(t.time_s.len(), &[&measured, &before, &after])
     };
     let parts: Vec<_> = output.iter().flat_map(parts).collect();
@@ -205,7 +267,13 @@ fn spectrum(output: &[Trace]) -> Option<Value> {
     curves.push(floor);
     let unit = first.unit.as_deref().filter(|u| *u != "1").map_or_else(
         || "1/Hz".to_owned(),
-        |u| if u.chars().all(char::is_alphanumeric) { format!("{u}²/Hz") } else { format!("({u})²/Hz") },
+        |u| {
+            if u.chars().all(char::is_alphanumeric) {
+                format!("{u}²/Hz")
+            } else {
+                format!("({u})²/Hz")
+            }
+        },
     );
     Some(json!({
         "kind": "lines", "keys": [first.output], "about": format!("Spectrum of {} and of its residual", first.output),
@@ -219,13 +287,18 @@ fn coherence(output: &[Trace], inputs: &[Vec<&CommandTrace>]) -> Vec<Value> {
     let with = output.iter().all(|t| t.after.is_some());
     let view = |logs: &Vec<&CommandTrace>| {
         let parts = output.iter().zip(logs).flat_map(|(t, c)| {
-            let (before, after) = (|at: usize| left(t, false, at), |at: usize| if with { left(t, true, at) } else { Some(0.0) });
+            let (before, after) = (
+                |at: usize| left(t, false, at),
+                |at: usize| if with { left(t, true, at) } else { Some(0.0) },
+            );
             stretches(t.time_s.len(), &[&|at: usize| c.values.get(at).copied(), &before, &after])
         });
         let parts: Vec<_> = parts.collect();
         let (one, two) = (averaged(&parts, 0, 1)?, averaged(&parts, 0, 2)?);
         let lines = |s: &CrossSpectra| briefly(s.coherence().into_iter().skip(1));
-        let mut curves = vec![json!({ "label": "residual", "y": lines(&one), "color": "before", "points": false })];
+        let mut curves = vec![
+            json!({ "label": "residual", "y": lines(&one), "color": "before", "points": false }),
+        ];
         if with {
             curves.push(json!({ "label": "residual with causes", "y": lines(&two), "color": "after", "dash": [7, 3], "points": false }));
         }
@@ -274,12 +347,20 @@ fn map(t: &Trace, after: bool, step_s: f64) -> Option<Value> {
     let mut powers: Vec<Option<Vec<f64>>> = Vec::new();
     let mut strongest: Vec<Option<(f64, f64)>> = Vec::new();
     for c in 0..columns {
-        let part: Option<Vec<f64>> = (c * size..(c + 1) * size).map(|at| left(t, after, at)).collect();
-        let spectrum = part.map(|part| CrossSpectra::welch([(part.as_slice(), part.as_slice())], size));
-        let line = |s: &CrossSpectra| (1..s.uu.len()).map(|k| (s.uu[k], k as f64 * lowest)).max_by(|a, b| a.0.total_cmp(&b.0));
+        let part: Option<Vec<f64>> =
+            (c * size..(c + 1) * size).map(|at| left(t, after, at)).collect();
+        let spectrum =
+            part.map(|part| CrossSpectra::welch([(part.as_slice(), part.as_slice())], size));
+        let line = |s: &CrossSpectra| {
+            (1..s.uu.len()).map(|k| (s.uu[k], k as f64 * lowest)).max_by(|a, b| a.0.total_cmp(&b.0))
+        };
         strongest.push(spectrum.as_ref().and_then(line));
         powers.push(spectrum.map(|s| {
-            let row = |r: usize| (nearest(edges[r])..=nearest(edges[r + 1])).filter_map(|k| s.uu.get(k).copied()).fold(0.0, f64::max);
+            let row = |r: usize| {
+                (nearest(edges[r])..=nearest(edges[r + 1]))
+                    .filter_map(|k| s.uu.get(k).copied())
+                    .fold(0.0, f64::max)
+            };
             (0..ROWS).map(row).collect()
         }));
     }
@@ -291,10 +372,16 @@ fn map(t: &Trace, after: bool, step_s: f64) -> Option<Value> {
     let db = |p: f64| 10.0 * (p / level).log10();
     let shades = powers.iter().flat_map(|c| match c {
         // A line of noise alone is a tenth of the time more than 3.6 dB above its mean; below 6 dB nothing is shown.
-        Some(c) => c.iter().map(|p| if db(*p) < 6.0 { 0 } else { (255.0 * db(*p) / FULL_DB).min(255.0) as u8 }).collect::<Vec<u8>>(),
+        Some(c) => c
+            .iter()
+            .map(|p| if db(*p) < 6.0 { 0 } else { (255.0 * db(*p) / FULL_DB).min(255.0) as u8 })
+            .collect::<Vec<u8>>(),
         None => vec![0; ROWS],
     });
-    let strongest: Vec<Option<f64>> = strongest.into_iter().map(|s| s.filter(|s| db(s.0) >= 6.0).and_then(|s| brief(s.1))).collect();
+    let strongest: Vec<Option<f64>> = strongest
+        .into_iter()
+        .map(|s| s.filter(|s| db(s.0) >= 6.0).and_then(|s| brief(s.1)))
+        .collect();
     let start = |c: usize| t.time_s.get(c * size).or(t.time_s.last()).copied();
     let times: Vec<f64> = (0..=columns).filter_map(start).collect();
     let middles = times.windows(2).map(|w| w[0].midpoint(w[1]));
@@ -315,8 +402,10 @@ mod tests {
     fn trace() -> (Trace, CommandTrace) {
         let count = 4000_usize;
         let time_s: Vec<f64> = (0..count).map(|k| 0.01 * k as f64).collect();
-        let values: Vec<f64> = (0..count).map(|k| f64::from(u8::from((k / 37).is_multiple_of(2)))).collect();
-        let tone = |k: usize| if k >= count / 2 { 0.5 * (TAU * 5.0 * time_s[k]).sin() } else { 0.0 };
+        let values: Vec<f64> =
+            (0..count).map(|k| f64::from(u8::from((k / 37).is_multiple_of(2)))).collect();
+        let tone =
+            |k: usize| if k >= count / 2 { 0.5 * (TAU * 5.0 * time_s[k]).sin() } else { 0.0 };
         let measured = (0..count).map(|k| Some(values[k] + tone(k)));
         let trace = Trace {
             log: "a".into(),
@@ -344,13 +433,25 @@ mod tests {
         let against = views.iter().find(|v| v["keys"][1] == "command u").unwrap();
         assert_eq!(numbers(&against["x"]["values"]), [0.0, 1.0]);
         // Where the command is 0 only the tone is left, in half of the samples: 0.5/√2/√2.
-        let (before, after) = (numbers(&against["curves"][0]["y"]), numbers(&against["curves"][1]["y"]));
-        assert!((before[0] - 0.25).abs() < 0.01 && before[1] > 1.0 && (after[1] - 0.25).abs() < 0.01, "{before:?} {after:?}");
+        let (before, after) =
+            (numbers(&against["curves"][0]["y"]), numbers(&against["curves"][1]["y"]));
+        assert!(
+            (before[0] - 0.25).abs() < 0.01 && before[1] > 1.0 && (after[1] - 0.25).abs() < 0.01,
+            "{before:?} {after:?}"
+        );
         let views = coherence(&[t], &[vec![&c]]);
-        let (x, before, after) =
-            (numbers(&views[0]["x"]["values"]), numbers(&views[0]["curves"][0]["y"]), numbers(&views[0]["curves"][1]["y"]));
+        let (x, before, after) = (
+            numbers(&views[0]["x"]["values"]),
+            numbers(&views[0]["curves"][0]["y"]),
+            numbers(&views[0]["curves"][1]["y"]),
+        );
         // The command's own frequency is 1/0.74 s.
-        let near = x.iter().enumerate().min_by(|a, b| (a.1 - 1.35).abs().total_cmp(&(b.1 - 1.35).abs())).unwrap().0;
+        let near = x
+            .iter()
+            .enumerate()
+            .min_by(|a, b| (a.1 - 1.35).abs().total_cmp(&(b.1 - 1.35).abs()))
+            .unwrap()
+            .0;
         assert!(before[near] > 0.99 && after[near] < 0.5, "{} {}", before[near], after[near]);
     }
 
@@ -368,7 +469,10 @@ mod tests {
         let strongest = map["curves"][0]["y"].as_array().unwrap();
         let (early, late) = strongest.split_at(strongest.len() / 2);
         assert!(early[..early.len() - 1].iter().all(Value::is_null), "{early:?}");
-        assert!(late[1..].iter().all(|hz| (hz.as_f64().unwrap() / 5.0).ln().abs() < 0.2), "{late:?}");
+        assert!(
+            late[1..].iter().all(|hz| (hz.as_f64().unwrap() / 5.0).ln().abs() < 0.2),
+            "{late:?}"
+        );
     }
 
     #[test]

@@ -17,7 +17,9 @@ type Named = (String, Vec<Point>);
 pub fn response(report: &Report<'_>) -> String {
     let r = report.responses;
     let title = format!("Frequency responses of {}", report.logs.join(", "));
-    let name = |(input, output): (usize, usize)| format!("{} → {}", r.inputs[input].name, r.outputs[output].name);
+    let name = |(input, output): (usize, usize)| {
+        format!("{} → {}", r.inputs[input].name, r.outputs[output].name)
+    };
     let body = html! {
         h1 { (title) }
         p .verdict { (report.headline()) "." }
@@ -32,20 +34,28 @@ pub fn response(report: &Report<'_>) -> String {
         }
         (made_by())
     };
-    let all: Vec<Named> =
-        report.pairs().map(|pair| (name(pair), r.pair(pair.1, pair.0))).filter(|(_, points)| !points.is_empty()).collect();
+    let all: Vec<Named> = report
+        .pairs()
+        .map(|pair| (name(pair), r.pair(pair.1, pair.0)))
+        .filter(|(_, points)| !points.is_empty())
+        .collect();
     page(&title, &body, &json!({ "kind": "identify", "figures": figures(&all) }))
 }
 
 fn figures(all: &[Named]) -> Vec<Value> {
-    let hz = |points: &[Point]| points.iter().map(|p| p.omega_rad_s / std::f64::consts::TAU).collect::<Vec<f64>>();
+    let hz = |points: &[Point]| {
+        points.iter().map(|p| p.omega_rad_s / std::f64::consts::TAU).collect::<Vec<f64>>()
+    };
     let curve = |points: &[Point]| Curve {
         label: None,
         color: "after",
         gain: points.iter().map(Point::gain).collect(),
         gain_ci95: points.iter().map(|p| Some(p.gain_ci95())).collect(),
         phase_deg: points.iter().map(|p| p.phase_rad().to_degrees()).collect(),
-        phase_ci95_deg: points.iter().map(|p| p.phase_ci95_rad().map(|ends| ends.map(f64::to_degrees))).collect(),
+        phase_ci95_deg: points
+            .iter()
+            .map(|p| p.phase_ci95_rad().map(|ends| ends.map(f64::to_degrees)))
+            .collect(),
     };
     let coherence = |(name, points): &Named| {
         json!({
@@ -54,7 +64,9 @@ fn figures(all: &[Named]) -> Vec<Value> {
             "curves": [{ "label": "coherence", "y": points.iter().map(|p| p.coherence).collect::<Vec<f64>>(), "color": "after", "points": false }],
         })
     };
-    let mut figures = bode::figures(all.iter().map(|(name, points)| bode::views(name, &hz(points), &[curve(points)])).collect());
+    let mut figures = bode::figures(
+        all.iter().map(|(name, points)| bode::views(name, &hz(points), &[curve(points)])).collect(),
+    );
     if !figures.is_empty() {
         figures.push(json!({ "id": "coherence", "pick": ["pair"], "views": all.iter().map(coherence).collect::<Vec<Value>>() }));
     }

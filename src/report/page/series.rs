@@ -31,7 +31,10 @@ impl Thinning {
         let even = time_s.windows(2).all(|w| (w[1] - w[0] - step).abs() <= 1e-3 * step);
         // Times that are written one by one take four curves' room.
         let curves = if even { curves } else { curves + 4 };
-        Self::new(time_s.len(), (POINTS / curves.max(1) * time_s.len() / samples_of_all.max(1)).max(64))
+        Self::new(
+            time_s.len(),
+            (POINTS / curves.max(1) * time_s.len() / samples_of_all.max(1)).max(64),
+        )
     }
 
     /// Samples of which two points are shown; 1 where all are.
@@ -51,14 +54,21 @@ impl Thinning {
             time_s.to_vec()
         } else {
             self.buckets()
-                .filter_map(|(from, to)| Some([*time_s.get(from)?, *time_s.get(from.midpoint(to).min(to - 1))?]))
+                .filter_map(|(from, to)| {
+                    Some([*time_s.get(from)?, *time_s.get(from.midpoint(to).min(to - 1))?])
+                })
                 .flatten()
                 .collect()
         };
         let count = points.len();
-        let (Some(first), Some(last)) = (points.first(), points.last()) else { return json!({ "from": 0.0, "step": 0.0, "count": 0 }) };
+        let (Some(first), Some(last)) = (points.first(), points.last()) else {
+            return json!({ "from": 0.0, "step": 0.0, "count": 0 });
+        };
         let step = (last - first) / (count.max(2) - 1) as f64;
-        let even = points.iter().enumerate().all(|(i, t)| (t - first - step * i as f64).abs() <= EVEN * step);
+        let even = points
+            .iter()
+            .enumerate()
+            .all(|(i, t)| (t - first - step * i as f64).abs() <= EVEN * step);
         if even && count > 1 {
             json!({ "from": first, "step": step, "count": count })
         } else {
@@ -68,13 +78,17 @@ impl Thinning {
 
     /// The points of a curve, `None` where samples are missing; what lies outside `within` is drawn at its ends.
     pub(super) fn curve(self, value: impl Fn(usize) -> Option<f64>, within: [f64; 2]) -> Value {
-        let value = |i: usize| value(i).filter(|v| v.is_finite()).map(|v| v.clamp(within[0], within[1]));
+        let value =
+            |i: usize| value(i).filter(|v| v.is_finite()).map(|v| v.clamp(within[0], within[1]));
         let points: Vec<Option<f64>> = if self.bucket == 1 {
             (0..self.samples).map(value).collect()
         } else {
             self.buckets().flat_map(|(from, to)| extremes(from, to, &value)).collect()
         };
-        let [low, high] = points.iter().flatten().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)]);
+        let [low, high] = points
+            .iter()
+            .flatten()
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)]);
         if low > high {
             return json!({ "low": 0.0, "high": 0.0, "u16": base64(points.iter().flat_map(|_| MISSING.to_le_bytes())) });
         }
@@ -89,7 +103,10 @@ fn extremes(from: usize, to: usize, value: &impl Fn(usize) -> Option<f64>) -> [O
     let mut found: Option<[(usize, f64); 2]> = None;
     for (i, v) in (from..to).filter_map(|i| Some((i, value(i)?))) {
         let [least, greatest] = found.unwrap_or([(i, v); 2]);
-        found = Some([if v < least.1 { (i, v) } else { least }, if v > greatest.1 { (i, v) } else { greatest }]);
+        found = Some([
+            if v < least.1 { (i, v) } else { least },
+            if v > greatest.1 { (i, v) } else { greatest },
+        ]);
     }
     match found {
         None => [None, None],
@@ -104,9 +121,14 @@ pub(super) fn base64(bytes: impl Iterator<Item = u8>) -> String {
     let bytes: Vec<u8> = bytes.collect();
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for three in bytes.chunks(3) {
-        let whole = three.iter().enumerate().fold(0_u32, |sum, (i, b)| sum | u32::from(*b) << (16 - 8 * i));
+        let whole =
+            three.iter().enumerate().fold(0_u32, |sum, (i, b)| sum | u32::from(*b) << (16 - 8 * i));
         for i in 0..4 {
-            let letter = if i <= three.len() { char::from(LETTERS[(whole >> (18 - 6 * i) & 63) as usize]) } else { '=' };
+            let letter = if i <= three.len() {
+                char::from(LETTERS[(whole >> (18 - 6 * i) & 63) as usize])
+            } else {
+                '='
+            };
             let _ = text.write_char(letter);
         }
     }
@@ -120,7 +142,11 @@ mod tests {
     const ALL: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
     fn decoded(text: &str) -> Vec<u8> {
-        let value = |c: u8| b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/".iter().position(|l| *l == c);
+        let value = |c: u8| {
+            b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
+                .iter()
+                .position(|l| *l == c)
+        };
         let bits: Vec<usize> = text.bytes().filter_map(value).collect();
         let mut bytes = Vec::new();
         for four in bits.chunks(4) {
@@ -143,9 +169,15 @@ mod tests {
     #[test]
     fn base64_is_that_of_the_rfc() {
         // Section 10 of RFC 4648.
-        for (plain, coded) in
-            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("fooba", "Zm9vYmE="), ("foobar", "Zm9vYmFy")]
-        {
+        for (plain, coded) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+            ("fooba", "Zm9vYmE="),
+            ("foobar", "Zm9vYmFy"),
+        ] {
             assert_eq!(base64(plain.bytes()), coded);
         }
     }
@@ -171,7 +203,11 @@ mod tests {
         let read = values(&thinning.curve(|i| Some(y[i]), [0.0, 2.0]));
         assert!(read.len() <= 20_000, "{}", read.len());
         let at = read.iter().position(|v| v.is_some_and(|v| (v - 1.0).abs() < 1e-4)).unwrap();
-        assert!(read[at + 1].unwrap() < 1e-4 && at.is_multiple_of(2), "{:?}", &read[at - 2..at + 4]);
+        assert!(
+            read[at + 1].unwrap() < 1e-4 && at.is_multiple_of(2),
+            "{:?}",
+            &read[at - 2..at + 4]
+        );
         assert!((read.iter().flatten().fold(0.0_f64, |a, b| a.max(*b)) - 2.0).abs() < 1e-9);
         let time: Vec<f64> = (0..y.len()).map(|i| i as f64 * 0.01).collect();
         let times = thinning.times(&time);
@@ -182,7 +218,13 @@ mod tests {
     fn uneven_times_are_kept() {
         let times = Thinning::new(3, 10).times(&[0.0, 0.1, 0.35]);
         let bytes = decoded(times["f64"].as_str().unwrap());
-        assert_eq!(bytes.chunks(8).map(|b| f64::from_le_bytes(b.try_into().unwrap())).collect::<Vec<_>>(), [0.0, 0.1, 0.35]);
-        assert_eq!(Thinning::new(3, 10).times(&[1.0, 1.5, 2.0]), json!({ "from": 1.0, "step": 0.5, "count": 3 }));
+        assert_eq!(
+            bytes.chunks(8).map(|b| f64::from_le_bytes(b.try_into().unwrap())).collect::<Vec<_>>(),
+            [0.0, 0.1, 0.35]
+        );
+        assert_eq!(
+            Thinning::new(3, 10).times(&[1.0, 1.5, 2.0]),
+            json!({ "from": 1.0, "step": 0.5, "count": 3 })
+        );
     }
 }

@@ -17,8 +17,13 @@ const TIMES: [f64; 2] = [-1.0, 3.0];
 #[must_use]
 pub fn structured(found: &StructuredFit) -> String {
     let count = |of: Standing| found.parameters.iter().filter(|p| p.standing == of).count();
-    let kinds = [Standing::Physical, Standing::Surrogate, Standing::Open, Standing::Unchecked].map(|s| (standing(s), count(s)));
-    let said: Vec<String> = kinds.iter().filter(|(_, count)| *count > 0).map(|(name, count)| format!("{count} {name}")).collect();
+    let kinds = [Standing::Physical, Standing::Surrogate, Standing::Open, Standing::Unchecked]
+        .map(|s| (standing(s), count(s)));
+    let said: Vec<String> = kinds
+        .iter()
+        .filter(|(_, count)| *count > 0)
+        .map(|(name, count)| format!("{count} {name}"))
+        .collect();
     let body = html! {
         h1 { "Parameters of " (found.name) }
         p .verdict { strong { (found.parameters.len()) } " parameters: " (said.join(", ")) "." }
@@ -38,7 +43,11 @@ pub fn structured(found: &StructuredFit) -> String {
         @if let Some(held_out) = &found.held_out { (errors("On the logs held out", held_out)) }
         (made_by())
     };
-    page(&format!("Parameters of {}", found.name), &body, &json!({ "kind": "structured", "figures": figures(found) }))
+    page(
+        &format!("Parameters of {}", found.name),
+        &body,
+        &json!({ "kind": "structured", "figures": figures(found) }),
+    )
 }
 
 fn drawn(p: &FreeParameter) -> Drawn {
@@ -87,22 +96,33 @@ pub(super) fn parameters(all: &[Drawn], single: bool) -> Markup {
             Cell::Number(digits(p.nominal)),
             Cell::Number(value.clone()),
             Cell::Number(interval.clone()),
-            Cell::Drawn(bar(&format!("{} in the file, {value} found, 95 %: {interval}", digits(p.nominal)), &drawn)),
+            Cell::Drawn(bar(
+                &format!("{} in the file, {value} found, 95 %: {interval}", digits(p.nominal)),
+                &drawn,
+            )),
         ];
         if single {
-            let one = p.one_step.map_or_else(|| "–".to_owned(), |[v, s]| format!("{} ± {}", digits(v), digits(NORMAL_95 * s)));
+            let one = p.one_step.map_or_else(
+                || "–".to_owned(),
+                |[v, s]| format!("{} ± {}", digits(v), digits(NORMAL_95 * s)),
+            );
             cells.push(Cell::Number(one));
         }
         cells.push(Cell::Words(standing(p.standing).to_owned()));
         cells
     };
     let rows: Vec<Vec<Cell>> = all.iter().map(row).collect();
-    let mut headings = vec!["parameter", "unit", "file", "found", "95 % interval", "−1 to 3 times the file"];
+    let mut headings =
+        vec!["parameter", "unit", "file", "found", "95 % interval", "−1 to 3 times the file"];
     if single {
         headings.push("one step ahead");
     }
     headings.push("standing");
-    sorted("Parameters; the grey point is the file's value, an arrow is beyond the axis", &headings, &rows)
+    sorted(
+        "Parameters; the grey point is the file's value, an arrow is beyond the axis",
+        &headings,
+        &rows,
+    )
 }
 
 /// What cannot be had, if anything.
@@ -122,12 +142,17 @@ fn by_record(found: &StructuredFit) -> Markup {
     let row = |(name, record, value): &(String, String, f64)| {
         vec![Cell::Words(name.clone()), Cell::Words(record.clone()), Cell::Number(digits(*value))]
     };
-    sorted("What stands off by record", &["parameter", "record", "by"], &found.per_record.iter().map(row).collect::<Vec<_>>())
+    sorted(
+        "What stands off by record",
+        &["parameter", "record", "by"],
+        &found.per_record.iter().map(row).collect::<Vec<_>>(),
+    )
 }
 
 fn errors(caption: &str, [before, after]: &[Vec<GroupScore>; 2]) -> Markup {
     let row = |(before, after): (&GroupScore, &GroupScore)| {
-        let last = |g: &GroupScore| g.mean_absolute.last().map_or_else(|| "–".to_owned(), |v| digits(*v));
+        let last =
+            |g: &GroupScore| g.mean_absolute.last().map_or_else(|| "–".to_owned(), |v| digits(*v));
         vec![
             Cell::Words(before.group.clone()),
             Cell::Words(before.unit.clone().unwrap_or_default()),
@@ -137,14 +162,26 @@ fn errors(caption: &str, [before, after]: &[Vec<GroupScore>; 2]) -> Markup {
             Cell::Number(digits(after.sum)),
         ]
     };
-    let headings = ["group", "unit", "file, last step", "fitted, last step", "file, sum over steps", "fitted, sum over steps"];
+    let headings = [
+        "group",
+        "unit",
+        "file, last step",
+        "fitted, last step",
+        "file, sum over steps",
+        "fitted, sum over steps",
+    ];
     sorted(caption, &headings, &before.iter().zip(after).map(row).collect::<Vec<_>>())
 }
 
 fn figures(found: &StructuredFit) -> Vec<Value> {
-    let brief =
-        |values: &[f64]| values.iter().map(|v| format!("{v:.5e}").parse::<f64>().ok().filter(|v| v.is_finite())).collect::<Vec<_>>();
-    let parts = [("training logs", Some(&found.training)), ("logs held out", found.held_out.as_ref())];
+    let brief = |values: &[f64]| {
+        values
+            .iter()
+            .map(|v| format!("{v:.5e}").parse::<f64>().ok().filter(|v| v.is_finite()))
+            .collect::<Vec<_>>()
+    };
+    let parts =
+        [("training logs", Some(&found.training)), ("logs held out", found.held_out.as_ref())];
     let view = |which: &str, before: &GroupScore, after: &GroupScore| {
         let unit = before.unit.as_ref().map_or_else(String::new, |u| format!(" ({u})"));
         let steps: Vec<usize> = (1..=before.mean_absolute.len()).collect();
@@ -160,7 +197,13 @@ fn figures(found: &StructuredFit) -> Vec<Value> {
     let views: Vec<Value> = parts
         .into_iter()
         .filter_map(|(which, both)| Some((which, both?)))
-        .flat_map(|(which, [before, after])| before.iter().zip(after).map(|(b, a)| view(which, b, a)).collect::<Vec<_>>())
+        .flat_map(|(which, [before, after])| {
+            before.iter().zip(after).map(|(b, a)| view(which, b, a)).collect::<Vec<_>>()
+        })
         .collect();
-    if views.is_empty() { Vec::new() } else { vec![json!({ "id": "errors", "pick": ["logs", "group"], "views": views })] }
+    if views.is_empty() {
+        Vec::new()
+    } else {
+        vec![json!({ "id": "errors", "pick": ["logs", "group"], "views": views })]
+    }
 }

@@ -5,7 +5,10 @@ use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
 use super::frame::{Cell as Shown, figure, given, made_by, number, page, percent, sorted};
-use crate::report::study::{KEYS, KeyText, aims, groups, layouts, mean, median, over_bound, place, published, scores, standings, summary};
+use crate::report::study::{
+    KEYS, KeyText, aims, groups, layouts, mean, median, over_bound, place, published, scores,
+    standings, summary,
+};
 use deadtime_study::blind::wilson;
 use deadtime_study::{Cell, Plan, Study};
 
@@ -52,7 +55,11 @@ pub fn study(study: &Study, plan: Option<&Plan>) -> String {
         }
         (made_by())
     };
-    page(&format!("Accuracy study {}", study.plan), &body, &json!({ "kind": "study", "figures": figures(&parts) }))
+    page(
+        &format!("Accuracy study {}", study.plan),
+        &body,
+        &json!({ "kind": "study", "figures": figures(&parts) }),
+    )
 }
 
 /// The cells of one grid and place, method by method.
@@ -89,13 +96,55 @@ struct Measure {
 }
 
 const MEASURES: [Measure; 7] = [
-    Measure { name: "RMS error (samples)", of: |c| mean(c, |c| c.rms_samples).map(settled), log: true, good: None, share: false },
-    Measure { name: "RMS error over the bound", of: over_bound, log: true, good: None, share: false },
-    Measure { name: "bias (samples)", of: |c| mean(c, |c| c.bias_samples).map(settled), log: false, good: Some(0.0), share: false },
-    Measure { name: "no answer", of: |c| of_all(c, |c| c.flagged), log: false, good: None, share: true },
-    Measure { name: "wrong, unflagged", of: |c| of_all(c, |c| c.unflagged_wrong), log: false, good: None, share: true },
-    Measure { name: "truth in the 95 % interval", of: |c| mean(c, |c| c.coverage95), log: false, good: Some(0.95), share: true },
-    Measure { name: "time per estimate (s)", of: |c| mean(c, |c| c.time_per_estimate_s), log: true, good: None, share: false },
+    Measure {
+        name: "RMS error (samples)",
+        of: |c| mean(c, |c| c.rms_samples).map(settled),
+        log: true,
+        good: None,
+        share: false,
+    },
+    Measure {
+        name: "RMS error over the bound",
+        of: over_bound,
+        log: true,
+        good: None,
+        share: false,
+    },
+    Measure {
+        name: "bias (samples)",
+        of: |c| mean(c, |c| c.bias_samples).map(settled),
+        log: false,
+        good: Some(0.0),
+        share: false,
+    },
+    Measure {
+        name: "no answer",
+        of: |c| of_all(c, |c| c.flagged),
+        log: false,
+        good: None,
+        share: true,
+    },
+    Measure {
+        name: "wrong, unflagged",
+        of: |c| of_all(c, |c| c.unflagged_wrong),
+        log: false,
+        good: None,
+        share: true,
+    },
+    Measure {
+        name: "truth in the 95 % interval",
+        of: |c| mean(c, |c| c.coverage95),
+        log: false,
+        good: Some(0.95),
+        share: true,
+    },
+    Measure {
+        name: "time per estimate (s)",
+        of: |c| mean(c, |c| c.time_per_estimate_s),
+        log: true,
+        good: None,
+        share: false,
+    },
 ];
 
 /// Rounding is not an error of a method.
@@ -130,7 +179,8 @@ fn varying(part: &Part<'_>) -> Vec<(&'static str, KeyText, Vec<String>)> {
         for cell in part.methods.iter().flat_map(|(_, cells)| cells) {
             place(&mut values, text(cell));
         }
-        let skip = *key == "method" || *key == "trials" || values.len() < 2 || values.len() > VALUES;
+        let skip =
+            *key == "method" || *key == "trials" || values.len() < 2 || values.len() > VALUES;
         values.sort_by(|a, b| match (a.parse::<f64>(), b.parse::<f64>()) {
             (Ok(a), Ok(b)) => a.total_cmp(&b),
             (Ok(_), Err(_)) => std::cmp::Ordering::Less,
@@ -167,15 +217,20 @@ fn against(part: &Part<'_>) -> Vec<Value> {
         let x: Vec<f64> = values.iter().map(|v| v.parse().unwrap_or(beyond)).collect();
         let ticks: Vec<Value> = x.iter().zip(&values).map(|(x, v)| json!([x, called(v)])).collect();
         for measure in &MEASURES {
-            let row = |cells: &[&Cell]| values.iter().map(|v| brief((measure.of)(&at(cells, text, v)))).collect::<Vec<_>>();
-            let rows: Vec<(&String, Vec<Option<f64>>)> = part.methods.iter().map(|(name, cells)| (name, row(cells))).collect();
-            let rows: Vec<_> = rows.into_iter().filter(|(_, y)| y.iter().flatten().count() > 0).collect();
+            let row = |cells: &[&Cell]| {
+                values.iter().map(|v| brief((measure.of)(&at(cells, text, v)))).collect::<Vec<_>>()
+            };
+            let rows: Vec<(&String, Vec<Option<f64>>)> =
+                part.methods.iter().map(|(name, cells)| (name, row(cells))).collect();
+            let rows: Vec<_> =
+                rows.into_iter().filter(|(_, y)| y.iter().flatten().count() > 0).collect();
             if rows.is_empty() {
                 continue;
             }
             // The curves that lie best, in the order of the study.
             let size = |y: &[Option<f64>]| {
-                let there: Vec<f64> = y.iter().flatten().map(|v| (v - measure.good.unwrap_or(0.0)).abs()).collect();
+                let there: Vec<f64> =
+                    y.iter().flatten().map(|v| (v - measure.good.unwrap_or(0.0)).abs()).collect();
                 (values.len() - there.len(), there.iter().sum::<f64>() / there.len().max(1) as f64)
             };
             let mut sizes: Vec<(usize, f64)> = rows.iter().map(|(_, y)| size(y)).collect();
@@ -183,8 +238,12 @@ fn against(part: &Part<'_>) -> Vec<Value> {
             let open = |y: &[Option<f64>]| sizes.iter().take(OPEN_CURVES).any(|s| *s == size(y));
             let mut curves: Vec<Value> =
                 rows.iter().map(|(name, y)| json!({ "label": name, "y": y, "hidden": rows.len() > OPEN_CURVES + 2 && !open(y) })).collect();
-            let all: Vec<&Cell> = part.methods.iter().flat_map(|(_, cells)| cells).copied().collect();
-            let bound: Vec<Option<f64>> = values.iter().map(|v| brief(median(&at(&all, text, v), |c| c.bound_rms_samples))).collect();
+            let all: Vec<&Cell> =
+                part.methods.iter().flat_map(|(_, cells)| cells).copied().collect();
+            let bound: Vec<Option<f64>> = values
+                .iter()
+                .map(|v| brief(median(&at(&all, text, v), |c| c.bound_rms_samples)))
+                .collect();
             if measure.name == MEASURES[0].name && bound.iter().any(Option::is_some) {
                 curves.push(
                     json!({ "label": "Cramér-Rao bound", "y": bound, "color": "ink", "dash": [10, 5], "width": 2.2, "points": false }),
@@ -212,10 +271,14 @@ fn heat(part: &Part<'_>) -> Vec<Value> {
         let columns: Vec<String> = values.iter().map(|v| called(v)).collect();
         for measure in &MEASURES {
             let row = |(name, cells): &(String, Vec<&Cell>)| {
-                let numbers: Vec<Option<f64>> = values.iter().map(|v| brief((measure.of)(&at(cells, text, v)))).collect();
+                let numbers: Vec<Option<f64>> =
+                    values.iter().map(|v| brief((measure.of)(&at(cells, text, v)))).collect();
                 let shown = |v: &Option<f64>| if measure.share { percent(*v) } else { number(*v) };
                 let texts: Vec<String> = numbers.iter().map(shown).collect();
-                numbers.iter().any(Option::is_some).then(|| json!({ "name": name, "values": numbers, "texts": texts }))
+                numbers
+                    .iter()
+                    .any(Option::is_some)
+                    .then(|| json!({ "name": name, "values": numbers, "texts": texts }))
             };
             let rows: Vec<Value> = part.methods.iter().filter_map(row).collect();
             if !rows.is_empty() {
@@ -234,7 +297,11 @@ fn pareto(part: &Part<'_>) -> Option<Value> {
     let point = |(name, cells): &(String, Vec<&Cell>)| {
         mostly(cells).then_some(())?;
         let time = brief(mean(cells, |c| c.time_per_estimate_s)).filter(|t| *t > 0.0)?;
-        Some((time, brief(mean(cells, |c| c.rms_samples).map(settled)).filter(|e| *e > 0.0)?, name.clone()))
+        Some((
+            time,
+            brief(mean(cells, |c| c.rms_samples).map(settled)).filter(|e| *e > 0.0)?,
+            name.clone(),
+        ))
     };
     let mut points: Vec<(f64, f64, String)> = part.methods.iter().filter_map(point).collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
@@ -250,7 +317,8 @@ fn pareto(part: &Part<'_>) -> Option<Value> {
         }
     }
     let all: Vec<f64> = points.iter().map(|p| p.1).collect();
-    let front: Vec<Option<f64>> = (0..points.len()).map(|at| first.contains(&at).then(|| all[at])).collect();
+    let front: Vec<Option<f64>> =
+        (0..points.len()).map(|at| first.contains(&at).then(|| all[at])).collect();
     Some(json!({
         "kind": "lines", "keys": [part.name], "about": "RMS error of every method against the time of an estimate", "height": 420,
         "x": { "label": "time per estimate (s)", "log": true, "values": points.iter().map(|p| p.0).collect::<Vec<f64>>() },
@@ -271,17 +339,22 @@ fn mostly(cells: &[&Cell]) -> bool {
 /// How far every method is from the Cramér-Rao bound, where there is one.
 fn bound(parts: &[Part<'_>]) -> Markup {
     let ratio = |cells: &[&Cell]| {
-        median(cells, |c| Some(c.rms_samples? / c.bound_rms_samples?)).filter(|r| r.is_finite() && *r > 0.0 && mostly(cells))
+        median(cells, |c| Some(c.rms_samples? / c.bound_rms_samples?))
+            .filter(|r| r.is_finite() && *r > 0.0 && mostly(cells))
     };
     let all: Vec<(&str, &str, f64)> = parts
         .iter()
-        .flat_map(|p| p.methods.iter().filter_map(move |(method, cells)| Some((p.name.as_str(), method.as_str(), ratio(cells)?))))
+        .flat_map(|p| {
+            p.methods.iter().filter_map(move |(method, cells)| {
+                Some((p.name.as_str(), method.as_str(), ratio(cells)?))
+            })
+        })
         .collect();
-    let [low, high] = all.iter().fold([0.5_f64, 10.0_f64], |[low, high], (.., r)| [low.min(*r), high.max(*r)]);
+    let [low, high] =
+        all.iter().fold([0.5_f64, 10.0_f64], |[low, high], (.., r)| [low.min(*r), high.max(*r)]);
     let on = |r: f64| (r / low).ln() / (high / low).ln();
     let row = |(name, method, ratio): &(&str, &str, f64)| {
-        let drawn =
-            html! { (stretch(on(1.0), on(*ratio), "range")) (stretch(on(1.0) - 0.002, on(1.0) + 0.002, "noise")) (dot(on(*ratio), "")) };
+        let drawn = html! { (stretch(on(1.0), on(*ratio), "range")) (stretch(on(1.0) - 0.002, on(1.0) + 0.002, "noise")) (dot(on(*ratio), "")) };
         let text = number(Some(*ratio));
         vec![
             Shown::Words((*method).to_owned()),
@@ -291,7 +364,11 @@ fn bound(parts: &[Part<'_>]) -> Markup {
         ]
     };
     let rows: Vec<Vec<Shown>> = all.iter().map(row).collect();
-    let ends = format!("{} to {} on a logarithmic axis; the mark is 1", number(Some(low)), number(Some(high)));
+    let ends = format!(
+        "{} to {} on a logarithmic axis; the mark is 1",
+        number(Some(low)),
+        number(Some(high))
+    );
     html! {
         @if !rows.is_empty() {
             h2 { "Efficiency: distance from the Cramér-Rao bound" }
@@ -308,7 +385,8 @@ fn coverage(parts: &[Part<'_>]) -> Markup {
         let held: f64 = cells.iter().filter_map(|c| Some(c.coverage95? * c.intervals as f64)).sum();
         let [low, high] = wilson((held.round() as usize).min(intervals), intervals)?;
         let share = held / intervals as f64;
-        let (text, interval) = (percent(Some(share)), format!("{} to {}", percent(Some(low)), percent(Some(high))));
+        let (text, interval) =
+            (percent(Some(share)), format!("{} to {}", percent(Some(low)), percent(Some(high))));
         let drawn = html! { (stretch(0.948, 0.952, "noise")) (stretch(low, high, "range")) (dot(share, "")) };
         let cells = [
             Shown::Words(method.to_owned()),
@@ -317,11 +395,16 @@ fn coverage(parts: &[Part<'_>]) -> Markup {
             Shown::Number(text.clone()),
         ];
         let mut cells = Vec::from(cells);
-        cells.extend([Shown::Number(interval), Shown::Drawn(bar(&format!("{text} of the intervals"), &drawn))]);
+        cells.extend([
+            Shown::Number(interval),
+            Shown::Drawn(bar(&format!("{text} of the intervals"), &drawn)),
+        ]);
         Some(cells)
     };
-    let rows: Vec<Vec<Shown>> =
-        parts.iter().flat_map(|p| p.methods.iter().filter_map(|(method, cells)| row(&p.name, method, cells))).collect();
+    let rows: Vec<Vec<Shown>> = parts
+        .iter()
+        .flat_map(|p| p.methods.iter().filter_map(|(method, cells)| row(&p.name, method, cells)))
+        .collect();
     html! {
         @if !rows.is_empty() {
             h2 { "Coverage: the truth in the 95 % interval" }

@@ -13,17 +13,37 @@ const REACH: f64 = 8.0;
 
 impl Axis {
     /// An axis around an answer and its interval that holds the others' intervals where they are not far off; `None` without a finite stretch.
-    pub(in crate::report) fn around(answer: f64, interval: [f64; 2], others: impl Iterator<Item = [f64; 2]>, cells: usize) -> Option<Self> {
+    pub(in crate::report) fn around(
+        answer: f64,
+        interval: [f64; 2],
+        others: impl Iterator<Item = [f64; 2]>,
+        cells: usize,
+    ) -> Option<Self> {
         let half = (interval[1] - answer).max(answer - interval[0]);
         let (lowest, highest) = (answer - REACH * half, answer + REACH * half);
-        let [from, to] = others.fold(interval, |[from, to], [a, b]| [from.min(a.max(lowest)), to.max(b.min(highest))]);
-        (from.is_finite() && to.is_finite() && to > from && cells > 2).then_some(Self { from, to, cells })
+        let [from, to] = others
+            .fold(interval, |[from, to], [a, b]| [from.min(a.max(lowest)), to.max(b.min(highest))]);
+        (from.is_finite() && to.is_finite() && to > from && cells > 2).then_some(Self {
+            from,
+            to,
+            cells,
+        })
     }
 
     /// An axis over all of these intervals.
-    pub(in crate::report) fn over(intervals: impl Iterator<Item = [f64; 2]>, cells: usize) -> Option<Self> {
-        let [from, to] = intervals.fold([f64::INFINITY, f64::NEG_INFINITY], |[from, to], [a, b]| [from.min(a), to.max(b)]);
-        (from.is_finite() && to.is_finite() && to > from && cells > 2).then_some(Self { from, to, cells })
+    pub(in crate::report) fn over(
+        intervals: impl Iterator<Item = [f64; 2]>,
+        cells: usize,
+    ) -> Option<Self> {
+        let [from, to] = intervals
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[from, to], [a, b]| {
+                [from.min(a), to.max(b)]
+            });
+        (from.is_finite() && to.is_finite() && to > from && cells > 2).then_some(Self {
+            from,
+            to,
+            cells,
+        })
     }
 
     /// Its ends.
@@ -39,15 +59,28 @@ impl Axis {
     /// The cell of a number; beyond the axis, none.
     fn at(self, value: f64) -> Option<usize> {
         let share = self.share(value);
-        (-1e-9..=1.0 + 1e-9).contains(&share).then(|| ((share.clamp(0.0, 1.0) * self.cells as f64) as usize).min(self.cells - 1))
+        (-1e-9..=1.0 + 1e-9)
+            .contains(&share)
+            .then(|| ((share.clamp(0.0, 1.0) * self.cells as f64) as usize).min(self.cells - 1))
     }
 
     /// An answer `●` on its interval `━`, before the stretch `·` that is believed; what lies beyond the axis is an arrow at its end.
-    pub(super) fn bar(self, answer: f64, interval: Option<[f64; 2]>, believed: Option<[f64; 2]>) -> String {
+    pub(super) fn bar(
+        self,
+        answer: f64,
+        interval: Option<[f64; 2]>,
+        believed: Option<[f64; 2]>,
+    ) -> String {
         let mut line = vec![' '; self.cells];
         for (ends, mark) in [(believed, '·'), (interval, '━')] {
-            let Some([from, to]) = ends.filter(|[from, to]| *from <= self.to && *to >= self.from) else { continue };
-            let (first, last) = (self.at(from.max(self.from)).unwrap_or(0), self.at(to.min(self.to)).unwrap_or(self.cells - 1));
+            let Some([from, to]) = ends.filter(|[from, to]| *from <= self.to && *to >= self.from)
+            else {
+                continue;
+            };
+            let (first, last) = (
+                self.at(from.max(self.from)).unwrap_or(0),
+                self.at(to.min(self.to)).unwrap_or(self.cells - 1),
+            );
             line[first..=last].iter_mut().for_each(|c| *c = mark);
         }
         match self.at(answer) {
@@ -86,7 +119,8 @@ mod tests {
 
     #[test]
     fn one_answer_far_off_does_not_set_the_axis() {
-        let axis = Axis::around(0.5, [0.4, 0.6], [[0.3, 0.5], [400.0, 500.0]].into_iter(), 10).unwrap();
+        let axis =
+            Axis::around(0.5, [0.4, 0.6], [[0.3, 0.5], [400.0, 500.0]].into_iter(), 10).unwrap();
         assert!(axis.ends()[1] < 1.5, "{axis:?}");
         assert_eq!(Axis::around(f64::NAN, [0.0, f64::NAN], std::iter::empty(), 10), None);
         assert_eq!(Axis::around(1.0, [1.0, 1.0], std::iter::empty(), 10), None);
@@ -94,6 +128,9 @@ mod tests {
 
     #[test]
     fn shares_fill_cells_by_eighths() {
-        assert_eq!([share(0.0, 4), share(0.5, 4), share(0.28, 4), share(2.0, 4), share(f64::NAN, 4)], ["", "██", "█▏", "████", ""]);
+        assert_eq!(
+            [share(0.0, 4), share(0.5, 4), share(0.28, 4), share(2.0, 4), share(f64::NAN, 4)],
+            ["", "██", "█▏", "████", ""]
+        );
     }
 }

@@ -74,10 +74,16 @@ fn answer(text: &mut Styled, pair: &Pair, step_s: f64) {
             };
             let (value, ends) = delay(delay_s, verdict.ci95_s, step_s);
             let ends = ends.map_or_else(String::new, |e| format!(" ({} s)", e.join(" to ")));
-            text.sentence((Role::Strong, &format!("Believe a dead time of {value} s")), &format!("{ends}: {who}."), WIDTH, 2);
+            text.sentence(
+                (Role::Strong, &format!("Believe a dead time of {value} s")),
+                &format!("{ends}: {who}."),
+                WIDTH,
+                2,
+            );
         }
         _ if pair.moving.is_some() => {
-            let (label, rest) = why.split_once(": ").map_or(("", why.as_str()), |(label, rest)| (label, rest));
+            let (label, rest) =
+                why.split_once(": ").map_or(("", why.as_str()), |(label, rest)| (label, rest));
             let label = if label.is_empty() { String::new() } else { format!("{label}:") };
             text.sentence((Role::Strong, &label), &format!(" {rest}."), WIDTH, 2);
         }
@@ -88,9 +94,14 @@ fn answer(text: &mut Styled, pair: &Pair, step_s: f64) {
     if let Some(jitter) = &pair.jitter {
         text.sentence((Role::Plain, ""), &format!("{}.", single_events(jitter, step_s)), WIDTH, 2);
     }
-    let ci95_s = |method: &str| pair.estimates.iter().find(|e| e.method == method).and_then(|e| e.ci95_s);
-    let mut others: Vec<String> =
-        grounds.differ.iter().take(NAMED).map(|(m, d)| format!("{m} {} s", delay(*d, ci95_s(m), step_s).0)).collect();
+    let ci95_s =
+        |method: &str| pair.estimates.iter().find(|e| e.method == method).and_then(|e| e.ci95_s);
+    let mut others: Vec<String> = grounds
+        .differ
+        .iter()
+        .take(NAMED)
+        .map(|(m, d)| format!("{m} {} s", delay(*d, ci95_s(m), step_s).0))
+        .collect();
     if grounds.differ.len() > NAMED {
         others.push(format!("{} more", grounds.differ.len() - NAMED));
     }
@@ -155,7 +166,12 @@ fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
     let stated = delay_cells(verdict, believed, step_s);
     let answer = |e: &Estimate| delay_cells(e.delay_s, e.ci95_s, step_s);
     let width = |heading: &str, least: &str, of: &dyn Fn(&Estimate) -> String| {
-        rows.iter().map(|e| columns(&of(e))).max().unwrap_or(0).max(columns(heading)).max(columns(least))
+        rows.iter()
+            .map(|e| columns(&of(e)))
+            .max()
+            .unwrap_or(0)
+            .max(columns(heading))
+            .max(columns(least))
     };
     let (name, value, interval) = (
         width("method", "believed", &|e| e.method.clone()),
@@ -163,7 +179,9 @@ fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
         width("95 % interval (s)", &stated[1], &|e| answer(e)[1].clone()),
     );
     let counts = 6;
-    let bar = WIDTH.saturating_sub(2 + name + 2 + value + 2 + interval + 2 + 2 + counts).clamp(BAR[0], BAR[1]);
+    let bar = WIDTH
+        .saturating_sub(2 + name + 2 + value + 2 + interval + 2 + 2 + counts)
+        .clamp(BAR[0], BAR[1]);
     let intervals = || rows.iter().filter(|e| e.counts()).filter_map(|e| e.ci95_s);
     let axis = match (verdict, believed) {
         (Some(delay), Some(ci)) => Axis::around(delay, ci, intervals(), bar),
@@ -182,8 +200,14 @@ fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
     text.push(Role::Faint, format!("  {}  counts\n", heads.join("  ")));
     if let (Some(delay), Some(ci)) = (verdict, believed) {
         let drawn = axis.map_or_else(String::new, |a| a.bar(delay, Some(ci), None));
-        let cells = [cell("believed", name, false), cell(&stated[0], value, true), cell(&stated[1], interval, true), drawn];
-        text.push(Role::Strong, format!("  {}", cells.join("  ").trim_end())).push(Role::Plain, "\n");
+        let cells = [
+            cell("believed", name, false),
+            cell(&stated[0], value, true),
+            cell(&stated[1], interval, true),
+            drawn,
+        ];
+        text.push(Role::Strong, format!("  {}", cells.join("  ").trim_end()))
+            .push(Role::Plain, "\n");
     }
     for e in rows {
         let (role, counts) = match (e.outcome, e.counts()) {
@@ -196,9 +220,12 @@ fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
             _ => e.outcome.name().replace('_', " "),
         };
         let [at, between] = answer(e);
-        let cells = [cell(&e.method, name, false), cell(&at, value, true), cell(&between, interval, true)];
+        let cells =
+            [cell(&e.method, name, false), cell(&at, value, true), cell(&between, interval, true)];
         let plain = if role == Role::Faint { Role::Faint } else { Role::Plain };
-        text.push(plain, format!("  {}  ", cells.join("  "))).push(role, cell(&drawn, bar, false)).push(plain, format!("  {counts}\n"));
+        text.push(plain, format!("  {}  ", cells.join("  ")))
+            .push(role, cell(&drawn, bar, false))
+            .push(plain, format!("  {counts}\n"));
     }
 }
 
@@ -208,7 +235,9 @@ fn beneath(text: &mut Styled, pair: &Pair, rows: &[&Estimate]) {
     for e in pair.estimates.iter().filter(|e| !e.counts()) {
         let (rejected, reason) = match (e.outcome, e.distrust.as_slice()) {
             (Outcome::Found, []) => (true, "a model that the data contradict".to_owned()),
-            (Outcome::Found, reasons) => (true, reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(" and ")),
+            (Outcome::Found, reasons) => {
+                (true, reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(" and "))
+            }
             _ => (false, e.outcome.name().replace('_', " ")),
         };
         match groups.iter_mut().find(|(r, known, _)| *r == rejected && *known == reason) {
@@ -218,24 +247,44 @@ fn beneath(text: &mut Styled, pair: &Pair, rows: &[&Estimate]) {
     }
     groups.sort_by_key(|(_, _, count)| std::cmp::Reverse(*count));
     for (rejected, label, before) in [(true, "Not counted: ", "for "), (false, "No answer: ", "")] {
-        let all: Vec<String> = groups.iter().filter(|g| g.0 == rejected).map(|(_, why, count)| format!("{count} {before}{why}")).collect();
+        let all: Vec<String> = groups
+            .iter()
+            .filter(|g| g.0 == rejected)
+            .map(|(_, why, count)| format!("{count} {before}{why}"))
+            .collect();
         if !all.is_empty() {
             text.sentence((Role::Label, label), &format!("{}.", all.join("; ")), WIDTH, 2);
         }
     }
     if !pair.findings.is_empty() {
-        let all: Vec<String> = pair.findings.iter().map(|f| format!("{} ({})", f.condition.words(), f.evidence)).collect();
-        text.sentence((Role::Label, "The record shows: "), &format!("{}.", all.join("; ")), WIDTH, 2);
+        let all: Vec<String> = pair
+            .findings
+            .iter()
+            .map(|f| format!("{} ({})", f.condition.words(), f.evidence))
+            .collect();
+        text.sentence(
+            (Role::Label, "The record shows: "),
+            &format!("{}.", all.join("; ")),
+            WIDTH,
+            2,
+        );
     }
     // Where nobody answered, the notes say why.
-    let of: Vec<&Estimate> = if rows.is_empty() { pair.estimates.iter().collect() } else { rows.to_vec() };
-    let notes: Vec<(&str, &str)> = of.iter().filter_map(|e| Some((e.method.as_str(), e.note.as_deref()?))).collect();
+    let of: Vec<&Estimate> =
+        if rows.is_empty() { pair.estimates.iter().collect() } else { rows.to_vec() };
+    let notes: Vec<(&str, &str)> =
+        of.iter().filter_map(|e| Some((e.method.as_str(), e.note.as_deref()?))).collect();
     let named = if pair.estimates.len() > A_HANDFUL { NAMED } else { A_HANDFUL };
     for (method, note) in notes.iter().take(named) {
         text.sentence((Role::Label, &format!("{method}: ")), &format!("{note}."), WIDTH, 2);
     }
     if notes.len() > named {
-        text.sentence((Role::Faint, ""), &format!("{} more have notes.", notes.len() - named), WIDTH, 2);
+        text.sentence(
+            (Role::Faint, ""),
+            &format!("{} more have notes.", notes.len() - named),
+            WIDTH,
+            2,
+        );
     }
 }
 
@@ -243,7 +292,11 @@ fn beneath(text: &mut Styled, pair: &Pair, rows: &[&Estimate]) {
 fn against_time(text: &mut Styled, track: &Tracked, step_s: f64) {
     let count = track.time_s.len();
     let lines = TRACK_LINES.min(count);
-    let at: Vec<usize> = (0..lines).map(|line| if count <= TRACK_LINES { line } else { line * (count - 1) / (TRACK_LINES - 1) }).collect();
+    let at: Vec<usize> = (0..lines)
+        .map(
+            |line| if count <= TRACK_LINES { line } else { line * (count - 1) / (TRACK_LINES - 1) },
+        )
+        .collect();
     let band = |i: usize| [track.low_s[i], track.high_s[i]];
     let several = at.iter().any(|&i| track.record[i] > 0);
     let words = |i: usize| delay_cells(Some(track.delay_s[i]), Some(band(i)), step_s);
@@ -251,7 +304,8 @@ fn against_time(text: &mut Styled, track: &Tracked, step_s: f64) {
     let bar = WIDTH.saturating_sub(2 + 8 + 9 + 2 + 13 + 2 + band_width + 2).clamp(BAR[0], BAR[1]);
     let Some(axis) = Axis::over(at.iter().map(|&i| band(i)), bar) else { return };
     let [from, to] = axis.ends().map(|v| seconds(v, step_s));
-    let record = |text: &str| if several { format!("{}  ", cell(text, 6, true)) } else { String::new() };
+    let record =
+        |text: &str| if several { format!("{}  ", cell(text, 6, true)) } else { String::new() };
     let labels = format!("{from}{}", cell(&to, bar.saturating_sub(columns(&from)), true));
     text.push(
         Role::Faint,
@@ -264,8 +318,15 @@ fn against_time(text: &mut Styled, track: &Tracked, step_s: f64) {
     );
     for i in at {
         let [value, ends] = words(i);
-        let cells = [cell(&seconds(track.time_s[i], step_s), 9, true), cell(&value, 13, true), cell(&ends, band_width, true)];
-        let line = format!("  {}{}  ", record(&(track.record[i] + 1).to_string()), cells.join("  "));
-        text.push(Role::Plain, line).push(Role::Counts, axis.bar(track.delay_s[i], Some(band(i)), None).trim_end()).push(Role::Plain, "\n");
+        let cells = [
+            cell(&seconds(track.time_s[i], step_s), 9, true),
+            cell(&value, 13, true),
+            cell(&ends, band_width, true),
+        ];
+        let line =
+            format!("  {}{}  ", record(&(track.record[i] + 1).to_string()), cells.join("  "));
+        text.push(Role::Plain, line)
+            .push(Role::Counts, axis.bar(track.delay_s[i], Some(band(i)), None).trim_end())
+            .push(Role::Plain, "\n");
     }
 }

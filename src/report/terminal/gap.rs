@@ -1,7 +1,9 @@
 //! A diagnosis for a terminal.
 
 use super::axis::share as bar;
-use crate::report::diagnosis::{by_horizon, described, first, nuisances, percent, probability, shared};
+use crate::report::diagnosis::{
+    by_horizon, described, first, nuisances, percent, probability, shared,
+};
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns};
 use crate::report::text::estimate;
 use deadtime_gap::{Diagnosed, Diagnosis, FoundParameter, RankingRow, Share, Strength};
@@ -64,7 +66,9 @@ fn unit(p: &FoundParameter) -> String {
 fn parameter(p: &FoundParameter) -> String {
     let Some(value) = p.value else { return format!("no {} limit", p.name) };
     match estimate(value, p.ci95) {
-        (value, Some([lower, upper])) => format!("{} {value}{} ({lower} to {upper})", p.name, unit(p)),
+        (value, Some([lower, upper])) => {
+            format!("{} {value}{} ({lower} to {upper})", p.name, unit(p))
+        }
         (value, None) => format!("{} {value}{} (at a bound)", p.name, unit(p)),
     }
 }
@@ -72,19 +76,35 @@ fn parameter(p: &FoundParameter) -> String {
 fn cause(d: &Diagnosis) -> String {
     let sure = format!("probability {}", percent(probability(d)));
     match (d.cause.verdict.as_str(), d.cause.effects.as_slice()) {
-        ("none", _) if d.gap.before.is_none() => "none could be looked for, because no output moves.".to_owned(),
-        ("none", _) => format!("none; no effect of the catalogue helps and what is left is noise ({sure})."),
-        ("unknown", _) if !d.cause.contributions.is_empty() => {
-            format!("unknown in part; what is listed below contributes, and more than noise stays ({sure}).")
+        ("none", _) if d.gap.before.is_none() => {
+            "none could be looked for, because no output moves.".to_owned()
         }
-        ("unknown", _) => format!("unknown; more than noise stays that no effect of the catalogue explains ({sure})."),
+        ("none", _) => {
+            format!("none; no effect of the catalogue helps and what is left is noise ({sure}).")
+        }
+        ("unknown", _) if !d.cause.contributions.is_empty() => {
+            format!(
+                "unknown in part; what is listed below contributes, and more than noise stays ({sure})."
+            )
+        }
+        ("unknown", _) => format!(
+            "unknown; more than noise stays that no effect of the catalogue explains ({sure})."
+        ),
         (_, [one]) => {
             let parameters: Vec<String> = one.parameters.iter().map(parameter).collect();
-            format!("{} on `{}`, {}, {sure}.", one.effect, shown(&one.channel), parameters.join(", "))
+            format!(
+                "{} on `{}`, {}, {sure}.",
+                one.effect,
+                shown(&one.channel),
+                parameters.join(", ")
+            )
         }
         // Their numbers stand in the budget.
         (_, several) => {
-            let names: Vec<String> = several.iter().map(|e| format!("{} on `{}`", e.effect, shown(&e.channel))).collect();
+            let names: Vec<String> = several
+                .iter()
+                .map(|e| format!("{} on `{}`", e.effect, shown(&e.channel)))
+                .collect();
             format!("{}, {sure}.", names.join(" and "))
         }
     }
@@ -92,19 +112,28 @@ fn cause(d: &Diagnosis) -> String {
 
 fn rivals(d: &Diagnosis) -> String {
     if let Some(class) = d.cause.indistinguishable.first() {
-        let others: Vec<String> = class.iter().skip(usize::from(!d.cause.effects.is_empty())).map(|n| shown(n)).collect();
+        let others: Vec<String> =
+            class.iter().skip(usize::from(!d.cause.effects.is_empty())).map(|n| shown(n)).collect();
         return format!("{} explain these logs as well.", others.join(", "));
     }
     let next = d.cause.ranking.iter().filter_map(|row| match row {
-        RankingRow::Single(r) if (&r.effect, &r.channel) != (&d.cause.verdict, &d.cause.channel) => Some(r),
+        RankingRow::Single(r)
+            if (&r.effect, &r.channel) != (&d.cause.verdict, &d.cause.channel) =>
+        {
+            Some(r)
+        }
         _ => None,
     });
     match next.max_by(|a, b| a.probability.total_cmp(&b.probability)) {
         Some(r) if r.effect == "unknown" && d.cause.effects.len() > 1 && r.probability > 0.01 => {
-            format!("another list of causes, longer or of other laws, with probability {}.", percent(r.probability))
+            format!(
+                "another list of causes, longer or of other laws, with probability {}.",
+                percent(r.probability)
+            )
         }
         Some(r) if r.probability > 0.01 => {
-            let channel = r.channel.as_deref().map(|c| format!(" on `{}`", shown(c))).unwrap_or_default();
+            let channel =
+                r.channel.as_deref().map(|c| format!(" on `{}`", shown(c))).unwrap_or_default();
             format!("next comes {}{channel} with probability {}.", r.effect, percent(r.probability))
         }
         _ => "none with a probability above 1 %.".to_owned(),
@@ -115,14 +144,24 @@ fn size(d: &Diagnosis) -> String {
     let mode = d.prediction.words();
     match (d.gap.before, d.gap.floor) {
         (Some(before), Some(floor)) => {
-            format!("{}, {mode}, misses the logs by {} of their spread; noise is {}.", shown(&d.model), percent(before), percent(floor))
+            format!(
+                "{}, {mode}, misses the logs by {} of their spread; noise is {}.",
+                shown(&d.model),
+                percent(before),
+                percent(floor)
+            )
         }
-        _ => format!("every output of {} stands still in the logs, so there is nothing to compare.", shown(&d.model)),
+        _ => format!(
+            "every output of {} stands still in the logs, so there is nothing to compare.",
+            shown(&d.model)
+        ),
     }
 }
 
 fn place(d: &Diagnosis) -> String {
-    let Some(output) = d.place.outputs.first() else { return "nothing stands out above the noise.".to_owned() };
+    let Some(output) = d.place.outputs.first() else {
+        return "nothing stands out above the noise.".to_owned();
+    };
     let mut text = format!("{} of it in `{}`", percent(output.share), shown(&output.name));
     if let Some(t) = d.place.times.iter().find(|t| t.output == output.name) {
         text += &format!(", mostly {:.2} to {:.2} s of {}", t.from_s, t.to_s, shown(&t.log));
@@ -139,13 +178,26 @@ fn place(d: &Diagnosis) -> String {
 fn shrink(d: &Diagnosis) -> String {
     let s = &d.shrink;
     match (s.before, s.after, s.floor, s.fraction) {
-        (Some(before), Some(after), Some(floor), Some(fraction)) if !d.cause.contributions.is_empty() => {
-            let decoded = s.decoded.map(|known| format!("; lost commands known, {}", percent(known))).unwrap_or_default();
-            let interval = s.ci95.map(|[l, u]| format!(" ({} to {})", percent(l), percent(u))).unwrap_or_default();
+        (Some(before), Some(after), Some(floor), Some(fraction))
+            if !d.cause.contributions.is_empty() =>
+        {
+            let decoded = s
+                .decoded
+                .map(|known| format!("; lost commands known, {}", percent(known)))
+                .unwrap_or_default();
+            let interval = s
+                .ci95
+                .map(|[l, u]| format!(" ({} to {})", percent(l), percent(u)))
+                .unwrap_or_default();
             let [before, after, fraction, floor] = [before, after, fraction, floor].map(percent);
-            format!("on held-out data {before} becomes {after}, by {fraction}{interval}{decoded}; noise is {floor}.")
+            format!(
+                "on held-out data {before} becomes {after}, by {fraction}{interval}{decoded}; noise is {floor}."
+            )
         }
-        (Some(before), ..) => format!("nothing was added to the model; its error on held-out data is {}.", percent(before)),
+        (Some(before), ..) => format!(
+            "nothing was added to the model; its error on held-out data is {}.",
+            percent(before)
+        ),
         _ => "no held-out output moves, so nothing can be said.".to_owned(),
     }
 }
@@ -164,9 +216,17 @@ fn budget(text: &mut Styled, d: &Diagnosis) {
             notes.push("predicts, but is not the physics' value".to_owned());
         }
         if !c.class.is_empty() {
-            notes.push(format!("or {} in its place", c.class.iter().map(|n| shown(n)).collect::<Vec<_>>().join(" or ")));
+            notes.push(format!(
+                "or {} in its place",
+                c.class.iter().map(|n| shown(n)).collect::<Vec<_>>().join(" or ")
+            ));
         }
-        lines.push((Role::Counts, format!("{} {}", c.effect, shown(&c.channel)), of(&c.share), notes));
+        lines.push((
+            Role::Counts,
+            format!("{} {}", c.effect, shown(&c.channel)),
+            of(&c.share),
+            notes,
+        ));
     }
     if let Some(r) = d.cause.recalibration.as_ref().filter(|r| r.accepted) {
         let notes = r.parameters.iter().map(parameter).collect();
@@ -185,12 +245,20 @@ fn budget(text: &mut Styled, d: &Diagnosis) {
             vec!["nobody knows the sequence of a run that is still to come".to_owned()],
         ));
     }
-    let name = lines.iter().map(|l| columns(&l.1)).max().unwrap_or(0).clamp(8, WIDTH - 2 - 2 - 5 - 2 - BAR);
+    let name = lines
+        .iter()
+        .map(|l| columns(&l.1))
+        .max()
+        .unwrap_or(0)
+        .clamp(8, WIDTH - 2 - 2 - 5 - 2 - BAR);
     let of_the_gap = if known { "of the gap, lost or late commands known" } else { "of the gap" };
     text.push(Role::Faint, format!("  {}  takes  {of_the_gap}\n", cell("cause", name, false)));
     for (role, what, share, notes) in lines {
         let percentage = share.map_or_else(|| "–".to_owned(), percent);
-        text.push(Role::Plain, format!("  {}  {}  ", cell(&what, name, false), cell(&percentage, 5, true)));
+        text.push(
+            Role::Plain,
+            format!("  {}  {}  ", cell(&what, name, false), cell(&percentage, 5, true)),
+        );
         text.push(role, share.map(|s| bar(s, BAR)).unwrap_or_default()).push(Role::Plain, "\n");
         if !notes.is_empty() {
             text.sentence((Role::Plain, "    "), &notes.join("; "), WIDTH, 4);
@@ -202,31 +270,56 @@ fn budget(text: &mut Styled, d: &Diagnosis) {
 fn ranking(text: &mut Styled, d: &Diagnosis, rows: usize) {
     let line = |row: &RankingRow| match row {
         RankingRow::Single(r) => {
-            let channel = r.channel.as_deref().map(|c| format!(" {}", shown(c))).unwrap_or_default();
+            let channel =
+                r.channel.as_deref().map(|c| format!(" {}", shown(c))).unwrap_or_default();
             (format!("{}{channel}", r.effect), r.probability, r.after)
         }
         RankingRow::Pair(r) => {
-            let names: Vec<String> = r.effects.iter().map(|[e, c]| format!("{e} {}", shown(c))).collect();
+            let names: Vec<String> =
+                r.effects.iter().map(|[e, c]| format!("{e} {}", shown(c))).collect();
             (names.join(" + "), r.probability, r.after)
         }
     };
     let all: Vec<(String, f64, Option<f64>)> = d.cause.ranking.iter().map(line).collect();
     // Whatever is probable, and the next few of the others.
     let listed = rows.min(all.len());
-    let name = all.iter().take(listed).map(|(n, ..)| columns(n)).max().unwrap_or(0).clamp(9, WIDTH - 2 - 2 - 11 - 2 - BAR - 2 - 11);
-    text.push(Role::Faint, format!("  {}  {}  {}  error alone\n", cell("candidate", name, false), "probability", " ".repeat(BAR)));
+    let name = all
+        .iter()
+        .take(listed)
+        .map(|(n, ..)| columns(n))
+        .max()
+        .unwrap_or(0)
+        .clamp(9, WIDTH - 2 - 2 - 11 - 2 - BAR - 2 - 11);
+    text.push(
+        Role::Faint,
+        format!(
+            "  {}  {}  {}  error alone\n",
+            cell("candidate", name, false),
+            "probability",
+            " ".repeat(BAR)
+        ),
+    );
     for (candidate, probability, after) in all.iter().take(listed) {
         let role = if *probability < PROBABLE { Role::Faint } else { Role::Plain };
-        let share = if *probability > 0.0 && *probability < PROBABLE { "< 1 %".to_owned() } else { percent(*probability) };
+        let share = if *probability > 0.0 && *probability < PROBABLE {
+            "< 1 %".to_owned()
+        } else {
+            percent(*probability)
+        };
         let error = after.map_or_else(|| "–".to_owned(), |v| format!("{:.1} %", 100.0 * v));
-        text.push(role, format!("  {}  {}  ", cell(candidate, name, false), cell(&share, 11, true)));
-        text.push(Role::Counts, cell(&bar(*probability, BAR), BAR, false)).push(role, format!("  {}\n", cell(&error, 11, true)));
+        text.push(
+            role,
+            format!("  {}  {}  ", cell(candidate, name, false), cell(&share, 11, true)),
+        );
+        text.push(Role::Counts, cell(&bar(*probability, BAR), BAR, false))
+            .push(role, format!("  {}\n", cell(&error, 11, true)));
     }
     let mut rest = Vec::new();
     if all.len() > listed {
         let most = all.iter().skip(listed).map(|(_, p, _)| *p).fold(0.0, f64::max);
         let bound = if most < 0.01 { "1 %".to_owned() } else { percent(most) };
-        let most = if most < 0.01 { format!("each below {bound}") } else { format!("{bound} at most") };
+        let most =
+            if most < 0.01 { format!("each below {bound}") } else { format!("{bound} at most") };
         rest.push(format!("{} more candidates, {most}", all.len() - listed));
     }
     let mut reasons: Vec<(&str, usize)> = Vec::new();

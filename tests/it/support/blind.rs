@@ -13,7 +13,11 @@ pub(crate) struct Check {
 
 /// One label; the salt is text that any other label lacks.
 pub(crate) fn label(id: &str, group: &str, effects: Value, more: Value) -> Value {
-    let verdict = if group == "single" || group == "pair" { effects[0]["effect"].clone() } else { json!(group) };
+    let verdict = if group == "single" || group == "pair" {
+        effects[0]["effect"].clone()
+    } else {
+        json!(group)
+    };
     let mut label = json!({
         "id": id, "salt": format!("salt of {id}"), "group": group, "verdict": verdict, "effects": effects, "alias_class": [], "outputs": [],
         "from_s": null, "to_s": null, "from_hz": null, "to_hz": null, "strength_db": null, "before": null, "oracle_after": null,
@@ -38,7 +42,10 @@ pub(crate) fn labels() -> Vec<Value> {
         label(
             "p1",
             "pair",
-            json!([effect("input_delay", "u", "delay", 0.03), effect("sensor_gain", "*", "gain", 1.2)]),
+            json!([
+                effect("input_delay", "u", "delay", 0.03),
+                effect("sensor_gain", "*", "gain", 1.2)
+            ]),
             json!({ "alias_class": [["input_delay:u", "output_delay:*"], ["sensor_gain:y", "input_gain:u"]] }),
         ),
         label(
@@ -48,8 +55,18 @@ pub(crate) fn labels() -> Vec<Value> {
             json!({ "alias_class": ["input_delay:u", "output_delay:*", "clock_offset:*"], "outputs": ["y"], "from_s": 2.0, "to_s": 4.0,
                     "from_hz": 1.0, "to_hz": 3.0, "strength_db": 15.0, "before": 1.0, "oracle_after": 0.2 }),
         ),
-        label("s2", "single", json!([effect("sensor_bias", "y", "offset", 0.2)]), json!({ "strength_db": 25.0 })),
-        label("s3", "single", json!([effect("coulomb_friction", "v", "level", 1.0)]), json!({ "strength_db": 35.0 })),
+        label(
+            "s2",
+            "single",
+            json!([effect("sensor_bias", "y", "offset", 0.2)]),
+            json!({ "strength_db": 25.0 }),
+        ),
+        label(
+            "s3",
+            "single",
+            json!([effect("coulomb_friction", "v", "level", 1.0)]),
+            json!({ "strength_db": 35.0 }),
+        ),
         label(
             "s4",
             "single",
@@ -72,8 +89,12 @@ pub(crate) fn perfect(label: &Value) -> Diagnosis {
         })
         .collect();
     let row = match found.len() {
-        0 => json!({ "effect": label["group"], "channel": null, "probability": 1.0, "after": null }),
-        1 => json!({ "effect": found[0]["effect"], "channel": found[0]["channel"], "probability": 1.0, "after": 0.1 }),
+        0 => {
+            json!({ "effect": label["group"], "channel": null, "probability": 1.0, "after": null })
+        }
+        1 => {
+            json!({ "effect": found[0]["effect"], "channel": found[0]["channel"], "probability": 1.0, "after": 0.1 })
+        }
         _ => {
             json!({ "effects": found.iter().map(|e| json!([e["effect"], e["channel"]])).collect::<Vec<_>>(), "probability": 1.0, "after": 0.1 })
         }
@@ -84,8 +105,10 @@ pub(crate) fn perfect(label: &Value) -> Diagnosis {
     answer["cause"]["channel"] = channel;
     answer["cause"]["effects"] = json!(found);
     answer["cause"]["ranking"] = json!([row]);
-    answer["where"]["times"] = json!([{ "log": "train_1.csv", "output": "y", "from_s": 2.0, "to_s": 4.0, "share": 1.0 }]);
-    answer["where"]["bands"] = json!([{ "output": "y", "from_hz": 1.0, "to_hz": 3.0, "share": 1.0 }]);
+    answer["where"]["times"] =
+        json!([{ "log": "train_1.csv", "output": "y", "from_s": 2.0, "to_s": 4.0, "share": 1.0 }]);
+    answer["where"]["bands"] =
+        json!([{ "output": "y", "from_hz": 1.0, "to_hz": 3.0, "share": 1.0 }]);
     answer["shrink"]["after"] = json!(0.1);
     serde_json::from_value(answer).unwrap()
 }
@@ -101,7 +124,8 @@ pub(crate) fn always_input_delay() -> Diagnosis {
         { "effect": "none", "channel": null, "probability": 0.1, "after": 0.5 }]);
     answer["where"]["times"] = json!([{ "log": "train_1.csv", "output": "y", "from_s": 3.0, "to_s": 4.5, "share": 0.5 },
         { "log": "train_1.csv", "output": "y", "from_s": 4.0, "to_s": 5.0, "share": 0.5 }]);
-    answer["where"]["bands"] = json!([{ "output": "y", "from_hz": 2.0, "to_hz": 6.0, "share": 1.0 }]);
+    answer["where"]["bands"] =
+        json!([{ "output": "y", "from_hz": 2.0, "to_hz": 6.0, "share": 1.0 }]);
     answer["shrink"]["after"] = json!(0.4);
     serde_json::from_value(answer).unwrap()
 }
@@ -143,7 +167,8 @@ impl Check {
     pub(crate) fn add(&self, label: &Value) {
         let id = label["id"].as_str().unwrap();
         let text = serde_json::to_string_pretty(label).unwrap() + "\n";
-        let [commitment, _] = commitments(text.as_bytes(), label["salt"].as_str().unwrap()).unwrap();
+        let [commitment, _] =
+            commitments(text.as_bytes(), label["salt"].as_str().unwrap()).unwrap();
         write(&self.labels().join(format!("{id}.json")), &text);
         let case = self.cases().join(id);
         write(&case.join("model.toml"), "a model\n");
@@ -166,7 +191,10 @@ impl Check {
         let id = label["id"].as_str().unwrap();
         let folder = self.verdicts().join(id);
         diagnosis.write(&folder.join("diagnosis.json")).unwrap();
-        write(&folder.join("run.json"), "{ \"format\": \"deadtime/blind-run@1\", \"time_s\": 2.0 }\n");
+        write(
+            &folder.join("run.json"),
+            "{ \"format\": \"deadtime/blind-run@1\", \"time_s\": 2.0 }\n",
+        );
         std::fs::copy(self.cases().join(id).join(COMMITMENT), folder.join(COMMITMENT)).unwrap();
     }
 

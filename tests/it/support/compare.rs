@@ -61,12 +61,21 @@ pub(crate) fn vector(value: &Value) -> DVector<f64> {
 }
 
 pub(crate) fn complex_list(value: &Value) -> Vec<Complex<f64>> {
-    value.as_array().unwrap().iter().map(|v| Complex::new(v[0].as_f64().unwrap(), v[1].as_f64().unwrap())).collect()
+    value
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|v| Complex::new(v[0].as_f64().unwrap(), v[1].as_f64().unwrap()))
+        .collect()
 }
 
 /// A matrix as nested JSON arrays, row by row.
 pub(crate) fn to_json(m: &DMatrix<f64>) -> Value {
-    Value::from(m.row_iter().map(|row| Value::from(row.iter().copied().collect::<Vec<f64>>())).collect::<Vec<_>>())
+    Value::from(
+        m.row_iter()
+            .map(|row| Value::from(row.iter().copied().collect::<Vec<f64>>()))
+            .collect::<Vec<_>>(),
+    )
 }
 
 /// Largest difference over the largest magnitude of the expected matrix; infinite for another shape.
@@ -82,7 +91,10 @@ pub(crate) fn list_apart(got: &[f64], expected: &[f64]) -> f64 {
     if got.len() != expected.len() {
         return f64::INFINITY;
     }
-    relative(largest(got.iter().zip(expected).map(|(g, e)| g - e)), largest(expected.iter().copied()))
+    relative(
+        largest(got.iter().zip(expected).map(|(g, e)| g - e)),
+        largest(expected.iter().copied()),
+    )
 }
 
 /// Largest difference of responses (samples × channels), each over the largest magnitude of its channel up to that sample.
@@ -176,7 +188,12 @@ impl Comparison {
     }
 
     pub(crate) fn check(&mut self, field: &str, case: &str, disagreement: f64, tolerance: f64) {
-        let entry = self.fields.entry(field.into()).or_insert(Field { worst: 0.0, at: String::new(), tolerance, compared: 0 });
+        let entry = self.fields.entry(field.into()).or_insert(Field {
+            worst: 0.0,
+            at: String::new(),
+            tolerance,
+            compared: 0,
+        });
         entry.compared += 1;
         entry.tolerance = entry.tolerance.max(tolerance);
         if disagreement.is_nan() || disagreement > entry.worst {
@@ -184,7 +201,9 @@ impl Comparison {
             entry.at = case.into();
         }
         if disagreement.is_nan() || disagreement > tolerance {
-            self.failures.push(format!("{case}: {field} differs by {disagreement:.2e}, more than {tolerance:.0e}"));
+            self.failures.push(format!(
+                "{case}: {field} differs by {disagreement:.2e}, more than {tolerance:.0e}"
+            ));
         }
     }
 
@@ -196,7 +215,10 @@ impl Comparison {
     pub(crate) fn finish(self) {
         for (field, f) in &self.fields {
             let at = if f.at.is_empty() { String::new() } else { format!(" at {}", f.at) };
-            println!("{}: {field}: worst {:.1e}{at} ({} compared, tolerance {:.0e})", self.name, f.worst, f.compared, f.tolerance);
+            println!(
+                "{}: {field}: worst {:.1e}{at} ({} compared, tolerance {:.0e})",
+                self.name, f.worst, f.compared, f.tolerance
+            );
         }
         assert!(!self.fields.is_empty(), "{}: nothing was compared", self.name);
         assert!(self.failures.is_empty(), "{}:\n  {}", self.name, self.failures.join("\n  "));

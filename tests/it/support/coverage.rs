@@ -31,7 +31,12 @@ impl Coverage {
     #[track_caller]
     pub(crate) fn is_honest(&self, least: usize) {
         let held = self.count - self.missed.len();
-        assert!(self.count >= least && held >= fewest(self.count), "{held} of {} intervals hold the truth: {:#?}", self.count, self.missed);
+        assert!(
+            self.count >= least && held >= fewest(self.count),
+            "{held} of {} intervals hold the truth: {:#?}",
+            self.count,
+            self.missed
+        );
     }
 }
 

@@ -1,6 +1,9 @@
 //! Random stable plants, inputs and dead times with a noise-free record of each, and what of them decides which method can be exact.
 
-use deadtime::model::c2d::{Conversion, FirstOrderHold, ImpulseInvariant, LeastSquares, Tustin, ZeroOrderHold, ZeroPoleMatching};
+use deadtime::model::c2d::{
+    Conversion, FirstOrderHold, ImpulseInvariant, LeastSquares, Tustin, ZeroOrderHold,
+    ZeroPoleMatching,
+};
 use deadtime::model::{Continuous, Sampled, StateSpace, TransferFunction};
 use deadtime::signal::Excitation;
 use deadtime::signal::excitation::{Multisine, Phase, Prbs, Rbs, RegisterStart};
@@ -15,7 +18,8 @@ pub(crate) const SAMPLES: usize = 420;
 /// Longest dead time that is injected.
 pub(crate) const LONGEST: f64 = 40.0;
 
-pub(crate) const CONVERSIONS: [&str; 6] = ["zoh", "foh", "impulse", "tustin", "matched", "least_squares"];
+pub(crate) const CONVERSIONS: [&str; 6] =
+    ["zoh", "foh", "impulse", "tustin", "matched", "least_squares"];
 
 fn conversion(name: &str) -> Box<dyn Conversion> {
     match name {
@@ -75,17 +79,28 @@ impl Input {
         match self {
             Self::Binary => Rbs::default().generate(SAMPLES, &mut rng).unwrap(),
             Self::Gaussian => white(SAMPLES, 1.0, seed),
-            Self::Register => Prbs { order: 9, start: RegisterStart::Random, ..Prbs::default() }.generate(SAMPLES, &mut rng).unwrap(),
-            Self::Multisine => Multisine { phase: Phase::Random, ..Multisine::default() }.generate(SAMPLES, &mut rng).unwrap(),
-            Self::Slow => Rbs { band: [0.0, 0.4], ..Rbs::default() }.generate(SAMPLES, &mut rng).unwrap(),
+            Self::Register => Prbs { order: 9, start: RegisterStart::Random, ..Prbs::default() }
+                .generate(SAMPLES, &mut rng)
+                .unwrap(),
+            Self::Multisine => Multisine { phase: Phase::Random, ..Multisine::default() }
+                .generate(SAMPLES, &mut rng)
+                .unwrap(),
+            Self::Slow => {
+                Rbs { band: [0.0, 0.4], ..Rbs::default() }.generate(SAMPLES, &mut rng).unwrap()
+            }
             Self::Skewed => white(SAMPLES, 1.0, seed).iter().map(|v| v * v - 1.0).collect(),
-            Self::Steps => (0..SAMPLES).map(|t| if (40..230).contains(&t) { 1.0 } else { 0.0 }).collect(),
+            Self::Steps => {
+                (0..SAMPLES).map(|t| if (40..230).contains(&t) { 1.0 } else { 0.0 }).collect()
+            }
         }
     }
 
     /// Its samples are independent of each other, or as good as.
     pub(crate) fn is_white(self) -> bool {
-        matches!(self, Self::Binary | Self::Gaussian | Self::Register | Self::Multisine | Self::Skewed)
+        matches!(
+            self,
+            Self::Binary | Self::Gaussian | Self::Register | Self::Multisine | Self::Skewed
+        )
     }
 }
 
@@ -149,20 +164,34 @@ impl Recipe {
             Kind::Copy | Kind::Lags { .. } => None,
             Kind::Converted { poles, zeros, by } => {
                 // Unit gain at frequency 0.
-                let product = |roots: &[Root]| Root::all(roots).iter().map(|r| -r).product::<Complex<f64>>().re;
+                let product = |roots: &[Root]| {
+                    Root::all(roots).iter().map(|r| -r).product::<Complex<f64>>().re
+                };
                 let gain = self.gain * product(poles) / product(zeros);
-                let tf = TransferFunction::from_zeros_poles_gain(Root::all(zeros), Root::all(poles), gain, delay, Continuous).ok()?;
+                let tf = TransferFunction::from_zeros_poles_gain(
+                    Root::all(zeros),
+                    Root::all(poles),
+                    gain,
+                    delay,
+                    Continuous,
+                )
+                .ok()?;
                 conversion(by).c2d(&tf.to_state_space().ok()?, ts(1.0)).ok()
             }
             Kind::Direct { poles, zeros, degree } => {
                 // Poles at 0 make the relative degree what was drawn.
-                let (finite, free) = (poles.iter().map(|p| p.count()).sum::<usize>(), zeros.iter().map(|z| z.count()).sum::<usize>());
+                let (finite, free) = (
+                    poles.iter().map(|p| p.count()).sum::<usize>(),
+                    zeros.iter().map(|z| z.count()).sum::<usize>(),
+                );
                 let mut all = Root::all(poles);
                 all.extend(vec![Complex::new(0.0, 0.0); (free + degree).saturating_sub(finite)]);
                 let mut origin = Root::all(zeros);
                 origin.extend(vec![Complex::new(0.0, 0.0); finite.saturating_sub(free + degree)]);
                 let sampled = Sampled(ts(1.0));
-                let tf = TransferFunction::from_zeros_poles_gain(origin, all, self.gain, 0, sampled).ok()?;
+                let tf =
+                    TransferFunction::from_zeros_poles_gain(origin, all, self.gain, 0, sampled)
+                        .ok()?;
                 tf.to_state_space().ok()?.with_input_delay(vec![delay as usize]).ok()
             }
         }
@@ -172,7 +201,11 @@ impl Recipe {
     fn behind_hold(&self) -> Option<Self> {
         let Kind::Lags { lags, zero } = &self.kind else { return None };
         let real = |lag: &f64| Root::Real(-1.0 / lag);
-        let kind = Kind::Converted { poles: lags.iter().map(real).collect(), zeros: zero.iter().map(real).collect(), by: "zoh" };
+        let kind = Kind::Converted {
+            poles: lags.iter().map(real).collect(),
+            zeros: zero.iter().map(real).collect(),
+            by: "zoh",
+        };
         Some(Self { kind, ..self.clone() })
     }
 
@@ -200,7 +233,9 @@ impl Recipe {
         let u = self.input.generate(self.seed);
         let plant = self.plant(self.delay);
         let of = |u: &[f64]| match &self.kind {
-            Kind::Copy => Some(fractional_delay(u, self.delay).iter().map(|v| self.gain * v).collect()),
+            Kind::Copy => {
+                Some(fractional_delay(u, self.delay).iter().map(|v| self.gain * v).collect())
+            }
             Kind::Lags { lags, zero } => {
                 let y: Vec<f64> = process(u, lags, *zero, self.delay, 1.0);
                 Some(y.iter().map(|v| self.gain * v).collect())
@@ -216,7 +251,11 @@ impl Recipe {
                 let twin = self.behind_hold();
                 let twin = twin.as_ref().unwrap_or(self);
                 let plant = twin.plant(self.delay)?;
-                let degree = if self.is_whole() { plant.relative_degree(0, 0)? } else { twin.plant(0.0)?.relative_degree(0, 0)? };
+                let degree = if self.is_whole() {
+                    plant.relative_degree(0, 0)?
+                } else {
+                    twin.plant(0.0)?.relative_degree(0, 0)?
+                };
                 let tf = plant.transfer_function(0, 0).ok()?.cancelled(1e-9);
                 let counts = |c: &[f64]| {
                     let largest = c.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
@@ -277,11 +316,16 @@ fn fitting(poles: Vec<Root>, mut zeros: Vec<Root>) -> (Vec<Root>, Vec<Root>) {
 }
 
 fn converted() -> impl Strategy<Value = Kind> {
-    (prop::collection::vec(pole(), 1..=3), prop::collection::vec(zero(), 0..=3), 0..CONVERSIONS.len()).prop_map(|(mut poles, zeros, by)| {
-        poles.truncate(if poles.iter().map(|p| p.count()).sum::<usize>() > 4 { 2 } else { 3 });
-        let (poles, zeros) = fitting(poles, zeros);
-        Kind::Converted { poles, zeros, by: CONVERSIONS[by] }
-    })
+    (
+        prop::collection::vec(pole(), 1..=3),
+        prop::collection::vec(zero(), 0..=3),
+        0..CONVERSIONS.len(),
+    )
+        .prop_map(|(mut poles, zeros, by)| {
+            poles.truncate(if poles.iter().map(|p| p.count()).sum::<usize>() > 4 { 2 } else { 3 });
+            let (poles, zeros) = fitting(poles, zeros);
+            Kind::Converted { poles, zeros, by: CONVERSIONS[by] }
+        })
 }
 
 fn direct() -> impl Strategy<Value = Kind> {
@@ -294,22 +338,20 @@ fn direct() -> impl Strategy<Value = Kind> {
         (1.25..3.0_f64, any::<bool>()).prop_map(|(v, up)| Root::Real(if up { v } else { -v })),
         (0.3..0.8_f64, 0.3..2.8_f64).prop_map(|(r, a)| Root::Pair(r * a.cos(), r * a.sin())),
     ];
-    (prop::collection::vec(pole, 1..=2), prop::collection::vec(zero, 0..=2), 0..=4_usize).prop_map(|(poles, zeros, degree)| Kind::Direct {
-        poles,
-        zeros,
-        degree,
-    })
+    (prop::collection::vec(pole, 1..=2), prop::collection::vec(zero, 0..=2), 0..=4_usize)
+        .prop_map(|(poles, zeros, degree)| Kind::Direct { poles, zeros, degree })
 }
 
 fn lags() -> impl Strategy<Value = Kind> {
     let lag = (1.0_f64.ln()..8.0_f64.ln()).prop_map(f64::exp);
-    (prop::collection::vec(lag, 1..=3), prop::option::weighted(0.4, 0.3..3.0_f64), 0..4_u8).prop_map(|(mut lags, zero, equal)| {
-        if equal == 0 {
-            let first = lags[0];
-            lags.fill(first);
-        }
-        Kind::Lags { lags, zero }
-    })
+    (prop::collection::vec(lag, 1..=3), prop::option::weighted(0.4, 0.3..3.0_f64), 0..4_u8)
+        .prop_map(|(mut lags, zero, equal)| {
+            if equal == 0 {
+                let first = lags[0];
+                lags.fill(first);
+            }
+            Kind::Lags { lags, zero }
+        })
 }
 
 /// Any plant, input and dead time; every second dead time is whole.
@@ -319,11 +361,13 @@ pub(crate) fn recipe() -> impl Strategy<Value = Recipe> {
         3 => Just(Input::Binary), 2 => Just(Input::Gaussian), 1 => Just(Input::Register), 1 => Just(Input::Multisine), 1 => Just(Input::Slow),
         1 => Just(Input::Skewed), 1 => Just(Input::Steps),
     ];
-    (kind, signed(), input, 0.0..LONGEST, any::<bool>(), 0..1_000_000_u64).prop_map(|(kind, gain, input, delay, whole, seed)| {
-        // A plant that is sampled already has no fraction.
-        let whole = whole || matches!(kind, Kind::Direct { .. });
-        Recipe { kind, gain, input, delay: if whole { delay.round() } else { delay }, seed }
-    })
+    (kind, signed(), input, 0.0..LONGEST, any::<bool>(), 0..1_000_000_u64).prop_map(
+        |(kind, gain, input, delay, whole, seed)| {
+            // A plant that is sampled already has no fraction.
+            let whole = whole || matches!(kind, Kind::Direct { .. });
+            Recipe { kind, gain, input, delay: if whole { delay.round() } else { delay }, seed }
+        },
+    )
 }
 
 /// A plant, its two inputs, its outputs and its states.
@@ -337,7 +381,9 @@ pub(crate) fn with_states(seed: u64, delays: [usize; 2]) -> WithStates {
     for i in 0..n {
         a[(i, i)] += 0.75 - 0.15 * i as f64;
     }
-    let b = DMatrix::from_fn(n, 2, |i, j| draw[(5 * j + 2 * i + 1) % 12] + if i == j { 1.5 } else { 0.0 });
+    let b = DMatrix::from_fn(n, 2, |i, j| {
+        draw[(5 * j + 2 * i + 1) % 12] + if i == j { 1.5 } else { 0.0 }
+    });
     let c = DMatrix::from_fn(1, n, |_, j| if j == 0 { 1.0 } else { 0.0 });
     let plant = StateSpace::sampled(a, b, c, DMatrix::zeros(1, 2), ts(1.0)).unwrap();
     let inputs = [white(SAMPLES, 1.0, seed + 1), Input::Binary.generate(seed + 2)];

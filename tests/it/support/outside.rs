@@ -32,8 +32,12 @@ pub(crate) fn reference_python(packages: &str) -> Option<PathBuf> {
     if imported.is_ok_and(|o| o.status.success()) {
         return Some(python);
     }
-    let required = ["CI", "DEADTIME_REQUIRE_REFERENCE"].iter().any(|name| std::env::var_os(name).is_some());
-    assert!(!required, "no reference environment: run scripts/venv (CI or DEADTIME_REQUIRE_REFERENCE is set)");
+    let required =
+        ["CI", "DEADTIME_REQUIRE_REFERENCE"].iter().any(|name| std::env::var_os(name).is_some());
+    assert!(
+        !required,
+        "no reference environment: run scripts/venv (CI or DEADTIME_REQUIRE_REFERENCE is set)"
+    );
     skipped("the reference environment: run scripts/venv");
     None
 }

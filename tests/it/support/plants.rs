@@ -1,6 +1,9 @@
 //! Plants, inputs and records with a known dead time, for the tests of the estimators.
 
-use deadtime::delay::{DelayError, DelayEstimate, DelayEstimator, Events, Experiment, Method, PlantModel, Recording, Scope, Search};
+use deadtime::delay::{
+    DelayError, DelayEstimate, DelayEstimator, Events, Experiment, Method, PlantModel, Recording,
+    Scope, Search,
+};
 use deadtime::model::{Sampled, StateSpace};
 use deadtime::signal::Excitation;
 use deadtime::signal::excitation::Rbs;
@@ -57,10 +60,20 @@ pub(crate) fn delayed(x: &[f64], k: usize) -> Vec<f64> {
 }
 
 /// Outputs and states of a plant that rests before the first sample, its input delayed by `delay` samples.
-pub(crate) fn respond(sys: &StateSpace<Sampled>, inputs: &[Vec<f64>], delay: &[usize]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
+pub(crate) fn respond(
+    sys: &StateSpace<Sampled>,
+    inputs: &[Vec<f64>],
+    delay: &[usize],
+) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let sys = sys.clone().with_input_delay(delay.to_vec()).unwrap();
     let u = DMatrix::from_fn(inputs[0].len(), inputs.len(), |t, j| inputs[j][t]);
-    let response = lsim(&sys, &u, sys.sample_time(), &Options { prehistory: Prehistory::Rest, ..Options::default() }).unwrap();
+    let response = lsim(
+        &sys,
+        &u,
+        sys.sample_time(),
+        &Options { prehistory: Prehistory::Rest, ..Options::default() },
+    )
+    .unwrap();
     let columns = |m: &DMatrix<f64>| m.column_iter().map(|c| c.iter().copied().collect()).collect();
     (columns(&response.y), columns(&response.x))
 }
@@ -79,22 +92,36 @@ pub(crate) fn second_order(u: &[f64], b: f64, f: [f64; 2], delay: usize) -> Vec<
 /// A continuous plant of real poles (time constants in s, from the slowest) and perhaps a zero, unit gain, and its response to a held input after a dead time, s.
 ///
 /// Integrated exactly over each stretch of constant input by the crate's `lsim`, which is tested against other tools on its own.
-pub(crate) fn process(u: &[f64], lags_s: &[f64], zero_s: Option<f64>, delay_s: f64, ts_s: f64) -> Vec<f64> {
+pub(crate) fn process(
+    u: &[f64],
+    lags_s: &[f64],
+    zero_s: Option<f64>,
+    delay_s: f64,
+    ts_s: f64,
+) -> Vec<f64> {
     use deadtime::model::{Continuous, TransferFunction};
     let times = |a: &[f64], lag: f64| -> Vec<f64> {
-        let (up, same) = (a.iter().map(|v| v * lag).chain([0.0]), [0.0].into_iter().chain(a.iter().copied()));
+        let (up, same) =
+            (a.iter().map(|v| v * lag).chain([0.0]), [0.0].into_iter().chain(a.iter().copied()));
         up.zip(same).map(|(a, b)| a + b).collect()
     };
     let denominator = lags_s.iter().fold(vec![1.0], |d, &lag| times(&d, lag));
     let numerator = zero_s.map_or(vec![1.0], |z| vec![z, 1.0]);
-    let plant = TransferFunction::from_polynomials(&numerator, &denominator, delay_s, Continuous).unwrap().to_state_space().unwrap();
+    let plant = TransferFunction::from_polynomials(&numerator, &denominator, delay_s, Continuous)
+        .unwrap()
+        .to_state_space()
+        .unwrap();
     let input = DMatrix::from_column_slice(u.len(), 1, u);
     let options = Options { prehistory: Prehistory::Rest, ..Options::default() };
     lsim(&plant, &input, ts(ts_s), &options).unwrap().y.column(0).iter().copied().collect()
 }
 
 /// The one answer of a method that looks at a pair.
-pub(crate) fn answer(method: &Method, experiment: &Experiment<'_>, search: &Search) -> DelayEstimate {
+pub(crate) fn answer(
+    method: &Method,
+    experiment: &Experiment<'_>,
+    search: &Search,
+) -> DelayEstimate {
     method.entry.with(serde_json::json!({})).unwrap().estimate(experiment, search).unwrap()
 }
 
@@ -111,7 +138,8 @@ pub(crate) struct Measured {
 
 impl Measured {
     pub(crate) fn siso(sample_time: SampleTime, u: Vec<f64>, y: Vec<f64>) -> Self {
-        let recordings = vec![Recording { inputs: vec![u.into()], outputs: vec![y.into()], states: Vec::new() }];
+        let recordings =
+            vec![Recording { inputs: vec![u.into()], outputs: vec![y.into()], states: Vec::new() }];
         let (inputs, outputs) = (vec!["u".into()], vec!["y".into()]);
         Self { sample_time, inputs, outputs, recordings, model: None, events: Vec::new() }
     }
@@ -157,5 +185,6 @@ pub(crate) fn samples(delay_s: f64, ts_s: f64) -> f64 {
 pub(crate) fn whole(estimate: &DelayEstimate, ts_s: f64) -> Option<usize> {
     let found = samples(estimate.delay_s?, ts_s);
     let nearest = found.round();
-    ((found - nearest).abs() < 1e-6 && estimate.outcome == deadtime::delay::Outcome::Found).then_some(nearest as usize)
+    ((found - nearest).abs() < 1e-6 && estimate.outcome == deadtime::delay::Outcome::Found)
+        .then_some(nearest as usize)
 }

@@ -14,8 +14,15 @@ pub(crate) struct Run {
 pub(crate) fn deadtime(arguments: &[&str]) -> Run {
     let output = Command::new(env!("CARGO_BIN_EXE_deadtime")).args(arguments).output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    let run = Run { code: output.status.code(), stdout: text(&output.stdout), stderr: text(&output.stderr) };
-    assert!(!run.stderr.contains("panicked") && !run.stdout.contains("panicked"), "{arguments:?}: {run:?}");
+    let run = Run {
+        code: output.status.code(),
+        stdout: text(&output.stdout),
+        stderr: text(&output.stderr),
+    };
+    assert!(
+        !run.stderr.contains("panicked") && !run.stdout.contains("panicked"),
+        "{arguments:?}: {run:?}"
+    );
     run
 }
 
@@ -67,7 +74,8 @@ impl Folder {
 
     /// The names in it, in order.
     pub(crate) fn names(&self) -> Vec<String> {
-        let name = |e: std::io::Result<std::fs::DirEntry>| e.unwrap().file_name().into_string().unwrap();
+        let name =
+            |e: std::io::Result<std::fs::DirEntry>| e.unwrap().file_name().into_string().unwrap();
         let mut names: Vec<String> = std::fs::read_dir(self.0.path()).unwrap().map(name).collect();
         names.sort();
         names

@@ -69,7 +69,12 @@ const STILL: f64 = 0.05;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("area1", "dead time of one lag from areas of the measured step response", Area1, dyn DelayEstimator),
+    entry: entry!(
+        "area1",
+        "dead time of one lag from areas of the measured step response",
+        Area1,
+        dyn DelayEstimator
+    ),
     class: Class::Area,
     scope: Scope::Pair,
     start: Start::Rest,
@@ -80,15 +85,29 @@ pub(crate) const METHOD: Method = Method {
     withstands: &[],
     needs: "steps that are held until the response is over, a plant of one lag that rests before them",
     blind_to: "the order of the plant, which it takes for granted; oscillation; feedback",
-    exempt: &[(Law::Exact, "it needs steps, and reads their response as that of one lag, which most plants are not")],
+    exempt: &[(
+        Law::Exact,
+        "it needs steps, and reads their response as that of one lag, which most plants are not",
+    )],
 };
 
 impl DelayEstimator for Area1 {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         if self.held < END {
-            return Err(DelayError::Option { method: NAME, option: "held", value: self.held as f64, allowed: "4 or more" });
+            return Err(DelayError::Option {
+                method: NAME,
+                option: "held",
+                value: self.held as f64,
+                allowed: "4 or more",
+            });
         }
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment)
+        })
     }
 }
 
@@ -108,7 +127,8 @@ fn response(records: &[Record], held: usize) -> Option<Response> {
     // (height, output from the step on, level before)
     let mut steps: Vec<(f64, &[f64], f64)> = Vec::new();
     for record in records {
-        let mut edges: Vec<usize> = (1..record.len()).filter(|&t| record.u[t] != record.u[t - 1]).collect();
+        let mut edges: Vec<usize> =
+            (1..record.len()).filter(|&t| record.u[t] != record.u[t - 1]).collect();
         edges.insert(0, 0);
         edges.push(record.len());
         for window in edges.windows(3) {
@@ -122,8 +142,11 @@ fn response(records: &[Record], held: usize) -> Option<Response> {
     }
     let shortest = steps.iter().map(|(_, y, _)| y.len()).min()?;
     let weight: f64 = steps.iter().map(|(height, _, _)| height * height).sum();
-    let step: Vec<f64> =
-        (0..shortest).map(|i| steps.iter().map(|(height, y, level)| height * (y[i] - level)).sum::<f64>() / weight).collect();
+    let step: Vec<f64> = (0..shortest)
+        .map(|i| {
+            steps.iter().map(|(height, y, level)| height * (y[i] - level)).sum::<f64>() / weight
+        })
+        .collect();
     // What is left at the end of each step is noise.
     let ends: Vec<f64> = steps
         .iter()
@@ -137,7 +160,13 @@ fn response(records: &[Record], held: usize) -> Option<Response> {
 }
 
 impl Area1 {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let held = self.held.max(max_delay + BEYOND);
         let (needed, got) = (REST + held, experiment.longest());
         if got < needed {
@@ -150,23 +179,38 @@ impl Area1 {
         }
         let none = |outcome, note: String| Ok(DelayEstimate::without(outcome, note));
         if records.iter().any(|r| r.present.is_some()) {
-            return none(Outcome::NotApplicable, "output samples are missing, and their areas with them".to_owned());
+            return none(
+                Outcome::NotApplicable,
+                "output samples are missing, and their areas with them".to_owned(),
+            );
         }
         let Some(response) = response(records, held) else {
-            return none(Outcome::NotApplicable, format!("the input has no step that is held for {held} samples after a rest"));
+            return none(
+                Outcome::NotApplicable,
+                format!("the input has no step that is held for {held} samples after a rest"),
+            );
         };
         if let Some(note) = posterior::unseen(records, max_delay) {
             return none(Outcome::NotVisible, note);
         }
         let end = response.step.len() - response.step.len() / END;
-        let (gain, before) = (mean(&response.step[end..]), mean(&response.step[response.step.len() / 2..end]));
+        let (gain, before) =
+            (mean(&response.step[end..]), mean(&response.step[response.step.len() / 2..end]));
         let noise = (response.variance / (response.step.len() - end) as f64).sqrt();
         let told = gain.abs() > TOLD * noise;
         if !told {
-            return none(Outcome::Singular, "the end of the response, by which areas are divided, is not told from noise".to_owned());
+            return none(
+                Outcome::Singular,
+                "the end of the response, by which areas are divided, is not told from noise"
+                    .to_owned(),
+            );
         }
         let Some(readings) = readings(&response, gain, end) else {
-            return none(Outcome::Singular, "the average residence time lies outside the response: the areas have no solution".to_owned());
+            return none(
+                Outcome::Singular,
+                "the average residence time lies outside the response: the areas have no solution"
+                    .to_owned(),
+            );
         };
         let moves = (gain - before).abs() > STILL * gain.abs() + TOLD * noise;
         let note = moves.then(|| "the response is not over where the steps end: the dead time is read too early or too late".to_owned());
@@ -178,7 +222,8 @@ impl Area1 {
 fn readings(response: &Response, gain: f64, end: usize) -> Option<[Reading; 2]> {
     let step = &response.step;
     // Straight lines between the samples: half a sample less than the sum of K − s.
-    let residence = |until: usize| step.iter().take(until).map(|s| 1.0 - s / gain).sum::<f64>() - 0.5;
+    let residence =
+        |until: usize| step.iter().take(until).map(|s| 1.0 - s / gain).sum::<f64>() - 0.5;
     let mut until = end;
     for _ in 0..3 {
         let over = (OVER * residence(until)).max(OVER) as usize;
@@ -193,7 +238,11 @@ fn readings(response: &Response, gain: f64, end: usize) -> Option<[Reading; 2]> 
         let gradient: Vec<f64> = (0..step.len())
             .map(|i| {
                 let sum = if i < until { -(1.0 - c * height) } else { 0.0 };
-                let last = if i >= end { ((1.0 - c * height) * (summed - t_ar - 0.5) + c * a1) / tail } else { 0.0 };
+                let last = if i >= end {
+                    ((1.0 - c * height) * (summed - t_ar - 0.5) + c * a1) / tail
+                } else {
+                    0.0
+                };
                 (sum - c * weights[i] + last) / gain
             })
             .collect();
@@ -212,15 +261,24 @@ mod tests {
 
     #[test]
     fn the_standard_deviation_is_that_of_the_difference_quotients() {
-        let step: Vec<f64> = (0..80).map(|i| if i > 7 { 1.0 - 0.8_f64.powi(i - 7) } else { 0.0 }).collect();
+        let step: Vec<f64> =
+            (0..80).map(|i| if i > 7 { 1.0 - 0.8_f64.powi(i - 7) } else { 0.0 }).collect();
         let end = 60;
-        let read = |step: &[f64]| readings(&Response { step: step.to_vec(), variance: 1.0 }, mean(&step[end..]), end).unwrap();
+        let read = |step: &[f64]| {
+            readings(&Response { step: step.to_vec(), variance: 1.0 }, mean(&step[end..]), end)
+                .unwrap()
+        };
         for k in 0..2 {
             let moved = |which: &dyn Fn(usize) -> bool, h: f64| {
-                let other: Vec<f64> = step.iter().enumerate().map(|(i, s)| if which(i) { s + h } else { *s }).collect();
+                let other: Vec<f64> = step
+                    .iter()
+                    .enumerate()
+                    .map(|(i, s)| if which(i) { s + h } else { *s })
+                    .collect();
                 read(&other)[k].delay
             };
-            let slope = |which: &dyn Fn(usize) -> bool| (moved(which, 1e-6) - moved(which, -1e-6)) / 2e-6;
+            let slope =
+                |which: &dyn Fn(usize) -> bool| (moved(which, 1e-6) - moved(which, -1e-6)) / 2e-6;
             let squares: f64 = (0..80).map(|j| slope(&|i| i == j).powi(2)).sum();
             let expected = (squares + slope(&|_| true).powi(2) / REST as f64).sqrt();
             let std = read(&step)[k].std;

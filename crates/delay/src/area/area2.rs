@@ -7,7 +7,9 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use deadtime_identify::Record;
 use deadtime_signal::registry::entry;
 
@@ -58,7 +60,12 @@ const NAME: &str = "area2";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("area2", "dead time of one lag from areas of the estimated step response", Area2, dyn DelayEstimator),
+    entry: entry!(
+        "area2",
+        "dead time of one lag from areas of the estimated step response",
+        Area2,
+        dyn DelayEstimator
+    ),
     class: Class::Area,
     scope: Scope::Pair,
     start: Start::Any,
@@ -73,13 +80,25 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Area2 {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment)
+        })
     }
 }
 
 impl Area2 {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let (fir, gain) = match pulse_response(NAME, self.taps, records, max_delay, experiment)? {
             Ok(found) => found,
             Err(none) => return Ok(none),

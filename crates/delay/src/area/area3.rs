@@ -7,7 +7,9 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use deadtime_identify::Record;
 use deadtime_signal::registry::entry;
 
@@ -59,7 +61,12 @@ const NAME: &str = "area3";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("area3", "dead time of two equal lags from areas of the estimated step response", Area3, dyn DelayEstimator),
+    entry: entry!(
+        "area3",
+        "dead time of two equal lags from areas of the estimated step response",
+        Area3,
+        dyn DelayEstimator
+    ),
     class: Class::Area,
     scope: Scope::Pair,
     start: Start::Any,
@@ -70,17 +77,32 @@ pub(crate) const METHOD: Method = Method {
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "a plant of two equal lags, a response that dies out within the taps, an input that excites them all",
     blind_to: "the order of the plant, which it takes for granted; oscillation; feedback",
-    exempt: &[(Law::Exact, "it reads the response as that of two equal lags, which most plants are not")],
+    exempt: &[(
+        Law::Exact,
+        "it reads the response as that of two equal lags, which most plants are not",
+    )],
 };
 
 impl DelayEstimator for Area3 {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment)
+        })
     }
 }
 
 impl Area3 {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let (fir, gain) = match pulse_response(NAME, self.taps, records, max_delay, experiment)? {
             Ok(found) => found,
             Err(none) => return Ok(none),

@@ -7,7 +7,9 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use deadtime_identify::{Fir, Record};
 use deadtime_signal::registry::entry;
 
@@ -60,7 +62,12 @@ const NAME: &str = "moment";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("moment", "dead time of one lag from mean and variance of the impulse response", Moment, dyn DelayEstimator),
+    entry: entry!(
+        "moment",
+        "dead time of one lag from mean and variance of the impulse response",
+        Moment,
+        dyn DelayEstimator
+    ),
     class: Class::Area,
     scope: Scope::Pair,
     start: Start::Any,
@@ -73,18 +80,33 @@ pub(crate) const METHOD: Method = Method {
     blind_to: "the order of the plant, which it takes for granted; oscillation; feedback",
     exempt: &[
         (Law::Exact, "it reads the response as that of one lag, which most plants are not"),
-        (Law::Shift, "it weighs noise with the square of time: of records with 2 % of noise and 400 samples half have no real solution"),
+        (
+            Law::Shift,
+            "it weighs noise with the square of time: of records with 2 % of noise and 400 samples half have no real solution",
+        ),
     ],
 };
 
 impl DelayEstimator for Moment {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment)
+        })
     }
 }
 
 impl Moment {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let (fir, gain) = match pulse_response(NAME, self.taps, records, max_delay, experiment)? {
             Ok(found) => found,
             Err(none) => return Ok(none),
@@ -104,19 +126,29 @@ const HOLD: f64 = 0.25;
 
 /// Both readings of mean and variance; `None` where the variance is not told from noise, or negative.
 fn by_moments(fir: &Fir, gain: f64) -> Option<[Reading; 2]> {
-    let about =
-        |from: f64, power: i32| fir.coefficients.iter().enumerate().map(|(j, h)| (j as f64 - from).powi(power) * h).sum::<f64>() / gain;
+    let about = |from: f64, power: i32| {
+        fir.coefficients
+            .iter()
+            .enumerate()
+            .map(|(j, h)| (j as f64 - from).powi(power) * h)
+            .sum::<f64>()
+            / gain
+    };
     let mean = about(0.0, 1);
     let variance = about(mean, 2);
-    let spread: Vec<f64> = (0..fir.coefficients.len()).map(|j| ((j as f64 - mean).powi(2) - variance) / gain).collect();
+    let spread: Vec<f64> = (0..fir.coefficients.len())
+        .map(|j| ((j as f64 - mean).powi(2) - variance) / gain)
+        .collect();
     let told = variance + HOLD > TOLD * propagated(&spread, &fir.covariance);
     if !told {
         return None;
     }
     let width = (variance + HOLD).sqrt();
     let reading = |times: f64| {
-        let gradient: Vec<f64> =
-            (0..fir.coefficients.len()).map(|j| j as f64 - mean).map(|t| (t - 0.5 * times * (t * t - variance) / width) / gain).collect();
+        let gradient: Vec<f64> = (0..fir.coefficients.len())
+            .map(|j| j as f64 - mean)
+            .map(|t| (t - 0.5 * times * (t * t - variance) / width) / gain)
+            .collect();
         Reading { delay: mean - 0.5 - times * width, std: propagated(&gradient, &fir.covariance) }
     };
     let readings = [reading(1.0), reading(std::f64::consts::SQRT_2)];
@@ -131,14 +163,21 @@ mod tests {
 
     fn fir(h: Vec<f64>) -> Fir {
         let n = h.len();
-        Fir { coefficients: DVector::from_vec(h), covariance: DMatrix::identity(n, n) * 1e-24, variance: 1e-24, rows: 1000 }
+        Fir {
+            coefficients: DVector::from_vec(h),
+            covariance: DMatrix::identity(n, n) * 1e-24,
+            variance: 1e-24,
+            rows: 1000,
+        }
     }
 
     #[test]
     fn one_lag_behind_a_hold_is_read_exactly() {
         for (delay, lag) in [(4, 5.0_f64), (9, 10.0), (0, 2.0)] {
             let p = (-1.0 / lag).exp();
-            let h = (0..400).map(|i| if i > delay { (1.0 - p) * p.powi(i - delay - 1) } else { 0.0 }).collect();
+            let h = (0..400)
+                .map(|i| if i > delay { (1.0 - p) * p.powi(i - delay - 1) } else { 0.0 })
+                .collect();
             let found = by_moments(&fir(h), 1.0).unwrap()[0].delay;
             assert!((found - f64::from(delay)).abs() < 1e-9, "{delay} {lag}: {found}");
         }
@@ -146,7 +185,8 @@ mod tests {
 
     #[test]
     fn the_standard_deviation_is_that_of_the_difference_quotients() {
-        let at = fir((0..40).map(|i| if i > 5 { 0.2 * 0.8_f64.powi(i - 6) } else { 0.0 }).collect());
+        let at =
+            fir((0..40).map(|i| if i > 5 { 0.2 * 0.8_f64.powi(i - 6) } else { 0.0 }).collect());
         let readings = |fir: &Fir| by_moments(fir, fir.coefficients.sum()).unwrap();
         for k in 0..2 {
             let moved = |j: usize, h: f64| {
@@ -154,7 +194,8 @@ mod tests {
                 other.coefficients[j] += h;
                 readings(&other)[k].delay
             };
-            let squares: f64 = (0..40).map(|j| ((moved(j, 1e-6) - moved(j, -1e-6)) / 2e-6).powi(2)).sum();
+            let squares: f64 =
+                (0..40).map(|j| ((moved(j, 1e-6) - moved(j, -1e-6)) / 2e-6).powi(2)).sum();
             let std = readings(&at)[k].std;
             assert!((std / (1e-12 * squares.sqrt()) - 1.0).abs() < 1e-3, "{std}");
         }

@@ -37,16 +37,25 @@ pub(super) struct Reading {
 pub(super) const BETWEEN: f64 = 0.2;
 
 /// The answer from both readings, that of `lags` being the published one.
-pub(super) fn answer(lags: Lags, [one, two]: [Reading; 2], bias: usize, max_delay: usize, experiment: &Experiment) -> DelayEstimate {
+pub(super) fn answer(
+    lags: Lags,
+    [one, two]: [Reading; 2],
+    bias: usize,
+    max_delay: usize,
+    experiment: &Experiment,
+) -> DelayEstimate {
     let chosen = if lags == Lags::One { one } else { two };
     let [from, to] = if one.delay < two.delay { [one, two] } else { [two, one] };
-    let interval = [from.delay - NORMAL_95 * from.std - BETWEEN, to.delay + NORMAL_95 * to.std + BETWEEN];
+    let interval =
+        [from.delay - NORMAL_95 * from.std - BETWEEN, to.delay + NORMAL_95 * to.std + BETWEEN];
     // The structure is anywhere between the two.
     let std = chosen.std.hypot((to.delay - from.delay + 2.0 * BETWEEN) / 12.0_f64.sqrt());
     let (longest, off) = (max_delay as f64, bias as f64 - 1.0);
     let narrower = std <= longest.max(1.0) / 12.0_f64.sqrt();
     if !narrower {
-        let note = format!("a standard deviation of {std:.1} samples says no more than the search window does");
+        let note = format!(
+            "a standard deviation of {std:.1} samples says no more than the search window does"
+        );
         return DelayEstimate::without(Outcome::Flat, note);
     }
     let at_edge = chosen.delay - off > longest - 0.5;
@@ -55,7 +64,8 @@ pub(super) fn answer(lags: Lags, [one, two]: [Reading; 2], bias: usize, max_dela
 
 /// Standard deviation of Σ gᵢxᵢ.
 pub(super) fn propagated(gradient: &[f64], covariance: &DMatrix<f64>) -> f64 {
-    let along = |i: usize| gradient.iter().enumerate().map(|(j, g)| covariance[(i, j)] * g).sum::<f64>();
+    let along =
+        |i: usize| gradient.iter().enumerate().map(|(j, g)| covariance[(i, j)] * g).sum::<f64>();
     gradient.iter().enumerate().map(|(i, g)| g * along(i)).sum::<f64>().max(0.0).sqrt()
 }
 
@@ -71,7 +81,11 @@ pub(super) struct Area {
 
 /// Of a step response s at t = 0, 1, … samples with the end `gain`, straight between its samples; `None` where T_ar lies outside it.
 pub(super) fn area(step: &[f64], gain: f64, t_ar: f64) -> Option<Area> {
-    let (whole, part) = if t_ar >= 0.0 && t_ar < step.len() as f64 { (t_ar as usize, t_ar.fract()) } else { return None };
+    let (whole, part) = if t_ar >= 0.0 && t_ar < step.len() as f64 {
+        (t_ar as usize, t_ar.fract())
+    } else {
+        return None;
+    };
     let mut weights = vec![0.0; step.len()];
     let (head, last) = (weights.get_mut(..=whole)?, step.get(whole)?);
     head.fill(1.0);
@@ -105,17 +119,28 @@ pub(super) fn pulse_response(
     experiment: &Experiment,
 ) -> Result<Result<(Fir, f64), DelayEstimate>, DelayError> {
     if taps == 0 {
-        return Err(DelayError::Option { method: name, option: "taps", value: 0.0, allowed: "1 or more" });
+        return Err(DelayError::Option {
+            method: name,
+            option: "taps",
+            value: 0.0,
+            allowed: "1 or more",
+        });
     }
     let taps = taps.max(max_delay + BEYOND);
     let (needed, got) = (2 * taps + 1, experiment.longest());
     if got < needed {
-        return Err(DelayError::TooShort { method: name, needed, got, remedy: crate::error::LengthRemedy::WindowOr("set fewer taps") });
+        return Err(DelayError::TooShort {
+            method: name,
+            needed,
+            got,
+            remedy: crate::error::LengthRemedy::WindowOr("set fewer taps"),
+        });
     }
     let fir = match fir_or_rank(records, taps) {
         Ok(fir) => fir,
         Err(rank) => {
-            let note = format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
+            let note =
+                format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
             return Ok(Err(DelayEstimate::without(Outcome::NotRichEnough, note)));
         }
     };
@@ -152,8 +177,11 @@ pub(super) fn by_areas(fir: &Fir, gain: f64) -> Option<[Reading; 2]> {
     }
     let reading = |lags: Lags| {
         let c = lags.of_area();
-        let gradient: Vec<f64> =
-            after.iter().enumerate().map(|(j, w)| ((1.0 - c * height) * (j as f64 - mean) - c * (w - a1)) / gain).collect();
+        let gradient: Vec<f64> = after
+            .iter()
+            .enumerate()
+            .map(|(j, w)| ((1.0 - c * height) * (j as f64 - mean) - c * (w - a1)) / gain)
+            .collect();
         Reading { delay: t_ar - c * a1, std: propagated(&gradient, &fir.covariance) }
     };
     let readings = [reading(Lags::One), reading(Lags::Two)];
@@ -181,9 +209,15 @@ mod tests {
     }
 
     fn fir(step: &[f64]) -> Fir {
-        let h: Vec<f64> = (0..step.len()).map(|i| step[i] - if i > 0 { step[i - 1] } else { 0.0 }).collect();
+        let h: Vec<f64> =
+            (0..step.len()).map(|i| step[i] - if i > 0 { step[i - 1] } else { 0.0 }).collect();
         let n = h.len();
-        Fir { coefficients: DVector::from_vec(h), covariance: DMatrix::identity(n, n) * 1e-12, variance: 1e-12, rows: 1000 }
+        Fir {
+            coefficients: DVector::from_vec(h),
+            covariance: DMatrix::identity(n, n) * 1e-12,
+            variance: 1e-12,
+            rows: 1000,
+        }
     }
 
     #[test]
@@ -191,8 +225,12 @@ mod tests {
         for (delay, lag) in [(4.0, 5.0), (9.3, 10.0), (0.0, 20.0), (17.0, 3.0)] {
             let one = by_areas(&fir(&step(delay, lag, 1)), 1.0).unwrap()[0].delay;
             let two = by_areas(&fir(&step(delay, lag, 2)), 1.0).unwrap()[1].delay;
-            assert!((one - delay).abs() < 0.1 && (two - delay).abs() < 0.1, "{delay} {lag}: {one} {two}");
-            let [early, late] = [1, 0].map(|k| by_areas(&fir(&step(delay, lag, 2)), 1.0).unwrap()[k].delay);
+            assert!(
+                (one - delay).abs() < 0.1 && (two - delay).abs() < 0.1,
+                "{delay} {lag}: {one} {two}"
+            );
+            let [early, late] =
+                [1, 0].map(|k| by_areas(&fir(&step(delay, lag, 2)), 1.0).unwrap()[k].delay);
             assert!(early < late, "one lag read into two is late");
         }
     }
@@ -213,7 +251,11 @@ mod tests {
                 })
                 .sum();
             let std = readings(&at)[k].std;
-            assert!((std / (1e-6 * squares.sqrt()) - 1.0).abs() < 1e-3, "{std} {}", 1e-6 * squares.sqrt());
+            assert!(
+                (std / (1e-6 * squares.sqrt()) - 1.0).abs() < 1e-3,
+                "{std} {}",
+                1e-6 * squares.sqrt()
+            );
         }
     }
 
@@ -225,6 +267,10 @@ mod tests {
         assert!((at.a1 - 1.5).abs() < 1e-15 && (at.height - 1.0).abs() < 1e-15);
         let at = area(&step, 1.0, 0.5).unwrap();
         assert!((at.a1 - 0.125).abs() < 1e-15 && (at.height - 0.5).abs() < 1e-15);
-        assert!(area(&step, 1.0, -0.1).is_none() && area(&step, 1.0, 4.0).is_none() && area(&step, 1.0, f64::NAN).is_none());
+        assert!(
+            area(&step, 1.0, -0.1).is_none()
+                && area(&step, 1.0, 4.0).is_none()
+                && area(&step, 1.0, f64::NAN).is_none()
+        );
     }
 }

@@ -65,7 +65,11 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for GccEckart {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         generalised(NAME, self.segment, weight, experiment, search)
     }
 }

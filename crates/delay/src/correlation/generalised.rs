@@ -15,10 +15,12 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
 pub(crate) const WITHSTANDS: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs];
 
 /// What all of them need.
-pub(crate) const NEEDS: &str = "an output that is a delayed copy of the input, and noise that knows nothing of either";
+pub(crate) const NEEDS: &str =
+    "an output that is a delayed copy of the input, and noise that knows nothing of either";
 
 /// Why none of them counts the samples of a plant.
-pub(crate) const LATE: &str = "a plant's own lag counts as delay: on anything but a delayed copy the answer is late";
+pub(crate) const LATE: &str =
+    "a plant's own lag counts as delay: on anything but a delayed copy the answer is late";
 
 /// Samples that input and output must share behind the longest delay.
 pub(super) const LEAST: usize = 100;
@@ -81,15 +83,29 @@ impl Centred {
     /// Means off (of the outputs that were measured; the others are zero), largest value of each channel 1.
     pub(crate) fn new(records: &[Record]) -> Self {
         let there = |r: &Record, t: usize| r.present.as_ref().is_none_or(|p| p[t]);
-        let largest = |values: &mut dyn Iterator<Item = f64>| values.map(f64::abs).fold(f64::MIN_POSITIVE, f64::max);
+        let largest = |values: &mut dyn Iterator<Item = f64>| {
+            values.map(f64::abs).fold(f64::MIN_POSITIVE, f64::max)
+        };
         let scale_u = largest(&mut records.iter().flat_map(|r| r.u.iter().copied()));
         let scale_y = largest(&mut records.iter().flat_map(|r| r.y.iter().copied()));
         let centred = |values: &[f64], scale: f64, there: &dyn Fn(usize) -> bool| -> Vec<f64> {
-            let present = || values.iter().enumerate().filter(|(t, _)| there(*t)).map(|(_, v)| v / scale);
+            let present =
+                || values.iter().enumerate().filter(|(t, _)| there(*t)).map(|(_, v)| v / scale);
             let mean = present().sum::<f64>() / real(present().count().max(1));
-            values.iter().enumerate().map(|(t, v)| if there(t) { v / scale - mean } else { 0.0 }).collect()
+            values
+                .iter()
+                .enumerate()
+                .map(|(t, v)| if there(t) { v / scale - mean } else { 0.0 })
+                .collect()
         };
-        Self(records.iter().map(|r| (centred(&r.u, scale_u, &|_| true), centred(&r.y, scale_y, &|t| there(r, t)))).collect())
+        Self(
+            records
+                .iter()
+                .map(|r| {
+                    (centred(&r.u, scale_u, &|_| true), centred(&r.y, scale_y, &|t| there(r, t)))
+                })
+                .collect(),
+        )
     }
 
     pub(crate) fn records(&self) -> impl Iterator<Item = (&[f64], &[f64])> {
@@ -110,7 +126,9 @@ impl Centred {
 
     /// Averaged spectra with y moved back by `lag` samples.
     pub(crate) fn aligned(&self, lag: usize, segment: usize) -> CrossSpectra {
-        let pairs = self.records().filter_map(|(u, y)| Some((u.get(..u.len().checked_sub(lag)?)?, y.get(lag..)?)));
+        let pairs = self
+            .records()
+            .filter_map(|(u, y)| Some((u.get(..u.len().checked_sub(lag)?)?, y.get(lag..)?)));
         CrossSpectra::welch(pairs, segment)
     }
 }
@@ -126,14 +144,29 @@ pub(crate) fn segment_length(asked: usize, longest: usize, max_delay: usize) -> 
 }
 
 /// Refuses what cannot be used at all.
-pub(crate) fn enough(method: &'static str, segment: usize, got: usize, max_delay: usize) -> Result<(), DelayError> {
+pub(crate) fn enough(
+    method: &'static str,
+    segment: usize,
+    got: usize,
+    max_delay: usize,
+) -> Result<(), DelayError> {
     if segment > 0 && segment < SHORTEST_SEGMENT {
         let value = segment as f64;
-        return Err(DelayError::Option { method, option: "segment", value, allowed: "0 (automatic) or 8 and more" });
+        return Err(DelayError::Option {
+            method,
+            option: "segment",
+            value,
+            allowed: "0 (automatic) or 8 and more",
+        });
     }
     let needed = max_delay + LEAST.max(segment);
     if got < needed {
-        return Err(DelayError::TooShort { method, needed, got, remedy: crate::error::LengthRemedy::Window });
+        return Err(DelayError::TooShort {
+            method,
+            needed,
+            got,
+            remedy: crate::error::LengthRemedy::Window,
+        });
     }
     Ok(())
 }
@@ -141,7 +174,8 @@ pub(crate) fn enough(method: &'static str, segment: usize, got: usize, max_delay
 /// What averaged spectra say of every frequency.
 pub(crate) fn lines(spectra: &CrossSpectra) -> Vec<Line> {
     let looks = spectra.looks * HANN_LINES;
-    let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let largest =
+        |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max).max(f64::MIN_POSITIVE);
     let ends = ENDS / (spectra.looks * real(spectra.segment)).max(ENDS);
     let floor = |values: &[f64]| {
         let mean = values.iter().sum::<f64>() / real(values.len().max(1));
@@ -150,10 +184,17 @@ pub(crate) fn lines(spectra: &CrossSpectra) -> Vec<Line> {
     let (floor_u, floor_y) = (floor(&spectra.uu), floor(&spectra.yy));
     let floor_cross = (floor_u * floor_y).sqrt();
     let of = |(k, seen): (usize, f64)| {
-        let (uu, yy, cross) = (spectra.uu[k].max(floor_u), spectra.yy[k].max(floor_y), spectra.uy[k].norm().max(floor_cross));
+        let (uu, yy, cross) = (
+            spectra.uu[k].max(floor_u),
+            spectra.yy[k].max(floor_y),
+            spectra.uy[k].norm().max(floor_cross),
+        );
         // The average of few looks at nothing shows (1 − γ²)/looks; what is left over of 1 is too small by as much.
-        let (coherence, rest) =
-            if looks > 1.0 { (seen - (1.0 - seen) / (looks - 1.0), ((1.0 - seen) * looks / (looks - 1.0)).min(1.0)) } else { (0.0, 1.0) };
+        let (coherence, rest) = if looks > 1.0 {
+            (seen - (1.0 - seen) / (looks - 1.0), ((1.0 - seen) * looks / (looks - 1.0)).min(1.0))
+        } else {
+            (0.0, 1.0)
+        };
         let noise = 0.5 * uu * yy * rest.max(1.0 - CERTAIN);
         let chance = (uu * yy / looks.max(1.0)).sqrt();
         let times = match k {
@@ -162,7 +203,16 @@ pub(crate) fn lines(spectra: &CrossSpectra) -> Vec<Line> {
             _ if 2 * (k + 1) >= spectra.segment => 0.0,
             _ => 2.0,
         };
-        Line { omega: spectra.omega(k), uu, yy, cross, chance, coherence: coherence.clamp(0.0, CERTAIN), noise, times }
+        Line {
+            omega: spectra.omega(k),
+            uu,
+            yy,
+            cross,
+            chance,
+            coherence: coherence.clamp(0.0, CERTAIN),
+            noise,
+            times,
+        }
     };
     spectra.coherence().into_iter().enumerate().map(of).collect()
 }
@@ -191,7 +241,9 @@ impl Interpolant {
     pub(crate) fn peak(&self, near: f64, sign: f64) -> f64 {
         let grid = |i: i32| near + f64::from(i) / 8.0;
         let value = |i: i32| sign * self.at(grid(i))[0];
-        let best = (-8..=8).max_by(|&a, &b| value(a).total_cmp(&value(b)).then(b.abs().cmp(&a.abs()))).unwrap_or(0);
+        let best = (-8..=8)
+            .max_by(|&a, &b| value(a).total_cmp(&value(b)).then(b.abs().cmp(&a.abs())))
+            .unwrap_or(0);
         let (mut low, mut high) = (grid((best - 1).max(-8)), grid((best + 1).min(8)));
         let mut at = grid(best);
         // Each step squares the error or halves the bracket: 60 reach rounding.
@@ -203,7 +255,11 @@ impl Interpolant {
                 high = at
             }
             let newton = at - first / second;
-            let next = if sign * second < 0.0 && newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            let next = if sign * second < 0.0 && newton > low && newton < high {
+                newton
+            } else {
+                0.5 * (low + high)
+            };
             if (next - at).abs() < 1e-14 {
                 return next;
             }
@@ -227,7 +283,12 @@ pub(crate) fn generalised(
         if let Some(note) = posterior::unseen(records, max_delay) {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
-        let (found, _) = alike(&Centred::new(records), segment_length(segment, longest, max_delay), weight, max_delay);
+        let (found, _) = alike(
+            &Centred::new(records),
+            segment_length(segment, longest, max_delay),
+            weight,
+            max_delay,
+        );
         Ok(found.answer(max_delay, bias, experiment))
     })
 }
@@ -262,28 +323,45 @@ pub(crate) struct Seen {
 }
 
 /// The lag of the largest |R| in the window.
-pub(crate) fn alike(signals: &Centred, segment: usize, weight: fn(&Line) -> f64, max_delay: usize) -> (Alike, Option<Seen>) {
+pub(crate) fn alike(
+    signals: &Centred,
+    segment: usize,
+    weight: fn(&Line) -> f64,
+    max_delay: usize,
+) -> (Alike, Option<Seen>) {
     let reach = segment / 2;
     let margin = isize::try_from(reach).unwrap_or(0) + 1;
-    let products = signals.products(-margin, isize::try_from(max_delay).unwrap_or(isize::MAX / 2).saturating_add(margin));
+    let products = signals.products(
+        -margin,
+        isize::try_from(max_delay).unwrap_or(isize::MAX / 2).saturating_add(margin),
+    );
     // products[margin + lag]
     let centre = reach + 1;
-    let largest = |r: &[f64]| (0..=max_delay).max_by(|&a, &b| r[a + 1].abs().total_cmp(&r[b + 1].abs()).then(b.cmp(&a))).unwrap_or(0);
+    let largest = |r: &[f64]| {
+        (0..=max_delay)
+            .max_by(|&a, &b| r[a + 1].abs().total_cmp(&r[b + 1].abs()).then(b.cmp(&a)))
+            .unwrap_or(0)
+    };
     let plain: Vec<f64> = products[centre - 1..=centre + max_delay + 1].to_vec();
     let mut lag = largest(&plain);
     let mut aligned = None;
     for _ in 0..ALIGNMENTS {
         let spectra = signals.aligned(lag, segment);
         let lines = lines(&spectra);
-        let weights: Vec<f64> = lines.iter().map(|line| if line.times > 0.0 { weight(line) } else { 0.0 }).collect();
+        let weights: Vec<f64> =
+            lines.iter().map(|line| if line.times > 0.0 { weight(line) } else { 0.0 }).collect();
         // The weights as a filter of the lags, from −segment/2 to segment/2; the ends share the lag that both stand for.
-        let filter = RealFourier::new(segment).series(weights.iter().map(|w| Complex::new(*w, 0.0)).collect());
+        let filter = RealFourier::new(segment)
+            .series(weights.iter().map(|w| Complex::new(*w, 0.0)).collect());
         let tap = |j: isize| {
             let even = segment.is_multiple_of(2) && j.unsigned_abs() == reach;
-            filter[j.rem_euclid(isize::try_from(segment).unwrap_or(1)).unsigned_abs()] * if even { 0.5 } else { 1.0 }
+            filter[j.rem_euclid(isize::try_from(segment).unwrap_or(1)).unsigned_abs()]
+                * if even { 0.5 } else { 1.0 }
         };
         let taps: Vec<f64> = (-(margin - 1)..margin).map(tap).collect();
-        let filtered: Vec<f64> = (0..=max_delay + 2).map(|i| taps.iter().rev().zip(&products[i..]).map(|(h, r)| h * r).sum()).collect();
+        let filtered: Vec<f64> = (0..=max_delay + 2)
+            .map(|i| taps.iter().rev().zip(&products[i..]).map(|(h, r)| h * r).sum())
+            .collect();
         let next = largest(&filtered);
         let same = next == lag;
         aligned = Some((spectra, lines, weights, filtered));
@@ -297,7 +375,12 @@ pub(crate) fn alike(signals: &Centred, segment: usize, weight: fn(&Line) -> f64,
     };
     let here = filtered[lag + 1];
     let sign = if here < 0.0 { -1.0 } else { 1.0 };
-    let terms = spectra.uy.iter().zip(&lines).zip(&weights).map(|((s, line), weight)| (line.omega, s * (line.times * weight)));
+    let terms = spectra
+        .uy
+        .iter()
+        .zip(&lines)
+        .zip(&weights)
+        .map(|((s, line), weight)| (line.omega, s * (line.times * weight)));
     let interpolant = Interpolant::new(terms.collect());
     let at = interpolant.peak(0.0, sign);
     let bend = -sign * interpolant.at(at)[2];
@@ -312,13 +395,22 @@ pub(crate) fn alike(signals: &Centred, segment: usize, weight: fn(&Line) -> f64,
     let fraction = (bend > 0.0 && std.is_finite()).then_some(at);
     let leads = lag == 0 && filtered[0].abs() > here.abs();
     let bent = bent(&spectra, &lines, &weights, at, sign);
-    (Alike { lag, fraction, std, freedom: independent_lines(&spectra), rivals, leads, bent }, Some(Seen { spectra, lines, sign }))
+    (
+        Alike { lag, fraction, std, freedom: independent_lines(&spectra), rivals, leads, bent },
+        Some(Seen { spectra, lines, sign }),
+    )
 }
 
 /// Whether the phases that are left after a delay of `at` samples are more than chance, and then how far the delays of single frequencies lie apart.
 ///
 /// A phase varies by noise/|Ĝuy|² of the looks that a line of Hann's windows has; the sum of their squares over those variances is chi-squared.
-pub(super) fn bent(spectra: &CrossSpectra, lines: &[Line], weights: &[f64], at: f64, sign: f64) -> Option<f64> {
+pub(super) fn bent(
+    spectra: &CrossSpectra,
+    lines: &[Line],
+    weights: &[f64],
+    at: f64,
+    sign: f64,
+) -> Option<f64> {
     let looks = spectra.looks * HANN_LINES;
     let (mut misfit, mut count, mut square, mut total) = (0.0, 0.0, 0.0, 0.0);
     for ((s, line), weight) in spectra.uy.iter().zip(lines).zip(weights) {
@@ -333,8 +425,10 @@ pub(super) fn bent(spectra: &CrossSpectra, lines: &[Line], weights: &[f64], at: 
         total += share;
     }
     let freedom = count / HANN_LINES;
-    let limit = ChiSquared::new(freedom.max(1.0)).map_or(f64::INFINITY, |c| c.inverse_cdf(1.0 - FALSE_ALARM));
-    (count >= JUDGED * real(lines.len()) && total > 0.0 && misfit / HANN_LINES > limit).then(|| (square / total).sqrt())
+    let limit = ChiSquared::new(freedom.max(1.0))
+        .map_or(f64::INFINITY, |c| c.inverse_cdf(1.0 - FALSE_ALARM));
+    (count >= JUDGED * real(lines.len()) && total > 0.0 && misfit / HANN_LINES > limit)
+        .then(|| (square / total).sqrt())
 }
 
 /// Lines that a window of Hann leaves independent of each other: the degrees of freedom of what is read from the scatter of phases.
@@ -346,10 +440,18 @@ pub(crate) fn independent_lines(spectra: &CrossSpectra) -> f64 {
 ///
 /// Source: after Ianniello (1982), IEEE Trans. Acoust. Speech Signal Process. 30(6), 998-1003, doi:10.1109/TASSP.1982.1163992, who counts peaks of equal height; here
 /// each peak counts with the height that it has.
-pub(super) fn rivals(filtered: &[f64], lag: usize, lines: &[Line], weights: &[f64], spectra: &CrossSpectra) -> Vec<(usize, f64)> {
+pub(super) fn rivals(
+    filtered: &[f64],
+    lag: usize,
+    lines: &[Line],
+    weights: &[f64],
+    spectra: &CrossSpectra,
+) -> Vec<(usize, f64)> {
     let Ok(normal) = Normal::new(0.0, 1.0) else { return Vec::new() };
     let r = |l: usize| filtered[l + 1].abs();
-    let peaks = (0..filtered.len() - 2).filter(|&l| l != lag && r(l) > 0.0 && r(l) >= filtered[l].abs() && r(l) > filtered[l + 2].abs());
+    let peaks = (0..filtered.len() - 2).filter(|&l| {
+        l != lag && r(l) > 0.0 && r(l) >= filtered[l].abs() && r(l) > filtered[l + 2].abs()
+    });
     let probable = |l: usize| {
         let opposite = filtered[l + 1] * filtered[lag + 1] < 0.0;
         // Variance of R(lag) ∓ R(l): the two share what noise they have in common.
@@ -369,7 +471,12 @@ pub(super) fn rivals(filtered: &[f64], lag: usize, lines: &[Line], weights: &[f6
 }
 
 impl Alike {
-    pub(crate) fn answer(&self, max_delay: usize, bias: usize, experiment: &Experiment) -> DelayEstimate {
+    pub(crate) fn answer(
+        &self,
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> DelayEstimate {
         if self.leads {
             let note = "the two are most alike where the output leads the input: exchange them, or look for feedback";
             return DelayEstimate::without(Outcome::NotApplicable, note);
@@ -383,8 +490,10 @@ impl Alike {
         let raw = real(self.lag) + fraction;
         let std = self.std.hypot(self.bent.unwrap_or(0.0));
         let total: f64 = 1.0 + self.rivals.iter().map(|(_, p)| p).sum::<f64>();
-        let spread: f64 = self.rivals.iter().map(|(l, p)| p / total * (real(*l) - raw).powi(2)).sum();
-        let quantile = StudentsT::new(0.0, 1.0, self.freedom.max(1.0)).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
+        let spread: f64 =
+            self.rivals.iter().map(|(l, p)| p / total * (real(*l) - raw).powi(2)).sum();
+        let quantile = StudentsT::new(0.0, 1.0, self.freedom.max(1.0))
+            .map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
         let mut ends = [raw - quantile * std, raw + quantile * std];
         let (mut mass, mut by_height) = (1.0 / total, self.rivals.clone());
         by_height.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -405,11 +514,20 @@ impl Alike {
         // An exact copy is known no better than rounding tells.
         let std = (std.powi(2) + spread).sqrt().max(ROUNDING);
         let ends = [ends[0].min(raw - ROUNDING), ends[1].max(raw + ROUNDING)];
-        let estimate = DelayEstimate::measured(raw, std, ends, self.lag == max_delay, bias as f64, experiment.sample_time());
+        let estimate = DelayEstimate::measured(
+            raw,
+            std,
+            ends,
+            self.lag == max_delay,
+            bias as f64,
+            experiment.sample_time(),
+        );
         let estimate = estimate.contradicted(self.bent.map(|spread| {
             format!("frequencies differ in their delay by {spread:.2} samples: the output is no delayed copy, and the plant's own lag counts as delay")
         }));
-        estimate.noting((!also.is_empty()).then(|| format!("the interval holds {} other peaks that noise may have lowered", also.len())))
+        estimate.noting((!also.is_empty()).then(|| {
+            format!("the interval holds {} other peaks that noise may have lowered", also.len())
+        }))
     }
 }
 

@@ -63,7 +63,11 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for GccPhat {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         generalised(NAME, self.segment, weight, experiment, search)
     }
 }

@@ -44,7 +44,12 @@ const NAME: &str = "gcc_roth";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("gcc_roth", "largest value of the impulse response from averaged spectra (Roth's weights)", GccRoth, dyn DelayEstimator),
+    entry: entry!(
+        "gcc_roth",
+        "largest value of the impulse response from averaged spectra (Roth's weights)",
+        GccRoth,
+        dyn DelayEstimator
+    ),
     class: Class::Correlation,
     scope: Scope::Pair,
     start: Start::Any,
@@ -59,7 +64,11 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for GccRoth {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         generalised(NAME, self.segment, weight, experiment, search)
     }
 }

@@ -63,7 +63,11 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for EventAverageDifference {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         by_offset(NAME, self.units, criterion, experiment, search)
     }
 }

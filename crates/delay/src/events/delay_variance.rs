@@ -62,7 +62,11 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for EventDelayVariance {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         by_offset(NAME, self.units, criterion, experiment, search)
     }
 }

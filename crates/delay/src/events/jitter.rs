@@ -53,9 +53,15 @@ impl Jitter {
         let window = experiment.sample_time().to_seconds(real(search.max_delay));
         let (mut delays, mut longest_s, mut count) = (Vec::new(), None::<f64>, 0.0);
         for events in experiment.events() {
-            let Ok(matched) = Matched::of(&events.first, &events.second, criterion, Some(window)) else { continue };
-            let one: Vec<f64> =
-                if matched.is_whole() { matched.pairs.delays().collect() } else { matched.by_time.iter().map(|p| p.1 - p.0).collect() };
+            let Ok(matched) = Matched::of(&events.first, &events.second, criterion, Some(window))
+            else {
+                continue;
+            };
+            let one: Vec<f64> = if matched.is_whole() {
+                matched.pairs.delays().collect()
+            } else {
+                matched.by_time.iter().map(|p| p.1 - p.0).collect()
+            };
             if !matched.is_whole() {
                 let longest = matched.typical + matched.gate;
                 longest_s = Some(longest_s.map_or(longest, |l| l.min(longest)));
@@ -68,7 +74,11 @@ impl Jitter {
         delays.sort_by(f64::total_cmp);
         let independent = (count.round() as u64).clamp(1, delays.len().max(1) as u64);
         let quantile = |share: f64| {
-            Some(DelayQuantile { share, delay_s: stats::quantile(&delays, share)?, ci95_s: interval(&delays, share, independent) })
+            Some(DelayQuantile {
+                share,
+                delay_s: stats::quantile(&delays, share)?,
+                ci95_s: interval(&delays, share, independent),
+            })
         };
         let quantiles = SHARES.into_iter().map(quantile).collect::<Option<_>>()?;
         Some(Self { events: delays.len(), std_s: stats::deviation(&delays)?, quantiles, longest_s })
@@ -139,7 +149,8 @@ mod tests {
     /// 0.1 − 0.04·ln(1 − q), in 90 to 99 % of 200 intervals: 95 % of good ones leave that once in a thousand times.
     #[test]
     fn intervals_hold_the_quantiles_of_an_exponential_law() {
-        let found: Vec<Jitter> = (0..200).map(|seed| Jitter::of(&packets(400, 0.0, seed), &search()).unwrap()).collect();
+        let found: Vec<Jitter> =
+            (0..200).map(|seed| Jitter::of(&packets(400, 0.0, seed), &search()).unwrap()).collect();
         for (at, share) in SHARES.into_iter().enumerate().take(3) {
             let truth = 0.1 - 0.04 * (1.0 - share).ln();
             let holds = |j: &&Jitter| matches!(j.quantiles[at].ci95_s, [Some(low), Some(high)] if low <= truth && truth <= high);
@@ -155,7 +166,10 @@ mod tests {
         let found = Jitter::of(&packets(400, 0.01, 7), &search()).unwrap();
         assert!((385..400).contains(&found.events), "{}", found.events);
         assert!(found.longest_s.is_some_and(|l| (0.3..0.5).contains(&l)), "{:?}", found.longest_s);
-        assert!((found.quantiles[1].delay_s - (0.1 + 0.04 * 2.0_f64.ln())).abs() < 0.01, "{found:?}");
+        assert!(
+            (found.quantiles[1].delay_s - (0.1 + 0.04 * 2.0_f64.ln())).abs() < 0.01,
+            "{found:?}"
+        );
     }
 
     /// Twelve events say nothing of the slowest one in a hundred.
@@ -178,7 +192,8 @@ mod tests {
                 .collect::<Vec<f64>>()
         };
         let events = vec![Events { first: times(), second: times(), units: [None, None] }];
-        let experiment = Experiment::of_events(SampleTime::new(1.0).unwrap(), ["a", "b"], events).unwrap();
+        let experiment =
+            Experiment::of_events(SampleTime::new(1.0).unwrap(), ["a", "b"], events).unwrap();
         assert_eq!(Jitter::of(&experiment, &Search::default()), None);
     }
 }

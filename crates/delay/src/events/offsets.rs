@@ -40,7 +40,10 @@ pub(crate) const NO_MAGNITUDES: &[(Law, &str)] = &[
     (Law::Gain, "times have no gain: a factor on one sequence is another unit"),
     (Law::Sign, "times have no sign: turned round they are another sequence"),
     (Law::Exact, "there is no plant between two sensors"),
-    (Law::Silence, "sequences of events are no samples of noise; unrelated sequences have a test of their own"),
+    (
+        Law::Silence,
+        "sequences of events are no samples of noise; unrelated sequences have a test of their own",
+    ),
     (Law::Window, "offsets that put the mean delay outside the window are not tried at all"),
 ];
 
@@ -75,7 +78,8 @@ impl<'a> Paired<'a> {
     /// T(i + k) beside t(i), for all i at which both exist.
     fn new(events: (&'a [f64], &'a [f64]), k: isize) -> Self {
         let (from, shift) = (k.min(0).unsigned_abs(), k.max(0).unsigned_abs());
-        let (first, second) = (events.0.get(from..).unwrap_or_default(), events.1.get(shift..).unwrap_or_default());
+        let (first, second) =
+            (events.0.get(from..).unwrap_or_default(), events.1.get(shift..).unwrap_or_default());
         let n = first.len().min(second.len());
         Self { first: &first[..n], second: &second[..n] }
     }
@@ -104,7 +108,11 @@ impl<'a> Paired<'a> {
             (s.0 + y * y, s.1 + x * x, s.2 + y * x)
         });
         // Intervals that vary by rounding alone do not vary.
-        if bb > n * (1e-9 * b).powi(2) && aa > n * (1e-9 * a).powi(2) { (ba / (bb * aa).sqrt()).clamp(-1.0, 1.0) } else { 0.0 }
+        if bb > n * (1e-9 * b).powi(2) && aa > n * (1e-9 * a).powi(2) {
+            (ba / (bb * aa).sqrt()).clamp(-1.0, 1.0)
+        } else {
+            0.0
+        }
     }
 
     /// Fisher's z of that, in standard deviations.
@@ -115,7 +123,8 @@ impl<'a> Paired<'a> {
 
     /// Of the half of the events whose intervals agree most: the typical delay, and the typical difference of the intervals.
     fn typical(&self) -> [f64; 2] {
-        let mut both: Vec<(f64, f64)> = self.differences().map(f64::abs).zip(self.delays().skip(1)).collect();
+        let mut both: Vec<(f64, f64)> =
+            self.differences().map(f64::abs).zip(self.delays().skip(1)).collect();
         both.sort_by(|a, b| a.0.total_cmp(&b.0));
         both.truncate(both.len().div_ceil(2));
         [median(both.iter().map(|b| b.1).collect()), median(both.iter().map(|b| b.0).collect())]
@@ -139,10 +148,18 @@ pub(super) fn median(values: Vec<f64>) -> f64 {
 /// Refuses times that are no numbers or do not increase.
 pub(crate) fn check_times(experiment: &Experiment) -> Result<(), DelayError> {
     for events in experiment.events() {
-        for (role, names, times) in [("input", experiment.inputs(), &events.first), ("output", experiment.outputs(), &events.second)] {
+        for (role, names, times) in [
+            ("input", experiment.inputs(), &events.first),
+            ("output", experiment.outputs(), &events.second),
+        ] {
             let channel = || names.first().cloned().unwrap_or_default();
             if let Some(sample) = times.iter().position(|t| !t.is_finite()) {
-                return Err(DelayError::NotFinite { role, channel: channel(), sample, value: times[sample] });
+                return Err(DelayError::NotFinite {
+                    role,
+                    channel: channel(),
+                    sample,
+                    value: times[sample],
+                });
             }
             if let Some(&value) = times.first()
                 && times.len() > 1
@@ -151,7 +168,12 @@ pub(crate) fn check_times(experiment: &Experiment) -> Result<(), DelayError> {
                 return Err(DelayError::Constant { role, channel: channel(), value });
             }
             if let Some(event) = times.windows(2).position(|w| w[1] <= w[0]) {
-                return Err(DelayError::EventOrder { channel: channel(), event: event + 1, before: times[event], time: times[event + 1] });
+                return Err(DelayError::EventOrder {
+                    channel: channel(),
+                    event: event + 1,
+                    before: times[event],
+                    time: times[event + 1],
+                });
             }
         }
     }
@@ -159,7 +181,11 @@ pub(crate) fn check_times(experiment: &Experiment) -> Result<(), DelayError> {
 }
 
 /// Refuses what cannot be used at all.
-pub(super) fn check(method: &'static str, units: Units, experiment: &Experiment) -> Result<(), DelayError> {
+pub(super) fn check(
+    method: &'static str,
+    units: Units,
+    experiment: &Experiment,
+) -> Result<(), DelayError> {
     if experiment.events().is_empty() {
         return Err(DelayError::Count { what: "sequences of event times", needed: 1, got: 0 });
     }
@@ -170,10 +196,16 @@ pub(super) fn check(method: &'static str, units: Units, experiment: &Experiment)
             return Err(DelayError::Units { first: first.clone(), second: second.clone() });
         }
     }
-    let got = experiment.events().iter().map(|e| e.first.len().min(e.second.len())).max().unwrap_or(0);
+    let got =
+        experiment.events().iter().map(|e| e.first.len().min(e.second.len())).max().unwrap_or(0);
     let needed = LEAST + 2;
     if got < needed {
-        return Err(DelayError::TooShort { method, needed, got, remedy: crate::error::LengthRemedy::Events });
+        return Err(DelayError::TooShort {
+            method,
+            needed,
+            got,
+            remedy: crate::error::LengthRemedy::Events,
+        });
     }
     Ok(())
 }
@@ -189,7 +221,9 @@ pub(crate) fn by_offset(
     check(method, units, experiment)?;
     let window = experiment.sample_time().to_seconds(real(search.max_delay));
     let mut answers = Vec::new();
-    for events in experiment.events().iter().filter(|e| e.first.len().min(e.second.len()) >= LEAST + 2) {
+    for events in
+        experiment.events().iter().filter(|e| e.first.len().min(e.second.len()) >= LEAST + 2)
+    {
         answers.push(one(events, units, criterion, window));
     }
     Ok(combined(&answers, window))
@@ -209,8 +243,14 @@ pub(super) struct Shown {
 /// That, or why it says nothing.
 pub(super) type Answer = Result<Shown, (Outcome, Message)>;
 
-pub(super) fn one(events: &Events, units: Units, criterion: fn(&Paired<'_>) -> f64, window: f64) -> Answer {
-    let other_units = units == Units::Standardise && matches!(&events.units, [Some(a), Some(b)] if a != b);
+pub(super) fn one(
+    events: &Events,
+    units: Units,
+    criterion: fn(&Paired<'_>) -> f64,
+    window: f64,
+) -> Answer {
+    let other_units =
+        units == Units::Standardise && matches!(&events.units, [Some(a), Some(b)] if a != b);
     let first = &events.first[..];
     let scaled: Vec<f64>;
     let mut second = &events.second[..];
@@ -220,11 +260,13 @@ pub(super) fn one(events: &Events, units: Units, criterion: fn(&Paired<'_>) -> f
         scaled = second.iter().map(|t| t * scale).collect();
         second = &scaled;
     }
-    let matched = Matched::of(first, second, criterion, if other_units { None } else { Some(window) })?;
+    let matched =
+        Matched::of(first, second, criterion, if other_units { None } else { Some(window) })?;
     let raw = mean(matched.pairs.delays());
     let by_time = &matched.by_time;
-    let note = (by_time.len() < first.len().max(second.len()))
-        .then(|| format!("{} events paired, of {} and {}", by_time.len(), first.len(), second.len()));
+    let note = (by_time.len() < first.len().max(second.len())).then(|| {
+        format!("{} events paired, of {} and {}", by_time.len(), first.len(), second.len())
+    });
     let (delay, variance) = if other_units { along_a_line(by_time) } else { across(by_time) };
     Ok(Shown { delay, variance, raw, note })
 }
@@ -252,7 +294,12 @@ impl<'a> Matched<'a> {
         let typical_interval = median(first.windows(2).map(|w| w[1] - w[0]).collect());
         let offsets = offsets(first, second, window, typical_interval);
         let paired = |k: isize| Paired::new((first, second), k);
-        let Some(best) = offsets.iter().map(|&k| (criterion(&paired(k)), k)).min_by(|a, b| a.0.total_cmp(&b.0)).map(|b| b.1) else {
+        let Some(best) = offsets
+            .iter()
+            .map(|&k| (criterion(&paired(k)), k))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|b| b.1)
+        else {
             let note = Message::from("no offset puts the second sequence behind the first by a delay of the window: search a longer ")
                 .and(Remedy::MaxDelay)
                 .and(", or exchange them");
@@ -260,10 +307,14 @@ impl<'a> Matched<'a> {
         };
         let pairs = paired(best);
         if pairs.correlation() == 0.0 {
-            return Err((Outcome::NotRichEnough, "the intervals between events never vary: every offset fits alike".into()));
+            return Err((
+                Outcome::NotRichEnough,
+                "the intervals between events never vary: every offset fits alike".into(),
+            ));
         }
         let strength = pairs.strength();
-        let limit = Normal::new(0.0, 1.0).map_or(f64::INFINITY, |n| n.inverse_cdf(1.0 - 0.01 / real(offsets.len())));
+        let limit = Normal::new(0.0, 1.0)
+            .map_or(f64::INFINITY, |n| n.inverse_cdf(1.0 - 0.01 / real(offsets.len())));
         if strength < limit {
             let note = format!(
                 "the intervals of the two sequences are not alike at the best offset ({best}: correlation {:.2}, {limit:.1} standard deviations of chance needed): they do not show the same events, or too many are missing",
@@ -273,18 +324,28 @@ impl<'a> Matched<'a> {
         }
         let [typical, apart] = pairs.typical();
         let gate = GATE * typical_interval;
-        let rival =
-            offsets.iter().filter(|&&k| k != best && paired(k).strength() > strength - ALIKE * std::f64::consts::SQRT_2).find(|&&k| {
+        let rival = offsets
+            .iter()
+            .filter(|&&k| {
+                k != best && paired(k).strength() > strength - ALIKE * std::f64::consts::SQRT_2
+            })
+            .find(|&&k| {
                 let [delay, difference] = paired(k).typical();
                 (delay - typical).abs() > gate && difference <= AS_CLOSE * apart
             });
         if let Some(k) = rival {
-            return Err((Outcome::Flat, format!("offsets {best} and {k} pair the events equally well").into()));
+            return Err((
+                Outcome::Flat,
+                format!("offsets {best} and {k} pair the events equally well").into(),
+            ));
         }
         let by_time = partners(first, second, typical, gate);
         let possible = first.len().min(second.len());
         if by_time.len() < LEAST || 2 * by_time.len() < possible {
-            let note = format!("only {} of {possible} events have a partner {typical:.6} later", by_time.len());
+            let note = format!(
+                "only {} of {possible} events have a partner {typical:.6} later",
+                by_time.len()
+            );
             return Err((Outcome::NotVisible, note.into()));
         }
         Ok(Self { pairs, by_time, typical, gate })
@@ -292,7 +353,12 @@ impl<'a> Matched<'a> {
 }
 
 /// The offsets that pair enough intervals, with a mean delay in the window (half an interval beside it) where there is one.
-pub(super) fn offsets(first: &[f64], second: &[f64], window: Option<f64>, interval: f64) -> Vec<isize> {
+pub(super) fn offsets(
+    first: &[f64],
+    second: &[f64],
+    window: Option<f64>,
+    interval: f64,
+) -> Vec<isize> {
     let sums = |times: &[f64]| -> Vec<f64> {
         let mut sum = 0.0;
         std::iter::once(0.0)
@@ -306,14 +372,19 @@ pub(super) fn offsets(first: &[f64], second: &[f64], window: Option<f64>, interv
     let start = second[0] - first[0];
     let most = |n: usize| isize::try_from(n.saturating_sub(LEAST + 1)).unwrap_or(0);
     // Without a window, as many offsets as the default one has lags.
-    let (from, to) =
-        if window.is_some() { (-most(first.len()), most(second.len())) } else { (-most(first.len()).min(35), most(second.len()).min(35)) };
+    let (from, to) = if window.is_some() {
+        (-most(first.len()), most(second.len()))
+    } else {
+        (-most(first.len()).min(35), most(second.len()).min(35))
+    };
     (from..=to)
         .filter(|&k| {
             let (a, b) = (k.min(0).unsigned_abs(), k.max(0).unsigned_abs());
             let n = (first.len() - a).min(second.len() - b);
-            let delay = (of_second[b + n] - of_second[b] - of_first[a + n] + of_first[a]) / real(n) + start;
-            n > LEAST && window.is_none_or(|w| (-0.5 * interval..=w + 0.5 * interval).contains(&delay))
+            let delay =
+                (of_second[b + n] - of_second[b] - of_first[a + n] + of_first[a]) / real(n) + start;
+            n > LEAST
+                && window.is_none_or(|w| (-0.5 * interval..=w + 0.5 * interval).contains(&delay))
         })
         .collect()
 }
@@ -323,7 +394,9 @@ pub(super) fn partners(first: &[f64], second: &[f64], delay: f64, gate: f64) -> 
     let mut pairs: Vec<(f64, f64)> = Vec::new();
     let mut j = 0;
     for &t in first {
-        while j + 1 < second.len() && (second[j + 1] - t - delay).abs() <= (second[j] - t - delay).abs() {
+        while j + 1 < second.len()
+            && (second[j + 1] - t - delay).abs() <= (second[j] - t - delay).abs()
+        {
             j += 1;
         }
         let Some(&nearest) = second.get(j) else { break };
@@ -341,7 +414,8 @@ pub(super) fn partners(first: &[f64], second: &[f64], delay: f64, gate: f64) -> 
     }
     let of = |p: &(f64, f64)| p.1 - p.0;
     let centre = median(pairs.iter().map(of).collect());
-    let deviation = median(pairs.iter().map(|p| (of(p) - centre).abs()).collect()) / MEDIAN_DEVIATION;
+    let deviation =
+        median(pairs.iter().map(|p| (of(p) - centre).abs()).collect()) / MEDIAN_DEVIATION;
     if deviation > 0.0 {
         pairs.retain(|p| (of(p) - centre).abs() <= STRAY * deviation);
     }
@@ -357,7 +431,10 @@ pub(super) fn across(pairs: &[(f64, f64)]) -> (f64, f64) {
 
 /// Variance of the mean of numbers whose neighbours may be alike, `fitted` of them spent on a fit: that of the means of blocks, as many counted as are independent.
 pub(super) fn variance_of_mean(rest: &[f64], fitted: f64) -> f64 {
-    let blocks: Vec<f64> = rest.chunks(rest.len().div_ceil(BLOCKS).max(1)).map(|block| mean(block.iter().copied())).collect();
+    let blocks: Vec<f64> = rest
+        .chunks(rest.len().div_ceil(BLOCKS).max(1))
+        .map(|block| mean(block.iter().copied()))
+        .collect();
     let freedom = (real(blocks.len()) - fitted).max(1.0);
     blocks.iter().map(|b| b * b).sum::<f64>() / freedom / posterior::effective_samples(&blocks)
 }
@@ -366,7 +443,8 @@ pub(super) fn variance_of_mean(rest: &[f64], fitted: f64) -> f64 {
 pub(super) fn along_a_line(pairs: &[(f64, f64)]) -> (f64, f64) {
     let (t, big) = (mean(pairs.iter().map(|p| p.0)), mean(pairs.iter().map(|p| p.1)));
     let spread: f64 = pairs.iter().map(|p| (p.0 - t).powi(2)).sum();
-    let slope = pairs.iter().map(|p| (p.0 - t) * (p.1 - big)).sum::<f64>() / spread.max(f64::MIN_POSITIVE);
+    let slope =
+        pairs.iter().map(|p| (p.0 - t) * (p.1 - big)).sum::<f64>() / spread.max(f64::MIN_POSITIVE);
     let rest: Vec<f64> = pairs.iter().map(|p| p.1 - big - slope * (p.0 - t)).collect();
     let noise = variance_of_mean(&rest, 2.0) / (slope * slope);
     // b/a = T̄/a − t̄, in the first sequence's unit: its slope error acts on T̄/a.
@@ -377,16 +455,22 @@ pub(super) fn along_a_line(pairs: &[(f64, f64)]) -> (f64, f64) {
 pub(super) fn combined(answers: &[Answer], window: f64) -> DelayEstimate {
     let found: Vec<&Shown> = answers.iter().filter_map(|a| a.as_ref().ok()).collect();
     let Some(most_certain) = found.iter().min_by(|a, b| a.variance.total_cmp(&b.variance)) else {
-        let (outcome, note) = answers.iter().find_map(|a| a.as_ref().err()).cloned().unwrap_or((Outcome::NotVisible, "no events".into()));
+        let (outcome, note) = answers
+            .iter()
+            .find_map(|a| a.as_ref().err())
+            .cloned()
+            .unwrap_or((Outcome::NotVisible, "no events".into()));
         return DelayEstimate::without(outcome, note);
     };
     // Times that agree to rounding are no more certain than that.
     let least = (ROUNDING * most_certain.delay.abs().max(window)).powi(2);
     let weight = |a: &Shown| 1.0 / a.variance.max(least);
     let total: f64 = found.iter().map(|a| weight(a)).sum();
-    let weighted = |f: &dyn Fn(&Shown) -> f64| found.iter().map(|a| weight(a) * f(a)).sum::<f64>() / total;
+    let weighted =
+        |f: &dyn Fn(&Shown) -> f64| found.iter().map(|a| weight(a) * f(a)).sum::<f64>() / total;
     let (delay, raw, std) = (weighted(&|a| a.delay), weighted(&|a| a.raw), (1.0 / total).sqrt());
-    let quantile = StudentsT::new(0.0, 1.0, real(LEAST)).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
+    let quantile =
+        StudentsT::new(0.0, 1.0, real(LEAST)).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
     let ends = [delay - quantile * std, delay + quantile * std];
     if ends[1] < 0.0 {
         return DelayEstimate::without(
@@ -408,7 +492,9 @@ pub(super) fn combined(answers: &[Answer], window: f64) -> DelayEstimate {
         note: None,
     };
     let refused = answers.len() - found.len();
-    let estimate = estimate.noting((refused > 0).then(|| format!("{refused} of {} recordings show no delay", answers.len())));
+    let estimate = estimate.noting(
+        (refused > 0).then(|| format!("{refused} of {} recordings show no delay", answers.len())),
+    );
     let notes: Vec<String> = found.iter().filter_map(|a| a.note.clone()).collect();
     estimate.noting((!notes.is_empty()).then(|| notes.join("; ")))
 }

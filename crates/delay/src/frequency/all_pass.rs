@@ -41,7 +41,11 @@ pub(crate) struct AllPass {
 
 /// Of Σ bₖxᵏ, b of this covariance and under this noise (the same, but where poles and zeros that nearly cancel share some of it); no zero may add more than
 /// `longest`. `None` where all coefficients are zero or one is no number.
-pub(crate) fn all_pass(b: &[f64], [covariance, noise]: [&DMatrix<f64>; 2], longest: f64) -> Option<AllPass> {
+pub(crate) fn all_pass(
+    b: &[f64],
+    [covariance, noise]: [&DMatrix<f64>; 2],
+    longest: f64,
+) -> Option<AllPass> {
     let largest = b.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     let counts = |v: &f64| v.abs() > ROUNDING * largest;
     let (first, last) = (b.iter().position(counts)?, b.iter().rposition(counts)?);
@@ -64,10 +68,12 @@ pub(crate) fn all_pass(b: &[f64], [covariance, noise]: [&DMatrix<f64>; 2], longe
             share *= x;
         }
     }
-    let along = |i: usize| gradient.iter().enumerate().map(|(j, g)| covariance[(i, j)] * g).sum::<f64>();
+    let along =
+        |i: usize| gradient.iter().enumerate().map(|(j, g)| covariance[(i, j)] * g).sum::<f64>();
     let variance: f64 = gradient.iter().enumerate().map(|(i, g)| g * along(i)).sum();
     let found = AllPass { raw, std: variance.max(0.0).sqrt(), hidden: hidden(b, noise), left_out };
-    let sound = found.raw.is_finite() && variance.is_finite() && found.hidden.iter().all(|h| h.is_finite());
+    let sound =
+        found.raw.is_finite() && variance.is_finite() && found.hidden.iter().all(|h| h.is_finite());
     sound.then_some(found)
 }
 
@@ -83,12 +89,19 @@ const SEEN: f64 = 3.0;
 /// Source of the relation: Oppenheim and Schafer (2010), "Discrete-Time Signal Processing", 3rd ed., section 12.3.
 fn hidden(b: &[f64], covariance: &DMatrix<f64>) -> [f64; 2] {
     let taps = b.len();
-    let variances: Vec<f64> =
-        (0..taps).map(|lag| (0..taps - lag).map(|i| covariance[(i, i + lag)]).sum::<f64>() * if lag == 0 { 1.0 } else { 2.0 }).collect();
+    let variances: Vec<f64> = (0..taps)
+        .map(|lag| {
+            (0..taps - lag).map(|i| covariance[(i, i + lag)]).sum::<f64>()
+                * if lag == 0 { 1.0 } else { 2.0 }
+        })
+        .collect();
     let frequency = |i: usize| PI * (i as f64 + 0.5) / FREQUENCIES as f64;
     // Powers of e^{−iω} by Horner's rule; the variance is real and even.
-    let gain: Vec<f64> = (0..FREQUENCIES).map(|i| polynomial(b, Complex::cis(-frequency(i)))[0].norm_sqr()).collect();
-    let under = |i: &usize| gain[*i] < SEEN * polynomial(&variances, Complex::cis(-frequency(*i)))[0].re;
+    let gain: Vec<f64> = (0..FREQUENCIES)
+        .map(|i| polynomial(b, Complex::cis(-frequency(i)))[0].norm_sqr())
+        .collect();
+    let under =
+        |i: &usize| gain[*i] < SEEN * polynomial(&variances, Complex::cis(-frequency(*i)))[0].re;
     let Some(from) = (0..FREQUENCIES).find(under) else { return [0.0; 2] };
     let edge = gain[from.saturating_sub(1)].max(f64::MIN_POSITIVE);
     let mut hidden = [0.0; 2];
@@ -111,7 +124,12 @@ const FRACTION: f64 = 0.5;
 impl AllPass {
     /// The same where one unit is `scale` samples and `more` samples come on top, and the model itself misses the delay by `spread` (a standard deviation).
     pub(crate) fn scaled(self, scale: f64, more: f64, spread: f64) -> Self {
-        Self { raw: scale * self.raw + more, std: (scale * self.std).hypot(spread), hidden: self.hidden.map(|h| scale * h), ..self }
+        Self {
+            raw: scale * self.raw + more,
+            std: (scale * self.std).hypot(spread),
+            hidden: self.hidden.map(|h| scale * h),
+            ..self
+        }
     }
 
     /// The same of a numerator whose first `samples` coefficients were left out.
@@ -121,21 +139,44 @@ impl AllPass {
     }
 
     /// The answer of a method.
-    pub(crate) fn answer(&self, bias: usize, max_delay: usize, experiment: &Experiment) -> DelayEstimate {
+    pub(crate) fn answer(
+        &self,
+        bias: usize,
+        max_delay: usize,
+        experiment: &Experiment,
+    ) -> DelayEstimate {
         let (longest, off) = (max_delay as f64, bias as f64);
         let delay = self.raw - 0.5 * (self.hidden[0] + self.hidden[1]);
-        let [least, most] = [self.hidden[0].min(self.hidden[1]), self.hidden[0].max(self.hidden[1])];
-        let interval = [self.raw - most - NORMAL_95 * self.std, self.raw - least.min(0.0) + NORMAL_95 * self.std + FRACTION];
+        let [least, most] =
+            [self.hidden[0].min(self.hidden[1]), self.hidden[0].max(self.hidden[1])];
+        let interval = [
+            self.raw - most - NORMAL_95 * self.std,
+            self.raw - least.min(0.0) + NORMAL_95 * self.std + FRACTION,
+        ];
         // What is hidden is anywhere between its ends.
         let std = self.std.hypot((most - least).hypot(FRACTION) / 12.0_f64.sqrt());
         let narrower = std <= longest.max(1.0) / 12.0_f64.sqrt();
         if !narrower {
-            let note = format!("a standard deviation of {std:.1} samples says no more than the search window does");
+            let note = format!(
+                "a standard deviation of {std:.1} samples says no more than the search window does"
+            );
             return DelayEstimate::without(Outcome::Flat, note);
         }
-        let note = (self.left_out > 0).then(|| format!("{} zeros near z = 1 left out of the all-pass part", self.left_out));
-        let estimate = DelayEstimate::measured(delay, std, interval, delay > longest - FRACTION, off, experiment.sample_time());
-        DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(self.raw)), ..estimate }.noting(note)
+        let note = (self.left_out > 0)
+            .then(|| format!("{} zeros near z = 1 left out of the all-pass part", self.left_out));
+        let estimate = DelayEstimate::measured(
+            delay,
+            std,
+            interval,
+            delay > longest - FRACTION,
+            off,
+            experiment.sample_time(),
+        );
+        DelayEstimate {
+            raw_delay_s: Some(experiment.sample_time().to_seconds(self.raw)),
+            ..estimate
+        }
+        .noting(note)
     }
 }
 
@@ -155,7 +196,14 @@ mod tests {
         let sum: f64 = b.iter().sum();
         let mean = b.iter().enumerate().map(|(k, b)| k as f64 * b).sum::<f64>() / sum;
         let points = 1 << 15;
-        let gain = |w: f64| b.iter().enumerate().map(|(k, b)| Complex::from_polar(*b, -w * k as f64)).sum::<Complex<f64>>().norm().ln();
+        let gain = |w: f64| {
+            b.iter()
+                .enumerate()
+                .map(|(k, b)| Complex::from_polar(*b, -w * k as f64))
+                .sum::<Complex<f64>>()
+                .norm()
+                .ln()
+        };
         let explained: f64 = (0..points)
             .map(|i| {
                 let w = 2.0 * PI * (i as f64 + 0.5) / points as f64;
@@ -168,9 +216,16 @@ mod tests {
 
     #[test]
     fn the_zeros_give_what_gain_and_phase_give() {
-        let mut noisy: Vec<f64> = (0..40).map(|k| if k < 7 { 0.0 } else { 0.8_f64.powi(k - 7) }).collect();
+        let mut noisy: Vec<f64> =
+            (0..40).map(|k| if k < 7 { 0.0 } else { 0.8_f64.powi(k - 7) }).collect();
         noisy.iter_mut().enumerate().for_each(|(k, b)| *b += 0.01 * (k as f64 * 12.9898).sin());
-        for b in [vec![0.0, 0.0, 1.0, -0.5], vec![1.0, -2.0], vec![1.0, 3.0], vec![0.3, -0.2, 1.0, 0.4], noisy] {
+        for b in [
+            vec![0.0, 0.0, 1.0, -0.5],
+            vec![1.0, -2.0],
+            vec![1.0, 3.0],
+            vec![0.3, -0.2, 1.0, 0.4],
+            noisy,
+        ] {
             let (zeros, relation) = (alone(&b, 1e6).unwrap().raw, by_gain_and_phase(&b));
             assert!((zeros - relation).abs() < 2e-3, "{b:?}: {zeros} {relation}");
         }
@@ -188,7 +243,9 @@ mod tests {
 
     #[test]
     fn the_standard_deviation_is_that_of_the_difference_quotients() {
-        let b: Vec<f64> = (0..20).map(|k| if k < 5 { 0.0 } else { 0.7_f64.powi(k - 5) } + 1e-3 * (k as f64 * 3.7).cos()).collect();
+        let b: Vec<f64> = (0..20)
+            .map(|k| if k < 5 { 0.0 } else { 0.7_f64.powi(k - 5) } + 1e-3 * (k as f64 * 3.7).cos())
+            .collect();
         let variance = 1e-8;
         let squares: f64 = (0..20)
             .map(|k| {
@@ -201,7 +258,11 @@ mod tests {
             })
             .sum();
         let std = all_pass(&b, [&(DMatrix::identity(20, 20) * variance); 2], 1e6).unwrap().std;
-        assert!((std / (variance * squares).sqrt() - 1.0).abs() < 1e-3, "{std} {}", (variance * squares).sqrt());
+        assert!(
+            (std / (variance * squares).sqrt() - 1.0).abs() < 1e-3,
+            "{std} {}",
+            (variance * squares).sqrt()
+        );
     }
 
     #[test]
@@ -212,6 +273,9 @@ mod tests {
         // ∫ ln(tan(ω/2)/tan(ω_c/2))/sin²(ω/2) dω/π, of which 2/tan(ω_c/2)/π is the leading part.
         let flat = hidden(&[1.0], &DMatrix::from_element(1, 1, 1.0));
         let leading = 2.0 / PI / (0.25 * PI / FREQUENCIES as f64).tan();
-        assert!(flat[0].abs() < 1e-12 && (flat[1] / leading - 1.0).abs() < 0.5, "{flat:?} {leading}");
+        assert!(
+            flat[0].abs() < 1e-12 && (flat[1] / leading - 1.0).abs() < 0.5,
+            "{flat:?} {leading}"
+        );
     }
 }

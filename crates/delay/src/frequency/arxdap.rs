@@ -7,7 +7,9 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{Record, Regression, fir_or_rank};
 use deadtime_signal::registry::entry;
@@ -60,7 +62,12 @@ const NAME: &str = "arxdap";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("arxdap", "delay of the all-pass part of an ARX model, by the zeros of its numerator", Arxdap, dyn DelayEstimator),
+    entry: entry!(
+        "arxdap",
+        "delay of the all-pass part of an ARX model, by the zeros of its numerator",
+        Arxdap,
+        dyn DelayEstimator
+    ),
     class: Class::Frequency,
     scope: Scope::Pair,
     start: Start::Any,
@@ -68,26 +75,50 @@ pub(crate) const METHOD: Method = Method {
     information: Information::Poles(2),
     basis: Basis::Arx,
     tolerance: 0.25,
-    withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
+    withstands: &[
+        Condition::UnstablePlant,
+        Condition::Feedback,
+        Condition::ColouredNoise,
+        Condition::Dynamics,
+        Condition::MissingOutputs,
+    ],
     needs: "noise that an AR filter of its order whitens, a gain at frequency 0",
     blind_to: "zeros of the plant outside the unit circle, which it takes for delay; half a sample",
     exempt: &[(Law::Exact, "it reads a phase, which noise moves by fractions of a sample")],
 };
 
 impl DelayEstimator for Arxdap {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         if self.nb == 0 {
-            return Err(DelayError::Option { method: NAME, option: "nb", value: 0.0, allowed: "1 or more" });
+            return Err(DelayError::Option {
+                method: NAME,
+                option: "nb",
+                value: 0.0,
+                allowed: "1 or more",
+            });
         }
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment)
+        })
     }
 }
 
 impl Arxdap {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let lags = max_delay + self.nb;
         let regression = Regression { na: self.na, lags };
-        let (needed, got) = (bias + regression.first_row() + 2 * regression.columns(), experiment.longest());
+        let (needed, got) =
+            (bias + regression.first_row() + 2 * regression.columns(), experiment.longest());
         if got < needed {
             let remedy = crate::error::LengthRemedy::WindowOr("set smaller na and nb");
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
@@ -103,16 +134,21 @@ impl Arxdap {
         if solution.rank < regression.columns()
             && let Err(rank) = fir_or_rank(&ahead, lags)
         {
-            let note = format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
+            let note =
+                format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
             return Ok(DelayEstimate::without(Outcome::NotRichEnough, note));
         }
         if let Some(note) = posterior::unseen(records, max_delay) {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
         let b = solution.coefficients.rows(self.na, lags).into_owned();
-        let covariance = solution.inverse.view((self.na, self.na), (lags, lags)) * solution.variance;
+        let covariance =
+            solution.inverse.view((self.na, self.na), (lags, lags)) * solution.variance;
         let Some(found) = all_pass(b.as_slice(), [&covariance; 2], max_delay.max(1) as f64) else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "the numerator has no zeros that can be told apart"));
+            return Ok(DelayEstimate::without(
+                Outcome::Singular,
+                "the numerator has no zeros that can be told apart",
+            ));
         };
         Ok(found.behind(bias).answer(bias, max_delay, experiment))
     }

@@ -7,7 +7,9 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{Record, fir_or_rank};
 use deadtime_signal::registry::entry;
@@ -62,7 +64,12 @@ const BEYOND: usize = 36;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("firdap", "delay of the all-pass part of a finite impulse response, by its zeros", Firdap, dyn DelayEstimator),
+    entry: entry!(
+        "firdap",
+        "delay of the all-pass part of a finite impulse response, by its zeros",
+        Firdap,
+        dyn DelayEstimator
+    ),
     class: Class::Frequency,
     scope: Scope::Pair,
     start: Start::Any,
@@ -73,20 +80,40 @@ pub(crate) const METHOD: Method = Method {
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "an input that excites every coefficient, a response that dies out within them, a gain at frequency 0",
     blind_to: "zeros of the plant outside the unit circle, which it takes for delay; half a sample; feedback",
-    exempt: &[(Law::Exact, "it reads a phase, which noise and the cut of the response move by fractions of a sample")],
+    exempt: &[(
+        Law::Exact,
+        "it reads a phase, which noise and the cut of the response move by fractions of a sample",
+    )],
 };
 
 impl DelayEstimator for Firdap {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         if self.taps == 0 {
-            return Err(DelayError::Option { method: NAME, option: "taps", value: 0.0, allowed: "1 or more" });
+            return Err(DelayError::Option {
+                method: NAME,
+                option: "taps",
+                value: 0.0,
+                allowed: "1 or more",
+            });
         }
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment)
+        })
     }
 }
 
 impl Firdap {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let taps = self.taps.max(max_delay + BEYOND);
         let (needed, got) = (bias + 2 * taps + 1, experiment.longest());
         if got < needed {
@@ -97,15 +124,23 @@ impl Firdap {
         let fir = match fir_or_rank(&ahead, taps) {
             Ok(fir) => fir,
             Err(rank) => {
-                let note = format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
+                let note = format!(
+                    "the input excites only {} of {} coefficients",
+                    rank.rank, rank.columns
+                );
                 return Ok(DelayEstimate::without(Outcome::NotRichEnough, note));
             }
         };
         if let Some(note) = posterior::unseen(records, max_delay) {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
-        let Some(found) = all_pass(fir.coefficients.as_slice(), [&fir.covariance; 2], max_delay.max(1) as f64) else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "the impulse response has no zeros that can be told apart"));
+        let Some(found) =
+            all_pass(fir.coefficients.as_slice(), [&fir.covariance; 2], max_delay.max(1) as f64)
+        else {
+            return Ok(DelayEstimate::without(
+                Outcome::Singular,
+                "the impulse response has no zeros that can be told apart",
+            ));
         };
         Ok(found.behind(bias).answer(bias, max_delay, experiment))
     }

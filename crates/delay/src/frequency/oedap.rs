@@ -7,7 +7,9 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{MAX_OE_ORDER, ManyZeros, Record, fir_or_rank};
 use deadtime_signal::registry::entry;
@@ -61,7 +63,12 @@ const NAME: &str = "oedap";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("oedap", "delay of the all-pass part of an output-error model, by the zeros of its numerator", Oedap, dyn DelayEstimator),
+    entry: entry!(
+        "oedap",
+        "delay of the all-pass part of an output-error model, by the zeros of its numerator",
+        Oedap,
+        dyn DelayEstimator
+    ),
     class: Class::Frequency,
     scope: Scope::Pair,
     start: Start::Rest,
@@ -76,47 +83,83 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Oedap {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         for (option, value, ok, allowed) in [
             ("nb", self.nb, self.nb >= 1, "1 or more"),
             ("nf", self.nf, self.nf <= MAX_OE_ORDER, "at most 16"),
             ("max_samples", self.max_samples, self.max_samples >= 1, "1 or more"),
         ] {
             if !ok {
-                return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
+                return Err(DelayError::Option {
+                    method: NAME,
+                    option,
+                    value: value as f64,
+                    allowed,
+                });
             }
         }
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment)
+        })
     }
 }
 
 impl Oedap {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let lags = max_delay + self.nb;
-        let (needed, got) = (bias + self.nf.max(lags - 1) + 2 * (self.nf + lags), experiment.longest().min(self.max_samples));
+        let (needed, got) = (
+            bias + self.nf.max(lags - 1) + 2 * (self.nf + lags),
+            experiment.longest().min(self.max_samples),
+        );
         if got < needed {
-            let remedy = crate::error::LengthRemedy::WindowOr("set a smaller nb or a larger max_samples");
+            let remedy =
+                crate::error::LengthRemedy::WindowOr("set a smaller nb or a larger max_samples");
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
         }
         if records.iter().any(|r| r.present.is_some()) {
-            return Ok(DelayEstimate::without(Outcome::NotApplicable, "output samples are missing, and a filter cannot pass over them"));
+            return Ok(DelayEstimate::without(
+                Outcome::NotApplicable,
+                "output samples are missing, and a filter cannot pass over them",
+            ));
         }
         let cut: Vec<Record> = records.iter().map(|r| r.head(self.max_samples)).collect();
         let ahead: Vec<Record> = cut.iter().map(|r| r.ahead(bias)).collect();
         if let Err(rank) = fir_or_rank(&ahead, lags) {
-            let note = format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
+            let note =
+                format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
             return Ok(DelayEstimate::without(Outcome::NotRichEnough, note));
         }
         if let Some(note) = posterior::unseen(&cut, max_delay) {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
         let Some(fit) = ManyZeros::fit(&ahead, self.nf, lags) else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "the regression on filtered signals has no solution"));
+            return Ok(DelayEstimate::without(
+                Outcome::Singular,
+                "the regression on filtered signals has no solution",
+            ));
         };
-        let Some(found) = all_pass(fit.b.as_slice(), [&fit.covariance, &fit.given_poles], max_delay.max(1) as f64) else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "the numerator has no zeros that can be told apart"));
+        let Some(found) = all_pass(
+            fit.b.as_slice(),
+            [&fit.covariance, &fit.given_poles],
+            max_delay.max(1) as f64,
+        ) else {
+            return Ok(DelayEstimate::without(
+                Outcome::Singular,
+                "the numerator has no zeros that can be told apart",
+            ));
         };
-        let note = (experiment.longest() > self.max_samples).then(|| format!("used the first {} samples", self.max_samples));
+        let note = (experiment.longest() > self.max_samples)
+            .then(|| format!("used the first {} samples", self.max_samples));
         Ok(found.behind(bias).answer(bias, max_delay, experiment).noting(note))
     }
 }

@@ -7,7 +7,9 @@
 
 use nalgebra::Complex;
 
-use crate::correlation::generalised::{Alike, Centred, LATE, NEEDS, WITHSTANDS, alike, enough, independent_lines, segment_length};
+use crate::correlation::generalised::{
+    Alike, Centred, LATE, NEEDS, WITHSTANDS, alike, enough, independent_lines, segment_length,
+};
 use crate::correlation::hannan_thomson;
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
@@ -76,20 +78,33 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for PhaseSlope {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment)
+        })
     }
 }
 
 impl PhaseSlope {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let longest = experiment.longest();
         enough(NAME, self.segment, longest, max_delay)?;
         if let Some(note) = posterior::unseen(records, max_delay) {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
         let segment = segment_length(self.segment, longest, max_delay);
-        let (coarse, seen) = alike(&Centred::new(records), segment, hannan_thomson::weight, max_delay);
+        let (coarse, seen) =
+            alike(&Centred::new(records), segment, hannan_thomson::weight, max_delay);
         let (Some(seen), Some(start)) = (seen, coarse.fraction) else {
             return Ok(coarse.answer(max_delay, bias, experiment));
         };
@@ -98,12 +113,18 @@ impl PhaseSlope {
             .filter(|(line, _)| line.times > 1.0 && line.coherence > 0.0)
             .map(|(line, s)| (line.omega, line.coherence / (1.0 - line.coherence), s * seen.sign))
             .collect();
-        let left = |omega: f64, s: &Complex<f64>, delay: f64| (s * Complex::from_polar(1.0, omega * delay)).arg();
-        let sum =
-            |f: &dyn Fn(f64, f64, f64) -> f64, delay: f64| -> f64 { lines.iter().map(|(o, w, s)| f(*o, *w, left(*o, s, delay))).sum() };
+        let left = |omega: f64, s: &Complex<f64>, delay: f64| {
+            (s * Complex::from_polar(1.0, omega * delay)).arg()
+        };
+        let sum = |f: &dyn Fn(f64, f64, f64) -> f64, delay: f64| -> f64 {
+            lines.iter().map(|(o, w, s)| f(*o, *w, left(*o, s, delay))).sum()
+        };
         let stiffness = sum(&|o, w, _| w * o * o, start);
         if stiffness <= 0.0 {
-            return Ok(DelayEstimate::without(Outcome::NotRichEnough, "no frequency is coherent enough to have a phase"));
+            return Ok(DelayEstimate::without(
+                Outcome::NotRichEnough,
+                "no frequency is coherent enough to have a phase",
+            ));
         }
         let mut delay = start;
         for _ in 0..FITS {
@@ -113,7 +134,12 @@ impl PhaseSlope {
         let by_coherence = stiffness / (2.0 * seen.spectra.looks);
         let by_scatter = HANN_LINES * sum(&|o, w, phase| (w * o * phase).powi(2), delay);
         let std = by_coherence.max(by_scatter).sqrt() / stiffness;
-        let found = Alike { fraction: Some(delay), std, freedom: independent_lines(&seen.spectra), ..coarse };
+        let found = Alike {
+            fraction: Some(delay),
+            std,
+            freedom: independent_lines(&seen.spectra),
+            ..coarse
+        };
         Ok(found.answer(max_delay, bias, experiment))
     }
 }

@@ -14,7 +14,9 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use deadtime_identify::Record;
 use deadtime_signal::RealFourier;
 use deadtime_signal::registry::entry;
@@ -92,21 +94,38 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Bispectrum {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         for (option, value, ok, allowed) in [
             ("segment", self.segment, (8..=256).contains(&self.segment), "from 8 to 256"),
             ("max_samples", self.max_samples, self.max_samples >= 1000, "1000 or more"),
         ] {
             if !ok {
-                return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
+                return Err(DelayError::Option {
+                    method: NAME,
+                    option,
+                    value: value as f64,
+                    allowed,
+                });
             }
         }
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment)
+        })
     }
 }
 
 impl Bispectrum {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let (got, needed) = (experiment.longest(), max_delay + SEGMENTS * self.segment);
         if got < needed {
             return Err(DelayError::TooShort {
@@ -148,7 +167,10 @@ fn skewness(signals: &Centred) -> (f64, f64) {
     let variance = moment(2).max(f64::MIN_POSITIVE);
     let mut memory = 1.0;
     for lag in 1..200 {
-        let product: f64 = signals.records().map(|(u, _)| u.iter().zip(u.iter().skip(lag)).map(|(a, b)| a * b).sum::<f64>()).sum();
+        let product: f64 = signals
+            .records()
+            .map(|(u, _)| u.iter().zip(u.iter().skip(lag)).map(|(a, b)| a * b).sum::<f64>())
+            .sum();
         let rho = product / samples / variance;
         if rho.abs() < 2.0 / samples.sqrt() {
             break;
@@ -175,19 +197,30 @@ impl Third {
         let fourier = RealFourier::new(deadtime_signal::fast_length(reach));
         let length = fourier.length();
         let half = length / 2;
-        let window: Vec<f64> = (0..segment).map(|t| (std::f64::consts::PI * (t as f64 + 0.5) / segment as f64).sin().powi(2)).collect();
+        let window: Vec<f64> = (0..segment)
+            .map(|t| (std::f64::consts::PI * (t as f64 + 0.5) / segment as f64).sin().powi(2))
+            .collect();
         // (record, first sample): every segment whose longest delay lies in the record.
         let spectra = |(u, y): (&[f64], &[f64]), start: usize| {
-            let windowed = fourier.spectrum(std::iter::repeat_n(0.0, beside).chain(window.iter().zip(&u[start..]).map(|(w, u)| w * u)));
-            let around = |x: &[f64]| {
-                let zeros = beside.saturating_sub(start);
-                fourier
-                    .spectrum(std::iter::repeat_n(0.0, zeros).chain(x[start.saturating_sub(beside)..].iter().copied().take(reach - zeros)))
-            };
+            let windowed = fourier.spectrum(
+                std::iter::repeat_n(0.0, beside)
+                    .chain(window.iter().zip(&u[start..]).map(|(w, u)| w * u)),
+            );
+            let around =
+                |x: &[f64]| {
+                    let zeros = beside.saturating_sub(start);
+                    fourier.spectrum(std::iter::repeat_n(0.0, zeros).chain(
+                        x[start.saturating_sub(beside)..].iter().copied().take(reach - zeros),
+                    ))
+                };
             (windowed, around(u), around(y))
         };
         let starts: Vec<(usize, usize)> = (signals.records().enumerate())
-            .flat_map(|(r, (u, _))| (0..(u.len() + 1).saturating_sub(segment + max_delay)).step_by(beside.max(1)).map(move |s| (r, s)))
+            .flat_map(|(r, (u, _))| {
+                (0..(u.len() + 1).saturating_sub(segment + max_delay))
+                    .step_by(beside.max(1))
+                    .map(move |s| (r, s))
+            })
             .collect();
         let records: Vec<(&[f64], &[f64])> = signals.records().collect();
         let lines = half + 1;
@@ -229,7 +262,11 @@ impl Third {
                 let whole = circle(&windowed);
                 let line = |l: usize| -> Complex<f64> {
                     let row = &own[l * length..(l + 1) * length];
-                    row.iter().enumerate().map(|(k, own)| whole[k] * whole[(k + l) % length].conj() * own).sum::<Complex<f64>>() * y[l]
+                    row.iter()
+                        .enumerate()
+                        .map(|(k, own)| whole[k] * whole[(k + l) % length].conj() * own)
+                        .sum::<Complex<f64>>()
+                        * y[l]
                 };
                 (0..lines).map(line).collect()
             })
@@ -241,7 +278,13 @@ impl Third {
         let length = real(self.fourier.length());
         let last = lines.len() - 1;
         // The last line may be the Nyquist frequency, where a fraction of a sample has no phase.
-        Interpolant::new(lines[..last].iter().enumerate().map(|(l, a)| (2.0 * std::f64::consts::PI * real(l) / length, *a)).collect())
+        Interpolant::new(
+            lines[..last]
+                .iter()
+                .enumerate()
+                .map(|(l, a)| (2.0 * std::f64::consts::PI * real(l) / length, *a))
+                .collect(),
+        )
     }
 
     /// The largest |T| in the window; a sentence where it does not stand out.
@@ -254,36 +297,51 @@ impl Third {
         let total = self.segments.iter().fold(zero.clone(), add);
         let series = self.fourier.series(total.clone());
         let length = series.len();
-        let t = |lag: isize| series[lag.rem_euclid(isize::try_from(length).unwrap_or(1)).unsigned_abs() % length];
+        let t = |lag: isize| {
+            series[lag.rem_euclid(isize::try_from(length).unwrap_or(1)).unsigned_abs() % length]
+        };
         let signed = |lag: usize| isize::try_from(lag).unwrap_or(0);
         let size = |lag: usize| t(signed(lag)).abs();
-        let lag = (0..=max_delay).max_by(|&a, &b| size(a).total_cmp(&size(b)).then(b.cmp(&a))).unwrap_or(0);
+        let lag = (0..=max_delay)
+            .max_by(|&a, &b| size(a).total_cmp(&size(b)).then(b.cmp(&a)))
+            .unwrap_or(0);
         let beside = signed(self.beside);
         // What the lags away from the peak show by chance.
-        let others: Vec<f64> = (-beside..=signed(max_delay) + beside).filter(|l| l.abs_diff(signed(lag)) > 2).map(&t).collect();
+        let others: Vec<f64> = (-beside..=signed(max_delay) + beside)
+            .filter(|l| l.abs_diff(signed(lag)) > 2)
+            .map(&t)
+            .collect();
         let chance = (others.iter().map(|v| v * v).sum::<f64>() / real(others.len().max(1))).sqrt();
         let z = size(lag) / chance.max(f64::MIN_POSITIVE);
         // Neighbouring lags share half of what they see.
         let limit = StudentsT::new(0.0, 1.0, (0.5 * real(others.len())).max(1.0))
             .map_or(f64::INFINITY, |d| d.inverse_cdf(1.0 - 0.005 / real(max_delay + 1)));
         if z.is_nan() || z < limit {
-            return Err(format!("no delay stands out of the third-order statistics ({z:.1} times their scatter, {limit:.1} needed)"));
+            return Err(format!(
+                "no delay stands out of the third-order statistics ({z:.1} times their scatter, {limit:.1} needed)"
+            ));
         }
         let sign = t(signed(lag)).signum();
         let interpolant = self.interpolant(&total);
         let at = interpolant.peak(real(lag), sign);
         let bend = -sign * interpolant.at(at)[2];
         let stretch = self.segments.len().div_ceil(STRETCHES).max(2);
-        let slopes: Vec<f64> =
-            self.segments.chunks(stretch).map(|part| self.interpolant(&part.iter().fold(zero.clone(), add)).at(at)[1]).collect();
+        let slopes: Vec<f64> = self
+            .segments
+            .chunks(stretch)
+            .map(|part| self.interpolant(&part.iter().fold(zero.clone(), add)).at(at)[1])
+            .collect();
         let count = real(slopes.len());
         // Neighbouring stretches share a segment's end.
         let shared: f64 = slopes.iter().zip(slopes.iter().skip(1)).map(|(a, b)| 2.0 * a * b).sum();
-        let variance = (slopes.iter().map(|s| s * s).sum::<f64>() + shared.max(0.0)) * count / (count - 1.0);
+        let variance =
+            (slopes.iter().map(|s| s * s).sum::<f64>() + shared.max(0.0)) * count / (count - 1.0);
         let std = variance.sqrt() / bend;
         let normal = Normal::new(0.0, 1.0).map_err(|e| e.to_string())?;
         let rivals = (0..=max_delay)
-            .filter(|&l| l.abs_diff(lag) > 1 && size(l) >= t(signed(l) - 1).abs() && size(l) > size(l + 1))
+            .filter(|&l| {
+                l.abs_diff(lag) > 1 && size(l) >= t(signed(l) - 1).abs() && size(l) > size(l + 1)
+            })
             .map(|l| (l, normal.sf((size(lag) - size(l)) / (std::f64::consts::SQRT_2 * chance))))
             .collect();
         let fraction = (bend > 0.0 && std.is_finite()).then_some(at - real(lag));

@@ -9,7 +9,9 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{Initial, OutputError, Record, laguerre_spectra};
 use deadtime_signal::registry::entry;
@@ -67,7 +69,12 @@ const POLES: usize = 2;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("fischer", "best output-error model over all delays in the Laguerre domain: for steps", Fischer, dyn DelayEstimator),
+    entry: entry!(
+        "fischer",
+        "best output-error model over all delays in the Laguerre domain: for steps",
+        Fischer,
+        dyn DelayEstimator
+    ),
     class: Class::Laguerre,
     scope: Scope::Pair,
     start: Start::Rest,
@@ -82,16 +89,33 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Fischer {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         if self.order < LEAST {
-            return Err(DelayError::Option { method: NAME, option: "order", value: self.order as f64, allowed: "10 or more" });
+            return Err(DelayError::Option {
+                method: NAME,
+                option: "order",
+                value: self.order as f64,
+                allowed: "10 or more",
+            });
         }
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment)
+        })
     }
 }
 
 impl Fischer {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let (needed, got) = (max_delay + 2 * self.order, experiment.longest());
         if got < needed {
             return Err(DelayError::TooShort {
@@ -102,7 +126,10 @@ impl Fischer {
             });
         }
         if records.iter().any(|r| r.present.is_some()) {
-            return Ok(DelayEstimate::without(Outcome::NotApplicable, "output samples are missing, and sums over all of them are needed"));
+            return Ok(DelayEstimate::without(
+                Outcome::NotApplicable,
+                "output samples are missing, and sums over all of them are needed",
+            ));
         }
         if let Some(note) = posterior::unseen(records, max_delay) {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
@@ -137,17 +164,31 @@ impl Fischer {
         }
         let power = deadtime_identify::power(&spectra);
         let exact = smallest <= posterior::ROUNDING * power;
-        let independent = if exact { residuals.len() as f64 } else { posterior::effective_samples(&residuals) };
+        let independent =
+            if exact { residuals.len() as f64 } else { posterior::effective_samples(&residuals) };
         let Some(posterior) = posterior::posterior(&losses, power, independent) else {
-            return Ok(DelayEstimate::without(Outcome::NotRichEnough, "the input is zero wherever the sequences could see it"));
+            return Ok(DelayEstimate::without(
+                Outcome::NotRichEnough,
+                "the input is zero wherever the sequences could see it",
+            ));
         };
         let delays = max_delay + 1;
         if posterior.set > delays / 2 {
-            return Ok(DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set)));
+            return Ok(DelayEstimate::without(
+                Outcome::Flat,
+                format!("{} of {delays} delays fit equally well", posterior.set),
+            ));
         }
         let best = posterior.best;
         let (raw, [from, to]) = (best as f64, posterior.ends);
-        Ok(DelayEstimate::counted(raw, posterior.std, [from - 0.5, to + 0.5], best == max_delay, bias, experiment.sample_time()))
+        Ok(DelayEstimate::counted(
+            raw,
+            posterior.std,
+            [from - 0.5, to + 0.5],
+            best == max_delay,
+            bias,
+            experiment.sample_time(),
+        ))
     }
 }
 
@@ -169,7 +210,9 @@ mod tests {
 
     #[test]
     fn a_delay_is_a_filter_along_the_spectrum() {
-        let u: Vec<f64> = (0..2000).map(|t| if (40..160).contains(&t) { 1.0 + 0.01 * t as f64 } else { 0.0 }).collect();
+        let u: Vec<f64> = (0..2000)
+            .map(|t| if (40..160).contains(&t) { 1.0 + 0.01 * t as f64 } else { 0.0 })
+            .collect();
         let later: Vec<f64> = (0..2000).map(|t| if t < 7 { 0.0 } else { u[t - 7] }).collect();
         let [mut spectrum, expected] = laguerre_spectra([&u, &later], 0.8, 80);
         for _ in 0..7 {

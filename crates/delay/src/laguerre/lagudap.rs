@@ -9,7 +9,9 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
 use crate::frequency::all_pass::all_pass;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{Laguerre, Record, laguerre};
 use deadtime_signal::registry::entry;
@@ -76,7 +78,12 @@ const ALIKE: f64 = 2.0;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("lagudap", "delay of the all-pass part of a Laguerre model, by its zeros", Lagudap, dyn DelayEstimator),
+    entry: entry!(
+        "lagudap",
+        "delay of the all-pass part of a Laguerre model, by its zeros",
+        Lagudap,
+        dyn DelayEstimator
+    ),
     class: Class::Laguerre,
     scope: Scope::Pair,
     start: Start::Rest,
@@ -91,36 +98,64 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Lagudap {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         for (option, value, ok, allowed) in [
-            ("order", self.order.unwrap_or(LEAST) as f64, self.order.is_none_or(|n| n >= 2), "2 or more"),
-            ("pole", self.pole.unwrap_or_default(), self.pole.is_none_or(|a| (0.0..1.0).contains(&a)), "0 or more and below 1"),
+            (
+                "order",
+                self.order.unwrap_or(LEAST) as f64,
+                self.order.is_none_or(|n| n >= 2),
+                "2 or more",
+            ),
+            (
+                "pole",
+                self.pole.unwrap_or_default(),
+                self.pole.is_none_or(|a| (0.0..1.0).contains(&a)),
+                "0 or more and below 1",
+            ),
             ("max_samples", self.max_samples as f64, self.max_samples >= 1, "1 or more"),
         ] {
             if !ok {
                 return Err(DelayError::Option { method: NAME, option, value, allowed });
             }
         }
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment)
+        })
     }
 }
 
 impl Lagudap {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let order = self.order.unwrap_or(LEAST.max(max_delay + BEYOND));
         let (needed, got) = (max_delay + 4 * order, experiment.longest().min(self.max_samples));
         if got < needed {
-            let remedy = crate::error::LengthRemedy::WindowOr("set a smaller order or a larger max_samples");
+            let remedy =
+                crate::error::LengthRemedy::WindowOr("set a smaller order or a larger max_samples");
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
         }
         let cut: Vec<Record> = records.iter().map(|r| r.head(self.max_samples)).collect();
         // A series that outlasts half the record would be fitted to noise.
         let lasts = |a: &f64| order as f64 * (1.0 + a) <= 0.5 * got as f64 * (1.0 - a);
-        let poles: Vec<f64> = self.pole.map_or_else(|| POLES.into_iter().filter(lasts).collect(), |a| vec![a]);
-        let mut fits: Vec<Laguerre> = poles.iter().filter_map(|&a| laguerre(&cut, a, order)).collect();
+        let poles: Vec<f64> =
+            self.pole.map_or_else(|| POLES.into_iter().filter(lasts).collect(), |a| vec![a]);
+        let mut fits: Vec<Laguerre> =
+            poles.iter().filter_map(|&a| laguerre(&cut, a, order)).collect();
         fits.sort_by(|a, b| a.loss.total_cmp(&b.loss));
         let Some(best) = fits.first() else {
-            return Ok(DelayEstimate::without(Outcome::NotRichEnough, "the input excites too few of the filters"));
+            return Ok(DelayEstimate::without(
+                Outcome::NotRichEnough,
+                "the input excites too few of the filters",
+            ));
         };
         if let Some(note) = posterior::unseen(&cut, max_delay) {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
@@ -131,13 +166,21 @@ impl Lagudap {
             Some(all_pass(fit.c.as_slice(), [&fit.covariance; 2], longest)?.scaled(scale, 1.0, 0.0))
         };
         let Some(found) = read(best) else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "the series has no zeros that can be told apart"));
+            return Ok(DelayEstimate::without(
+                Outcome::Singular,
+                "the series has no zeros that can be told apart",
+            ));
         };
-        let apart: Vec<f64> =
-            fits[1..].iter().take_while(|f| f.loss <= ALIKE * best.loss).filter_map(read).map(|r| (r.raw - found.raw).abs()).collect();
+        let apart: Vec<f64> = fits[1..]
+            .iter()
+            .take_while(|f| f.loss <= ALIKE * best.loss)
+            .filter_map(read)
+            .map(|r| (r.raw - found.raw).abs())
+            .collect();
         let spread = stats::upper_median(apart).unwrap_or(0.0);
         let found = found.scaled(1.0, 0.0, spread);
-        let note = (experiment.longest() > self.max_samples).then(|| format!("used the first {} samples", self.max_samples));
+        let note = (experiment.longest() > self.max_samples)
+            .then(|| format!("used the first {} samples", self.max_samples));
         Ok(found.answer(bias, max_delay, experiment).noting(note))
     }
 }

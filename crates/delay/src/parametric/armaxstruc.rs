@@ -8,7 +8,9 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::method::{Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{Armax, ArmaxFit, MAX_OE_ORDER, Record};
 use deadtime_signal::registry::entry;
@@ -93,14 +95,24 @@ pub(crate) const METHOD: Method = Method {
     information: Information::Poles(2),
     basis: Basis::Own,
     tolerance: WHOLE,
-    withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
+    withstands: &[
+        Condition::UnstablePlant,
+        Condition::Feedback,
+        Condition::ColouredNoise,
+        Condition::Dynamics,
+        Condition::MissingOutputs,
+    ],
     needs: "the input that the plant received; plant and noise of low order",
     blind_to: "fractions of a sample; a first coefficient that is small against the noise",
     exempt: &[],
 };
 
 impl DelayEstimator for Armaxstruc {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         for (option, value, ok, allowed) in [
             ("na", self.na, self.na <= MAX_OE_ORDER, "at most 16"),
             ("nb", self.nb, (1..=MAX_OE_ORDER).contains(&self.nb), "from 1 to 16"),
@@ -108,10 +120,17 @@ impl DelayEstimator for Armaxstruc {
             ("max_samples", self.max_samples, self.max_samples >= 1, "1 or more"),
         ] {
             if !ok {
-                return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
+                return Err(DelayError::Option {
+                    method: NAME,
+                    option,
+                    value: value as f64,
+                    allowed,
+                });
             }
         }
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment, &search.stop))
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment, &search.stop)
+        })
     }
 }
 
@@ -136,15 +155,26 @@ impl Armaxstruc {
                 remedy: crate::error::LengthRemedy::WindowOr("set smaller na, nb and nc"),
             });
         }
-        let losses: Vec<Vec<f64>> =
-            scan.fits.iter().map(|counts| counts.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect()).collect();
-        let full: Vec<f64> = losses.iter().map(|counts| counts.last().copied().unwrap_or(f64::NAN)).collect();
+        let losses: Vec<Vec<f64>> = scan
+            .fits
+            .iter()
+            .map(|counts| counts.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect())
+            .collect();
+        let full: Vec<f64> =
+            losses.iter().map(|counts| counts.last().copied().unwrap_or(f64::NAN)).collect();
         let rows = scan.rows as f64;
-        let minimum = (0..full.len()).filter(|&nk| full[nk].is_finite()).min_by(|&a, &b| full[a].total_cmp(&full[b]));
-        let (Some(minimum), Some(posterior), Some(without)) =
-            (minimum, posterior::posterior_of_start(&losses, scan.power, rows), &scan.without_input)
-        else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "no delay has a finite loss: the numbers overflow; scale the channels"));
+        let minimum = (0..full.len())
+            .filter(|&nk| full[nk].is_finite())
+            .min_by(|&a, &b| full[a].total_cmp(&full[b]));
+        let (Some(minimum), Some(posterior), Some(without)) = (
+            minimum,
+            posterior::posterior_of_start(&losses, scan.power, rows),
+            &scan.without_input,
+        ) else {
+            return Ok(DelayEstimate::without(
+                Outcome::Singular,
+                "no delay has a finite loss: the numbers overflow; scale the channels",
+            ));
         };
         let best = posterior.best;
         let delays = max_delay + 1;
@@ -152,17 +182,29 @@ impl Armaxstruc {
         // A pair of roots of A and C may settle on any of N/2 frequencies: these are tries too.
         let tried = delays + if self.na.min(self.nc) >= 2 { scan.rows / 2 } else { 0 };
         if gain < posterior::visible_gain(self.nb, tried) {
-            let note = format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input");
+            let note = format!(
+                "past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input"
+            );
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
         if posterior.is_flat() {
-            return Ok(DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set)));
+            return Ok(DelayEstimate::without(
+                Outcome::Flat,
+                format!("{} of {delays} delays fit equally well", posterior.set),
+            ));
         }
         // The most probable number of coefficients at the most probable delay.
-        let evidence = |m: usize| -rows * losses[best][m].max(posterior::ROUNDING * scan.power).ln() - (m as f64) * rows.ln();
-        let count = (0..self.nb).filter(|&m| losses[best][m].is_finite()).max_by(|&a, &b| evidence(a).total_cmp(&evidence(b)));
+        let evidence = |m: usize| {
+            -rows * losses[best][m].max(posterior::ROUNDING * scan.power).ln()
+                - (m as f64) * rows.ln()
+        };
+        let count = (0..self.nb)
+            .filter(|&m| losses[best][m].is_finite())
+            .max_by(|&a, &b| evidence(a).total_cmp(&evidence(b)));
         let fit = count.and_then(|m| scan.fits[best][m].as_ref());
-        if let Some(fit) = fit.filter(|f| !f.stopped.converged() && f.to_gain > WORTH && !on_circle(f)) {
+        if let Some(fit) =
+            fit.filter(|f| !f.stopped.converged() && f.to_gain > WORTH && !on_circle(f))
+        {
             let note = format!(
                 "the optimiser stopped without a minimum ({:?}) at nk = {best}, with {:.1} to gain and roots of C at |z| up to {:.4}",
                 fit.stopped,
@@ -184,19 +226,26 @@ impl Armaxstruc {
             bias,
             experiment.sample_time(),
         );
-        let used = cut.is_some().then(|| format!("used the first {} of {} samples", self.max_samples, experiment.longest()));
-        Ok(DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(raw)), ..estimate }
-            .noting(leading_zeros(best, minimum))
-            .noting(fit.and_then(unstable))
-            .noting(fit.and_then(edge))
-            .noting(misfit)
-            .noting(used))
+        let used = cut.is_some().then(|| {
+            format!("used the first {} of {} samples", self.max_samples, experiment.longest())
+        });
+        Ok(DelayEstimate {
+            raw_delay_s: Some(experiment.sample_time().to_seconds(raw)),
+            ..estimate
+        }
+        .noting(leading_zeros(best, minimum))
+        .noting(fit.and_then(unstable))
+        .noting(fit.and_then(edge))
+        .noting(misfit)
+        .noting(used))
     }
 }
 
 fn leading_zeros(best: usize, minimum: usize) -> Option<String> {
     let leading = best.checked_sub(minimum).filter(|&n| n > 0)?;
-    Some(format!("the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise"))
+    Some(format!(
+        "the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise"
+    ))
 }
 
 fn unstable(fit: &ArmaxFit) -> Option<String> {
@@ -205,5 +254,8 @@ fn unstable(fit: &ArmaxFit) -> Option<String> {
 }
 
 fn edge(fit: &ArmaxFit) -> Option<String> {
-    on_circle(fit).then(|| "the noise model has a root on the unit circle: too many orders, or a drift taken off".to_owned())
+    on_circle(fit).then(|| {
+        "the noise model has a root on the unit circle: too many orders, or a drift taken off"
+            .to_owned()
+    })
 }

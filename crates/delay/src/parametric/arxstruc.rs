@@ -8,7 +8,9 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, joint_inputs, one_pair};
 use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::method::{Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{ArxScan, JointArx, Record, arx_scan, beside};
 use deadtime_signal::registry::entry;
@@ -101,7 +103,11 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Arxstruc {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         self.run(NAME, experiment, search)
     }
 
@@ -112,15 +118,33 @@ impl DelayEstimator for Arxstruc {
 
 impl Arxstruc {
     /// The scan under the name of a method that is one.
-    pub(super) fn run(&self, name: &'static str, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    pub(super) fn run(
+        &self,
+        name: &'static str,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         if self.nb == 0 {
-            return Err(DelayError::Option { method: name, option: "nb", value: 0.0, allowed: "1 or more" });
+            return Err(DelayError::Option {
+                method: name,
+                option: "nb",
+                value: 0.0,
+                allowed: "1 or more",
+            });
         }
         if self.others == Others::Regressors && experiment.inputs().len() > 1 {
-            let all = joint_inputs(experiment, search, |inputs, max_delay, bias| self.joint(name, inputs, max_delay, bias, experiment))?;
-            return all.into_iter().next().ok_or(DelayError::Count { what: "inputs", needed: 1, got: 0 });
+            let all = joint_inputs(experiment, search, |inputs, max_delay, bias| {
+                self.joint(name, inputs, max_delay, bias, experiment)
+            })?;
+            return all.into_iter().next().ok_or(DelayError::Count {
+                what: "inputs",
+                needed: 1,
+                got: 0,
+            });
         }
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(name, records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(name, records, max_delay, bias, experiment)
+        })
     }
 
     /// The answers of all inputs for one output, each with the others as regressors.
@@ -132,8 +156,12 @@ impl Arxstruc {
         bias: &[usize],
         experiment: &Experiment,
     ) -> Result<Vec<DelayEstimate>, DelayError> {
-        let cut: Vec<Vec<Record>> =
-            inputs.iter().map(|records| super::misfit::heads(records, self.max_samples).unwrap_or_else(|| records.clone())).collect();
+        let cut: Vec<Vec<Record>> = inputs
+            .iter()
+            .map(|records| {
+                super::misfit::heads(records, self.max_samples).unwrap_or_else(|| records.clone())
+            })
+            .collect();
         let lags = JointArx::new(&cut, self.na, self.nb, max_delay);
         let rows_needed = 2 * (self.na + self.nb * inputs.len());
         let first = lags.scan(0, &[]);
@@ -157,7 +185,10 @@ impl Arxstruc {
             let scan = lags.scan(input, &beside(&delays, input));
             let rank = scan.input_rank.iter().all(|&r| r == 0);
             if rank {
-                DelayEstimate::without(Outcome::Singular, "the other inputs explain every lag of this one: they move together")
+                DelayEstimate::without(
+                    Outcome::Singular,
+                    "the other inputs explain every lag of this one: they move together",
+                )
             } else {
                 answer(&scan, self.nb, max_delay, bias[input], experiment)
             }
@@ -196,7 +227,13 @@ impl Arxstruc {
 }
 
 /// What the losses of an ARX scan say of the delay.
-pub(super) fn answer(scan: &ArxScan, nb: usize, max_delay: usize, bias: usize, experiment: &Experiment) -> DelayEstimate {
+pub(super) fn answer(
+    scan: &ArxScan,
+    nb: usize,
+    max_delay: usize,
+    bias: usize,
+    experiment: &Experiment,
+) -> DelayEstimate {
     if scan.input_rank.iter().all(|&r| r == 0) {
         return DelayEstimate::without(
             Outcome::NotRichEnough,
@@ -204,9 +241,16 @@ pub(super) fn answer(scan: &ArxScan, nb: usize, max_delay: usize, bias: usize, e
         );
     }
     let rows = scan.rows as f64;
-    let minimum = (0..scan.loss.len()).filter(|&nk| scan.loss[nk].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
-    let (Some(minimum), Some(posterior)) = (minimum, posterior::posterior_of_start(&scan.by_count, scan.power, rows)) else {
-        return DelayEstimate::without(Outcome::Singular, "no delay has a finite loss: the numbers overflow; scale the channels");
+    let minimum = (0..scan.loss.len())
+        .filter(|&nk| scan.loss[nk].is_finite())
+        .min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
+    let (Some(minimum), Some(posterior)) =
+        (minimum, posterior::posterior_of_start(&scan.by_count, scan.power, rows))
+    else {
+        return DelayEstimate::without(
+            Outcome::Singular,
+            "no delay has a finite loss: the numbers overflow; scale the channels",
+        );
     };
     let best = posterior.best;
     let delays = max_delay + 1;
@@ -214,7 +258,10 @@ pub(super) fn answer(scan: &ArxScan, nb: usize, max_delay: usize, bias: usize, e
         return DelayEstimate::without(Outcome::NotVisible, note);
     }
     if posterior.is_flat() {
-        return DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set));
+        return DelayEstimate::without(
+            Outcome::Flat,
+            format!("{} of {delays} delays fit equally well", posterior.set),
+        );
     }
     let (start, raw) = (best as f64, minimum as f64);
     let estimate = DelayEstimate::counted(
@@ -228,5 +275,6 @@ pub(super) fn answer(scan: &ArxScan, nb: usize, max_delay: usize, bias: usize, e
     let leading = best.saturating_sub(minimum);
     let note = (leading > 0)
         .then(|| format!("the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise"));
-    DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(raw)), ..estimate }.noting(note)
+    DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(raw)), ..estimate }
+        .noting(note)
 }

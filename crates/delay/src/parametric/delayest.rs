@@ -8,7 +8,9 @@ use crate::estimate::DelayEstimate;
 use crate::estimator::{DelayEstimator, Search};
 use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::method::{Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start,
+};
 use deadtime_signal::registry::entry;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
@@ -55,7 +57,12 @@ impl Default for Delayest {
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("delayest", "best ARX model of order 2 over all delays, as MATLAB's function of this name", Delayest, dyn DelayEstimator),
+    entry: entry!(
+        "delayest",
+        "best ARX model of order 2 over all delays, as MATLAB's function of this name",
+        Delayest,
+        dyn DelayEstimator
+    ),
     class: Class::Parametric,
     scope: Scope::Pair,
     start: Start::Any,
@@ -63,14 +70,25 @@ pub(crate) const METHOD: Method = Method {
     information: Information::Poles(2),
     basis: Basis::Arx,
     tolerance: WHOLE,
-    withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
+    withstands: &[
+        Condition::UnstablePlant,
+        Condition::Feedback,
+        Condition::ColouredNoise,
+        Condition::Dynamics,
+        Condition::MissingOutputs,
+    ],
     needs: "a plant of two poles with little noise at the sensor",
     blind_to: "fractions of a sample; noise at the sensor makes it late",
     exempt: &[],
 };
 
 impl DelayEstimator for Delayest {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
-        Arxstruc { na: self.na, nb: self.nb, ..Arxstruc::default() }.run("delayest", experiment, search)
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
+        Arxstruc { na: self.na, nb: self.nb, ..Arxstruc::default() }
+            .run("delayest", experiment, search)
     }
 }

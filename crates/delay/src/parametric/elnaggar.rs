@@ -7,7 +7,9 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{Record, arx_scan};
 use deadtime_signal::registry::entry;
@@ -79,15 +81,27 @@ pub(crate) const METHOD: Method = Method {
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "a white input, a response that rises fastest at its start",
     blind_to: "the start of a response that rises faster later; slow inputs; feedback",
-    exempt: &[(Law::Exact, "it takes the steepest rise of the response for its start: of oscillating plants that is a later sample")],
+    exempt: &[(
+        Law::Exact,
+        "it takes the steepest rise of the response for its start: of oscillating plants that is a later sample",
+    )],
 };
 
 impl DelayEstimator for Elnaggar {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         one_pair(experiment, search, |records, max_delay, bias| {
             let (needed, got) = (max_delay + 1 + ROWS, experiment.longest());
             if got < needed {
-                return Err(DelayError::TooShort { method: NAME, needed, got, remedy: crate::error::LengthRemedy::Window });
+                return Err(DelayError::TooShort {
+                    method: NAME,
+                    needed,
+                    got,
+                    remedy: crate::error::LengthRemedy::Window,
+                });
             }
             if let Some(note) = posterior::unseen(records, max_delay) {
                 return Ok(DelayEstimate::without(Outcome::NotVisible, note));
@@ -101,7 +115,8 @@ impl DelayEstimator for Elnaggar {
                 Cost::Products => products(records, max_delay),
                 Cost::Regression => regression(records, max_delay),
             };
-            let Some(posterior) = posterior::posterior(&scores.losses, scores.power, scores.rows) else {
+            let Some(posterior) = posterior::posterior(&scores.losses, scores.power, scores.rows)
+            else {
                 return Ok(DelayEstimate::without(
                     Outcome::Singular,
                     "no delay has a finite loss: the numbers overflow; scale the channels",
@@ -109,15 +124,28 @@ impl DelayEstimator for Elnaggar {
             };
             let delays = max_delay + 1;
             if posterior.is_flat() {
-                return Ok(DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set)));
+                return Ok(DelayEstimate::without(
+                    Outcome::Flat,
+                    format!("{} of {delays} delays fit equally well", posterior.set),
+                ));
             }
             let best = posterior.best;
             let from = scores.run(best);
             let (raw, from) = (best as f64, (from as f64).min(posterior.ends[0]));
             let interval = posterior::first_coefficient(from, posterior.ends[1], bias);
-            let note = (raw - from > 1.5).then(|| format!("the products stand out from nk = {from} on: the response may begin there"));
+            let note = (raw - from > 1.5).then(|| {
+                format!("the products stand out from nk = {from} on: the response may begin there")
+            });
             let std = posterior.std.max((interval[1] - interval[0]) * posterior::RESOLUTION.sqrt());
-            Ok(DelayEstimate::counted(raw, std, interval, best == max_delay, bias, experiment.sample_time()).noting(note))
+            Ok(DelayEstimate::counted(
+                raw,
+                std,
+                interval,
+                best == max_delay,
+                bias,
+                experiment.sample_time(),
+            )
+            .noting(note))
         })
     }
 }
@@ -149,8 +177,10 @@ impl Scores {
 /// Σ (Δy(t) − b·u(t − d))² for every d, over the rows that the longest delay has.
 fn products(records: &[Record], max_delay: usize) -> Scores {
     let delays = max_delay + 1;
-    let mean = records.iter().flat_map(|r| r.u.iter()).sum::<f64>() / records.iter().map(Record::len).sum::<usize>().max(1) as f64;
-    let (mut cross, mut energy, mut power, mut rows) = (vec![0.0; delays], vec![0.0; delays], 0.0, 0.0);
+    let mean = records.iter().flat_map(|r| r.u.iter()).sum::<f64>()
+        / records.iter().map(Record::len).sum::<usize>().max(1) as f64;
+    let (mut cross, mut energy, mut power, mut rows) =
+        (vec![0.0; delays], vec![0.0; delays], 0.0, 0.0);
     for record in records {
         let there = |t: usize| record.present.as_ref().is_none_or(|p| p[t]);
         // Newest first, so that the inputs behind a row stand in the order of the delays.
@@ -167,10 +197,14 @@ fn products(records: &[Record], max_delay: usize) -> Scores {
         }
     }
     let rows_at_least = f64::max(rows, 1.0);
-    let loss = |(c, e): (&f64, &f64)| if *e > 0.0 { (power - c * c / e).max(0.0) / rows_at_least } else { f64::NAN };
+    let loss = |(c, e): (&f64, &f64)| {
+        if *e > 0.0 { (power - c * c / e).max(0.0) / rows_at_least } else { f64::NAN }
+    };
     let losses: Vec<f64> = cross.iter().zip(&energy).map(loss).collect();
     let least = losses.iter().copied().filter(|v| v.is_finite()).fold(f64::INFINITY, f64::min);
-    let ratio = |(c, e): (&f64, &f64)| if *e > 0.0 { c / (e * least).max(f64::MIN_POSITIVE).sqrt() } else { 0.0 };
+    let ratio = |(c, e): (&f64, &f64)| {
+        if *e > 0.0 { c / (e * least).max(f64::MIN_POSITIVE).sqrt() } else { 0.0 }
+    };
     let ratios = cross.iter().zip(&energy).map(ratio).collect();
     Scores { losses, ratios, power: power / rows_at_least, rows: rows_at_least }
 }
@@ -179,8 +213,19 @@ fn products(records: &[Record], max_delay: usize) -> Scores {
 fn regression(records: &[Record], max_delay: usize) -> Scores {
     let scan = arx_scan(records, 1, 1, max_delay);
     let rows = scan.rows.max(1) as f64;
-    let least = scan.loss.iter().copied().filter(|v| v.is_finite()).fold(f64::INFINITY, f64::min).max(f64::MIN_POSITIVE);
+    let least = scan
+        .loss
+        .iter()
+        .copied()
+        .filter(|v| v.is_finite())
+        .fold(f64::INFINITY, f64::min)
+        .max(f64::MIN_POSITIVE);
     let gain = |loss: &f64| (rows * (scan.loss_without_input - loss).max(0.0) / least).sqrt();
-    let ratios = scan.loss.iter().zip(&scan.coefficients).map(|(loss, c)| gain(loss) * c[1].signum()).collect();
+    let ratios = scan
+        .loss
+        .iter()
+        .zip(&scan.coefficients)
+        .map(|(loss, c)| gain(loss) * c[1].signum())
+        .collect();
     Scores { losses: scan.loss, ratios, power: scan.power, rows }
 }

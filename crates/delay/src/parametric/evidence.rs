@@ -38,7 +38,9 @@ impl Prior {
 
     /// Denominators spread as the prior is, and the probability of each.
     fn nodes(&self, nf: usize) -> Vec<(Vec<f64>, f64)> {
-        let lags: Vec<f64> = (0..NODES).map(|i| (self.range[0] + self.span() * (i as f64 + 0.5) / NODES as f64).exp()).collect();
+        let lags: Vec<f64> = (0..NODES)
+            .map(|i| (self.range[0] + self.span() * (i as f64 + 0.5) / NODES as f64).exp())
+            .collect();
         let poles: Vec<f64> = lags.iter().map(|lag| (-1.0 / lag).exp()).collect();
         if nf == 1 {
             return poles.iter().map(|p| (vec![-p], 1.0 / poles.len() as f64)).collect();
@@ -52,7 +54,8 @@ impl Prior {
         for lag in &lags {
             for k in 0..DAMPINGS {
                 let damping = (k as f64 + 0.5) / DAMPINGS as f64;
-                let (radius, angle) = ((-damping / lag).exp(), (1.0 - damping * damping).sqrt() / lag);
+                let (radius, angle) =
+                    ((-damping / lag).exp(), (1.0 - damping * damping).sqrt() / lag);
                 if angle < std::f64::consts::PI {
                     complex.push((vec![-2.0 * radius * angle.cos(), radius * radius], 1.0));
                 }
@@ -70,7 +73,13 @@ impl Prior {
     fn density(&self, f: &[f64]) -> f64 {
         let within = |log_lag: f64| self.range[0] <= log_lag && log_lag <= self.range[1];
         // Of a real pole: p = e^(−1/T), so d ln T/dp = 1/(−p·ln p).
-        let of_pole = |p: f64| if p > 0.0 && p < 1.0 && within(-(-p.ln()).ln()) { 1.0 / (self.span() * -p * p.ln()) } else { 0.0 };
+        let of_pole = |p: f64| {
+            if p > 0.0 && p < 1.0 && within(-(-p.ln()).ln()) {
+                1.0 / (self.span() * -p * p.ln())
+            } else {
+                0.0
+            }
+        };
         let (shaped, stable) = match *f {
             // Stable where |f₁| < 1: a length of 2.
             [f1] => (of_pole(-f1), 2.0),
@@ -86,7 +95,8 @@ impl Prior {
                     let (radius, a) = (f2.sqrt(), -0.5 * f2.ln());
                     let angle = (-0.5 * f1 / radius).clamp(-1.0, 1.0).acos();
                     let frequency = a.hypot(angle);
-                    let jacobian = angle / (frequency.powi(3) * 4.0 * radius.powi(3) * angle.sin().max(NEAR));
+                    let jacobian =
+                        angle / (frequency.powi(3) * 4.0 * radius.powi(3) * angle.sin().max(NEAR));
                     if within(-frequency.ln()) { 0.5 * jacobian / self.span() } else { 0.0 }
                 };
                 (density, 4.0)
@@ -126,9 +136,12 @@ pub(super) fn log_evidence(
         };
         let sum = log_sum(&losses.iter().zip(&weights).map(of_node).collect::<Vec<f64>>());
         // Poles that the data do not know at all have all of the prior near the best fit, and none has more.
-        let covariance =
-            orders.covariance(records, nk, &fit.f).map(|c| c.view((orders.nb, orders.nb), (orders.nf, orders.nf)).into_owned());
-        let volume = covariance.map_or(f64::INFINITY, |c| (c * (2.0 * std::f64::consts::PI * samples / independent)).determinant());
+        let covariance = orders
+            .covariance(records, nk, &fit.f)
+            .map(|c| c.view((orders.nb, orders.nb), (orders.nf, orders.nf)).into_owned());
+        let volume = covariance.map_or(f64::INFINITY, |c| {
+            (c * (2.0 * std::f64::consts::PI * samples / independent)).determinant()
+        });
         let near = 0.5 * volume.max(f64::MIN_POSITIVE).ln() + prior.density(&fit.f).ln();
         sum.max(log_weight(fit.loss, floor, independent) + near.min(0.0))
     };
@@ -148,8 +161,10 @@ mod tests {
     #[test]
     fn the_density_is_that_of_the_nodes() {
         let steps = 3000;
-        let at = |i: usize, from: f64, to: f64| from + (to - from) * (i as f64 + 0.5) / steps as f64;
-        let one: f64 = (0..steps).map(|i| prior().density(&[at(i, -1.0, 1.0)]) * 2.0 / steps as f64).sum();
+        let at =
+            |i: usize, from: f64, to: f64| from + (to - from) * (i as f64 + 0.5) / steps as f64;
+        let one: f64 =
+            (0..steps).map(|i| prior().density(&[at(i, -1.0, 1.0)]) * 2.0 / steps as f64).sum();
         assert!((one - 1.0).abs() < 0.01, "{one}");
         let (mut real, mut complex) = (0.0, 0.0);
         let cell = 4.0 * 2.0 / (steps * steps) as f64;
@@ -164,7 +179,8 @@ mod tests {
         }
         // Of the triangle, and so of the share for any poles, a third is real. Frequencies above the Nyquist one are no sampled poles: the pairs lack 3 %.
         assert!(
-            (real - 0.5 * (1.0 - ANY) - ANY / 3.0).abs() < 0.04 && (complex - 0.5 * (1.0 - ANY) - 2.0 * ANY / 3.0).abs() < 0.05,
+            (real - 0.5 * (1.0 - ANY) - ANY / 3.0).abs() < 0.04
+                && (complex - 0.5 * (1.0 - ANY) - 2.0 * ANY / 3.0).abs() < 0.05,
             "{real} {complex}"
         );
         for nf in [1, 2] {

@@ -8,7 +8,9 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{MAX_OE_ORDER, Record, RefinedIv};
 use deadtime_signal::registry::entry;
@@ -88,7 +90,11 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Ivstruc {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         for (option, value, ok, allowed) in [
             ("nb", self.nb, (1..=MAX_OE_ORDER).contains(&self.nb), "from 1 to 16"),
             ("nf", self.nf, self.nf <= MAX_OE_ORDER, "at most 16"),
@@ -96,10 +102,17 @@ impl DelayEstimator for Ivstruc {
             ("max_samples", self.max_samples, self.max_samples >= 1, "1 or more"),
         ] {
             if !ok {
-                return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
+                return Err(DelayError::Option {
+                    method: NAME,
+                    option,
+                    value: value as f64,
+                    allowed,
+                });
             }
         }
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment, &search.stop))
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment, &search.stop)
+        })
     }
 }
 
@@ -124,17 +137,26 @@ impl Ivstruc {
             });
         }
         if records.iter().any(|r| r.present.as_ref().is_some_and(|p| p.contains(&false))) {
-            return Ok(DelayEstimate::without(Outcome::NotApplicable, "missing output samples: the instruments' filters need every one"));
+            return Ok(DelayEstimate::without(
+                Outcome::NotApplicable,
+                "missing output samples: the instruments' filters need every one",
+            ));
         }
         let cut = super::misfit::heads(records, self.max_samples);
         let records = cut.as_deref().unwrap_or(records);
         let orders = RefinedIv { nb: self.nb, nf: self.nf, noise: self.noise };
         let fits = orders.scan_until(records, max_delay, stop);
-        let losses: Vec<f64> = fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect();
+        let losses: Vec<f64> =
+            fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect();
         let power = deadtime_identify::power(records);
         let rows = records.iter().map(|r| r.len().saturating_sub(self.noise)).sum::<usize>() as f64;
-        let (Some(posterior), Some(without)) = (posterior::posterior(&losses, power, rows), orders.loss_without_input(records)) else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "no delay has a finite loss: the numbers overflow; scale the channels"));
+        let (Some(posterior), Some(without)) =
+            (posterior::posterior(&losses, power, rows), orders.loss_without_input(records))
+        else {
+            return Ok(DelayEstimate::without(
+                Outcome::Singular,
+                "no delay has a finite loss: the numbers overflow; scale the channels",
+            ));
         };
         let best = posterior.best;
         let delays = max_delay + 1;
@@ -142,7 +164,9 @@ impl Ivstruc {
         // A pole pair may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
         let tried = delays + if self.nf >= 2 { (rows / 2.0) as usize } else { 0 };
         if gain < posterior::visible_gain(parameters, tried) {
-            let note = format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input");
+            let note = format!(
+                "past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input"
+            );
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
         // A noise model of few poles takes what is slow or comes in jumps for a response: the ARX model's many must see the input too.
@@ -153,7 +177,10 @@ impl Ivstruc {
         // Its noise model takes over what no delay of the window explains, and then hardly a loss differs: half of the delays is enough to be called flat.
         if posterior.set > delays / 2 || posterior.ties > 1 {
             let same = posterior.set.max(posterior.ties);
-            return Ok(DelayEstimate::without(Outcome::Flat, format!("{same} of {delays} delays fit equally well")));
+            return Ok(DelayEstimate::without(
+                Outcome::Flat,
+                format!("{same} of {delays} delays fit equally well"),
+            ));
         }
         // A loss that is zero but for rounding changes with rounding from round to round.
         if let Some(fit) = fits[best].as_ref().filter(|f| !f.converged && !exact) {
@@ -164,7 +191,8 @@ impl Ivstruc {
             return Ok(DelayEstimate::without(Outcome::NotConverged, note));
         }
         let raw = best as f64;
-        let note = cut.is_some().then(|| format!("used the first {} of {got} samples", self.max_samples));
+        let note =
+            cut.is_some().then(|| format!("used the first {} of {got} samples", self.max_samples));
         let [from, to] = posterior.ends;
         let estimate = DelayEstimate::counted(
             raw,

@@ -8,7 +8,9 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{MAX_OE_ORDER, Record, Subspace, arx_scan, prefiltered};
 use deadtime_signal::registry::entry;
@@ -82,7 +84,12 @@ pub(crate) const METHOD: Method = Method {
     information: Information::Poles(2),
     basis: Basis::Own,
     tolerance: WHOLE,
-    withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics],
+    withstands: &[
+        Condition::UnstablePlant,
+        Condition::Feedback,
+        Condition::ColouredNoise,
+        Condition::Dynamics,
+    ],
     needs: "the input that the plant received; a record of at least some hundred samples",
     blind_to: "a plant's zeros, which its one input coefficient leaves to the poles: early or late by samples then",
     exempt: &[(
@@ -92,7 +99,11 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Met1struc {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         for (option, value, ok, allowed) in [
             ("order", self.order, (1..=MAX_OE_ORDER).contains(&self.order), "from 1 to 16"),
             ("past", self.past, (self.order..=1000).contains(&self.past), "from the order to 1000"),
@@ -100,15 +111,28 @@ impl DelayEstimator for Met1struc {
             ("max_samples", self.max_samples, self.max_samples >= 1, "1 or more"),
         ] {
             if !ok {
-                return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
+                return Err(DelayError::Option {
+                    method: NAME,
+                    option,
+                    value: value as f64,
+                    allowed,
+                });
             }
         }
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment)
+        })
     }
 }
 
 impl Met1struc {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let cut = super::misfit::heads(records, self.max_samples);
         let records = cut.as_deref().unwrap_or(records);
         let scanned = self.na.max(max_delay + self.nb - 1) + 2 * (self.na + self.nb);
@@ -124,14 +148,19 @@ impl Met1struc {
             });
         }
         if records.iter().any(|r| r.present.as_ref().is_some_and(|p| p.contains(&false))) {
-            return Ok(DelayEstimate::without(Outcome::NotApplicable, "missing output samples: the noise filter needs every one"));
+            return Ok(DelayEstimate::without(
+                Outcome::NotApplicable,
+                "missing output samples: the noise filter needs every one",
+            ));
         }
         // The filter has seen the input: on noise it flatters the scan behind it.
         if let Some(note) = posterior::unseen(records, max_delay) {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
         let rough = arx_scan(records, self.na, self.nb, max_delay);
-        let first = (0..rough.loss.len()).filter(|&nk| rough.loss[nk].is_finite()).min_by(|&a, &b| rough.loss[a].total_cmp(&rough.loss[b]));
+        let first = (0..rough.loss.len())
+            .filter(|&nk| rough.loss[nk].is_finite())
+            .min_by(|&a, &b| rough.loss[a].total_cmp(&rough.loss[b]));
         let lead = first.unwrap_or(0).saturating_sub(1);
         let moved: Vec<Record> = (records.iter().filter(|r| r.len() > lead))
             .map(|r| Record::new(r.u[..r.len() - lead].to_vec(), r.y[lead..r.len()].to_vec()))
@@ -139,7 +168,8 @@ impl Met1struc {
         let model = Subspace { direct: first == Some(0), ..subspace }.fit(&moved);
         // Rounding has no colour worth whitening.
         let exact = |loss: f64| loss <= posterior::ROUNDING * rough.power;
-        let noise = model.and_then(|m| if exact(m.loss) { Some(Vec::new()) } else { m.noise_polynomial() });
+        let noise =
+            model.and_then(|m| if exact(m.loss) { Some(Vec::new()) } else { m.noise_polynomial() });
         let Some(noise) = noise else {
             return Ok(DelayEstimate::without(
                 Outcome::Singular,
@@ -147,7 +177,9 @@ impl Met1struc {
             ));
         };
         let filtered: Vec<Record> = records.iter().map(|r| prefiltered(r, &noise)).collect();
-        let used = cut.is_some().then(|| format!("used the first {} of {} samples", self.max_samples, experiment.longest()));
+        let used = cut.is_some().then(|| {
+            format!("used the first {} of {} samples", self.max_samples, experiment.longest())
+        });
         let scan = arx_scan(&filtered, self.na, self.nb, max_delay);
         Ok(super::arxstruc::answer(&scan, self.nb, max_delay, bias, experiment).noting(used))
     }

@@ -21,7 +21,9 @@ pub(super) fn misfit(residuals: &[Stretch], parameters: usize, after: usize) -> 
     use statrs::distribution::{ChiSquared, ContinuousCDF};
     let real = |i: usize| i as f64;
     let sum = |a: fn(&Stretch) -> &Vec<f64>, lag: usize| -> f64 {
-        let each = |s: &Stretch| s.0.get(lag..).unwrap_or_default().iter().zip(a(s)).map(|(e, x)| e * x).sum::<f64>();
+        let each = |s: &Stretch| {
+            s.0.get(lag..).unwrap_or_default().iter().zip(a(s)).map(|(e, x)| e * x).sum::<f64>()
+        };
         residuals.iter().map(each).sum()
     };
     let rows: usize = residuals.iter().map(|s| s.0.len()).sum();
@@ -30,16 +32,27 @@ pub(super) fn misfit(residuals: &[Stretch], parameters: usize, after: usize) -> 
     if rows <= 4 * LAGS || power <= 0.0 || input <= 0.0 {
         return None;
     }
-    let beyond = |q: f64, freedom: usize| ChiSquared::new(real(freedom.max(1))).is_ok_and(|d| q > d.inverse_cdf(0.99));
+    let beyond = |q: f64, freedom: usize| {
+        ChiSquared::new(real(freedom.max(1))).is_ok_and(|d| q > d.inverse_cdf(0.99))
+    };
     let mut notes = Vec::new();
-    let coloured: f64 = (1..=LAGS).map(|k| real(rows) * real(rows + 2) / real(rows - k) * (sum(|s| &s.0, k) / power).powi(2)).sum();
+    let coloured: f64 = (1..=LAGS)
+        .map(|k| real(rows) * real(rows + 2) / real(rows - k) * (sum(|s| &s.0, k) / power).powi(2))
+        .sum();
     if beyond(coloured, LAGS.saturating_sub(parameters)) {
         notes.push("the residuals are coloured");
     }
     // The residuals being white, each correlation has the variance 1/rows whatever the input's colour; the largest of the lags is judged.
-    let largest = (after..after + LAGS).map(|k| real(rows) * (sum(|s| &s.1, k)).powi(2) / (power * input)).fold(0.0, f64::max);
+    let largest = (after..after + LAGS)
+        .map(|k| real(rows) * (sum(|s| &s.1, k)).powi(2) / (power * input))
+        .fold(0.0, f64::max);
     if ChiSquared::new(1.0).is_ok_and(|d| largest > d.inverse_cdf(1.0 - 0.01 / real(LAGS))) {
         notes.push("the residuals follow past inputs");
     }
-    (!notes.is_empty()).then(|| format!("{}: the orders are too low for plant and noise, or they change", notes.join(" and ")))
+    (!notes.is_empty()).then(|| {
+        format!(
+            "{}: the orders are too low for plant and noise, or they change",
+            notes.join(" and ")
+        )
+    })
 }

@@ -9,7 +9,9 @@ use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior::{RESOLUTION, first_coefficient};
 use deadtime_identify::{Initial, OutputError};
 use deadtime_signal::registry::entry;
@@ -104,22 +106,34 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for OePosterior {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         let orders = OutputError { nb: self.nb, nf: self.nf, initial: self.initial };
         check(NAME, &orders, self.max_samples)?;
         one_pair(experiment, search, |records, max_delay, bias| {
-            let Profile { posterior, note, .. } =
-                match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Average, &search.stop)? {
-                    Ok(profile) => profile,
-                    Err(answer) => return Ok(answer),
-                };
+            let Profile { posterior, note, .. } = match profile(
+                NAME,
+                orders,
+                self.max_samples,
+                records,
+                max_delay,
+                Weighing::Average,
+                &search.stop,
+            )? {
+                Ok(profile) => profile,
+                Err(answer) => return Ok(answer),
+            };
             let weights = &posterior.weights;
             let answer = match self.center {
                 Center::Mean => mean(weights, |_| true),
                 Center::Median => median(weights),
                 Center::Mode => posterior.best as f64,
             };
-            let variance: f64 = weights.iter().enumerate().map(|(nk, w)| w * (nk as f64 - answer).powi(2)).sum();
+            let variance: f64 =
+                weights.iter().enumerate().map(|(nk, w)| w * (nk as f64 - answer).powi(2)).sum();
             let [from, to] = posterior.ends;
             let [early, late] = first_coefficient(from, to, bias);
             let interval = [early.min(answer), late.max(answer)];
@@ -134,7 +148,14 @@ impl DelayEstimator for OePosterior {
             });
             let at_edge = posterior.best == max_delay;
             let std = (variance + RESOLUTION).sqrt();
-            let estimate = DelayEstimate::counted(answer, std, interval, at_edge, bias, experiment.sample_time());
+            let estimate = DelayEstimate::counted(
+                answer,
+                std,
+                interval,
+                at_edge,
+                bias,
+                experiment.sample_time(),
+            );
             let raw_delay_s = Some(experiment.sample_time().to_seconds(posterior.best as f64));
             Ok(DelayEstimate { raw_delay_s, ..estimate }.noting(note).noting(spread).noting(leans))
         })

@@ -8,7 +8,9 @@ use crate::estimate::DelayEstimate;
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::method::{Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{Initial, OeFit, OutputError, Record};
 use deadtime_signal::registry::entry;
@@ -82,23 +84,47 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Oestruc {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         let orders = OutputError { nb: self.nb, nf: self.nf, initial: self.initial };
         check(NAME, &orders, self.max_samples)?;
         one_pair(experiment, search, |records, max_delay, bias| {
-            let Profile { fits, posterior, note, .. } =
-                match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best, &search.stop)? {
-                    Ok(profile) => profile,
-                    Err(answer) if self.always_answers => return Ok(self.anyway(answer, orders, records, max_delay, bias, experiment)),
-                    Err(answer) => return Ok(answer),
-                };
+            let Profile { fits, posterior, note, .. } = match profile(
+                NAME,
+                orders,
+                self.max_samples,
+                records,
+                max_delay,
+                Weighing::Best,
+                &search.stop,
+            )? {
+                Ok(profile) => profile,
+                Err(answer) if self.always_answers => {
+                    return Ok(self.anyway(answer, orders, records, max_delay, bias, experiment));
+                }
+                Err(answer) => return Ok(answer),
+            };
             // The published rule does not ask whether the search for that delay's model came to an end.
-            let best = Some(&fits).filter(|_| self.always_answers).and_then(|f| smallest(f)).unwrap_or(posterior.best);
+            let best = Some(&fits)
+                .filter(|_| self.always_answers)
+                .and_then(|f| smallest(f))
+                .unwrap_or(posterior.best);
             let raw = best as f64;
             let [from, to] = posterior.ends;
             let interval = posterior::first_coefficient(from, to, bias);
             let at_edge = best == max_delay && !self.always_answers;
-            Ok(DelayEstimate::counted(raw, posterior.std, interval, at_edge, bias, experiment.sample_time()).noting(note))
+            Ok(DelayEstimate::counted(
+                raw,
+                posterior.std,
+                interval,
+                at_edge,
+                bias,
+                experiment.sample_time(),
+            )
+            .noting(note))
         })
     }
 }
@@ -119,12 +145,17 @@ impl Oestruc {
         let (raw, window) = (best as f64, max_delay as f64);
         // Nothing speaks for it: as uncertain as a delay anywhere in the window.
         let std = window * posterior::RESOLUTION.sqrt();
-        DelayEstimate::counted(raw, std, [0.0, window], false, bias, experiment.sample_time()).noting(answer.note)
+        DelayEstimate::counted(raw, std, [0.0, window], false, bias, experiment.sample_time())
+            .noting(answer.note)
     }
 }
 
 /// The delay of the smallest loss.
 fn smallest(fits: &[Option<OeFit>]) -> Option<usize> {
-    let losses = fits.iter().enumerate().filter_map(|(nk, fit)| fit.as_ref().map(|f| (nk, f.loss))).filter(|(_, v)| v.is_finite());
+    let losses = fits
+        .iter()
+        .enumerate()
+        .filter_map(|(nk, fit)| fit.as_ref().map(|f| (nk, f.loss)))
+        .filter(|(_, v)| v.is_finite());
     losses.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(nk, _)| nk)
 }

@@ -9,7 +9,9 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{Initial, OeFit, OutputError};
 use deadtime_signal::registry::entry;
@@ -84,19 +86,41 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for SamplingZero {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         let orders = OutputError { nb: 2, nf: 1, initial: self.initial };
         check(NAME, &orders, self.max_samples)?;
         one_pair(experiment, search, |records, max_delay, bias| {
-            let profile = match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best, &search.stop)? {
+            let profile = match profile(
+                NAME,
+                orders,
+                self.max_samples,
+                records,
+                max_delay,
+                Weighing::Best,
+                &search.stop,
+            )? {
                 Ok(profile) => profile,
                 Err(answer) => return Ok(answer),
             };
             let Some(answer) = read(&orders, &profile) else {
-                return Ok(DelayEstimate::without(Outcome::Singular, "numerator and pole cannot be told apart on this record"));
+                return Ok(DelayEstimate::without(
+                    Outcome::Singular,
+                    "numerator and pole cannot be told apart on this record",
+                ));
             };
             let at_edge = answer.raw + 0.5 >= as_f64(max_delay);
-            let estimate = DelayEstimate::counted(answer.raw, answer.std, answer.interval, at_edge, bias, experiment.sample_time());
+            let estimate = DelayEstimate::counted(
+                answer.raw,
+                answer.std,
+                answer.interval,
+                at_edge,
+                bias,
+                experiment.sample_time(),
+            );
             Ok(estimate.noting(profile.note).noting(answer.note))
         })
     }
@@ -146,7 +170,8 @@ impl Candidate {
             let variance = (&covariance * &slopes).dot(&slopes);
             let value = fraction(at)?;
             // A fraction that is less certain than "somewhere in the sample" is none.
-            (value.is_finite() && (0.0..posterior::RESOLUTION).contains(&variance)).then(|| (value, variance.sqrt()))
+            (value.is_finite() && (0.0..posterior::RESOLUTION).contains(&variance))
+                .then(|| (value, variance.sqrt()))
         };
         Some(Self {
             nk,
@@ -192,14 +217,21 @@ fn read(orders: &OutputError, profile: &Profile) -> Option<Answer> {
     {
         let total: f64 = candidates.iter().map(|c| c.weight).sum();
         let raw = chosen.delay();
-        let spread: f64 = candidates.iter().map(|c| c.weight / total * (c.delay() - raw).powi(2)).sum();
-        let ends = [as_f64(chosen.nk) + l - NORMAL_95 * std, as_f64(chosen.nk) + l + NORMAL_95 * std];
+        let spread: f64 =
+            candidates.iter().map(|c| c.weight / total * (c.delay() - raw).powi(2)).sum();
+        let ends =
+            [as_f64(chosen.nk) + l - NORMAL_95 * std, as_f64(chosen.nk) + l + NORMAL_95 * std];
         let interval = [ends[0].max(from).min(raw), ends[1].min(to + 1.0).max(raw)];
         let note = (outside > NORMAL_95 * std + 0.01).then(|| {
             format!("the zero asks for {l:.2} of a sample: not one lag and a dead time, but more lags, or an input that is not held")
         });
         // The posterior's own grid is resolved by the fraction; what is left of the standard deviation must not vanish on exact data.
-        return Some(Answer { raw, std: (std * std + spread).sqrt().max(LEAST_STD), interval, note });
+        return Some(Answer {
+            raw,
+            std: (std * std + spread).sqrt().max(LEAST_STD),
+            interval,
+            note,
+        });
     }
     let whole = candidates.iter().rev().find(|c| c.begins).or_else(|| candidates.last())?;
     let raw = as_f64(whole.nk);

@@ -8,7 +8,9 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{Initial, OeFit, OutputError, Record, filtered, largest_pole, power};
 use deadtime_signal::registry::entry;
@@ -75,7 +77,10 @@ pub(crate) const METHOD: Method = Method {
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "open loop, a stable plant of low order that rests at the start",
     blind_to: "what an unstable plant or feedback does; delays that lags of the model can stand for",
-    exempt: &[(Law::Exact, "a direct path beside slow motion is two input coefficients, which it takes for a fraction of a sample")],
+    exempt: &[(
+        Law::Exact,
+        "a direct path beside slow motion is two input coefficients, which it takes for a fraction of a sample",
+    )],
 };
 
 /// Denominators to start from: slow, fast and oscillating.
@@ -90,16 +95,30 @@ const ROWS: usize = 12;
 const MODEL: OutputError = OutputError { nb: 1, nf: 2, initial: Initial::Zero };
 
 impl DelayEstimator for TwoStep {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         for (option, value) in [("max_turns", self.max_turns), ("max_samples", self.max_samples)] {
             if value == 0 {
-                return Err(DelayError::Option { method: NAME, option, value: 0.0, allowed: "1 or more" });
+                return Err(DelayError::Option {
+                    method: NAME,
+                    option,
+                    value: 0.0,
+                    allowed: "1 or more",
+                });
             }
         }
         one_pair(experiment, search, |records, max_delay, bias| {
             let (needed, got) = (max_delay + 1 + ROWS, experiment.longest());
             if got < needed {
-                return Err(DelayError::TooShort { method: NAME, needed, got, remedy: crate::error::LengthRemedy::Window });
+                return Err(DelayError::TooShort {
+                    method: NAME,
+                    needed,
+                    got,
+                    remedy: crate::error::LengthRemedy::Window,
+                });
             }
             if let Some(note) = posterior::unseen(records, max_delay) {
                 return Ok(DelayEstimate::without(Outcome::NotVisible, note));
@@ -118,43 +137,71 @@ struct Rest {
 }
 
 impl TwoStep {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> DelayEstimate {
-        let mut rests: Vec<Rest> = STARTS.iter().filter_map(|start| self.turns(records, max_delay, start)).collect();
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> DelayEstimate {
+        let mut rests: Vec<Rest> =
+            STARTS.iter().filter_map(|start| self.turns(records, max_delay, start)).collect();
         rests.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
         let Some(best) = rests.first() else {
-            return DelayEstimate::without(Outcome::NotRichEnough, "the input is zero wherever a model could use it");
+            return DelayEstimate::without(
+                Outcome::NotRichEnough,
+                "the input is zero wherever a model could use it",
+            );
         };
         if !best.came_to_rest || !best.fit.stopped.converged() {
-            let note = format!("delay and lags had not come to rest after {} turns (at {:.2} samples)", self.max_turns, best.delay);
+            let note = format!(
+                "delay and lags had not come to rest after {} turns (at {:.2} samples)",
+                self.max_turns, best.delay
+            );
             return DelayEstimate::without(Outcome::NotConverged, note);
         }
-        let residuals = MODEL.residuals(&interpolated(records, best.delay), 0, &best.fit.f).unwrap_or_default();
+        let residuals =
+            MODEL.residuals(&interpolated(records, best.delay), 0, &best.fit.f).unwrap_or_default();
         let samples = residuals.len() as f64;
         let floor = posterior::ROUNDING * power(records);
-        let independent = if best.fit.loss <= floor { samples } else { posterior::effective_samples(&residuals) };
-        let gain = |loss: f64| independent * (loss.max(floor) / best.fit.loss.max(floor).max(f64::MIN_POSITIVE)).ln();
+        let independent =
+            if best.fit.loss <= floor { samples } else { posterior::effective_samples(&residuals) };
+        let gain = |loss: f64| {
+            independent * (loss.max(floor) / best.fit.loss.max(floor).max(f64::MIN_POSITIVE)).ln()
+        };
         let [from, to] = reach(records, best, max_delay, |loss| gain(loss) <= LIKELY);
         let longest = max_delay as f64;
         if to - from > 0.5 * longest.max(2.0) {
-            let note = format!("every delay from {from:.1} to {to:.1} samples fits: other lags make up for it");
+            let note = format!(
+                "every delay from {from:.1} to {to:.1} samples fits: other lags make up for it"
+            );
             return DelayEstimate::without(Outcome::Flat, note);
         }
         // Other minima count as far as they are probable.
         let rivals: Vec<&Rest> = rests.iter().filter(|r| gain(r.fit.loss) <= LIKELY).collect();
         // A plant as fast as its sampling bends its lags until any fraction fits: one is taken only where the data ask for it.
-        let whole = nearest_whole(records, best, max_delay).filter(|w| gain(w.fit.loss) <= independent.ln());
+        let whole = nearest_whole(records, best, max_delay)
+            .filter(|w| gain(w.fit.loss) <= independent.ln());
         let delay = whole.as_ref().map_or(best.delay, |w| w.delay);
-        let (from, to) = rivals.iter().fold((from.min(delay), to.max(delay)), |(from, to), r| (from.min(r.delay), to.max(r.delay)));
+        let (from, to) = rivals.iter().fold((from.min(delay), to.max(delay)), |(from, to), r| {
+            (from.min(r.delay), to.max(r.delay))
+        });
         // What the hold makes of one lag and of two.
         let (_, share) = split(delay);
         let (earlier, later) = (two_lags(&best.fit.f), one_lag(&best.fit.f, share) - share);
         let (from, to) = (from - earlier, to + later.max(0.0));
         let std = ((to - from) / 3.92).max(LEAST_STD);
         let apart = rivals.iter().map(|r| (r.delay - best.delay).abs()).fold(0.0, f64::max);
-        let note = (apart > 0.5).then(|| format!("another minimum, {apart:.1} samples away, is nearly as good"));
+        let note = (apart > 0.5)
+            .then(|| format!("another minimum, {apart:.1} samples away, is nearly as good"));
         let at_edge = delay + 0.5 >= longest;
-        let estimate = DelayEstimate::counted(delay, std, [from, to], at_edge, bias, experiment.sample_time()).noting(note);
-        DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(best.delay)), ..estimate }
+        let estimate =
+            DelayEstimate::counted(delay, std, [from, to], at_edge, bias, experiment.sample_time())
+                .noting(note);
+        DelayEstimate {
+            raw_delay_s: Some(experiment.sample_time().to_seconds(best.delay)),
+            ..estimate
+        }
     }
 
     /// Turns from one start until the delay stands still.
@@ -185,7 +232,9 @@ impl TwoStep {
                 let (up, down) = (further.loss - fit.loss, behind - fit.loss);
                 // Losses at −step, 0 and 2·step.
                 let bottom = delay + step * (4.0 * down - up) / (2.0 * (2.0 * down + up));
-                if let Some(lower) = Some(bottom).filter(|b| *b > 0.0 && *b < longest).and_then(|b| dynamics(b, &fit.f))
+                if let Some(lower) = Some(bottom)
+                    .filter(|b| *b > 0.0 && *b < longest)
+                    .and_then(|b| dynamics(b, &fit.f))
                     && lower.loss < fit.loss
                 {
                     (delay, fit) = (bottom, lower);
@@ -233,9 +282,17 @@ fn nearest_whole(records: &[Record], rest: &Rest, max_delay: usize) -> Option<Re
     let (n, _) = split(rest.delay);
     let at = |n: usize| {
         let delay = n as f64;
-        Some(Rest { delay, fit: MODEL.refine(&interpolated(records, delay), 0, &rest.fit.f)?, came_to_rest: true })
+        Some(Rest {
+            delay,
+            fit: MODEL.refine(&interpolated(records, delay), 0, &rest.fit.f)?,
+            came_to_rest: true,
+        })
     };
-    [n, n + 1].into_iter().filter(|n| *n <= max_delay).filter_map(at).min_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss))
+    [n, n + 1]
+        .into_iter()
+        .filter(|n| *n <= max_delay)
+        .filter_map(at)
+        .min_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss))
 }
 
 /// N·ln(V/V₀) up to which a delay belongs to the 95 % interval: the quantile of χ² with one degree of freedom.
@@ -244,13 +301,19 @@ const LIKELY: f64 = 3.841;
 /// The ends of the interval around `rest` in which a model with lags of its own is still `likely` at its loss.
 ///
 /// A profile of the likelihood and not the curvature at its top: where a pole and the fraction can stand for each other the curvature is that of rounding.
-fn reach(records: &[Record], rest: &Rest, max_delay: usize, likely: impl Fn(f64) -> bool) -> [f64; 2] {
+fn reach(
+    records: &[Record],
+    rest: &Rest,
+    max_delay: usize,
+    likely: impl Fn(f64) -> bool,
+) -> [f64; 2] {
     let longest = max_delay as f64;
     [-1.0, 1.0].map(|side| {
         let clamped = |delay: f64| delay.clamp(0.0, longest);
         let mut f = rest.fit.f.clone();
         let mut holds = |delay: f64| {
-            let fit = MODEL.refine(&interpolated(records, delay), 0, &f).filter(|fit| likely(fit.loss));
+            let fit =
+                MODEL.refine(&interpolated(records, delay), 0, &f).filter(|fit| likely(fit.loss));
             fit.map(|fit| f = fit.f).is_some()
         };
         let (mut inside, mut step) = (rest.delay, FIRST_STEP);
@@ -291,7 +354,10 @@ fn interpolated<'a>(records: &'a [Record<'_>], delay: f64) -> Vec<Record<'a>> {
         let at = |t: usize, lag: usize| if t >= lag { u[t - lag] } else { 0.0 };
         (0..u.len()).map(|t| (1.0 - share) * at(t, n) + share * at(t, n + 1)).collect()
     };
-    records.iter().map(|r| Record { u: later(&r.u[..r.len()]).into(), ..r.head(usize::MAX) }).collect()
+    records
+        .iter()
+        .map(|r| Record { u: later(&r.u[..r.len()]).into(), ..r.head(usize::MAX) })
+        .collect()
 }
 
 /// Whole samples and the share of the next.
@@ -305,12 +371,15 @@ fn split(delay: f64) -> (usize, f64) {
 fn best_delay(records: &[Record], f: &[f64], max_delay: usize) -> Option<f64> {
     // Σ x(t − n)·y(t), Σ x(t − n)² and Σ x(t − n)·x(t − n − 1) over the measured samples, x = u/F.
     let delays = max_delay + 1;
-    let (mut with_y, mut square, mut next) = (vec![0.0; delays], vec![0.0; delays], vec![0.0; delays]);
+    let (mut with_y, mut square, mut next) =
+        (vec![0.0; delays], vec![0.0; delays], vec![0.0; delays]);
     for record in records {
         let x = filtered(&record.u[..record.len()], f);
         let there = |t: usize| record.present.as_ref().is_none_or(|p| p[t]);
         for n in 0..delays.min(x.len()) {
-            for (t, y) in record.y.iter().enumerate().take(x.len()).skip(n).filter(|(t, _)| there(*t)) {
+            for (t, y) in
+                record.y.iter().enumerate().take(x.len()).skip(n).filter(|(t, _)| there(*t))
+            {
                 let now = x[t - n];
                 with_y[n] += now * y;
                 square[n] += now * now;
@@ -353,13 +422,23 @@ mod tests {
         let m = DMatrix::from_row_slice;
         // s² + c₁s + c₀: real, oscillating, and nearly equal poles.
         for (c1, c0) in [(1.1, 0.3), (0.4, 0.5), (1.0, 0.25)] {
-            let plant = StateSpace::continuous(m(2, 2, &[-c1, -c0, 1.0, 0.0]), m(2, 1, &[1.0, 0.0]), m(1, 2, &[0.0, c0]), m(1, 1, &[0.0]));
-            let sampled = ZeroOrderHold {}.c2d(&plant.unwrap(), deadtime_signal::time::SampleTime::new(1.0).unwrap()).unwrap();
+            let plant = StateSpace::continuous(
+                m(2, 2, &[-c1, -c0, 1.0, 0.0]),
+                m(2, 1, &[1.0, 0.0]),
+                m(1, 2, &[0.0, c0]),
+                m(1, 1, &[0.0]),
+            );
+            let sampled = ZeroOrderHold {}
+                .c2d(&plant.unwrap(), deadtime_signal::time::SampleTime::new(1.0).unwrap())
+                .unwrap();
             let (a, first) = (sampled.a(), (sampled.c() * sampled.b())[(0, 0)]);
             let f = [-a.trace(), a.determinant()];
             assert!((two_lags(&f) - (1.0 - first / (1.0 + f[0] + f[1]))).abs() < 1e-6, "{c1} {c0}");
         }
-        assert!((one_lag(&[-0.7, 0.0], 0.0)).abs() < 1e-12 && (one_lag(&[-0.7, 0.0], 1.0) - 1.0).abs() < 1e-12);
+        assert!(
+            (one_lag(&[-0.7, 0.0], 0.0)).abs() < 1e-12
+                && (one_lag(&[-0.7, 0.0], 1.0) - 1.0).abs() < 1e-12
+        );
     }
 
     #[test]

@@ -194,7 +194,11 @@ fn through(r: &Row, a: &DMatrix<f64>, b: &DMatrix<f64>, keep: bool) -> Row {
 }
 
 /// Basis and slopes; `pair` is T, ζ and ρ.
-fn rows(shape: Shape, pair: Option<(f64, f64, f64)>, single: Option<f64>) -> (Vec<Row>, Vec<Vec<Row>>) {
+fn rows(
+    shape: Shape,
+    pair: Option<(f64, f64, f64)>,
+    single: Option<f64>,
+) -> (Vec<Row>, Vec<Vec<Row>>) {
     let Places { x, w, z, q } = places(shape.poles);
     let (w, q) = (row(&[(w, 1.0)]), row(&[(q, 1.0)]));
     // The derivative of w in units of the pair's T, or of the only pole's.
@@ -223,5 +227,9 @@ fn rows(shape: Shape, pair: Option<(f64, f64, f64)>, single: Option<f64>) -> (Ve
         of_w.push(plus(&[(-1.0, &w), (1.0, &q)]));
         of_derivative.push(plus(&[(-1.0, &derivative), (scale, &w), (-scale, &q)]));
     }
-    if shape.zero { (vec![w, derivative], vec![of_w, of_derivative]) } else { (vec![w], vec![of_w]) }
+    if shape.zero {
+        (vec![w, derivative], vec![of_w, of_derivative])
+    } else {
+        (vec![w], vec![of_w])
+    }
 }

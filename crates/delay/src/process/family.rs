@@ -8,7 +8,9 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, joint_inputs, one_pair};
 use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::parametric::arxstruc::Others;
 use crate::posterior;
 use deadtime_identify::{Initial, Record};
@@ -83,7 +85,13 @@ pub struct Process {
 
 impl Default for Process {
     fn default() -> Self {
-        Self { poles: Poles::Real, initial: Initial::Zero, initial_delay_s: None, max_samples: 50_000, others: Others::Regressors }
+        Self {
+            poles: Poles::Real,
+            initial: Initial::Zero,
+            initial_delay_s: None,
+            max_samples: 50_000,
+            others: Others::Regressors,
+        }
     }
 }
 
@@ -124,20 +132,33 @@ macro_rules! process {
     };
 }
 
-pub(super) const LAG: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs, Condition::OtherInputs];
+pub(super) const LAG: &[Condition] =
+    &[Condition::ColouredNoise, Condition::MissingOutputs, Condition::OtherInputs];
 
 /// One pole and a zero: one input at a time.
-pub(super) const LAG_WITH_ZERO: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs];
+pub(super) const LAG_WITH_ZERO: &[Condition] =
+    &[Condition::ColouredNoise, Condition::MissingOutputs];
 
-pub(super) const LAGS: &[Condition] = &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs, Condition::OtherInputs];
+pub(super) const LAGS: &[Condition] = &[
+    Condition::ColouredNoise,
+    Condition::Dynamics,
+    Condition::MissingOutputs,
+    Condition::OtherInputs,
+];
 
 pub(super) const CONTINUOUS: &[(Law, &str)] = &[INEXACT];
 
-pub(super) const INEXACT: (Law, &str) = (Law::Exact, "exact for continuous plants of its order behind a hold, not for any sampled plant");
+pub(super) const INEXACT: (Law, &str) = (
+    Law::Exact,
+    "exact for continuous plants of its order behind a hold, not for any sampled plant",
+);
 
 pub(super) const NEARLY_FLAT: &[(Law, &str)] = &[
     INEXACT,
-    (Law::Gain, "on plants without its zero or second pole delays within one sample fit alike, and rounding chooses among them"),
+    (
+        Law::Gain,
+        "on plants without its zero or second pole delays within one sample fit alike, and rounding chooses among them",
+    ),
 ];
 
 pub(super) const SECOND_POLE: &[(Law, &str)] = &[
@@ -150,19 +171,40 @@ pub(super) const SECOND_POLE: &[(Law, &str)] = &[
 
 pub(super) const THIRD_POLE: &[(Law, &str)] = &[
     INEXACT,
-    (Law::Gain, "on plants of fewer poles the likelihood is flat along its third, and rounding moves the interval's ends by some per cent"),
+    (
+        Law::Gain,
+        "on plants of fewer poles the likelihood is flat along its third, and rounding moves the interval's ends by some per cent",
+    ),
 ];
 
 pub(super) const OVERSIZED: &[(Law, &str)] = &[
     INEXACT,
-    (Law::Gain, "on a plant of fewer poles one of its poles and the zero all but cancel anywhere, and rounding moves the interval's ends"),
-    (Law::Shift, "on plants of one pole 17 of 100 answers moved by another number of samples, as pole and zero cancelled elsewhere"),
+    (
+        Law::Gain,
+        "on a plant of fewer poles one of its poles and the zero all but cancel anywhere, and rounding moves the interval's ends",
+    ),
+    (
+        Law::Shift,
+        "on plants of one pole 17 of 100 answers moved by another number of samples, as pole and zero cancelled elsewhere",
+    ),
 ];
 
 /// A slow pole beside a zero that all but cancels it can follow slow noise.
-pub(super) const WITH_ZERO: &[Condition] = &[Condition::Dynamics, Condition::MissingOutputs, Condition::OtherInputs];
+pub(super) const WITH_ZERO: &[Condition] =
+    &[Condition::Dynamics, Condition::MissingOutputs, Condition::OtherInputs];
 
-process!(P1d, P1D, "p1d", "continuous model of one pole, fractional dead time", 1, false, 0.1, LAG, CONTINUOUS, "K/(1 + T₁s)·e^(−τs).");
+process!(
+    P1d,
+    P1D,
+    "p1d",
+    "continuous model of one pole, fractional dead time",
+    1,
+    false,
+    0.1,
+    LAG,
+    CONTINUOUS,
+    "K/(1 + T₁s)·e^(−τs)."
+);
 
 process!(
     P2d,
@@ -230,7 +272,13 @@ process!(
 );
 
 impl Process {
-    fn run(&self, method: &'static str, shape: Shape, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn run(
+        &self,
+        method: &'static str,
+        shape: Shape,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         let option = |option, value, allowed| DelayError::Option { method, option, value, allowed };
         if self.max_samples == 0 {
             return Err(option("max_samples", 0.0, "1 or more"));
@@ -243,11 +291,24 @@ impl Process {
         if self.others == Others::Regressors && !shape.whole() && experiment.inputs().len() > 1 {
             let all = joint_inputs(experiment, &search, |inputs, max_delay, _| {
                 let Some((first, others)) = inputs.split_first() else { return Ok(Vec::new()) };
-                Ok(vec![self.pair(method, shape, (first, others), max_delay, experiment, &search.stop)?])
+                Ok(vec![self.pair(
+                    method,
+                    shape,
+                    (first, others),
+                    max_delay,
+                    experiment,
+                    &search.stop,
+                )?])
             })?;
-            return all.into_iter().next().ok_or(DelayError::Count { what: "inputs", needed: 1, got: 0 });
+            return all.into_iter().next().ok_or(DelayError::Count {
+                what: "inputs",
+                needed: 1,
+                got: 0,
+            });
         }
-        one_pair(experiment, &search, |records, max_delay, _| self.pair(method, shape, (records, &[]), max_delay, experiment, &search.stop))
+        one_pair(experiment, &search, |records, max_delay, _| {
+            self.pair(method, shape, (records, &[]), max_delay, experiment, &search.stop)
+        })
     }
 
     fn pair(
@@ -260,10 +321,16 @@ impl Process {
         stop: &Stop,
     ) -> Result<DelayEstimate, DelayError> {
         let start = if self.initial == Initial::Estimated { shape.poles } else { 0 };
-        let needed = max_delay + 3 * (shape.denominator() + (shape.numerator() + 1) * (1 + others.len()) + start);
+        let needed = max_delay
+            + 3 * (shape.denominator() + (shape.numerator() + 1) * (1 + others.len()) + start);
         let got = experiment.longest();
         if got < needed {
-            return Err(DelayError::TooShort { method, needed, got, remedy: crate::error::LengthRemedy::Window });
+            return Err(DelayError::TooShort {
+                method,
+                needed,
+                got,
+                remedy: crate::error::LengthRemedy::Window,
+            });
         }
         let cut: Vec<Record>;
         let shortened = got > self.max_samples;
@@ -273,11 +340,24 @@ impl Process {
         } else {
             records
         };
-        let others: Vec<Vec<Record>> = others.iter().map(|all| all.iter().map(|r| r.head(self.max_samples)).collect()).collect();
-        let problem = Problem::beside(shape, self.poles == Poles::Real, self.initial, records, &others, max_delay, stop);
+        let others: Vec<Vec<Record>> = others
+            .iter()
+            .map(|all| all.iter().map(|r| r.head(self.max_samples)).collect())
+            .collect();
+        let problem = Problem::beside(
+            shape,
+            self.poles == Poles::Real,
+            self.initial,
+            records,
+            &others,
+            max_delay,
+            stop,
+        );
         let initial = self.initial_delay_s.map(|s| s / experiment.sample_time().seconds());
-        let first = Fitted::of(problem, initial).and_then(|fitted| self.visible(fitted, shape, max_delay));
-        let staged = first.and_then(|f| f.poles_of_others(records, max_delay, initial, others.len()));
+        let first =
+            Fitted::of(problem, initial).and_then(|fitted| self.visible(fitted, shape, max_delay));
+        let staged =
+            first.and_then(|f| f.poles_of_others(records, max_delay, initial, others.len()));
         let staged = staged.and_then(|(f, own)| Ok((f.seen_poles(initial)?, own)));
         let (Fitted { problem, minima, mut best, knowledge }, own) = match staged {
             Ok(fitted) => fitted,
@@ -295,23 +375,45 @@ impl Process {
         }
         let std = ((delay - from).max(to - delay) / knowledge.quantile).max(RESOLVED);
         let at_edge = delay >= longest - EDGE;
-        let used = shortened.then(|| format!("used the first {} of {got} samples", self.max_samples));
+        let used =
+            shortened.then(|| format!("used the first {} of {got} samples", self.max_samples));
         let left = knowledge.leaves(records, max_delay).then(|| {
             "what the model leaves over still follows the input: a plant of another shape, whose lag may be in the dead time".to_owned()
         });
-        let estimate = DelayEstimate::measured(delay, std, [from, to], at_edge, 0.0, experiment.sample_time());
-        let misfit = Misfit { log_cost: knowledge.floored(best.cost).ln(), counting: knowledge.counting, parameters: problem.added() };
-        Ok(DelayEstimate { misfit: Some(Box::new(misfit)), ..estimate.noting(own).noting(used).contradicted(left) })
+        let estimate =
+            DelayEstimate::measured(delay, std, [from, to], at_edge, 0.0, experiment.sample_time());
+        let misfit = Misfit {
+            log_cost: knowledge.floored(best.cost).ln(),
+            counting: knowledge.counting,
+            parameters: problem.added(),
+        };
+        Ok(DelayEstimate {
+            misfit: Some(Box::new(misfit)),
+            ..estimate.noting(own).noting(used).contradicted(left)
+        })
     }
 
     /// What was fitted, or that it is no more than chance.
-    pub(super) fn visible<'a>(&self, fitted: Fitted<'a>, shape: Shape, max_delay: usize) -> Result<Fitted<'a>, DelayEstimate> {
+    pub(super) fn visible<'a>(
+        &self,
+        fitted: Fitted<'a>,
+        shape: Shape,
+        max_delay: usize,
+    ) -> Result<Fitted<'a>, DelayEstimate> {
         let Fitted { problem, best, knowledge, .. } = &fitted;
         let gain = knowledge.counting * (problem.without / knowledge.floored(best.cost)).ln();
         // A pair of poles may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
-        let resonances = if self.poles == Poles::Any && shape.poles > 1 { (knowledge.counting / 2.0) as usize } else { 0 };
-        if gain.is_nan() || gain < posterior::visible_gain(problem.added(), max_delay + 1 + resonances) {
-            let note = format!("no model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input");
+        let resonances = if self.poles == Poles::Any && shape.poles > 1 {
+            (knowledge.counting / 2.0) as usize
+        } else {
+            0
+        };
+        if gain.is_nan()
+            || gain < posterior::visible_gain(problem.added(), max_delay + 1 + resonances)
+        {
+            let note = format!(
+                "no model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input"
+            );
             return Err(DelayEstimate::without(Outcome::NotVisible, note));
         }
         Ok(fitted)
@@ -330,7 +432,8 @@ impl<'a> Fitted<'a> {
     /// The first fit; else what keeps it from being made.
     pub(super) fn of(problem: Problem<'a>, initial: Option<f64>) -> Result<Self, DelayEstimate> {
         let minima = problem.minima(initial);
-        let Some(best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite()) else {
+        let Some(best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite())
+        else {
             let note = "the input is zero wherever a model could use it, or the numbers overflow";
             return Err(DelayEstimate::without(Outcome::NotRichEnough, note));
         };
@@ -354,11 +457,14 @@ impl<'a> Fitted<'a> {
         others: usize,
     ) -> Result<(Self, Option<String>), DelayEstimate> {
         let Some(apart) = self.problem.apart() else { return Ok((self, None)) };
-        let said = |beside: &str| Some(format!("fitted together with {} of {beside}", inputs(others)));
+        let said =
+            |beside: &str| Some(format!("fitted together with {} of {beside}", inputs(others)));
         let Self { problem, best, knowledge, .. } = &self;
         let more = knowledge.counting * (best.cost / knowledge.floored(apart)).ln();
         // What is left over of common poles may be so slow that few of its samples count.
-        if more > posterior::visible_gain(problem.apart_adds(), 1) || (more > 0.0 && knowledge.leaves(records, max_delay)) {
+        if more > posterior::visible_gain(problem.apart_adds(), 1)
+            || (more > 0.0 && knowledge.leaves(records, max_delay))
+        {
             let problem = problem.behind_others();
             let minima = problem.minima(initial);
             let refined = minima.first().map(|m| problem.refine(m)).ok_or_else(singular)?;
@@ -376,7 +482,11 @@ impl<'a> Fitted<'a> {
         let needed = posterior::visible_gain(2, 1);
         let problem = self.problem.of_seen_poles();
         let minima = problem.minima(initial);
-        match minima.first().map(|m| problem.refine(m)).filter(|m| self.knowledge.lacks(m.cost) < needed) {
+        match minima
+            .first()
+            .map(|m| problem.refine(m))
+            .filter(|m| self.knowledge.lacks(m.cost) < needed)
+        {
             Some(seen) => Self::at(problem, minima, seen),
             None => {
                 let note = "the best model's time constant is as long as the record: an integrating or unstable plant, or feedback";
@@ -387,7 +497,10 @@ impl<'a> Fitted<'a> {
 }
 
 pub(super) fn singular() -> DelayEstimate {
-    DelayEstimate::without(Outcome::Singular, "the model cannot be evaluated at its own minimum; scale the channels")
+    DelayEstimate::without(
+        Outcome::Singular,
+        "the model cannot be evaluated at its own minimum; scale the channels",
+    )
 }
 
 /// `one other input`, `3 other inputs`.
@@ -421,11 +534,19 @@ pub(crate) struct Rough {
 pub(super) const ROUGH_SAMPLES: usize = 4000;
 
 /// The quick fit; `None` where there is nothing to fit.
-pub(crate) fn rough(records: &[Record], poles: usize, max_delay: usize, taps: usize) -> Option<Rough> {
+pub(crate) fn rough(
+    records: &[Record],
+    poles: usize,
+    max_delay: usize,
+    taps: usize,
+) -> Option<Rough> {
     let shape = Shape { poles: poles.clamp(1, 3), zero: false };
     let heads: Vec<Record> = records.iter().map(|r| r.head(ROUGH_SAMPLES)).collect();
     let stop = Stop::default();
-    let start = Problem::new(shape, false, Initial::Zero, &heads, max_delay, &stop).minima(None).into_iter().next()?;
+    let start = Problem::new(shape, false, Initial::Zero, &heads, max_delay, &stop)
+        .minima(None)
+        .into_iter()
+        .next()?;
     let problem = Problem::new(shape, false, Initial::Zero, records, max_delay, &stop);
     let signals = problem.signals(&start.theta, start.place)?;
     let alone = signals.alone()?;
@@ -474,16 +595,29 @@ impl Knowledge {
         let exact = best.cost <= floor;
         let under = |signal: &[f64]| {
             let n = problem.samples;
-            if exact { n } else { n * posterior::samples_under(signal, &signals.residual) / signal.len().max(1) as f64 }
+            if exact {
+                n
+            } else {
+                n * posterior::samples_under(signal, &signals.residual) / signal.len().max(1) as f64
+            }
         };
         let counting = under(&signals.model);
         // Where whole samples are all that shows there is no derivative by the delay.
         let independent = if problem.whole() { counting } else { under(&alone) };
         let freedom = (independent - problem.parameters() as f64).max(1.0);
         let energy: f64 = alone.iter().map(|v| v * v).sum();
-        let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(NORMAL_95, |t| t.inverse_cdf(0.975));
+        let quantile =
+            StudentsT::new(0.0, 1.0, freedom).map_or(NORMAL_95, |t| t.inverse_cdf(0.975));
         let std = (best.cost.max(floor) / freedom / energy.max(f64::MIN_POSITIVE)).sqrt();
-        Some(Self { counting, independent: freedom, std, quantile, floor, cost: best.cost, residual: signals.residual })
+        Some(Self {
+            counting,
+            independent: freedom,
+            std,
+            quantile,
+            floor,
+            cost: best.cost,
+            residual: signals.residual,
+        })
     }
 
     /// The residuals visibly follow the input, beyond rounding.
@@ -517,18 +651,32 @@ impl Knowledge {
     /// The middle of the delays that fit alike. A pole that dies away before the next sample only adds to the dead time, and a plant that settles within a sample
     /// shows no more than that sample: there whole stretches of delays have one cost, and rounding would choose among them.
     pub(super) fn middle(&self, problem: &Problem<'_>, best: Found) -> Found {
-        if let Some((lag, cost)) = problem.settled(best.place.delay()).filter(|s| s.0 > 0 && self.unlikely(s.1) <= ALIKE * ALIKE) {
+        if let Some((lag, cost)) = problem
+            .settled(best.place.delay())
+            .filter(|s| s.0 > 0 && self.unlikely(s.1) <= ALIKE * ALIKE)
+        {
             return Found { place: Place { lag, g: 0.5 }, cost, ..best };
         }
-        let [before, after] = [-1.0, 1.0].map(|direction| self.reach(problem, &best, direction, ALIKE));
+        let [before, after] =
+            [-1.0, 1.0].map(|direction| self.reach(problem, &best, direction, ALIKE));
         let place = Place::of(best.place.delay() + 0.5 * (after - before));
-        problem.at(&best.theta, place).filter(|f| self.unlikely(f.cost) <= ALIKE * ALIKE).unwrap_or(best)
+        problem
+            .at(&best.theta, place)
+            .filter(|f| self.unlikely(f.cost) <= ALIKE * ALIKE)
+            .unwrap_or(best)
     }
 
     /// The delays that are as likely as the best, from first to last, samples.
-    pub(super) fn interval(&self, problem: &Problem<'_>, best: &Found, minima: &[Found]) -> [f64; 2] {
+    pub(super) fn interval(
+        &self,
+        problem: &Problem<'_>,
+        best: &Found,
+        minima: &[Found],
+    ) -> [f64; 2] {
         let mut ends = [best.place.delay(); 2];
-        let as_good = minima.iter().filter(|m| (m.place.delay() - best.place.delay()).abs() > 0.25 && self.unlikely(m.cost) < 1.0);
+        let as_good = minima.iter().filter(|m| {
+            (m.place.delay() - best.place.delay()).abs() > 0.25 && self.unlikely(m.cost) < 1.0
+        });
         for minimum in [best].into_iter().chain(as_good) {
             let at = minimum.place.delay();
             ends[0] = ends[0].min(at - self.reach(problem, minimum, -1.0, 1.0));
@@ -537,7 +685,9 @@ impl Knowledge {
         if problem.whole() {
             // The jump came at any time since the sample before.
             ends[0] = (ends[0] - 1.0).max(0.0);
-        } else if let Some((lag, _)) = problem.settled(best.place.delay()).filter(|s| s.0 > 0 && self.unlikely(s.1) < 1.0) {
+        } else if let Some((lag, _)) =
+            problem.settled(best.place.delay()).filter(|s| s.0 > 0 && self.unlikely(s.1) < 1.0)
+        {
             // No time constant shows: the same of a plant that settles within the sample.
             let lag = lag as f64;
             ends = [ends[0].min(lag - 1.0), ends[1].max(lag)];
@@ -553,7 +703,11 @@ impl Knowledge {
         let root = |cost: f64| self.unlikely(cost).max(0.0).sqrt() / level;
         if problem.whole() {
             let mut step = 0.0;
-            let likely = |step: f64| problem.afresh(&from.theta, Place::of(at + direction * step)).is_some_and(|f| root(f.cost) < 1.0);
+            let likely = |step: f64| {
+                problem
+                    .afresh(&from.theta, Place::of(at + direction * step))
+                    .is_some_and(|f| root(f.cost) < 1.0)
+            };
             while step < limit && likely(step + 1.0) {
                 step += 1.0;
             }
@@ -578,7 +732,10 @@ impl Knowledge {
             step = match outer {
                 None => (step * (1.1 / here.1.max(0.1)).clamp(1.2, 2.5)).min(limit),
                 Some(outer) => {
-                    let (width, share) = (outer.0 - inner.0, (1.0 - inner.1) / (outer.1 - inner.1).max(f64::MIN_POSITIVE));
+                    let (width, share) = (
+                        outer.0 - inner.0,
+                        (1.0 - inner.1) / (outer.1 - inner.1).max(f64::MIN_POSITIVE),
+                    );
                     if width <= ENDS * outer.0 {
                         return inner.0 + share * width;
                     }

@@ -102,7 +102,14 @@ pub(super) struct Signals {
 
 impl<'a> Problem<'a> {
     /// One input.
-    pub(super) fn new(shape: Shape, real: bool, initial: Initial, records: &'a [Record], max_delay: usize, stop: &Stop) -> Self {
+    pub(super) fn new(
+        shape: Shape,
+        real: bool,
+        initial: Initial,
+        records: &'a [Record],
+        max_delay: usize,
+        stop: &Stop,
+    ) -> Self {
         Self::beside(shape, real, initial, records, &[], max_delay, stop)
     }
 
@@ -120,10 +127,11 @@ impl<'a> Problem<'a> {
         let first = if initial == Initial::Estimated { max_delay } else { 0 };
         let work = |(number, r): (usize, &'a Record)| {
             let n = r.len();
-            let others = others.iter().filter_map(|records| records.get(number)?.u.get(..n)).collect();
+            let others =
+                others.iter().filter_map(|records| records.get(number)?.u.get(..n)).collect();
             let counts = |t: usize| t >= first && r.present.as_ref().is_none_or(|p| p[t]);
-            let mask: Option<Vec<f64>> =
-                (r.present.is_some() || first > 0).then(|| (0..n).map(|t| f64::from(u8::from(counts(t)))).collect());
+            let mask: Option<Vec<f64>> = (r.present.is_some() || first > 0)
+                .then(|| (0..n).map(|t| f64::from(u8::from(counts(t)))).collect());
             let mut y: Vec<f64> = (0..n).map(|t| if counts(t) { r.y[t] } else { 0.0 }).collect();
             centre(&mut y, mask.as_deref());
             Work { u: &r.u[..n], others, y, mask }
@@ -131,7 +139,8 @@ impl<'a> Problem<'a> {
         let records: Vec<Work<'a>> = records.iter().enumerate().map(work).collect();
         let longest = records.iter().map(|w| w.u.len()).max().unwrap_or(0);
         let longest = (longest.max(2) as f64).ln();
-        let (mut lower, mut upper) = (vec![LEAST_LAG.ln(); shape.denominator()], vec![longest; shape.denominator()]);
+        let (mut lower, mut upper) =
+            (vec![LEAST_LAG.ln(); shape.denominator()], vec![longest; shape.denominator()]);
         if let Some(at) = shape.ratio() {
             lower[at] = LEAST_RATIO;
             upper[at] = if real { REAL_RATIO } else { MOST_RATIO };
@@ -139,7 +148,10 @@ impl<'a> Problem<'a> {
         lower.extend(others.iter().map(|_| 0.0));
         upper.extend(others.iter().map(|_| count(max_delay)));
         let power = records.iter().map(|w| dot(&w.y, &w.y)).sum();
-        let samples = records.iter().map(|w| w.mask.as_ref().map_or(count(w.u.len()), |m| m.iter().sum())).sum();
+        let samples = records
+            .iter()
+            .map(|w| w.mask.as_ref().map_or(count(w.u.len()), |m| m.iter().sum()))
+            .sum();
         let mut problem = Self {
             shape,
             initial,
@@ -162,8 +174,15 @@ impl<'a> Problem<'a> {
 
     /// Free parameters of a fit, the delay among them.
     pub(super) fn parameters(&self) -> usize {
-        let starts = if self.initial == Initial::Estimated { self.shape.poles * self.records.len() } else { 0 };
-        self.shape.denominator() + (self.shape.numerator() + 1) * (1 + self.others()) + starts + self.records.len()
+        let starts = if self.initial == Initial::Estimated {
+            self.shape.poles * self.records.len()
+        } else {
+            0
+        };
+        self.shape.denominator()
+            + (self.shape.numerator() + 1) * (1 + self.others())
+            + starts
+            + self.records.len()
     }
 
     /// Delays count in whole samples.
@@ -186,7 +205,9 @@ impl<'a> Problem<'a> {
     pub(super) fn of_seen_poles(mut self) -> Self {
         let ratio = self.shape.ratio();
         let poles = self.shape.denominator();
-        for (_, upper) in self.upper.iter_mut().take(poles).enumerate().filter(|(i, _)| Some(*i) != ratio) {
+        for (_, upper) in
+            self.upper.iter_mut().take(poles).enumerate().filter(|(i, _)| Some(*i) != ratio)
+        {
             *upper -= SEEN.ln();
         }
         self
@@ -204,11 +225,16 @@ impl<'a> Problem<'a> {
         let mut rows: Vec<Row> = chain.basis.clone();
         rows.extend(chain.slopes.iter().flatten());
         rows.extend(chain.basis.iter().map(|r| chain.rate(r)));
-        let places: Vec<Place> = std::iter::once(place).chain(delays.iter().map(|d| Place::of(*d))).collect();
+        let places: Vec<Place> =
+            std::iter::once(place).chain(delays.iter().map(|d| Place::of(*d))).collect();
         let rows: Vec<Vec<Row>> = places.iter().map(|p| chain.after(p.g, &rows)).collect();
         let each = rows.first().map_or(0, Vec::len);
         let total: usize = self.records.iter().map(|w| w.u.len()).sum();
-        let starts = if self.initial == Initial::Estimated { self.shape.poles * self.records.len() } else { 0 };
+        let starts = if self.initial == Initial::Estimated {
+            self.shape.poles * self.records.len()
+        } else {
+            0
+        };
         let numerators = k * places.len();
         let mut linear = vec![vec![0.0; total]; numerators + starts];
         let mut other = vec![vec![0.0; total]; (each - k) * places.len()];
@@ -219,9 +245,18 @@ impl<'a> Problem<'a> {
             let inputs = std::iter::once(work.u).chain(work.others.iter().copied());
             for (input, ((rows, place), u)) in rows.iter().zip(&places).zip(inputs).enumerate() {
                 let states = chain.states(u, &[]);
-                let to = linear[input * k..(input + 1) * k].iter_mut().chain(&mut other[input * (each - k)..(input + 1) * (each - k)]);
+                let to = linear[input * k..(input + 1) * k]
+                    .iter_mut()
+                    .chain(&mut other[input * (each - k)..(input + 1) * (each - k)]);
                 for (row, to) in rows.iter().zip(to) {
-                    combine(row, &states, u, place.lag, work.mask.as_deref(), &mut to[from..from + n]);
+                    combine(
+                        row,
+                        &states,
+                        u,
+                        place.lag,
+                        work.mask.as_deref(),
+                        &mut to[from..from + n],
+                    );
                 }
             }
             if starts > 0 {
@@ -233,7 +268,14 @@ impl<'a> Problem<'a> {
                     let free = chain.states(&still, &start);
                     let mask = work.mask.as_ref().map(|m| &m[first..]);
                     let at = number * self.shape.poles + i;
-                    combine(&chain.basis[0], &free, &still, 0, mask, &mut linear[numerators + at][from + first..from + n]);
+                    combine(
+                        &chain.basis[0],
+                        &free,
+                        &still,
+                        0,
+                        mask,
+                        &mut linear[numerators + at][from + first..from + n],
+                    );
                     for slope in &chain.slopes[0] {
                         let mut column = vec![0.0; total];
                         combine(slope, &free, &still, 0, mask, &mut column[from + first..from + n]);
@@ -241,7 +283,9 @@ impl<'a> Problem<'a> {
                     }
                 }
             }
-            for column in linear.iter_mut().chain(&mut other).chain(start_slopes.iter_mut().flatten()) {
+            for column in
+                linear.iter_mut().chain(&mut other).chain(start_slopes.iter_mut().flatten())
+            {
                 centre(&mut column[from..from + n], work.mask.as_deref());
             }
             from += n;
@@ -262,7 +306,11 @@ impl<'a> Problem<'a> {
                 add(&mut slopes[j], *c, &own[i * poles + j]);
             }
             // A longer delay is a smaller g.
-            let (at, sign) = if input == 0 { (poles + places.len() - 1, 1.0) } else { (poles + input - 1, -1.0) };
+            let (at, sign) = if input == 0 {
+                (poles + places.len() - 1, 1.0)
+            } else {
+                (poles + input - 1, -1.0)
+            };
             add(&mut slopes[at], sign * c, &own[k * poles + i]);
         }
         for (c, columns) in coefficients.iter().skip(numerators).zip(&start_slopes) {
@@ -283,7 +331,8 @@ impl<'a> Problem<'a> {
         let cost = |lag: usize| {
             let mut column = Vec::with_capacity(y.len());
             for work in &self.records {
-                let shown = (0..work.u.len()).map(|t| t.checked_sub(lag).map_or(0.0, |at| work.u[at]));
+                let shown =
+                    (0..work.u.len()).map(|t| t.checked_sub(lag).map_or(0.0, |at| work.u[at]));
                 let mut shown: Vec<f64> = match &work.mask {
                     Some(mask) => shown.zip(mask).map(|(u, m)| m * u).collect(),
                     None => shown.collect(),
@@ -292,21 +341,33 @@ impl<'a> Problem<'a> {
                 column.append(&mut shown);
             }
             let gain = dot(&column, &y) / dot(&column, &column);
-            gain.is_finite().then(|| column.iter().zip(&y).map(|(u, y)| (y - gain * u).powi(2)).sum::<f64>())
+            gain.is_finite()
+                .then(|| column.iter().zip(&y).map(|(u, y)| (y - gain * u).powi(2)).sum::<f64>())
         };
         let first = delay.max(0.0).floor() as usize;
-        (first..first + 3).filter_map(|lag| Some((lag, cost(lag)?))).min_by(|a, b| a.1.total_cmp(&b.1))
+        (first..first + 3)
+            .filter_map(|lag| Some((lag, cost(lag)?)))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     /// The model's answer to a unit pulse of one sample.
-    pub(super) fn impulse(&self, theta: &[f64], place: Place, signals: &Signals, samples: usize) -> Vec<f64> {
+    pub(super) fn impulse(
+        &self,
+        theta: &[f64],
+        place: Place,
+        signals: &Signals,
+        samples: usize,
+    ) -> Vec<f64> {
         let pulse: Vec<f64> = (0..samples).map(|t| f64::from(u8::from(t == 0))).collect();
         answer(self.shape, theta, place, signals.coefficients.as_slice(), &pulse)
     }
 
     /// Cost, gradient and information by the poles, and by g where `fraction` says so.
     fn evaluate(&self, theta: &[f64], place: Place, fraction: bool) -> Option<Normal> {
-        let inside = theta.iter().zip(self.lower.iter().zip(&self.upper)).all(|(v, (l, u))| *v >= l - 1e-12 && *v <= u + 1e-12);
+        let inside = theta
+            .iter()
+            .zip(self.lower.iter().zip(&self.upper))
+            .all(|(v, (l, u))| *v >= l - 1e-12 && *v <= u + 1e-12);
         if !inside || !(0.0..=1.0).contains(&place.g) {
             return None;
         }
@@ -389,19 +450,33 @@ impl<'a> Problem<'a> {
     fn found(&self, fit: Fit, lag: usize) -> Option<Found> {
         let (g, theta) = fit.parameters.split_last()?;
         let converged = fit.stopped.converged();
-        fit.normal.cost.is_finite().then(|| Found { place: Place { lag, g: *g }, theta: theta.to_vec(), cost: fit.normal.cost, converged })
+        fit.normal.cost.is_finite().then(|| Found {
+            place: Place { lag, g: *g },
+            theta: theta.to_vec(),
+            cost: fit.normal.cost,
+            converged,
+        })
     }
 
     /// The minimum to its last digits.
     pub(super) fn refine(&self, found: &Found) -> Found {
-        let found = self.descend(&found.theta, found.place, FINE).filter(|f| f.cost <= found.cost).unwrap_or_else(|| found.clone());
+        let found = self
+            .descend(&found.theta, found.place, FINE)
+            .filter(|f| f.cost <= found.cost)
+            .unwrap_or_else(|| found.clone());
         let lag = found.place.lag;
         if lag == 0 || self.shape.whole() {
             return found;
         }
         let start: Vec<f64> = found.theta.iter().copied().chain([found.place.g]).collect();
         let Some(normal) = self.joint(&start, lag) else { return found };
-        let fit = Fit { parameters: start, normal, stopped: Stopped::Step, iterations: 0, last_change: 0.0 };
+        let fit = Fit {
+            parameters: start,
+            normal,
+            stopped: Stopped::Step,
+            iterations: 0,
+            last_change: 0.0,
+        };
         let fit = polish(fit, |p| self.joint(p, lag));
         self.found(fit, lag).map_or(found.clone(), |f| Found { converged: found.converged, ..f })
     }
@@ -452,28 +527,55 @@ impl<'a> Problem<'a> {
             (n, y, mask)
         };
         let parts: Vec<_> = self.records.iter().map(&mut work).collect();
-        let records: Vec<Work<'_>> =
-            self.records.iter().zip(parts).map(|(w, (n, y, mask))| Work { u: &w.u[..n], others: Vec::new(), y, mask }).collect();
+        let records: Vec<Work<'_>> = self
+            .records
+            .iter()
+            .zip(parts)
+            .map(|(w, (n, y, mask))| Work { u: &w.u[..n], others: Vec::new(), y, mask })
+            .collect();
         let used: usize = records.iter().map(|w| w.u.len()).sum();
         // At least half of what samples of the record move on average.
         if moved * count(total) < 0.5 * moves * count(used) {
             return None;
         }
         let power = records.iter().map(|w| dot(&w.y, &w.y)).sum();
-        let samples = records.iter().map(|w| w.mask.as_ref().map_or(count(w.u.len()), |m| m.iter().sum())).sum();
+        let samples = records
+            .iter()
+            .map(|w| w.mask.as_ref().map_or(count(w.u.len()), |m| m.iter().sum()))
+            .sum();
         let (lower, upper) = (self.lower.clone(), self.upper.clone());
-        Some(Problem { records, power, samples, lower, upper, parts: Vec::new(), without: power, stop: self.stop.clone(), ..*self })
+        Some(Problem {
+            records,
+            power,
+            samples,
+            lower,
+            upper,
+            parts: Vec::new(),
+            without: power,
+            stop: self.stop.clone(),
+            ..*self
+        })
     }
 
     /// The same from all samples: descents from where a table of poles fits best, over all delays.
     fn all_minima(&self, initial_delay: Option<f64>) -> Vec<Found> {
-        let row = |theta: Vec<f64>| (!self.stop.is_set()).then(|| (theta.clone(), self.profile(&theta)));
-        let Some(table) = self.table().into_iter().map(row).collect::<Option<Vec<(Vec<f64>, Profile)>>>() else { return Vec::new() };
+        let row =
+            |theta: Vec<f64>| (!self.stop.is_set()).then(|| (theta.clone(), self.profile(&theta)));
+        let Some(table) =
+            self.table().into_iter().map(row).collect::<Option<Vec<(Vec<f64>, Profile)>>>()
+        else {
+            return Vec::new();
+        };
         let places = table.first().map_or(0, |(_, profile)| profile.len());
         // The lower envelope over the table, and which poles gave it.
         let envelope: Vec<(usize, f64)> = (0..places)
             .filter_map(|at| {
-                table.iter().enumerate().map(|(i, (_, p))| (i, p[at].1)).filter(|(_, c)| c.is_finite()).min_by(|a, b| a.1.total_cmp(&b.1))
+                table
+                    .iter()
+                    .enumerate()
+                    .map(|(i, (_, p))| (i, p[at].1))
+                    .filter(|(_, c)| c.is_finite())
+                    .min_by(|a, b| a.1.total_cmp(&b.1))
             })
             .collect();
         if envelope.len() < places || places == 0 {
@@ -481,12 +583,19 @@ impl<'a> Problem<'a> {
         }
         let cost = |at: usize| envelope[at].1;
         let mut starts: Vec<(f64, usize, usize)> = (0..places)
-            .filter(|&at| (at == 0 || cost(at) <= cost(at - 1)) && (at + 1 == places || cost(at) <= cost(at + 1)))
+            .filter(|&at| {
+                (at == 0 || cost(at) <= cost(at - 1))
+                    && (at + 1 == places || cost(at) <= cost(at + 1))
+            })
             .map(|at| (cost(at), envelope[at].0, at))
             .collect();
         // Each row of the table at the delay that suits it.
         starts.extend(table.iter().enumerate().filter_map(|(i, (_, p))| {
-            p.iter().enumerate().filter(|(_, (_, c))| c.is_finite()).min_by(|a, b| a.1.1.total_cmp(&b.1.1)).map(|(at, (_, c))| (*c, i, at))
+            p.iter()
+                .enumerate()
+                .filter(|(_, (_, c))| c.is_finite())
+                .min_by(|a, b| a.1.1.total_cmp(&b.1.1))
+                .map(|(at, (_, c))| (*c, i, at))
         }));
         starts.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
         starts.dedup_by_key(|s| (s.1, s.2));
@@ -526,7 +635,9 @@ impl<'a> Problem<'a> {
         if self.upper[at] > REAL_RATIO {
             // T and ζ of resonances.
             for t in lags.iter().filter(|l| **l >= 0.5) {
-                pairs.extend([0.5, 0.15].map(|zeta: f64| vec![(2.0 * zeta * t).ln(), 0.25 / (zeta * zeta)]));
+                pairs.extend(
+                    [0.5, 0.15].map(|zeta: f64| vec![(2.0 * zeta * t).ln(), 0.25 / (zeta * zeta)]),
+                );
             }
         }
         for pair in pairs {
@@ -534,7 +645,9 @@ impl<'a> Problem<'a> {
                 table.push(pair);
             } else {
                 // The third as long as the sum of the others, and a quarter of it.
-                table.extend([1.0, 0.25].map(|share: f64| vec![pair[0], pair[1], pair[0] + share.ln()]));
+                table.extend(
+                    [1.0, 0.25].map(|share: f64| vec![pair[0], pair[1], pair[0] + share.ln()]),
+                );
             }
         }
         for theta in &mut table {
@@ -550,14 +663,18 @@ impl<'a> Problem<'a> {
         let chain = Chain::new(self.shape, theta);
         let lags = self.max_delay + 1;
         // Only the states before the derivatives' own, and the input.
-        let used: Vec<usize> = (0..self.shape.poles).map(|i| if self.shape.poles == 1 { 0 } else { i }).chain([INPUT]).collect();
+        let used: Vec<usize> = (0..self.shape.poles)
+            .map(|i| if self.shape.poles == 1 { 0 } else { i })
+            .chain([INPUT])
+            .collect();
         let width = used.len();
         let mut right = vec![DVector::<f64>::zeros(width); lags];
         let mut gram = vec![DMatrix::<f64>::zeros(width, width); lags];
         for work in &self.records {
             let n = work.u.len();
             let states = chain.states(work.u, &[]);
-            let signal = |i: usize| if used[i] == INPUT { work.u } else { states[used[i]].as_slice() };
+            let signal =
+                |i: usize| if used[i] == INPUT { work.u } else { states[used[i]].as_slice() };
             for i in 0..width {
                 for (lag, value) in lag_vector(&work.y, signal(i), lags).into_iter().enumerate() {
                     right[lag][i] += value;
@@ -568,7 +685,11 @@ impl<'a> Problem<'a> {
                     for (lag, gram) in gram.iter_mut().enumerate().take(n) {
                         let value = match &work.mask {
                             None => energy,
-                            Some(m) => m[lag..].iter().zip(a.iter().zip(b)).map(|(m, (a, b))| m * a * b).sum(),
+                            Some(m) => m[lag..]
+                                .iter()
+                                .zip(a.iter().zip(b))
+                                .map(|(m, (a, b))| m * a * b)
+                                .sum(),
                         };
                         gram[(i, j)] += value;
                         if i != j {
@@ -633,7 +754,13 @@ fn count(n: usize) -> f64 {
 }
 
 /// A model's answer to an input, from rest; `coefficients` of its numerator.
-pub(super) fn answer(shape: Shape, theta: &[f64], place: Place, coefficients: &[f64], u: &[f64]) -> Vec<f64> {
+pub(super) fn answer(
+    shape: Shape,
+    theta: &[f64],
+    place: Place,
+    coefficients: &[f64],
+    u: &[f64],
+) -> Vec<f64> {
     let chain = Chain::new(shape, &theta[..shape.denominator().min(theta.len())]);
     let states = chain.states(u, &[]);
     let mut response = vec![0.0; u.len()];
@@ -646,7 +773,14 @@ pub(super) fn answer(shape: Shape, theta: &[f64], place: Place, coefficients: &[
 }
 
 /// to(t) = mask(t)·Σ row·(states, u)(t − lag), zero before the record.
-pub(super) fn combine(row: &Row, states: &[Vec<f64>], u: &[f64], lag: usize, mask: Option<&[f64]>, to: &mut [f64]) {
+pub(super) fn combine(
+    row: &Row,
+    states: &[Vec<f64>],
+    u: &[f64],
+    lag: usize,
+    mask: Option<&[f64]>,
+    to: &mut [f64],
+) {
     let n = to.len();
     let (before, after) = to.split_at_mut(lag.min(n));
     let length = after.len();
@@ -660,7 +794,9 @@ pub(super) fn combine(row: &Row, states: &[Vec<f64>], u: &[f64], lag: usize, mas
     while let Some((c, x)) = terms.next() {
         match terms.next() {
             // Two at a time: half of the ways to memory and back.
-            Some((d, y)) => after.iter_mut().zip(x).zip(y).for_each(|((to, x), y)| *to = (*to + c * x) + d * y),
+            Some((d, y)) => {
+                after.iter_mut().zip(x).zip(y).for_each(|((to, x), y)| *to = (*to + c * x) + d * y)
+            }
             None => add(after, c, x),
         }
     }
@@ -702,7 +838,8 @@ impl Signals {
     /// Cost, gradient and information by the first `count` of the slopes, what is linear projected out.
     pub(super) fn normal(&self, count: usize) -> Normal {
         let slopes = &self.slopes[..count];
-        let cross = DMatrix::from_fn(self.linear.len(), count, |i, j| dot(&self.linear[i], &slopes[j]));
+        let cross =
+            DMatrix::from_fn(self.linear.len(), count, |i, j| dot(&self.linear[i], &slopes[j]));
         let mut information = DMatrix::zeros(count, count);
         for i in 0..count {
             for j in 0..=i {

@@ -14,7 +14,8 @@ use super::integrator::Integrator;
 use crate::estimate::{DelayEstimate, Outcome};
 use deadtime_identify::subspace::{Identified, InnovationsModel, Recordings};
 use deadtime_identify::{
-    Cloud, Coloured, Guess, Identifier, IdentifyError, Initial, Parameter, Parametric, Record, coloured, fir, given, usable,
+    Cloud, Coloured, Guess, Identifier, IdentifyError, Initial, Parameter, Parametric, Record,
+    coloured, fir, given, usable,
 };
 use deadtime_model::c2d::{Conversion, ZeroOrderHold};
 use deadtime_model::{Continuous, StateSpace};
@@ -71,7 +72,9 @@ impl Default for ProcessOptions {
 /// Theory, Design, and Tuning", 2nd ed., sections 2.4 (areas) and 2.3 (tangent and 63 %).
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(transparent)]
-pub struct ProcessFit<const POLES: usize, const ZERO: bool, const INTEGRATES: bool>(pub ProcessOptions);
+pub struct ProcessFit<const POLES: usize, const ZERO: bool, const INTEGRATES: bool>(
+    pub ProcessOptions,
+);
 
 /// What is fitted.
 #[derive(Debug, Clone, Copy)]
@@ -127,9 +130,12 @@ impl Solved {
             }
             self.values[poles] = self.values[poles].max(0.0);
             // Where the delay may be moves with it, and is no narrower than what the covariance says.
-            let (delay, std) = (self.values[poles], noise.covariance[(poles, poles)].max(0.0).sqrt());
+            let (delay, std) =
+                (self.values[poles], noise.covariance[(poles, poles)].max(0.0).sqrt());
             let [low, high] = interval95(delay, std);
-            self.delay = self.delay.map(|[from, to]| [(from + delay - moved).min(low).max(0.0), (to + delay - moved).max(high)]);
+            self.delay = self.delay.map(|[from, to]| {
+                [(from + delay - moved).min(low).max(0.0), (to + delay - moved).max(high)]
+            });
             self.residual.clone_from(&noise.residual);
         }
     }
@@ -221,21 +227,51 @@ impl Numbers {
         let ([sum, product], gain) = (self.lags, self.gain);
         let (a, b, c, d) = match (structure.poles, structure.integrates) {
             (0, _) => (vec![0.0], vec![1.0], vec![gain], 0.0),
-            (1, true) => (vec![0.0, 1.0, 0.0, -1.0 / sum], vec![0.0, 1.0 / sum], vec![gain, 0.0], 0.0),
-            (1, false) => (vec![-1.0 / sum], vec![1.0 / sum], vec![gain * (1.0 - self.zero_s / sum)], gain * self.zero_s / sum),
-            _ => (vec![0.0, 1.0, -1.0 / product, -sum / product], vec![0.0, 1.0 / product], vec![gain, gain * self.zero_s], 0.0),
+            (1, true) => {
+                (vec![0.0, 1.0, 0.0, -1.0 / sum], vec![0.0, 1.0 / sum], vec![gain, 0.0], 0.0)
+            }
+            (1, false) => (
+                vec![-1.0 / sum],
+                vec![1.0 / sum],
+                vec![gain * (1.0 - self.zero_s / sum)],
+                gain * self.zero_s / sum,
+            ),
+            _ => (
+                vec![0.0, 1.0, -1.0 / product, -sum / product],
+                vec![0.0, 1.0 / product],
+                vec![gain, gain * self.zero_s],
+                0.0,
+            ),
         };
         let n = b.len();
         let matrix = |rows, columns, v: &[f64]| DMatrix::from_row_slice(rows, columns, v);
-        let system = StateSpace::continuous(matrix(n, n, &a), matrix(n, 1, &b), matrix(1, n, &c), matrix(1, 1, &[d])).ok()?;
+        let system = StateSpace::continuous(
+            matrix(n, n, &a),
+            matrix(n, 1, &b),
+            matrix(1, n, &c),
+            matrix(1, 1, &[d]),
+        )
+        .ok()?;
         system.with_input_delay(vec![self.delay_s]).ok()
     }
 }
 
-fn sampled(system: &StateSpace<Continuous>, step: SampleTime) -> Option<(InnovationsModel, Vec<usize>)> {
+fn sampled(
+    system: &StateSpace<Continuous>,
+    step: SampleTime,
+) -> Option<(InnovationsModel, Vec<usize>)> {
     let s = ZeroOrderHold::default().c2d(system, step).ok()?;
     let k = DMatrix::zeros(s.order(), 1);
-    Some((InnovationsModel { a: s.a().clone(), b: s.b().clone(), c: s.c().clone(), d: s.d().clone(), k }, s.input_delay().to_vec()))
+    Some((
+        InnovationsModel {
+            a: s.a().clone(),
+            b: s.b().clone(),
+            c: s.c().clone(),
+            d: s.d().clone(),
+            k,
+        },
+        s.input_delay().to_vec(),
+    ))
 }
 
 /// Draws that intervals are read from.
@@ -247,14 +283,25 @@ const SEARCHED: usize = 35;
 /// What the errors keep of a constant, so that they drift: 1 + Σ d.
 const DRIFTS: f64 = 0.02;
 
-impl<const POLES: usize, const ZERO: bool, const INTEGRATES: bool> Identifier for ProcessFit<POLES, ZERO, INTEGRATES> {
+impl<const POLES: usize, const ZERO: bool, const INTEGRATES: bool> Identifier
+    for ProcessFit<POLES, ZERO, INTEGRATES>
+{
     fn identify(&self, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError> {
-        self.0.identify(Structure { poles: POLES, zero: ZERO, integrates: INTEGRATES }, recordings, far)
+        self.0.identify(
+            Structure { poles: POLES, zero: ZERO, integrates: INTEGRATES },
+            recordings,
+            far,
+        )
     }
 }
 
 impl ProcessOptions {
-    fn identify(&self, structure: Structure, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError> {
+    fn identify(
+        &self,
+        structure: Structure,
+        recordings: &Recordings,
+        far: &HowFar,
+    ) -> Result<Identified, IdentifyError> {
         let method = match (structure.integrates, structure.poles, structure.zero) {
             (true, 0, _) => "p0di",
             (true, ..) => "p1di",
@@ -269,7 +316,11 @@ impl ProcessOptions {
         let step = recordings.sample_time;
         let asked = match self.max_delay_s {
             Some(value) if !(value.is_finite() && value >= 0.0) => {
-                return Err(IdentifyError::Option { option: "max_delay_s", value, rule: "it must be 0 or more" });
+                return Err(IdentifyError::Option {
+                    option: "max_delay_s",
+                    value,
+                    rule: "it must be 0 or more",
+                });
             }
             Some(value) => Some((value / step.seconds()).ceil() as usize),
             None => None,
@@ -283,7 +334,8 @@ impl ProcessOptions {
             .stretches
             .iter()
             .map(|s| {
-                let row = |m: &DMatrix<f64>| m.row(0).iter().take(LONGEST).copied().collect::<Vec<f64>>();
+                let row =
+                    |m: &DMatrix<f64>| m.row(0).iter().take(LONGEST).copied().collect::<Vec<f64>>();
                 Record::new(row(&s.u), row(&s.y))
             })
             .collect();
@@ -291,7 +343,9 @@ impl ProcessOptions {
         far.at(0.1, &"fitting the process model");
         let solved = loop {
             let solved = self.solve(structure, &records, max_delay, scales.inputs[0].0, method)?;
-            let last = solved.delay.map_or(solved.values[structure.poles], |[_, to]| to.max(solved.values[structure.poles]));
+            let last = solved.delay.map_or(solved.values[structure.poles], |[_, to]| {
+                to.max(solved.values[structure.poles])
+            });
             let at_edge = last >= max_delay as f64 - EDGE;
             let wider = 2 * max_delay;
             if at_edge && asked.is_none() && wider + numbers <= shortest && wider <= longest / 2 {
@@ -312,16 +366,23 @@ impl ProcessOptions {
         (scales.inputs[0].0, scales.outputs[0].0) = (solved.operating[0], solved.operating[1]);
         let failed = |reason: &str| IdentifyError::Unfit { method, reason: reason.to_owned() };
         let Some(Coloured { covariance, d: noise, variance, .. }) = solved.noise else {
-            return Err(failed("the numbers cannot be told apart; take a smaller model, or record with a stronger excitation"));
+            return Err(failed(
+                "the numbers cannot be told apart; take a smaller model, or record with a stronger excitation",
+            ));
         };
         let count = solved.values.len();
         let real = self.poles == Poles::Real;
         let of = |values: &[f64]| structure.numbers(values, step.seconds(), real);
         let best = of(&solved.values);
         let complex = best.is_complex();
-        let cloud = Cloud::of(solved.values.clone(), &covariance.view((0, 0), (count, count)).into_owned(), self.seed);
+        let cloud = Cloud::of(
+            solved.values.clone(),
+            &covariance.view((0, 0), (count, count)).into_owned(),
+            self.seed,
+        );
         // A drawn delay stays near its interval, which knows more of it than a straight line does.
-        let bounds = solved.delay.map(|[from, to]| [from - 0.5 * (to - from), to + 0.5 * (to - from)]);
+        let bounds =
+            solved.delay.map(|[from, to]| [from - 0.5 * (to - from), to + 0.5 * (to - from)]);
         let tamed = |mut values: Vec<f64>| {
             if let Some([from, to]) = bounds {
                 values[structure.poles] = values[structure.poles].clamp(from.max(0.0), to);
@@ -331,14 +392,20 @@ impl ProcessOptions {
         let build = |values: &[f64]| sampled(&of(&tamed(values.to_vec())).system(structure)?, step);
         let draws = cloud.as_ref().map(|c| c.models(self.draws, &build)).unwrap_or_default();
         let freedom = (solved.residual.len() as f64 - solved.jacobian.len() as f64).max(1.0);
-        let wider = StudentsT::new(0.0, 1.0, freedom).map_or(1.0, |t| t.inverse_cdf(0.975) / NORMAL_95_EXACT);
+        let wider = StudentsT::new(0.0, 1.0, freedom)
+            .map_or(1.0, |t| t.inverse_cdf(0.975) / NORMAL_95_EXACT);
         let drawn: Vec<Vec<f64>> = cloud
             .iter()
             .flat_map(|c| (0..DRAWS).map(|i| c.draw(i, wider)))
-            .map(|v| of(&tamed(v)).list(structure, complex).into_iter().map(|(_, value)| value).collect())
+            .map(|v| {
+                of(&tamed(v)).list(structure, complex).into_iter().map(|(_, value)| value).collect()
+            })
             .collect();
-        let units =
-            Units { input: used.inputs[0].unit.as_deref(), output: used.outputs[0].unit.as_deref(), integrates: structure.integrates };
+        let units = Units {
+            input: used.inputs[0].unit.as_deref(),
+            output: used.outputs[0].unit.as_deref(),
+            integrates: structure.integrates,
+        };
         let mut parameters: Vec<Parameter> = best
             .list(structure, complex)
             .into_iter()
@@ -358,7 +425,8 @@ impl ProcessOptions {
         for p in &mut parameters {
             if let ("dead_time", Some([from, to])) = (p.name.as_str(), solved.delay) {
                 let ends = [from, to].map(|e| step.to_seconds(e));
-                p.std = Some((p.value - ends[0]).max(ends[1] - p.value) / (wider * NORMAL_95_EXACT));
+                p.std =
+                    Some((p.value - ends[0]).max(ends[1] - p.value) / (wider * NORMAL_95_EXACT));
                 p.ci95 = Some(ends);
             }
             if p.name == "u0" {
@@ -367,8 +435,11 @@ impl ProcessOptions {
                 p.ci95 = p.ci95.map(|ends| ends.map(|e| e + moved));
             }
         }
-        let nominal = best.system(structure).ok_or_else(|| failed("its numbers make no model; take a smaller model"))?;
-        let (model, delays) = sampled(&nominal, step).ok_or_else(|| failed("it cannot be sampled; take a smaller model"))?;
+        let nominal = best
+            .system(structure)
+            .ok_or_else(|| failed("its numbers make no model; take a smaller model"))?;
+        let (model, delays) = sampled(&nominal, step)
+            .ok_or_else(|| failed("it cannot be sampled; take a smaller model"))?;
         let mut notes: Vec<String> = said.into_iter().chain(solved.notes).collect();
         if longest > LONGEST {
             notes.push(format!("the first {LONGEST} samples of each record are used"));
@@ -398,7 +469,11 @@ impl ProcessOptions {
                 delays,
                 noise,
                 continuous: Some(nominal),
-                guesses: if structure.integrates { Vec::new() } else { guesses(&records, step, max_delay) },
+                guesses: if structure.integrates {
+                    Vec::new()
+                } else {
+                    guesses(&records, step, max_delay)
+                },
             }),
         })
     }
@@ -413,7 +488,9 @@ impl ProcessOptions {
     ) -> Result<Solved, IdentifyError> {
         let unfit = |reason: String| IdentifyError::Unfit { method, reason };
         if structure.integrates {
-            return Integrator { lag: structure.poles > 0, records, max_delay, mean }.solve().map_err(unfit);
+            return Integrator { lag: structure.poles > 0, records, max_delay, mean }
+                .solve()
+                .map_err(unfit);
         }
         let offset = |by: &dyn Fn(&Record) -> f64| -> Vec<Record<'static>> {
             records
@@ -424,16 +501,24 @@ impl ProcessOptions {
                 })
                 .collect()
         };
-        let (resting, moving) = (offset(&|r| r.u.first().copied().unwrap_or(0.0)), offset(&|_| mean));
-        let guess = guesses(records, SampleTime::new(1.0).map_err(|e| unfit(e.to_string()))?, max_delay).first().map(|g| g.dead_time_s);
+        let (resting, moving) =
+            (offset(&|r| r.u.first().copied().unwrap_or(0.0)), offset(&|_| mean));
+        let guess =
+            guesses(records, SampleTime::new(1.0).map_err(|e| unfit(e.to_string()))?, max_delay)
+                .first()
+                .map(|g| g.dead_time_s);
         let fit = |initial, own| self.fit(structure.shape(), initial, own, max_delay, guess);
-        let still = self.start == Beginning::Rest || self.start == Beginning::Auto && records.iter().all(|r| may_rest(r, max_delay));
+        let still = self.start == Beginning::Rest
+            || self.start == Beginning::Auto && records.iter().all(|r| may_rest(r, max_delay));
         let started = (self.start != Beginning::Rest).then(|| fit(Initial::Estimated, &moving));
-        let rest = (still || matches!(&started, Some(Err(_))) && self.start == Beginning::Auto).then(|| fit(Initial::Zero, &resting));
+        let rest = (still || matches!(&started, Some(Err(_))) && self.start == Beginning::Auto)
+            .then(|| fit(Initial::Zero, &resting));
         let (fitted, own, initial) = match (rest, started) {
             (Some(Ok(rest)), Some(Ok(started))) => {
-                let better =
-                    started.knowledge.counting * (late(&rest, records, max_delay) / started.knowledge.floored(started.best.cost)).ln();
+                let better = started.knowledge.counting
+                    * (late(&rest, records, max_delay)
+                        / started.knowledge.floored(started.best.cost))
+                    .ln();
                 // A start left out is a bias, one too many a little scatter: Akaike's price.
                 if better > 2.0 * started.problem.parameters() as f64 {
                     (started, &moving, Initial::Estimated)
@@ -445,8 +530,10 @@ impl ProcessOptions {
             (Some(Ok(rest)), _) => (rest, &resting, Initial::Zero),
             (Some(Err(said)), _) | (_, Some(Err(said))) => {
                 let why = said.note.unwrap_or_else(|| "no model fits".into());
-                let integrates = matches!(said.outcome, Outcome::NotConverged | Outcome::NotVisible);
-                let remedy = if integrates { "; if the plant integrates, use p0di or p1di" } else { "" };
+                let integrates =
+                    matches!(said.outcome, Outcome::NotConverged | Outcome::NotVisible);
+                let remedy =
+                    if integrates { "; if the plant integrates, use p0di or p1di" } else { "" };
                 return Err(unfit(format!("{why}{remedy}")));
             }
             (None, None) => return Err(unfit("no start is allowed".to_owned())),
@@ -460,19 +547,28 @@ impl ProcessOptions {
             .into_iter()
             .zip(records.iter().zip(own))
             .map(|(level, (r, own))| {
-                let by = r.u.first().copied().unwrap_or(0.0) - own.u.first().copied().unwrap_or(0.0);
+                let by =
+                    r.u.first().copied().unwrap_or(0.0) - own.u.first().copied().unwrap_or(0.0);
                 level + solved.values[structure.poles + 1] * (mean - by)
             })
             .collect();
-        let (total, sum) = levels.iter().zip(records).fold((0.0, 0.0), |(n, s), (l, r)| (n + r.len() as f64, s + l * r.len() as f64));
+        let (total, sum) = levels
+            .iter()
+            .zip(records)
+            .fold((0.0, 0.0), |(n, s), (l, r)| (n + r.len() as f64, s + l * r.len() as f64));
         solved.operating[1] = sum / f64::max(total, 1.0);
         if initial == Initial::Estimated {
             let note = "records do not begin at rest: their starts were fitted, and the samples within the longest delay do not count";
             solved.notes.push(note.to_owned());
         }
-        let ends = levels.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], l| [a.min(*l), b.max(*l)]);
+        let ends = levels
+            .iter()
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], l| [a.min(*l), b.max(*l)]);
         if levels.len() > 1 {
-            solved.notes.push(format!("the output's level at the mean input is from {:.5} to {:.5}, by record", ends[0], ends[1]));
+            solved.notes.push(format!(
+                "the output's level at the mean input is from {:.5} to {:.5}, by record",
+                ends[0], ends[1]
+            ));
         }
         Ok(solved)
     }
@@ -486,8 +582,17 @@ impl ProcessOptions {
         guess: Option<f64>,
     ) -> Result<Fitted<'a>, DelayEstimate> {
         let process = Process { poles: self.poles, initial, ..Process::default() };
-        let problem = Problem::new(shape, self.poles == Poles::Real, initial, records, max_delay, &Stop::default());
-        let fitted = Fitted::of(problem, guess).and_then(|f| process.visible(f, shape, max_delay))?.seen_poles(guess)?;
+        let problem = Problem::new(
+            shape,
+            self.poles == Poles::Real,
+            initial,
+            records,
+            max_delay,
+            &Stop::default(),
+        );
+        let fitted = Fitted::of(problem, guess)
+            .and_then(|f| process.visible(f, shape, max_delay))?
+            .seen_poles(guess)?;
         let Fitted { problem, minima, mut best, knowledge } = fitted;
         if !problem.whole() {
             best = knowledge.middle(&problem, best);
@@ -509,7 +614,13 @@ fn late(fitted: &Fitted<'_>, records: &[Record], skip: usize) -> f64 {
 }
 
 /// All numbers of a fit with the derivatives by them.
-fn finished(structure: Structure, fitted: Fitted<'_>, records: &[Record], initial: Initial, max_delay: usize) -> Option<Solved> {
+fn finished(
+    structure: Structure,
+    fitted: Fitted<'_>,
+    records: &[Record],
+    initial: Initial,
+    max_delay: usize,
+) -> Option<Solved> {
     let Fitted { problem, minima, best, knowledge } = fitted;
     let Found { theta, place, .. } = &best;
     let signals = problem.signals(theta, *place)?;
@@ -520,8 +631,10 @@ fn finished(structure: Structure, fitted: Fitted<'_>, records: &[Record], initia
     values.extend(signals.coefficients.iter().take(numerator));
     // By the delay, which is the lag less g; where whole samples are all that shows, it is not known to move.
     let fixed = problem.whole();
-    let by_delay: Vec<f64> = signals.by_delay().iter().map(|v| if fixed { 0.0 } else { -v }).collect();
-    let mut jacobian: Vec<Vec<f64>> = signals.slopes.iter().take(structure.poles).cloned().collect();
+    let by_delay: Vec<f64> =
+        signals.by_delay().iter().map(|v| if fixed { 0.0 } else { -v }).collect();
+    let mut jacobian: Vec<Vec<f64>> =
+        signals.slopes.iter().take(structure.poles).cloned().collect();
     jacobian.push(by_delay);
     jacobian.extend(signals.linear.iter().cloned());
     // Samples before the first that counts.
@@ -550,7 +663,13 @@ fn finished(structure: Structure, fitted: Fitted<'_>, records: &[Record], initia
 }
 
 /// The level of each record's output at the input 0 of `records`.
-fn levels(shape: Shape, solved: &Solved, records: &[Record], initial: Initial, max_delay: usize) -> Vec<f64> {
+fn levels(
+    shape: Shape,
+    solved: &Solved,
+    records: &[Record],
+    initial: Initial,
+    max_delay: usize,
+) -> Vec<f64> {
     let (theta, rest) = solved.values.split_at(shape.poles);
     let coefficients = rest.get(1..).unwrap_or_default();
     let place = Place::of(rest.first().copied().unwrap_or(0.0));
@@ -567,7 +686,14 @@ fn levels(shape: Shape, solved: &Solved, records: &[Record], initial: Initial, m
                 let mut start = vec![0.0; shape.states()];
                 start[i] = 1.0;
                 let mut column = vec![0.0; rest.len()];
-                combine(&chain.basis[0], &chain.states(&still, &start), &still, 0, None, &mut column);
+                combine(
+                    &chain.basis[0],
+                    &chain.states(&still, &start),
+                    &still,
+                    0,
+                    None,
+                    &mut column,
+                );
                 columns.push(column);
             }
         }
@@ -602,7 +728,11 @@ impl Units<'_> {
             "zeta" => None,
             "K" => {
                 let own = |unit: &str| {
-                    if unit.chars().all(|c| c.is_alphanumeric() || c == '°' || c == '%') { unit.to_owned() } else { format!("({unit})") }
+                    if unit.chars().all(|c| c.is_alphanumeric() || c == '°' || c == '%') {
+                        unit.to_owned()
+                    } else {
+                        format!("({unit})")
+                    }
                 };
                 let ratio = match self.input? {
                     "1" => own(self.output?),
@@ -654,7 +784,11 @@ fn guesses(records: &[Record], step: SampleTime, max_delay: usize) -> Vec<Guess>
         .map(|s: Vec<f64>| [by_area(&s), by_tangent(&s)].into_iter().flatten().collect::<Vec<_>>())
         .unwrap_or_default()
         .into_iter()
-        .map(|g: Guess| Guess { lag_s: step.to_seconds(g.lag_s), dead_time_s: step.to_seconds(g.dead_time_s), ..g })
+        .map(|g: Guess| Guess {
+            lag_s: step.to_seconds(g.lag_s),
+            dead_time_s: step.to_seconds(g.dead_time_s),
+            ..g
+        })
         .collect()
 }
 
@@ -676,9 +810,15 @@ fn by_area(step: &[f64]) -> Option<Guess> {
     }
     let (whole, part) = (t_ar as usize, t_ar.fract());
     let next = s[whole + 1];
-    let a1 = s[..=whole].windows(2).map(|w| 0.5 * (w[0] + w[1])).sum::<f64>() + part * (s[whole] + 0.5 * part * (next - s[whole]));
+    let a1 = s[..=whole].windows(2).map(|w| 0.5 * (w[0] + w[1])).sum::<f64>()
+        + part * (s[whole] + 0.5 * part * (next - s[whole]));
     let lag = std::f64::consts::E * a1;
-    (lag > 0.0).then_some(Guess { by: "area", gain, lag_s: lag, dead_time_s: (t_ar - lag).max(0.0) })
+    (lag > 0.0).then_some(Guess {
+        by: "area",
+        gain,
+        lag_s: lag,
+        dead_time_s: (t_ar - lag).max(0.0),
+    })
 }
 
 /// The steepest tangent meets the start level at τ; the response reaches 63 % at τ + T.
@@ -691,12 +831,18 @@ fn by_tangent(step: &[f64]) -> Option<Guess> {
     let dead = (at as f64 + 0.5 * span as f64 - 0.5 * (s[at] + s[at + span]) / slope(at)).max(0.0);
     let reached = s.iter().position(|v| *v >= 1.0 - (-1.0_f64).exp())?;
     let lag = reached as f64 - dead;
-    (slope(at) > 0.0 && lag > 0.0).then_some(Guess { by: "tangent", gain, lag_s: lag, dead_time_s: dead })
+    (slope(at) > 0.0 && lag > 0.0).then_some(Guess {
+        by: "tangent",
+        gain,
+        lag_s: lag,
+        dead_time_s: dead,
+    })
 }
 
 /// A step response over its end, and its end.
 fn scaled(step: &[f64]) -> Option<(f64, Vec<f64>)> {
     let end = step.get(step.len() - (step.len() / END).max(1)..)?;
     let gain = end.iter().sum::<f64>() / end.len() as f64;
-    (gain != 0.0 && gain.is_finite() && step.len() > 3).then(|| (gain, step.iter().map(|s| s / gain).collect()))
+    (gain != 0.0 && gain.is_finite() && step.len() > 3)
+        .then(|| (gain, step.iter().map(|s| s / gain).collect()))
 }

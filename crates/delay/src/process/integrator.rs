@@ -34,8 +34,11 @@ const LEAST_LAG: f64 = 0.05;
 impl Integrator<'_> {
     pub(super) fn solve(&self) -> Result<Solved, String> {
         let shortest = self.records.iter().map(Record::len).min().unwrap_or(0) as f64;
-        let lags: Vec<Option<f64>> =
-            if self.lag { LAGS.into_iter().filter(|l| *l <= shortest / 3.0).map(|l| Some(l.ln())).collect() } else { vec![None] };
+        let lags: Vec<Option<f64>> = if self.lag {
+            LAGS.into_iter().filter(|l| *l <= shortest / 3.0).map(|l| Some(l.ln())).collect()
+        } else {
+            vec![None]
+        };
         let mut grid: Vec<(f64, usize, Option<f64>)> = Vec::new();
         for lag in lags {
             for delay in 1..=self.max_delay {
@@ -57,24 +60,38 @@ impl Integrator<'_> {
                     lower.insert(0, LEAST_LAG.ln());
                     upper.insert(0, most);
                 }
-                let search = LevenbergMarquardt { lower, upper, max_iterations: 60, ..LevenbergMarquardt::default() };
+                let search = LevenbergMarquardt {
+                    lower,
+                    upper,
+                    max_iterations: 60,
+                    ..LevenbergMarquardt::default()
+                };
                 let fit = search.minimise(&start, |p| self.evaluate(delay, p));
                 fit.normal.cost.is_finite().then_some((fit.normal.cost, delay, fit.parameters))
             };
             beside.filter_map(one).min_by(|a, b| a.0.total_cmp(&b.0))
         };
         let best = grid.iter().filter_map(descend).min_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((cost, delay, p)) = best else { return Err("the input moves nothing that an integrator could follow".to_owned()) };
+        let Some((cost, delay, p)) = best else {
+            return Err("the input moves nothing that an integrator could follow".to_owned());
+        };
         let (g, lag) = (p.last().copied().unwrap_or(0.0), (p.len() > 1).then(|| p[0]));
         let signals = self.signals(delay, g, lag).ok_or("it cannot be evaluated at its minimum")?;
         let n = signals.residual.len() as f64;
         let without: f64 = {
             let rest = signals.linear.get(1..).unwrap_or_default();
-            let y: Vec<f64> = signals.model.iter().zip(&signals.residual).map(|(m, e)| m + e).collect();
+            let y: Vec<f64> =
+                signals.model.iter().zip(&signals.residual).map(|(m, e)| m + e).collect();
             let (_, c) = project(rest, &y).ok_or("its level cannot be fitted")?;
-            (0..y.len()).map(|t| (y[t] - rest.iter().zip(c.iter()).map(|(r, c)| c * r[t]).sum::<f64>()).powi(2)).sum()
+            (0..y.len())
+                .map(|t| {
+                    (y[t] - rest.iter().zip(c.iter()).map(|(r, c)| c * r[t]).sum::<f64>()).powi(2)
+                })
+                .sum()
         };
-        let counting = posterior::samples_under(&signals.slopes[signals.slopes.len() - 1], &signals.residual).min(n);
+        let counting =
+            posterior::samples_under(&signals.slopes[signals.slopes.len() - 1], &signals.residual)
+                .min(n);
         let gain = counting * (without / cost.max(f64::MIN_POSITIVE)).ln();
         if gain < posterior::visible_gain(2 + usize::from(self.lag), self.max_delay + 1) {
             return Err(format!(
@@ -84,14 +101,18 @@ impl Integrator<'_> {
         let (k, slope) = (signals.coefficients[0], signals.coefficients[1]);
         let values: Vec<f64> = lag.into_iter().chain([delay as f64 - g, k, slope]).collect();
         let (last, poles) = signals.slopes.split_last().ok_or("it has no derivatives")?;
-        let jacobian =
-            poles.iter().cloned().chain([last.iter().map(|v| -v).collect()]).chain(signals.linear.iter().cloned()).collect::<Vec<_>>();
+        let jacobian = poles
+            .iter()
+            .cloned()
+            .chain([last.iter().map(|v| -v).collect()])
+            .chain(signals.linear.iter().cloned())
+            .collect::<Vec<_>>();
         let mut notes = Vec::new();
         if lag.is_some_and(|l| l >= most - 1e-6) {
             notes.push("the time constant is as long as the record shows: it cannot be told from a second integrator".to_owned());
         }
-        let level =
-            self.records.iter().flat_map(|r| r.y.iter()).sum::<f64>() / self.records.iter().map(Record::len).sum::<usize>().max(1) as f64;
+        let level = self.records.iter().flat_map(|r| r.y.iter()).sum::<f64>()
+            / self.records.iter().map(Record::len).sum::<usize>().max(1) as f64;
         let mut solved = Solved {
             values,
             jacobian,
@@ -137,7 +158,12 @@ impl Integrator<'_> {
                 None => None,
                 Some(l) => {
                     let moved: Vec<f64> = r.u.iter().map(|u| u - r.u[0]).collect();
-                    let model = ProcessModel { gain: 1.0, lags_s: vec![l.exp()], zero_s: None, delay_s: delay as f64 - g };
+                    let model = ProcessModel {
+                        gain: 1.0,
+                        lags_s: vec![l.exp()],
+                        zero_s: None,
+                        delay_s: delay as f64 - g,
+                    };
                     Some((l.exp(), model.slopes(&moved, SampleTime::new(1.0).ok()?)?))
                 }
             };
@@ -167,14 +193,21 @@ impl Integrator<'_> {
             from += counted[number];
         }
         let (inverse, coefficients) = project(&linear, &y)?;
-        let sum =
-            |c: &DVector<f64>| -> Vec<f64> { (0..total).map(|t| c.iter().zip(&linear).map(|(c, column)| c * column[t]).sum()).collect() };
+        let sum = |c: &DVector<f64>| -> Vec<f64> {
+            (0..total)
+                .map(|t| c.iter().zip(&linear).map(|(c, column)| c * column[t]).sum())
+                .collect()
+        };
         let model = sum(&coefficients);
         let residual = y.iter().zip(&model).map(|(y, m)| y - m).collect();
         let k = coefficients[0];
         let mut slopes = Vec::new();
         if lag.is_some() {
-            let decays = |t: usize| (0..self.records.len()).map(|r| coefficients[3 + each * r] * by_lag[1 + r][t]).sum::<f64>();
+            let decays = |t: usize| {
+                (0..self.records.len())
+                    .map(|r| coefficients[3 + each * r] * by_lag[1 + r][t])
+                    .sum::<f64>()
+            };
             slopes.push((0..total).map(|t| k * by_lag[0][t] + decays(t)).collect());
         }
         slopes.push(by_g.iter().map(|v| k * v).collect());

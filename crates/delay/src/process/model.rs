@@ -35,17 +35,25 @@ impl ProcessModel {
         let step = sample_time.seconds();
         let lags: Vec<f64> = self.lags_s.iter().map(|l| l / step).collect();
         let usable = |v: &f64| v.is_finite() && *v > 0.0;
-        if !((1..=3).contains(&lags.len()) && lags.iter().all(usable) && self.delay_s.is_finite() && self.delay_s >= 0.0) {
+        if !((1..=3).contains(&lags.len())
+            && lags.iter().all(usable)
+            && self.delay_s.is_finite()
+            && self.delay_s >= 0.0)
+        {
             return None;
         }
         let shape = Shape { poles: lags.len(), zero: self.zero_s.is_some() };
         let theta = match lags.as_slice() {
             [a] => vec![a.ln()],
-            [a, b, rest @ ..] => [(a + b).ln(), a * b / (a + b).powi(2)].into_iter().chain(rest.iter().map(|c| c.ln())).collect(),
+            [a, b, rest @ ..] => [(a + b).ln(), a * b / (a + b).powi(2)]
+                .into_iter()
+                .chain(rest.iter().map(|c| c.ln()))
+                .collect(),
             [] => return None,
         };
         // The zero's signal comes in units of the only time constant, or of √(T₁T₂).
-        let unit = lags.iter().take(2).product::<f64>().powf(1.0 / if lags.len() > 1 { 2.0 } else { 1.0 });
+        let unit =
+            lags.iter().take(2).product::<f64>().powf(1.0 / if lags.len() > 1 { 2.0 } else { 1.0 });
         let weights = [self.gain, self.gain * self.zero_s.unwrap_or(0.0) / step / unit];
         let chain = Chain::new(shape, &theta);
         let place = Place::of(self.delay_s / step);
@@ -61,8 +69,9 @@ impl ProcessModel {
                 })
                 .collect()
         };
-        let sum =
-            |columns: &[Vec<f64>]| -> Vec<f64> { (0..u.len()).map(|t| columns.iter().zip(weights).map(|(c, w)| w * c[t]).sum()).collect() };
+        let sum = |columns: &[Vec<f64>]| -> Vec<f64> {
+            (0..u.len()).map(|t| columns.iter().zip(weights).map(|(c, w)| w * c[t]).sum()).collect()
+        };
         let basis = read(&chain.basis);
         let rates: Vec<_> = chain.basis.iter().map(|r| chain.rate(r)).collect();
         let by_delay = sum(&read(&rates)).iter().map(|v| -v / step).collect();

@@ -22,7 +22,8 @@ impl Misfit {
     /// A model of more parameters fits better than they let expect.
     fn is_outdone(&self, by: &Self) -> bool {
         let gain = by.counting * (self.log_cost - by.log_cost);
-        by.parameters > self.parameters && gain > (by.parameters - self.parameters) as f64 * by.counting.max(1.0).ln()
+        by.parameters > self.parameters
+            && gain > (by.parameters - self.parameters) as f64 * by.counting.max(1.0).ln()
     }
 }
 
@@ -50,7 +51,8 @@ mod tests {
 
     #[test]
     fn only_a_fit_that_is_better_than_parameters_let_expect_outdoes_one() {
-        let fit = |cost: f64, parameters| Misfit { log_cost: cost.ln(), counting: 100.0, parameters };
+        let fit =
+            |cost: f64, parameters| Misfit { log_cost: cost.ln(), counting: 100.0, parameters };
         assert!(fit(1.2, 3).is_outdone(&fit(1.0, 4)));
         // 100·ln(1.02) is 2, ln(100) is 4.6.
         assert!(!fit(1.02, 3).is_outdone(&fit(1.0, 4)));

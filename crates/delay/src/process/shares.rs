@@ -34,15 +34,29 @@ impl Shares {
     ///
     /// # Errors
     /// [`DelayError::Count`] for an experiment without channels or records.
-    pub(crate) fn of(experiment: &Experiment<'_>, max_delay: usize, stop: &Stop) -> Result<Option<Self>, DelayError> {
+    pub(crate) fn of(
+        experiment: &Experiment<'_>,
+        max_delay: usize,
+        stop: &Stop,
+    ) -> Result<Option<Self>, DelayError> {
         let inputs = experiment.inputs().len();
         if inputs < 2 {
             return Ok(None);
         }
-        let whole = (0..inputs).map(|input| experiment.pair(input, 0)).collect::<Result<Vec<_>, _>>()?;
-        let heads: Vec<Vec<Record<'_>>> = whole.iter().map(|records| records.iter().map(|r| r.head(FITTED)).collect()).collect();
+        let whole =
+            (0..inputs).map(|input| experiment.pair(input, 0)).collect::<Result<Vec<_>, _>>()?;
+        let heads: Vec<Vec<Record<'_>>> =
+            whole.iter().map(|records| records.iter().map(|r| r.head(FITTED)).collect()).collect();
         let Some((first, others)) = heads.split_first() else { return Ok(None) };
-        let problem = Problem::beside(Shape { poles: 2, zero: false }, false, Initial::Zero, first, others, max_delay, stop);
+        let problem = Problem::beside(
+            Shape { poles: 2, zero: false },
+            false,
+            Initial::Zero,
+            first,
+            others,
+            max_delay,
+            stop,
+        );
         Ok(Some(Self(problem.acting())))
     }
 
@@ -53,10 +67,18 @@ impl Shares {
     }
 
     /// The pair of `input` and the output of `together`, less what the other inputs do; `together` as [`Experiment::towards`] makes it.
-    pub(crate) fn without_others<'a>(&self, together: &Experiment<'_>, input: usize, from: Measured) -> Result<Experiment<'a>, DelayError> {
-        let others = || self.0.iter().enumerate().filter(|(other, _)| *other != input).map(|(_, own)| own);
+    pub(crate) fn without_others<'a>(
+        &self,
+        together: &Experiment<'_>,
+        input: usize,
+        from: Measured,
+    ) -> Result<Experiment<'a>, DelayError> {
+        let others =
+            || self.0.iter().enumerate().filter(|(other, _)| *other != input).map(|(_, own)| own);
         let freed = |all: &Recording<'_>| {
-            let Some(Series { values, present }) = all.outputs.first() else { return Recording::default() };
+            let Some(Series { values, present }) = all.outputs.first() else {
+                return Recording::default();
+            };
             let mut y = values.to_vec();
             let counts = |t: usize| present.as_ref().is_none_or(|p| p[t]);
             let mut sum = vec![0.0; y.len()];
@@ -65,14 +87,19 @@ impl Shares {
                     *sum += v;
                 }
             }
-            let (total, count) = (0..y.len()).filter(|t| counts(*t)).fold((0.0, 0.0), |(total, n), t| (total + sum[t], n + 1.0));
+            let (total, count) = (0..y.len())
+                .filter(|t| counts(*t))
+                .fold((0.0, 0.0), |(total, n), t| (total + sum[t], n + 1.0));
             let level = if from == Measured::FromMean { total / f64::max(count, 1.0) } else { 0.0 };
             for t in (0..y.len()).filter(|t| counts(*t)) {
                 y[t] -= sum[t] - level;
             }
             Recording {
                 inputs: all.inputs.iter().take(1).map(|u| Cow::Owned(u.to_vec())).collect(),
-                outputs: vec![Series { values: Cow::Owned(y), present: present.as_ref().map(|p| Cow::Owned(p.to_vec())) }],
+                outputs: vec![Series {
+                    values: Cow::Owned(y),
+                    present: present.as_ref().map(|p| Cow::Owned(p.to_vec())),
+                }],
                 states: Vec::new(),
             }
         };

@@ -44,7 +44,12 @@ pub struct BodePhase {}
 
 /// Its line in the list.
 pub(super) const METHOD: ResponseMethod = ResponseMethod {
-    entry: entry!("bode_phase", "slope of the phase that the magnitude does not explain", BodePhase, dyn ResponseEstimator),
+    entry: entry!(
+        "bode_phase",
+        "slope of the phase that the magnitude does not explain",
+        BodePhase,
+        dyn ResponseEstimator
+    ),
     class: Class::Frequency,
     needs: "a minimum-phase plant but for the delay, frequencies close enough to show its resonances",
     blind_to: "zeros in the right half-plane: it takes them for delay; what is beyond the last frequency",
@@ -58,11 +63,19 @@ const NEAR: f64 = 0.1;
 const AS_GOOD: f64 = 0.97;
 
 impl ResponseEstimator for BodePhase {
-    fn estimate(&self, response: &FrequencyResponse, search: &ResponseSearch) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        response: &FrequencyResponse,
+        search: &ResponseSearch,
+    ) -> Result<DelayEstimate, DelayError> {
         let (omega, values) = (response.omega_rad_s(), response.values());
         let (_, last) = ends(response);
         let explained = minimum_phase(omega, values);
-        let left: Vec<Complex<f64>> = values.iter().zip(&explained).map(|(h, phase)| h / h.norm() * Complex::cis(-phase)).collect();
+        let left: Vec<Complex<f64>> = values
+            .iter()
+            .zip(&explained)
+            .map(|(h, phase)| h / h.norm() * Complex::cis(-phase))
+            .collect();
         let weights: Vec<f64> = match response.quality() {
             Quality::Unknown => vec![1.0; omega.len()],
             Quality::Coherence(c) => c.iter().map(|c| c / (1.0 - c).max(1e-3)).collect(),
@@ -70,28 +83,46 @@ impl ResponseEstimator for BodePhase {
         };
         let total: f64 = weights.iter().sum();
         let turned = |tau: f64| -> f64 {
-            let sum: f64 = left.iter().zip(omega).zip(&weights).map(|((p, w), weight)| weight * (p * Complex::cis(w * tau)).re).sum();
+            let sum: f64 = left
+                .iter()
+                .zip(omega)
+                .zip(&weights)
+                .map(|((p, w), weight)| weight * (p * Complex::cis(w * tau)).re)
+                .sum();
             sum.abs() / total
         };
-        let steps = (search.max_delay_s * last * STEPS / std::f64::consts::TAU).ceil().max(8.0) as usize;
+        let steps =
+            (search.max_delay_s * last * STEPS / std::f64::consts::TAU).ceil().max(8.0) as usize;
         let step = search.max_delay_s / steps as f64;
         let profile: Vec<f64> = (0..=steps).map(|k| turned(step * k as f64)).collect();
-        let Some((at, height)) = profile.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1)) else {
-            return Ok(DelayEstimate::without(Outcome::Flat, "no delay of the window can be tried"));
+        let Some((at, height)) =
+            profile.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))
+        else {
+            return Ok(DelayEstimate::without(
+                Outcome::Flat,
+                "no delay of the window can be tried",
+            ));
         };
         let chance = 3.0 / (omega.len() as f64).sqrt();
         if height < chance.min(0.9) {
             return Ok(DelayEstimate::without(
                 Outcome::NotVisible,
-                format!("the phases add up to {height:.2} of what they could at best: no straight line"),
+                format!(
+                    "the phases add up to {height:.2} of what they could at best: no straight line"
+                ),
             ));
         }
         // Around the best of the grid the phases are small: a straight line through them.
         let mut tau = step * at as f64;
         let (mut rest, mut squares) = (0.0, 1.0);
         for _ in 0..4 {
-            let sign =
-                left.iter().zip(omega).zip(&weights).map(|((p, w), weight)| weight * (p * Complex::cis(w * tau)).re).sum::<f64>().signum();
+            let sign = left
+                .iter()
+                .zip(omega)
+                .zip(&weights)
+                .map(|((p, w), weight)| weight * (p * Complex::cis(w * tau)).re)
+                .sum::<f64>()
+                .signum();
             let (mut along, mut power, mut about) = (0.0, 0.0, 0.0);
             for ((p, w), weight) in left.iter().zip(omega).zip(&weights) {
                 let phase = (p * Complex::cis(w * tau) * sign).arg();
@@ -109,10 +140,10 @@ impl ResponseEstimator for BodePhase {
         let systematic = 2.0 / (std::f64::consts::PI * last);
         let std = noise.hypot(systematic / 3.0_f64.sqrt());
         let half = NORMAL_95 * noise + systematic;
-        let others = profile
-            .iter()
-            .enumerate()
-            .filter(|(k, v)| **v > AS_GOOD * height && (step * *k as f64 - tau).abs() > half.max(std::f64::consts::PI / last));
+        let others = profile.iter().enumerate().filter(|(k, v)| {
+            **v > AS_GOOD * height
+                && (step * *k as f64 - tau).abs() > half.max(std::f64::consts::PI / last)
+        });
         if let Some((k, _)) = others.max_by(|a, b| a.1.total_cmp(b.1)) {
             let note = format!(
                 "delays of {tau:.4} and {:.4} s put the phases on a line alike: a narrow band, or frequencies too far apart",
@@ -128,7 +159,12 @@ impl ResponseEstimator for BodePhase {
         }
         let at_edge = tau > search.max_delay_s - step;
         let delay = tau.max(0.0);
-        Ok(DelayEstimate::in_seconds(delay, std, [(tau - half).max(0.0), (tau + half).max(delay)], at_edge))
+        Ok(DelayEstimate::in_seconds(
+            delay,
+            std,
+            [(tau - half).max(0.0), (tau + half).max(delay)],
+            at_edge,
+        ))
     }
 }
 
@@ -136,15 +172,23 @@ impl ResponseEstimator for BodePhase {
 fn minimum_phase(omega: &[f64], values: &[Complex<f64>]) -> Vec<f64> {
     let nu: Vec<f64> = omega.iter().map(|w| w.ln()).collect();
     let gain: Vec<f64> = values.iter().map(|h| h.norm().ln()).collect();
-    let slopes: Vec<f64> = nu.windows(2).zip(gain.windows(2)).map(|(n, g)| (g[1] - g[0]) / (n[1] - n[0]).max(f64::MIN_POSITIVE)).collect();
-    let (low, high) =
-        (end_slope(nu.iter().copied().zip(gain.iter().copied())), end_slope(nu.iter().rev().copied().zip(gain.iter().rev().copied())));
+    let slopes: Vec<f64> = nu
+        .windows(2)
+        .zip(gain.windows(2))
+        .map(|(n, g)| (g[1] - g[0]) / (n[1] - n[0]).max(f64::MIN_POSITIVE))
+        .collect();
+    let (low, high) = (
+        end_slope(nu.iter().copied().zip(gain.iter().copied())),
+        end_slope(nu.iter().rev().copied().zip(gain.iter().rev().copied())),
+    );
     let whole = 0.25 * std::f64::consts::PI.powi(2);
     nu.iter()
         .map(|at| {
             let before: Vec<f64> = nu.iter().map(|n| integral(n - at)).collect();
-            let inside: f64 = slopes.iter().zip(before.windows(2)).map(|(m, f)| m * (f[1] - f[0])).sum();
-            let (first, last) = (before.first().copied().unwrap_or(0.0), before.last().copied().unwrap_or(0.0));
+            let inside: f64 =
+                slopes.iter().zip(before.windows(2)).map(|(m, f)| m * (f[1] - f[0])).sum();
+            let (first, last) =
+                (before.first().copied().unwrap_or(0.0), before.last().copied().unwrap_or(0.0));
             (inside + low * (first + whole) + high * (whole - last)) / std::f64::consts::PI
         })
         .collect()
@@ -153,10 +197,16 @@ fn minimum_phase(omega: &[f64], values: &[Complex<f64>]) -> Vec<f64> {
 /// The slope of a straight line through what is within half an octave of the first, at least four points.
 fn end_slope(points: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let Some((end, _)) = points.clone().next() else { return 0.0 };
-    let near: Vec<(f64, f64)> =
-        points.enumerate().filter(|(i, (n, _))| *i < 4 || (n - end).abs() < 0.5 * 2.0_f64.ln()).map(|(_, p)| p).collect();
+    let near: Vec<(f64, f64)> = points
+        .enumerate()
+        .filter(|(i, (n, _))| *i < 4 || (n - end).abs() < 0.5 * 2.0_f64.ln())
+        .map(|(_, p)| p)
+        .collect();
     let count = near.len() as f64;
-    let (x, y) = (near.iter().map(|p| p.0).sum::<f64>() / count, near.iter().map(|p| p.1).sum::<f64>() / count);
+    let (x, y) = (
+        near.iter().map(|p| p.0).sum::<f64>() / count,
+        near.iter().map(|p| p.1).sum::<f64>() / count,
+    );
     let power: f64 = near.iter().map(|p| (p.0 - x).powi(2)).sum();
     near.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>() / power.max(f64::MIN_POSITIVE)
 }
@@ -188,11 +238,20 @@ mod tests {
     fn the_phase_of_a_lag_follows_from_its_magnitude() {
         let omega: Vec<f64> = (0..200).map(|k| 10.0_f64.powf(-2.0 + f64::from(k) / 50.0)).collect();
         let lag: Vec<Complex<f64>> = omega.iter().map(|w| 3.0 / Complex::new(1.0, *w)).collect();
-        let worst = minimum_phase(&omega, &lag).iter().zip(&omega).map(|(p, w)| (p + w.atan()).abs()).fold(0.0, f64::max);
+        let worst = minimum_phase(&omega, &lag)
+            .iter()
+            .zip(&omega)
+            .map(|(p, w)| (p + w.atan()).abs())
+            .fold(0.0, f64::max);
         assert!(worst < 2e-3, "{worst}");
         // An integrator is straight: a quarter turn everywhere.
-        let integrator: Vec<Complex<f64>> = omega.iter().map(|w| Complex::new(0.0, *w).inv()).collect();
-        assert!(minimum_phase(&omega, &integrator).iter().all(|p| (p + std::f64::consts::FRAC_PI_2).abs() < 1e-3));
+        let integrator: Vec<Complex<f64>> =
+            omega.iter().map(|w| Complex::new(0.0, *w).inv()).collect();
+        assert!(
+            minimum_phase(&omega, &integrator)
+                .iter()
+                .all(|p| (p + std::f64::consts::FRAC_PI_2).abs() < 1e-3)
+        );
     }
 
     #[test]
@@ -200,7 +259,8 @@ mod tests {
         for nu in [0.05, 0.3, 1.0, 2.5] {
             let steps = 200_000;
             let h = nu / f64::from(steps);
-            let sum: f64 = (0..steps).map(|k| -((0.5 * h * (f64::from(k) + 0.5)).tanh()).ln() * h).sum();
+            let sum: f64 =
+                (0..steps).map(|k| -((0.5 * h * (f64::from(k) + 0.5)).tanh()).ln() * h).sum();
             assert!((integral(nu) - sum).abs() < 1e-5, "{nu}: {} {sum}", integral(nu));
             assert_eq!(integral(-nu), -integral(nu));
         }

@@ -22,7 +22,11 @@ pub trait ResponseEstimator: Send + Sync {
     ///
     /// # Errors
     /// [`DelayError`] where the data cannot be used at all; what the data do not show is an [`Outcome`].
-    fn estimate(&self, response: &FrequencyResponse, search: &ResponseSearch) -> std::result::Result<DelayEstimate, DelayError>;
+    fn estimate(
+        &self,
+        response: &FrequencyResponse,
+        search: &ResponseSearch,
+    ) -> std::result::Result<DelayEstimate, DelayError>;
 }
 
 /// One line of the list.

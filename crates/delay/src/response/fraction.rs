@@ -44,7 +44,8 @@ pub(super) struct Fitted {
 impl Fitted {
     /// Pairs of complex poles.
     pub(super) fn resonances(&self) -> usize {
-        let a: Vec<f64> = self.coefficients.iter().take(self.orders.poles).copied().chain([1.0]).collect();
+        let a: Vec<f64> =
+            self.coefficients.iter().take(self.orders.poles).copied().chain([1.0]).collect();
         roots(&a).iter().filter(|r| r.im > 1e-6 * r.norm()).count()
     }
 }
@@ -62,7 +63,11 @@ impl Points {
     /// Every `stride`th.
     pub(super) fn thinned(&self, stride: usize) -> Self {
         let each = |v: &[f64]| v.iter().step_by(stride.max(1)).copied().collect();
-        Self { x: each(&self.x), h: self.h.iter().step_by(stride.max(1)).copied().collect(), w: each(&self.w) }
+        Self {
+            x: each(&self.x),
+            h: self.h.iter().step_by(stride.max(1)).copied().collect(),
+            w: each(&self.w),
+        }
     }
 
     /// Poles below this are told from integrators by nobody.
@@ -76,7 +81,13 @@ impl Points {
     }
 
     /// The best models of these orders, each at its own minimum over the delays of the grid.
-    pub(super) fn minima(&self, scan: &Self, orders: Orders, delays: &[f64], stop: &Stop) -> Vec<Fitted> {
+    pub(super) fn minima(
+        &self,
+        scan: &Self,
+        orders: Orders,
+        delays: &[f64],
+        stop: &Stop,
+    ) -> Vec<Fitted> {
         let mut previous: Option<Vec<f64>> = None;
         let mut profile = Vec::with_capacity(delays.len());
         for &delay in delays {
@@ -89,19 +100,33 @@ impl Points {
             previous = best.as_ref().map(|(c, _)| c.clone());
             profile.push(best);
         }
-        let cost = |at: usize| profile.get(at).and_then(Option::as_ref).map_or(f64::INFINITY, |(_, cost)| *cost);
+        let cost = |at: usize| {
+            profile.get(at).and_then(Option::as_ref).map_or(f64::INFINITY, |(_, cost)| *cost)
+        };
         let mut starts: Vec<usize> = (0..profile.len())
-            .filter(|&at| cost(at).is_finite() && (at == 0 || cost(at) <= cost(at - 1)) && cost(at) <= cost(at + 1))
+            .filter(|&at| {
+                cost(at).is_finite()
+                    && (at == 0 || cost(at) <= cost(at - 1))
+                    && cost(at) <= cost(at + 1)
+            })
             .collect();
         starts.sort_by(|&a, &b| cost(a).total_cmp(&cost(b)));
         starts.truncate(MINIMA);
         let longest = delays.last().copied().unwrap_or(0.0);
         let mut found: Vec<Fitted> = Vec::new();
         for at in starts {
-            let (Some(Some((coefficients, _))), Some(&delay)) = (profile.get(at), delays.get(at)) else { continue };
+            let (Some(Some((coefficients, _))), Some(&delay)) = (profile.get(at), delays.get(at))
+            else {
+                continue;
+            };
             let settled = self.linear(orders, delay, Some(coefficients), SETTLED);
-            let carried = self.costs(orders, coefficients, delay).map(|cost| (coefficients.clone(), cost));
-            let Some((start, _)) = [settled, carried].into_iter().flatten().min_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
+            let carried =
+                self.costs(orders, coefficients, delay).map(|cost| (coefficients.clone(), cost));
+            let Some((start, _)) =
+                [settled, carried].into_iter().flatten().min_by(|a, b| a.1.total_cmp(&b.1))
+            else {
+                continue;
+            };
             let Some(fitted) = self.descended(orders, &start, delay, longest) else { continue };
             if found.iter().all(|f| (f.delay - fitted.delay).abs() > 1e-6 * longest) {
                 found.push(fitted);
@@ -111,13 +136,24 @@ impl Points {
     }
 
     /// Coefficients and cost by linear least squares at a given delay, repeated.
-    fn linear(&self, orders: Orders, delay: f64, start: Option<&[f64]>, sweeps: usize) -> Option<(Vec<f64>, f64)> {
-        let turned: Vec<Complex<f64>> = self.h.iter().zip(&self.x).map(|(h, x)| h * Complex::cis(x * delay)).collect();
+    fn linear(
+        &self,
+        orders: Orders,
+        delay: f64,
+        start: Option<&[f64]>,
+        sweeps: usize,
+    ) -> Option<(Vec<f64>, f64)> {
+        let turned: Vec<Complex<f64>> =
+            self.h.iter().zip(&self.x).map(|(h, x)| h * Complex::cis(x * delay)).collect();
         let mut a: Option<Vec<f64>> = start.map(|c| c.iter().take(orders.poles).copied().collect());
         let mut best: Option<(Vec<f64>, f64)> = None;
         for _ in 0..sweeps {
-            let weights: Vec<f64> =
-                self.x.iter().zip(&self.w).map(|(x, w)| w * w / a.as_ref().map_or(1.0, |a| monic(a, *x).norm_sqr())).collect();
+            let weights: Vec<f64> = self
+                .x
+                .iter()
+                .zip(&self.w)
+                .map(|(x, w)| w * w / a.as_ref().map_or(1.0, |a| monic(a, *x).norm_sqr()))
+                .collect();
             let solved = self.weighted(orders, &turned, &weights)?;
             let (poles, zeros) = solved.split_at(orders.poles);
             let (poles, zeros) = match stable(poles, self.slow()) {
@@ -147,7 +183,8 @@ impl Points {
         let (n, m) = (orders.poles, orders.zeros + 1);
         let top = 2 * n.max(orders.zeros) + 1;
         // Σ v|z|²x^k, Σ v·x^k, Σ v·z·x^k.
-        let (mut of_a, mut of_b, mut cross) = (vec![0.0; top], vec![0.0; top], vec![Complex::ZERO; top]);
+        let (mut of_a, mut of_b, mut cross) =
+            (vec![0.0; top], vec![0.0; top], vec![Complex::ZERO; top]);
         for ((x, z), v) in self.x.iter().zip(z).zip(v) {
             let (mut a, mut b, mut c) = (v * z.norm_sqr(), *v, z * *v);
             for k in 0..top {
@@ -167,7 +204,13 @@ impl Points {
                 (false, true) => -twisted(cross[i + j - n].conj(), quarter(i - n, j)),
             }
         };
-        let target = |i: usize| -> f64 { if i < n { -of_a[i + n] * quarter(n, i).re } else { twisted(cross[i], quarter(n, i - n)) } };
+        let target = |i: usize| -> f64 {
+            if i < n {
+                -of_a[i + n] * quarter(n, i).re
+            } else {
+                twisted(cross[i], quarter(n, i - n))
+            }
+        };
         solved(n + m, entry, target)
     }
 
@@ -199,9 +242,18 @@ impl Points {
     }
 
     /// w·(H − e^(−ixτ)·B/A).
-    fn residuals<'a>(&'a self, orders: Orders, coefficients: &'a [f64], delay: f64) -> impl Iterator<Item = Complex<f64>> + 'a {
+    fn residuals<'a>(
+        &'a self,
+        orders: Orders,
+        coefficients: &'a [f64],
+        delay: f64,
+    ) -> impl Iterator<Item = Complex<f64>> + 'a {
         let (a, b) = coefficients.split_at(orders.poles.min(coefficients.len()));
-        self.x.iter().zip(&self.h).zip(&self.w).map(move |((x, h), w)| (h - model(a, b, delay, *x)) * *w)
+        self.x
+            .iter()
+            .zip(&self.h)
+            .zip(&self.w)
+            .map(move |((x, h), w)| (h - model(a, b, delay, *x)) * *w)
     }
 
     /// What a model leaves over, in units of the weights.
@@ -231,7 +283,13 @@ impl Points {
             return None;
         }
         let variance = last_variance(information)?;
-        Some(Fitted { orders, coefficients: coefficients.to_vec(), delay: *delay, cost: fit.normal.cost, variance })
+        Some(Fitted {
+            orders,
+            coefficients: coefficients.to_vec(),
+            delay: *delay,
+            cost: fit.normal.cost,
+            variance,
+        })
     }
 
     fn normal(&self, orders: Orders, parameters: &[f64]) -> Option<Normal> {
@@ -241,10 +299,12 @@ impl Points {
             return None;
         }
         let count = parameters.len();
-        let (mut cost, mut gradient, mut information) = (0.0, DVector::zeros(count), DMatrix::zeros(count, count));
+        let (mut cost, mut gradient, mut information) =
+            (0.0, DVector::zeros(count), DMatrix::zeros(count, count));
         let mut row = vec![Complex::ZERO; count];
         for ((x, h), w) in self.x.iter().zip(&self.h).zip(&self.w) {
-            let (s, turn, denominator) = (Complex::new(0.0, *x), Complex::cis(-x * delay), monic(a, *x));
+            let (s, turn, denominator) =
+                (Complex::new(0.0, *x), Complex::cis(-x * delay), monic(a, *x));
             let value = turn * horner(b, s) / denominator;
             let e = (h - value) * *w;
             let (mut by_a, mut by_b) = (value / denominator * *w, -turn / denominator * *w);
@@ -332,9 +392,15 @@ fn stable(a: &[f64], slow: f64) -> Option<Vec<f64>> {
 }
 
 /// The solution of symmetric equations, columns scaled alike.
-fn solved(count: usize, entry: impl Fn(usize, usize) -> f64, target: impl Fn(usize) -> f64) -> Option<Vec<f64>> {
+fn solved(
+    count: usize,
+    entry: impl Fn(usize, usize) -> f64,
+    target: impl Fn(usize) -> f64,
+) -> Option<Vec<f64>> {
     let scale: Vec<f64> = (0..count).map(|i| entry(i, i).max(f64::MIN_POSITIVE).sqrt()).collect();
-    let matrix = DMatrix::from_fn(count, count, |i, j| entry(i, j) / scale[i] / scale[j] + if i == j { RIDGE } else { 0.0 });
+    let matrix = DMatrix::from_fn(count, count, |i, j| {
+        entry(i, j) / scale[i] / scale[j] + if i == j { RIDGE } else { 0.0 }
+    });
     let right = DVector::from_fn(count, |i, _| target(i) / scale[i]);
     let solution = matrix.cholesky()?.solve(&right);
     let values: Vec<f64> = solution.iter().zip(&scale).map(|(v, s)| v / s).collect();
@@ -344,8 +410,11 @@ fn solved(count: usize, entry: impl Fn(usize, usize) -> f64, target: impl Fn(usi
 /// The last diagonal element of the inverse.
 fn last_variance(information: &DMatrix<f64>) -> Option<f64> {
     let count = information.nrows();
-    let scale: Vec<f64> = (0..count).map(|i| information[(i, i)].max(f64::MIN_POSITIVE).sqrt()).collect();
-    let scaled = DMatrix::from_fn(count, count, |i, j| information[(i, j)] / scale[i] / scale[j] + if i == j { RIDGE } else { 0.0 });
+    let scale: Vec<f64> =
+        (0..count).map(|i| information[(i, i)].max(f64::MIN_POSITIVE).sqrt()).collect();
+    let scaled = DMatrix::from_fn(count, count, |i, j| {
+        information[(i, j)] / scale[i] / scale[j] + if i == j { RIDGE } else { 0.0 }
+    });
     let mut unit = DVector::zeros(count);
     unit[count - 1] = 1.0;
     let column = scaled.cholesky()?.solve(&unit);
@@ -366,7 +435,9 @@ mod tests {
         let w: Vec<f64> = x.iter().map(|x| 1.0 / (1.0 + x)).collect();
         let points = Points { x, h, w };
         let normal = points.normal(orders, &p).unwrap();
-        let residuals = |p: &[f64]| -> Vec<f64> { points.residuals(orders, &p[..4], p[4]).flat_map(|e| [e.re, e.im]).collect() };
+        let residuals = |p: &[f64]| -> Vec<f64> {
+            points.residuals(orders, &p[..4], p[4]).flat_map(|e| [e.re, e.im]).collect()
+        };
         let columns: Vec<Vec<f64>> = (0..5)
             .map(|i| {
                 let moved = |h: f64| {
@@ -391,7 +462,11 @@ mod tests {
     #[test]
     fn an_exact_response_is_found_whatever_its_orders() {
         let x: Vec<f64> = (0..60).map(|k| 10.0_f64.powf(-1.0 + f64::from(k) / 30.0)).collect();
-        for (a, b, delay) in [(vec![0.8], vec![2.0], 0.4), (vec![1.0, 0.05], vec![1.0], 1.7), (vec![2.0, 2.5, 1.1], vec![1.0, -0.2], 0.9)] {
+        for (a, b, delay) in [
+            (vec![0.8], vec![2.0], 0.4),
+            (vec![1.0, 0.05], vec![1.0], 1.7),
+            (vec![2.0, 2.5, 1.1], vec![1.0, -0.2], 0.9),
+        ] {
             let orders = Orders { poles: a.len(), zeros: b.len() - 1 };
             let h = x.iter().map(|x| model(&a, &b, delay, *x)).collect();
             let points = Points { x: x.clone(), h, w: vec![1.0; x.len()] };
@@ -399,7 +474,11 @@ mod tests {
             let found = points.minima(&points, orders, &delays, &Stop::default());
             let best = found.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).unwrap();
             assert!((best.delay - delay).abs() < 1e-6, "{orders:?}: {}", best.delay);
-            assert!(best.coefficients.iter().zip(a.iter().chain(&b)).all(|(f, t)| (f - t).abs() < 1e-5), "{:?}", best.coefficients);
+            assert!(
+                best.coefficients.iter().zip(a.iter().chain(&b)).all(|(f, t)| (f - t).abs() < 1e-5),
+                "{:?}",
+                best.coefficients
+            );
         }
     }
 }

@@ -59,7 +59,9 @@ impl ResponseJob {
         let (first, last) = ends(response);
         let unambiguous_s = response.unambiguous_s();
         let max_delay_s = match self.max_delay_s {
-            Some(seconds) if !(seconds.is_finite() && seconds > 0.0 && seconds <= unambiguous_s) => {
+            Some(seconds)
+                if !(seconds.is_finite() && seconds > 0.0 && seconds <= unambiguous_s) =>
+            {
                 return Err(DelayError::Turns { seconds, unambiguous_s }.into());
             }
             Some(seconds) => seconds,
@@ -84,7 +86,10 @@ impl ResponseJob {
             input: self.channels[0].clone(),
             output: self.channels[1].clone(),
             findings: Vec::new(),
-            estimates: answers.iter().map(|(m, e, time_s)| Estimate::of_response(m, e, *time_s)).collect(),
+            estimates: answers
+                .iter()
+                .map(|(m, e, time_s)| Estimate::of_response(m, e, *time_s))
+                .collect(),
             poor_std_s: None,
             standing_off: 0,
             verdict,
@@ -112,12 +117,22 @@ impl ResponseJob {
         let known = || RESPONSE_METHODS.iter().map(|m| m.entry.name).collect::<Vec<_>>();
         let mut named = self.methods.iter().filter(|n| *n != "all").chain(self.options.keys());
         if let Some(name) = named.find(|n| !known().contains(&n.as_str())) {
-            return Err(RegistryError::Unknown { kind: "method for frequency responses", name: name.clone(), known: known() }.into());
+            return Err(RegistryError::Unknown {
+                kind: "method for frequency responses",
+                name: name.clone(),
+                known: known(),
+            }
+            .into());
         }
-        let wanted = |m: &&ResponseMethod| self.methods.iter().any(|n| n == "all" || n == m.entry.name);
+        let wanted =
+            |m: &&ResponseMethod| self.methods.iter().any(|n| n == "all" || n == m.entry.name);
         let mut chosen = Vec::new();
         for method in RESPONSE_METHODS.iter().filter(wanted) {
-            let options = self.options.get(method.entry.name).cloned().unwrap_or_else(|| Value::Object(serde_json::Map::new()));
+            let options = self
+                .options
+                .get(method.entry.name)
+                .cloned()
+                .unwrap_or_else(|| Value::Object(serde_json::Map::new()));
             chosen.push((method, method.entry.with(options)?));
         }
         Ok(chosen)
@@ -132,10 +147,23 @@ pub(super) fn ends(response: &FrequencyResponse) -> (f64, f64) {
 
 /// The first of the list that found a delay which its own leftovers do not contradict; who else holds it in the interval agrees. Where the others differ the answer stays that
 /// of the first, as it weighs how many poles there are, and the others do not; but it is said.
-pub(super) fn verdict(answers: &[(&ResponseMethod, DelayEstimate, f64)], max_delay_s: f64, band: f64) -> Verdict {
-    let found: Vec<(&str, &DelayEstimate)> =
-        answers.iter().filter(|(_, e, _)| e.outcome == Outcome::Found).map(|(m, e, _)| (m.entry.name, e)).collect();
-    let none = |why: String| Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() };
+pub(super) fn verdict(
+    answers: &[(&ResponseMethod, DelayEstimate, f64)],
+    max_delay_s: f64,
+    band: f64,
+) -> Verdict {
+    let found: Vec<(&str, &DelayEstimate)> = answers
+        .iter()
+        .filter(|(_, e, _)| e.outcome == Outcome::Found)
+        .map(|(m, e, _)| (m.entry.name, e))
+        .collect();
+    let none = |why: String| Verdict {
+        delay_s: None,
+        ci95_s: None,
+        why,
+        method: None,
+        grounds: Grounds::default(),
+    };
     let Some((name, chosen)) = found.iter().find(|(_, e)| !e.contradicted).or(found.first()) else {
         let said: Vec<String> = answers
             .iter()
@@ -165,7 +193,9 @@ pub(super) fn verdict(answers: &[(&ResponseMethod, DelayEstimate, f64)], max_del
         }
     }
     let mut why = match grounds.agree.get(1..) {
-        Some(others) if !others.is_empty() => format!("{name} says so, and {} agrees with it", others.join(", ")),
+        Some(others) if !others.is_empty() => {
+            format!("{name} says so, and {} agrees with it", others.join(", "))
+        }
         _ => format!("{name} alone"),
     };
     for (other, at) in &grounds.differ {
@@ -177,9 +207,16 @@ pub(super) fn verdict(answers: &[(&ResponseMethod, DelayEstimate, f64)], max_del
         grounds.doubts.push(doubt.to_owned());
     }
     if band < NARROW {
-        let doubt = "the band is less than two octaves wide: lag of poles outside it looks like delay";
+        let doubt =
+            "the band is less than two octaves wide: lag of poles outside it looks like delay";
         why.push_str(&format!("; {doubt}"));
         grounds.doubts.push(doubt.to_owned());
     }
-    Verdict { delay_s: Some(delay_s), ci95_s: Some(ci95_s), why, method: Some((*name).to_owned()), grounds }
+    Verdict {
+        delay_s: Some(delay_s),
+        ci95_s: Some(ci95_s),
+        why,
+        method: Some((*name).to_owned()),
+        grounds,
+    }
 }

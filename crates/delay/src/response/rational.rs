@@ -59,7 +59,12 @@ impl Default for Rational {
 
 /// Its line in the list.
 pub(super) const METHOD: ResponseMethod = ResponseMethod {
-    entry: entry!("rational", "poles, zeros and a delay fitted together, their numbers weighed", Rational, dyn ResponseEstimator),
+    entry: entry!(
+        "rational",
+        "poles, zeros and a delay fitted together, their numbers weighed",
+        Rational,
+        dyn ResponseEstimator
+    ),
     class: Class::Process,
     needs: "a stable plant, frequencies on both sides of its poles, at least one turn's tenth of delay at the last",
     blind_to: "zeros in the right half-plane and poles beyond the last frequency: they look like delay and lag",
@@ -88,7 +93,11 @@ struct Candidate {
 }
 
 impl ResponseEstimator for Rational {
-    fn estimate(&self, response: &FrequencyResponse, search: &ResponseSearch) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        response: &FrequencyResponse,
+        search: &ResponseSearch,
+    ) -> Result<DelayEstimate, DelayError> {
         if self.max_poles > MOST {
             return Err(DelayError::Option {
                 method: "rational",
@@ -104,18 +113,23 @@ impl ResponseEstimator for Rational {
         // Twice as many numbers as parameters at least.
         let poles = self.max_poles.min(((0.5 * numbers - 2.0) / 2.0).max(0.0) as usize);
         let longest = search.max_delay_s * unit;
-        let steps = (search.max_delay_s * last * STEPS / std::f64::consts::TAU).ceil().max(8.0) as usize;
+        let steps =
+            (search.max_delay_s * last * STEPS / std::f64::consts::TAU).ceil().max(8.0) as usize;
         let delays: Vec<f64> = (0..=steps).map(|k| longest * k as f64 / steps as f64).collect();
         let stride = stride(response, search);
         let orders: Vec<(usize, Orders)> = (0..weightings.len())
-            .flat_map(|w| (0..=poles).flat_map(move |poles| (0..=poles).map(move |zeros| (w, Orders { poles, zeros }))))
+            .flat_map(|w| {
+                (0..=poles).flat_map(move |poles| {
+                    (0..=poles).map(move |zeros| (w, Orders { poles, zeros }))
+                })
+            })
             .collect();
         let fits: Vec<(usize, Fitted)> = orders
             .par_iter()
             .flat_map_iter(|(w, orders)| {
-                let found = weightings
-                    .get(*w)
-                    .map_or_else(Vec::new, |points| points.minima(&points.thinned(stride), *orders, &delays, &search.stop));
+                let found = weightings.get(*w).map_or_else(Vec::new, |points| {
+                    points.minima(&points.thinned(stride), *orders, &delays, &search.stop)
+                });
                 found.into_iter().map(|f| (*w, f))
             })
             .collect();
@@ -128,24 +142,41 @@ impl ResponseEstimator for Rational {
         let fits: Vec<(usize, Fitted)> = fits.into_iter().filter(|(_, f)| !beyond(f)).collect();
         let mut candidates = weighed(&weightings, fits, numbers, 1.0);
         let Some(share) = candidates.first().map(|best| independent(&weightings, best)) else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "no model of any order can be fitted to these numbers"));
+            return Ok(DelayEstimate::without(
+                Outcome::Singular,
+                "no model of any order can be fitted to these numbers",
+            ));
         };
         if share < 1.0 {
-            candidates = weighed(&weightings, candidates.into_iter().map(|c| (c.weighting, c.fitted)).collect(), numbers, share);
+            candidates = weighed(
+                &weightings,
+                candidates.into_iter().map(|c| (c.weighting, c.fitted)).collect(),
+                numbers,
+                share,
+            );
         }
         let candidates = undominated(candidates);
         let Some(best) = candidates.first() else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "no model of any order can be fitted to these numbers"));
+            return Ok(DelayEstimate::without(
+                Outcome::Singular,
+                "no model of any order can be fitted to these numbers",
+            ));
         };
         let Some(points) = weightings.get(best.weighting) else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "no model of any order can be fitted to these numbers"));
+            return Ok(DelayEstimate::without(
+                Outcome::Singular,
+                "no model of any order can be fitted to these numbers",
+            ));
         };
-        let gain = numbers * share * (points.power() / best.fitted.cost.max(f64::MIN_POSITIVE)).ln();
+        let gain =
+            numbers * share * (points.power() / best.fitted.cost.max(f64::MIN_POSITIVE)).ln();
         let parameters = best.fitted.coefficients.len();
         // A pair of poles may settle on any frequency: these are tries too.
-        let tries = (0..best.fitted.resonances()).fold(delays.len(), |tries, _| tries.saturating_mul(response.omega_rad_s().len()));
+        let tries = (0..best.fitted.resonances())
+            .fold(delays.len(), |tries, _| tries.saturating_mul(response.omega_rad_s().len()));
         if gain < posterior::visible_gain(parameters, tries) {
-            let note = format!("no model explains the response better than chance (gain {gain:.1})");
+            let note =
+                format!("no model explains the response better than chance (gain {gain:.1})");
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
         Ok(answer(best, &candidates, points, response, search, unit, poles))
@@ -163,14 +194,24 @@ fn answer(
     poles: usize,
 ) -> DelayEstimate {
     let interval = mixture(candidates, best.criterion);
-    let (delay, ends) = (best.fitted.delay / unit, interval.map(|v| (v / unit).clamp(0.0, search.max_delay_s)));
+    let (delay, ends) =
+        (best.fitted.delay / unit, interval.map(|v| (v / unit).clamp(0.0, search.max_delay_s)));
     let ends = [ends[0].min(delay), ends[1].max(delay)];
     let orders = best.fitted.orders;
     let plural = |n: usize| if n == 1 { "" } else { "s" };
-    let mut notes = vec![format!("{} pole{} and {} zero{}", orders.poles, plural(orders.poles), orders.zeros, plural(orders.zeros))];
+    let mut notes = vec![format!(
+        "{} pole{} and {} zero{}",
+        orders.poles,
+        plural(orders.poles),
+        orders.zeros,
+        plural(orders.zeros)
+    )];
     // What (1 − s/z)/(1 + s/z) turns at low frequencies.
-    let right: Vec<f64> =
-        zeros(&best.fitted).into_iter().filter(|z| z.re > 1e-9 * z.norm()).map(|z| 2.0 * z.re / (z.norm_sqr() * unit)).collect();
+    let right: Vec<f64> = zeros(&best.fitted)
+        .into_iter()
+        .filter(|z| z.re > 1e-9 * z.norm())
+        .map(|z| 2.0 * z.re / (z.norm_sqr() * unit))
+        .collect();
     if !right.is_empty() {
         let (lag, count): (f64, usize) = (right.iter().sum(), right.len());
         let (turn, are) = if count == 1 { ("turns", "is") } else { ("turn", "are") };
@@ -181,27 +222,42 @@ fn answer(
     }
     let apart: Vec<f64> = candidates
         .iter()
-        .filter(|c| (c.criterion - best.criterion) < 6.0 && (c.fitted.delay - best.fitted.delay).abs() > 4.0 * (c.std + best.std).max(1e-9))
+        .filter(|c| {
+            (c.criterion - best.criterion) < 6.0
+                && (c.fitted.delay - best.fitted.delay).abs() > 4.0 * (c.std + best.std).max(1e-9)
+        })
         .map(|c| c.fitted.delay / unit)
         .collect();
-    if let (Some(from), Some(to)) = (apart.iter().copied().reduce(f64::min), apart.iter().copied().reduce(f64::max)) {
-        let range = if from == to { format!("{from:.4} s") } else { format!("{from:.4} to {to:.4} s") };
+    if let (Some(from), Some(to)) =
+        (apart.iter().copied().reduce(f64::min), apart.iter().copied().reduce(f64::max))
+    {
+        let range =
+            if from == to { format!("{from:.4} s") } else { format!("{from:.4} to {to:.4} s") };
         notes.push(format!("with other numbers of poles and zeros, or a turn more or less, {range} fit nearly as well"));
     }
     if let Quality::Std(_) = response.quality() {
-        let freedom = (2.0 * points.x.len() as f64 - best.fitted.coefficients.len() as f64 - 1.0).max(1.0);
+        let freedom =
+            (2.0 * points.x.len() as f64 - best.fitted.coefficients.len() as f64 - 1.0).max(1.0);
         let times = (best.fitted.cost / freedom).sqrt();
         if times > 2.0 {
-            notes.push(format!("what is left over is {times:.1} times the given standard deviations"));
+            notes.push(format!(
+                "what is left over is {times:.1} times the given standard deviations"
+            ));
         }
     }
     if ends[1] - ends[0] > 0.5 * search.max_delay_s {
-        let note = format!("delays from {:.4} to {:.4} s fit about alike; {}", ends[0], ends[1], notes.join("; "));
+        let note = format!(
+            "delays from {:.4} to {:.4} s fit about alike; {}",
+            ends[0],
+            ends[1],
+            notes.join("; ")
+        );
         return DelayEstimate::without(Outcome::Flat, note);
     }
     let at_edge = delay >= search.max_delay_s * (1.0 - 1e-6);
     let std = (delay - ends[0]).max(ends[1] - delay) / deadtime_signal::stats::NORMAL_95;
-    let estimate = DelayEstimate::in_seconds(delay, std, ends, at_edge).noting(Some(notes.join("; ")));
+    let estimate =
+        DelayEstimate::in_seconds(delay, std, ends, at_edge).noting(Some(notes.join("; ")));
     let left = points.left(&best.fitted);
     let exact = best.fitted.cost <= 1e-16 * points.power();
     let smooth = !exact && orders.poles == poles && alike(&left) > SMOOTH;
@@ -228,7 +284,10 @@ fn weightings(response: &FrequencyResponse, unit: f64) -> Vec<Points> {
     match response.quality() {
         Quality::Unknown => {
             let largest = magnitudes.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-            vec![points(magnitudes.iter().map(|m| largest / m).collect()), points(vec![1.0; x.len()])]
+            vec![
+                points(magnitudes.iter().map(|m| largest / m).collect()),
+                points(vec![1.0; x.len()]),
+            ]
         }
         Quality::Coherence(coherence) => {
             let weight = |(c, m): (&f64, &f64)| {
@@ -255,8 +314,14 @@ fn smoothed(h: &[Complex<f64>]) -> Vec<f64> {
 }
 
 /// The candidates by their criterion, the best first; `share` of the numbers are independent.
-fn weighed(weightings: &[Points], fits: Vec<(usize, Fitted)>, numbers: f64, share: f64) -> Vec<Candidate> {
-    let logs: Vec<f64> = weightings.iter().map(|p| p.w.iter().map(|w| w.ln()).sum::<f64>()).collect();
+fn weighed(
+    weightings: &[Points],
+    fits: Vec<(usize, Fitted)>,
+    numbers: f64,
+    share: f64,
+) -> Vec<Candidate> {
+    let logs: Vec<f64> =
+        weightings.iter().map(|p| p.w.iter().map(|w| w.ln()).sum::<f64>()).collect();
     let floors: Vec<f64> = weightings.iter().map(|p| posterior::ROUNDING * p.power()).collect();
     let candidate = |(weighting, fitted): (usize, Fitted)| {
         let (log, floor) = (logs.get(weighting)?, floors.get(weighting)?);
@@ -266,9 +331,16 @@ fn weighed(weightings: &[Points], fits: Vec<(usize, Fitted)>, numbers: f64, shar
         // Two real numbers for each weight.
         // Each pair of complex poles is the best of as many places as there are frequencies.
         let tries = 2.0 * fitted.resonances() as f64 * (0.5 * numbers).ln();
-        let criterion = share * (numbers * (cost / numbers).ln() - 4.0 * log) + parameters * (share * numbers).ln() + tries;
+        let criterion = share * (numbers * (cost / numbers).ln() - 4.0 * log)
+            + parameters * (share * numbers).ln()
+            + tries;
         let std = (cost / freedom / share * fitted.variance).sqrt().max(1e-9);
-        (criterion.is_finite() && std.is_finite()).then_some(Candidate { fitted, weighting, std, criterion })
+        (criterion.is_finite() && std.is_finite()).then_some(Candidate {
+            fitted,
+            weighting,
+            std,
+            criterion,
+        })
     };
     let mut all: Vec<Candidate> = fits.into_iter().filter_map(candidate).collect();
     all.sort_by(|a, b| a.criterion.total_cmp(&b.criterion));
@@ -302,7 +374,9 @@ fn independent(weightings: &[Points], best: &Candidate) -> f64 {
     let count = left.len() as f64;
     let mut sum = 0.0;
     for lag in 1..(left.len() / 4).max(1) {
-        let rho = left.iter().zip(left.iter().skip(lag)).map(|(a, b)| (a.conj() * b).re).sum::<f64>() / power;
+        let rho =
+            left.iter().zip(left.iter().skip(lag)).map(|(a, b)| (a.conj() * b).re).sum::<f64>()
+                / power;
         // What chance makes of it does not count.
         if rho.is_nan() || rho <= 1.0 / count.sqrt() {
             break;
@@ -315,16 +389,21 @@ fn independent(weightings: &[Points], best: &Candidate) -> f64 {
 /// The correlation of neighbouring leftovers.
 fn alike(left: &[Complex<f64>]) -> f64 {
     let power: f64 = left.iter().map(|e| e.norm_sqr()).sum();
-    left.iter().zip(left.iter().skip(1)).map(|(a, b)| (a.conj() * b).re).sum::<f64>() / power.max(f64::MIN_POSITIVE)
+    left.iter().zip(left.iter().skip(1)).map(|(a, b)| (a.conj() * b).re).sum::<f64>()
+        / power.max(f64::MIN_POSITIVE)
 }
 
 /// The ends that leave 2.5 % of the weighted normal distributions on each side.
 fn mixture(candidates: &[Candidate], best: f64) -> [f64; 2] {
-    let all: Vec<(f64, f64, f64)> =
-        candidates.iter().map(|c| ((-0.5 * (c.criterion - best)).exp(), c.fitted.delay, c.std)).filter(|(w, ..)| *w > LIGHT).collect();
+    let all: Vec<(f64, f64, f64)> = candidates
+        .iter()
+        .map(|c| ((-0.5 * (c.criterion - best)).exp(), c.fitted.delay, c.std))
+        .filter(|(w, ..)| *w > LIGHT)
+        .collect();
     let total: f64 = all.iter().map(|(w, ..)| w).sum();
     let Ok(unit) = Normal::new(0.0, 1.0) else { return [0.0, f64::INFINITY] };
-    let below = |v: f64| all.iter().map(|(w, at, std)| w * unit.cdf((v - at) / std)).sum::<f64>() / total;
+    let below =
+        |v: f64| all.iter().map(|(w, at, std)| w * unit.cdf((v - at) / std)).sum::<f64>() / total;
     let lowest = all.iter().map(|(_, at, std)| at - 6.0 * std).fold(f64::INFINITY, f64::min);
     let highest = all.iter().map(|(_, at, std)| at + 6.0 * std).fold(f64::NEG_INFINITY, f64::max);
     [0.025, 0.975].map(|share| {

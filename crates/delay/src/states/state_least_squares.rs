@@ -10,7 +10,9 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search};
 use crate::experiment::{Experiment, PlantModel, Recording};
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use crate::threshold::response::Prewindow;
 use deadtime_identify::lag_matrix;
@@ -81,7 +83,10 @@ pub(crate) const METHOD: Method = Method {
     needs: "the model, and a measured channel for each of its states",
     blind_to: "delays of inputs that move together; a model that does not describe the data",
     exempt: &[
-        (Law::Shift, "it compares states with a model: an output that is delayed alone is not what the model says"),
+        (
+            Law::Shift,
+            "it compares states with a model: an output that is delayed alone is not what the model says",
+        ),
         (Law::Gain, "the model's B fixes the gain"),
         (Law::Sign, "the model's B fixes the sign"),
     ],
@@ -89,12 +94,20 @@ pub(crate) const METHOD: Method = Method {
 
 impl DelayEstimator for StateLeastSquares {
     /// The delay of the first input; all are found together.
-    fn estimate(&self, experiment: &Experiment<'_>, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment<'_>,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         let first = self.estimate_inputs(experiment, search)?.into_iter().next();
         first.ok_or(DelayError::Count { what: "inputs", needed: 1, got: 0 })
     }
 
-    fn estimate_inputs(&self, experiment: &Experiment<'_>, search: &Search) -> Result<Vec<DelayEstimate>, DelayError> {
+    fn estimate_inputs(
+        &self,
+        experiment: &Experiment<'_>,
+        search: &Search,
+    ) -> Result<Vec<DelayEstimate>, DelayError> {
         let mut estimates = self.window(experiment, search.max_delay)?;
         if estimates.iter().any(|e| e.outcome == Outcome::AtEdge)
             && let Ok(wider) = self.window(experiment, 2 * search.max_delay)
@@ -125,7 +138,9 @@ impl Plant {
         let ts = experiment.sample_time().seconds();
         let plant = match experiment.model() {
             None => return Err(DelayError::NoStates { method: NAME }),
-            Some(PlantModel::Sampled(sys)) => Self { a: sys.a().clone(), b: sys.b().clone(), continuous: None },
+            Some(PlantModel::Sampled(sys)) => {
+                Self { a: sys.a().clone(), b: sys.b().clone(), continuous: None }
+            }
             Some(PlantModel::Continuous(sys)) => {
                 let (a, b, _) = transition(sys.a(), sys.b(), ts, Hold::Zero);
                 Self { a, b, continuous: Some((sys.a().clone(), sys.b().clone(), ts)) }
@@ -152,7 +167,8 @@ impl Plant {
             None => [&whole * (1.0 - f), &whole * f, whole],
             Some((a, b, ts)) => {
                 let column = b.columns(input, 1).into_owned();
-                let early = transition(a, &column, ts * (1.0 - f), Hold::Zero).1.column(0).into_owned();
+                let early =
+                    transition(a, &column, ts * (1.0 - f), Hold::Zero).1.column(0).into_owned();
                 let slope = (exp(&(a * (ts * (1.0 - f)))) * column * *ts).column(0).into_owned();
                 [early.clone(), whole - early, slope]
             }
@@ -187,7 +203,8 @@ struct Equations {
 fn equations(plant: &Plant, recordings: &[Rows<'_>], first: usize, lags: usize) -> Equations {
     let m = plant.b.ncols();
     let parameters = m * lags;
-    let (mut gram, mut right, mut power) = (DMatrix::zeros(parameters, parameters), DVector::zeros(parameters), 0.0);
+    let (mut gram, mut right, mut power) =
+        (DMatrix::zeros(parameters, parameters), DVector::zeros(parameters), 0.0);
     for r in recordings {
         power += r.z.columns(first, r.z.ncols() - first).norm_squared();
         for j in 0..m {
@@ -198,7 +215,12 @@ fn equations(plant: &Plant, recordings: &[Rows<'_>], first: usize, lags: usize) 
             }
             for l in j..m {
                 let weight = plant.b.column(j).dot(&plant.b.column(l));
-                let block = lag_matrix(r.u[j], if l == j { None } else { Some(r.u[l]) }, first, (lags, lags)) * weight;
+                let block = lag_matrix(
+                    r.u[j],
+                    if l == j { None } else { Some(r.u[l]) },
+                    first,
+                    (lags, lags),
+                ) * weight;
                 let mut at = gram.view_mut((j * lags, l * lags), (lags, lags));
                 at += &block;
                 if l != j {
@@ -216,7 +238,11 @@ impl StateLeastSquares {
     ///
     /// # Errors
     /// As an estimation; [`DelayError::Dependent`] where the lags of the inputs are combinations of each other.
-    pub fn coefficients(&self, experiment: &Experiment, max_delay: usize) -> Result<Coefficients, DelayError> {
+    pub fn coefficients(
+        &self,
+        experiment: &Experiment,
+        max_delay: usize,
+    ) -> Result<Coefficients, DelayError> {
         let plant = Plant::new(experiment)?;
         let (n, m) = plant.b.shape();
         let lags = max_delay + 1;
@@ -224,7 +250,8 @@ impl StateLeastSquares {
         let samples = samples(&recordings, max_delay);
         enough(experiment, &plant, samples, max_delay, lags)?;
         let Equations { gram, right, power: _ } = equations(&plant, &recordings, max_delay, lags);
-        let (gamma, inverse) = solve(&gram, &right).ok_or(DelayError::Dependent { method: NAME })?;
+        let (gamma, inverse) =
+            solve(&gram, &right).ok_or(DelayError::Dependent { method: NAME })?;
         let mut residual = 0.0;
         for r in &recordings {
             for k in max_delay..r.z.ncols() {
@@ -246,7 +273,11 @@ impl StateLeastSquares {
         })
     }
 
-    fn window(&self, experiment: &Experiment, max_delay: usize) -> Result<Vec<DelayEstimate>, DelayError> {
+    fn window(
+        &self,
+        experiment: &Experiment,
+        max_delay: usize,
+    ) -> Result<Vec<DelayEstimate>, DelayError> {
         if self.prewindow != Prewindow::Rest {
             let answers = self.within(experiment, max_delay)?;
             let singular = answers.iter().any(|a| a.outcome == Outcome::Singular);
@@ -258,7 +289,11 @@ impl StateLeastSquares {
     }
 
     /// The same over the samples that see no input before the record.
-    fn within(&self, experiment: &Experiment, max_delay: usize) -> Result<Vec<DelayEstimate>, DelayError> {
+    fn within(
+        &self,
+        experiment: &Experiment,
+        max_delay: usize,
+    ) -> Result<Vec<DelayEstimate>, DelayError> {
         let plant = Plant::new(experiment)?;
         let (n, m) = plant.b.shape();
         let lags = max_delay + 1;
@@ -272,30 +307,59 @@ impl StateLeastSquares {
         let angles = angles(&gram, m);
         let Some((gamma, inverse)) = solve(&gram, &right) else {
             let note = |angle: &f64| {
-                let together =
-                    if *angle < TOGETHER { format!(": this input moves with the others (angle {angle:.2}°)") } else { String::new() };
-                format!("the lags of the inputs are combinations of each other: they do not move enough, or move together{together}")
+                let together = if *angle < TOGETHER {
+                    format!(": this input moves with the others (angle {angle:.2}°)")
+                } else {
+                    String::new()
+                };
+                format!(
+                    "the lags of the inputs are combinations of each other: they do not move enough, or move together{together}"
+                )
             };
-            return Ok(angles.iter().map(|a| DelayEstimate::without(Outcome::Singular, note(a))).collect());
+            return Ok(angles
+                .iter()
+                .map(|a| DelayEstimate::without(Outcome::Singular, note(a)))
+                .collect());
         };
         let explained_by_all = (gamma.dot(&right) / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let freedom = (samples * n).saturating_sub(parameters).max(1) as f64;
         let noise = power * (1.0 - explained_by_all) / freedom;
         // Start of the refinement: the largest coefficient and its larger neighbour share one delay.
-        let start: Vec<f64> =
-            gamma.as_slice().chunks_exact(lags).map(|coefficients| interpolated(coefficients, largest(coefficients))).collect();
+        let start: Vec<f64> = gamma
+            .as_slice()
+            .chunks_exact(lags)
+            .map(|coefficients| interpolated(coefficients, largest(coefficients)))
+            .collect();
         let refined = refine(&plant, &recordings, first, &start, max_delay);
         let explained = (1.0 - refined.residual / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let gain = freedom * -(1.0 - explained_by_all).max(1e-300).ln();
         let visible = gain >= posterior::visible_gain(parameters, 1);
-        let found = Found { lags, gamma, inverse, noise, angles, refined, explained, explained_by_all, visible };
-        Ok((0..m).map(|j| found.refusal(j).unwrap_or_else(|| found.estimate(j, self.selection, experiment.sample_time()))).collect())
+        let found = Found {
+            lags,
+            gamma,
+            inverse,
+            noise,
+            angles,
+            refined,
+            explained,
+            explained_by_all,
+            visible,
+        };
+        Ok((0..m)
+            .map(|j| {
+                found
+                    .refusal(j)
+                    .unwrap_or_else(|| found.estimate(j, self.selection, experiment.sample_time()))
+            })
+            .collect())
     }
 }
 
 /// The lag of the largest coefficient.
 fn largest(coefficients: &[f64]) -> usize {
-    (0..coefficients.len()).max_by(|&a, &b| coefficients[a].total_cmp(&coefficients[b])).unwrap_or(0)
+    (0..coefficients.len())
+        .max_by(|&a, &b| coefficients[a].total_cmp(&coefficients[b]))
+        .unwrap_or(0)
 }
 
 /// What the data say of all inputs together.
@@ -325,19 +389,28 @@ impl Found {
     fn runner_up(&self, j: usize) -> Option<(usize, f64)> {
         let (coefficients, first) = (self.coefficients(j), j * self.lags);
         let peak = largest(coefficients);
-        let other = (0..self.lags).filter(|i| i.abs_diff(peak) > 1).max_by(|&a, &b| coefficients[a].total_cmp(&coefficients[b]))?;
+        let other = (0..self.lags)
+            .filter(|i| i.abs_diff(peak) > 1)
+            .max_by(|&a, &b| coefficients[a].total_cmp(&coefficients[b]))?;
         let (at, i) = (first + peak, first + other);
         let variance = self.inverse[(at, at)] + self.inverse[(i, i)] - 2.0 * self.inverse[(at, i)];
-        Some((other, (self.gamma[at] - self.gamma[i]) / (self.noise * variance).max(f64::MIN_POSITIVE).sqrt()))
+        Some((
+            other,
+            (self.gamma[at] - self.gamma[i])
+                / (self.noise * variance).max(f64::MIN_POSITIVE).sqrt(),
+        ))
     }
 
     /// Why one input has no delay that is to be believed.
     fn refusal(&self, j: usize) -> Option<DelayEstimate> {
         let peak = largest(self.coefficients(j));
         let (coefficient, at) = (self.coefficients(j)[peak], j * self.lags + peak);
-        let strength = coefficient / (self.noise * self.inverse[(at, at)]).max(f64::MIN_POSITIVE).sqrt();
+        let strength =
+            coefficient / (self.noise * self.inverse[(at, at)]).max(f64::MIN_POSITIVE).sqrt();
         if !self.visible || (strength < 3.0 && coefficient < 0.5) {
-            let note = format!("no lag of this input stands out (largest coefficient {coefficient:.3}, {strength:.1} standard deviations)");
+            let note = format!(
+                "no lag of this input stands out (largest coefficient {coefficient:.3}, {strength:.1} standard deviations)"
+            );
             return Some(DelayEstimate::without(Outcome::NotVisible, note));
         }
         if let Some((runner_up, gap)) = self.runner_up(j).filter(|(_, gap)| *gap < SEPARATE) {
@@ -362,11 +435,14 @@ impl Found {
         let (lags, coefficients, refined) = (self.lags, self.coefficients(j), &self.refined);
         let peak = largest(coefficients);
         let products = || coefficients.iter().enumerate().map(|(i, gamma)| gamma * real(i));
-        let (sum, product) = (products().sum::<f64>(), products().fold(f64::NEG_INFINITY, f64::max));
+        let (sum, product) =
+            (products().sum::<f64>(), products().fold(f64::NEG_INFINITY, f64::max));
         let (delay, std) = match selection {
             Selection::Largest => (refined.delays[j], refined.std[j]),
             Selection::ProductSum => {
-                let weights = DVector::from_fn(self.gamma.len(), |i, _| if i / lags == j { real(i % lags) } else { 0.0 });
+                let weights = DVector::from_fn(self.gamma.len(), |i, _| {
+                    if i / lags == j { real(i % lags) } else { 0.0 }
+                });
                 (sum, (self.noise * weights.dot(&(&self.inverse * &weights))).max(0.0).sqrt())
             }
             Selection::LargestProduct => (product, f64::NAN),
@@ -376,8 +452,9 @@ impl Found {
             coefficients[peak],
             100.0 * self.explained
         );
-        let apart =
-            self.runner_up(j).map(|(runner_up, gap)| format!("the runner-up, lag {runner_up}, is {gap:.1} standard deviations below it"));
+        let apart = self.runner_up(j).map(|(runner_up, gap)| {
+            format!("the runner-up, lag {runner_up}, is {gap:.1} standard deviations below it")
+        });
         let angle = self.angles[j];
         let together = (angle < TOGETHER).then(|| {
             format!(
@@ -418,10 +495,16 @@ fn rows<'a>(recording: &'a Recording<'_>, a: &DMatrix<f64>) -> Rows<'a> {
 /// Every recording behind `samples` of rest: inputs at their first value where the record begins at rest, else at zero. No equation is made of those samples' states.
 fn behind_rest<'b>(experiment: &Experiment<'_>, samples: usize) -> Experiment<'b> {
     let rests = experiment.begins_at_rest();
-    let behind = |level: f64, x: &[f64]| -> Cow<'b, [f64]> { std::iter::repeat_n(level, samples).chain(x.iter().copied()).collect() };
+    let behind = |level: f64, x: &[f64]| -> Cow<'b, [f64]> {
+        std::iter::repeat_n(level, samples).chain(x.iter().copied()).collect()
+    };
     let recordings = (experiment.recordings().iter())
         .map(|r| Recording {
-            inputs: r.inputs.iter().map(|u| behind(u.first().copied().filter(|_| rests).unwrap_or(0.0), u)).collect(),
+            inputs: r
+                .inputs
+                .iter()
+                .map(|u| behind(u.first().copied().filter(|_| rests).unwrap_or(0.0), u))
+                .collect(),
             outputs: Vec::new(),
             states: r.states.iter().map(|x| behind(0.0, x)).collect(),
         })
@@ -431,7 +514,12 @@ fn behind_rest<'b>(experiment: &Experiment<'_>, samples: usize) -> Experiment<'b
 
 /// The recordings that have samples behind the first one.
 fn usable<'a>(experiment: &'a Experiment<'_>, plant: &Plant, first: usize) -> Vec<Rows<'a>> {
-    experiment.recordings().iter().filter(|r| r.inputs[0].len() > first + 1).map(|r| rows(r, &plant.a)).collect()
+    experiment
+        .recordings()
+        .iter()
+        .filter(|r| r.inputs[0].len() > first + 1)
+        .map(|r| rows(r, &plant.a))
+        .collect()
 }
 
 fn samples(recordings: &[Rows<'_>], first: usize) -> usize {
@@ -439,7 +527,13 @@ fn samples(recordings: &[Rows<'_>], first: usize) -> usize {
 }
 
 /// More equations than coefficients.
-fn enough(experiment: &Experiment, plant: &Plant, samples: usize, first: usize, lags: usize) -> Result<(), DelayError> {
+fn enough(
+    experiment: &Experiment,
+    plant: &Plant,
+    samples: usize,
+    first: usize,
+    lags: usize,
+) -> Result<(), DelayError> {
     let (n, m) = plant.b.shape();
     let needed_rows = (m * lags).div_ceil(n) + 1;
     if samples >= needed_rows {
@@ -459,7 +553,8 @@ fn solve(gram: &DMatrix<f64>, right: &DVector<f64>) -> Option<(DVector<f64>, DMa
     if scale.iter().any(|&s| s == 0.0) {
         return None;
     }
-    let scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| gram[(i, j)] * scale[i] * scale[j]);
+    let scaled =
+        DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| gram[(i, j)] * scale[i] * scale[j]);
     let factor = scaled.cholesky()?;
     let pivots = factor.l_dirty().diagonal();
     // Beyond this the coefficients have fewer than four digits.
@@ -467,7 +562,8 @@ fn solve(gram: &DMatrix<f64>, right: &DVector<f64>) -> Option<(DVector<f64>, DMa
         return None;
     }
     let inverse = factor.inverse();
-    let inverse = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| inverse[(i, j)] * scale[i] * scale[j]);
+    let inverse =
+        DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| inverse[(i, j)] * scale[i] * scale[j]);
     Some((&inverse * right, inverse))
 }
 
@@ -479,10 +575,15 @@ fn angles(gram: &DMatrix<f64>, inputs: usize) -> Vec<f64> {
     let each = |j: usize| {
         let own: Vec<usize> = (j * lags..(j + 1) * lags).collect();
         let rest: Vec<usize> = (0..gram.nrows()).filter(|i| i / lags != j).collect();
-        let block = |rows: &[usize], columns: &[usize]| gram.select_rows(rows).select_columns(columns);
-        let (Some(left), Some(right)) = (basis(block(&own, &own)), basis(block(&rest, &rest))) else { return 90.0 };
+        let block =
+            |rows: &[usize], columns: &[usize]| gram.select_rows(rows).select_columns(columns);
+        let (Some(left), Some(right)) = (basis(block(&own, &own)), basis(block(&rest, &rest)))
+        else {
+            return 90.0;
+        };
         let shared = left.tr_mul(&block(&own, &rest)) * right;
-        let cosine = nalgebra::SVD::try_new(shared, false, false, f64::EPSILON, 10_000).map_or(0.0, |svd| svd.singular_values.max());
+        let cosine = nalgebra::SVD::try_new(shared, false, false, f64::EPSILON, 10_000)
+            .map_or(0.0, |svd| svd.singular_values.max());
         cosine.clamp(0.0, 1.0).acos().to_degrees()
     };
     (0..inputs).map(each).collect()
@@ -496,16 +597,20 @@ fn basis(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
     let eigen = nalgebra::SymmetricEigen::try_new(gram, f64::EPSILON, 10_000)?;
     let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
     // Half of the digits of a Gram matrix are those of its columns.
-    let kept: Vec<usize> = (0..eigen.eigenvalues.len()).filter(|&i| eigen.eigenvalues[i] > 1e-10 * largest).collect();
-    let scale = DVector::from_iterator(kept.len(), kept.iter().map(|&i| 1.0 / eigen.eigenvalues[i].sqrt()));
-    (!kept.is_empty()).then(|| eigen.eigenvectors.select_columns(&kept) * DMatrix::from_diagonal(&scale))
+    let kept: Vec<usize> =
+        (0..eigen.eigenvalues.len()).filter(|&i| eigen.eigenvalues[i] > 1e-10 * largest).collect();
+    let scale =
+        DVector::from_iterator(kept.len(), kept.iter().map(|&i| 1.0 / eigen.eigenvalues[i].sqrt()));
+    (!kept.is_empty())
+        .then(|| eigen.eigenvectors.select_columns(&kept) * DMatrix::from_diagonal(&scale))
 }
 
 /// The delay between a coefficient and its larger neighbour.
 fn interpolated(gamma: &[f64], peak: usize) -> f64 {
     let at = |i: Option<usize>| i.and_then(|i| gamma.get(i)).copied().unwrap_or(0.0).max(0.0);
     let (before, here, after) = (at(peak.checked_sub(1)), at(Some(peak)), at(Some(peak + 1)));
-    let (from, low, high) = if after >= before { (peak, here, after) } else { (peak - 1, before, here) };
+    let (from, low, high) =
+        if after >= before { (peak, here, after) } else { (peak - 1, before, here) };
     real(from) + if low + high > 0.0 { high / (low + high) } else { 0.0 }
 }
 
@@ -518,14 +623,24 @@ struct Refined {
 }
 
 /// One continuous delay per input by Gauss-Newton on z, and its sandwich standard deviation (the noise of z reaches over neighbouring samples).
-fn refine(plant: &Plant, recordings: &[Rows<'_>], first: usize, start: &[f64], max_delay: usize) -> Refined {
+fn refine(
+    plant: &Plant,
+    recordings: &[Rows<'_>],
+    first: usize,
+    start: &[f64],
+    max_delay: usize,
+) -> Refined {
     let m = start.len();
     let mut delays = start.to_vec();
     let mut best: Option<Refined> = None;
     for _ in 0..30 {
         let evaluated = evaluate(plant, recordings, first, &delays);
         let improved = best.as_ref().is_none_or(|b| evaluated.residual < b.residual);
-        let Some(step) = evaluated.information.clone().cholesky().map(|c| c.solve(&evaluated.gradient)) else { break };
+        let Some(step) =
+            evaluated.information.clone().cholesky().map(|c| c.solve(&evaluated.gradient))
+        else {
+            break;
+        };
         if improved {
             let std = sandwich(&evaluated);
             best = Some(Refined { delays: delays.clone(), std, residual: evaluated.residual });
@@ -533,7 +648,9 @@ fn refine(plant: &Plant, recordings: &[Rows<'_>], first: usize, start: &[f64], m
         let from = best.as_ref().map_or(&delays, |b| &b.delays).clone();
         // After a step that made it worse, half the way back to the best point.
         let next: Vec<f64> = if improved {
-            (0..m).map(|j| (delays[j] - step[j].clamp(-0.5, 0.5)).clamp(0.0, real(max_delay))).collect()
+            (0..m)
+                .map(|j| (delays[j] - step[j].clamp(-0.5, 0.5)).clamp(0.0, real(max_delay)))
+                .collect()
         } else {
             (0..m).map(|j| 0.5 * (delays[j] + from[j])).collect()
         };
@@ -543,7 +660,11 @@ fn refine(plant: &Plant, recordings: &[Rows<'_>], first: usize, start: &[f64], m
             break;
         }
     }
-    best.unwrap_or_else(|| Refined { delays: start.to_vec(), std: vec![f64::NAN; m], residual: f64::INFINITY })
+    best.unwrap_or_else(|| Refined {
+        delays: start.to_vec(),
+        std: vec![f64::NAN; m],
+        residual: f64::INFINITY,
+    })
 }
 
 struct Evaluated {
@@ -563,8 +684,12 @@ fn evaluate(plant: &Plant, recordings: &[Rows<'_>], first: usize, delays: &[f64]
         })
         .collect();
     let total: usize = recordings.iter().map(|r| r.z.ncols() - first).sum();
-    let mut evaluated =
-        Evaluated { residual: 0.0, gradient: DVector::zeros(m), information: DMatrix::zeros(m, m), scores: DMatrix::zeros(m, total) };
+    let mut evaluated = Evaluated {
+        residual: 0.0,
+        gradient: DVector::zeros(m),
+        information: DMatrix::zeros(m, m),
+        scores: DMatrix::zeros(m, total),
+    };
     let slopes = DMatrix::from_fn(m, m, |i, j| parts[i].1[2].dot(&parts[j].1[2]));
     let mut column = 0;
     for r in recordings {
@@ -596,12 +721,15 @@ fn evaluate(plant: &Plant, recordings: &[Rows<'_>], first: usize, delays: &[f64]
 /// Standard deviations from scores that neighbouring samples share (lags up to 2, Bartlett's weights).
 fn sandwich(evaluated: &Evaluated) -> Vec<f64> {
     let m = evaluated.gradient.len();
-    let Some(bread) = evaluated.information.clone().cholesky().map(|c| c.inverse()) else { return vec![f64::NAN; m] };
+    let Some(bread) = evaluated.information.clone().cholesky().map(|c| c.inverse()) else {
+        return vec![f64::NAN; m];
+    };
     let s = &evaluated.scores;
     let mut meat = s * s.transpose();
     for lag in 1..=2_usize {
         let columns = s.ncols().saturating_sub(lag);
-        let shifted = s.columns(lag, columns) * s.columns(0, columns).transpose() * (1.0 - real(lag) / 3.0);
+        let shifted =
+            s.columns(lag, columns) * s.columns(0, columns).transpose() * (1.0 - real(lag) / 3.0);
         meat += &shifted + shifted.transpose();
     }
     let covariance = &bread * meat * &bread;

@@ -13,7 +13,9 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_signal::registry::entry;
 
@@ -66,13 +68,25 @@ pub struct Cusum {
 
 impl Default for Cusum {
     fn default() -> Self {
-        Self { taps: 71, drift: 1.0, level: None, false_alarm: 0.01, records: Records::Joint, prewindow: Prewindow::Auto }
+        Self {
+            taps: 71,
+            drift: 1.0,
+            level: None,
+            false_alarm: 0.01,
+            records: Records::Joint,
+            prewindow: Prewindow::Auto,
+        }
     }
 }
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("cusum", "sample from which the estimated impulse response keeps adding up, by a CUSUM test", Cusum, dyn DelayEstimator),
+    entry: entry!(
+        "cusum",
+        "sample from which the estimated impulse response keeps adding up, by a CUSUM test",
+        Cusum,
+        dyn DelayEstimator
+    ),
     class: Class::Threshold,
     scope: Scope::Pair,
     start: Start::Any,
@@ -83,11 +97,18 @@ pub(crate) const METHOD: Method = Method {
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "as `threshold`",
     blind_to: "responses that change sign at once; feedback",
-    exempt: &[(Law::Exact, "a response that outlives the taps leaves errors in the coefficients before its start, which the sum adds up")],
+    exempt: &[(
+        Law::Exact,
+        "a response that outlives the taps leaves errors in the coefficients before its start, which the sum adds up",
+    )],
 };
 
 impl DelayEstimator for Cusum {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         self.run("cusum", &Kind::Impulse, experiment, search)
     }
 }
@@ -100,7 +121,8 @@ impl Cusum {
         experiment: &Experiment,
         search: &Search,
     ) -> Result<DelayEstimate, DelayError> {
-        let option = |option, value, allowed| DelayError::Option { method: name, option, value, allowed };
+        let option =
+            |option, value, allowed| DelayError::Option { method: name, option, value, allowed };
         if self.taps == 0 {
             return Err(option("taps", 0.0, "1 or more"));
         }
@@ -115,7 +137,8 @@ impl Cusum {
         }
         one_pair(experiment, search, |records, max_delay, bias| {
             let taps = self.taps.max(max_delay + 1);
-            let response = match response(name, kind, records, taps, self.records, self.prewindow)? {
+            let response = match response(name, kind, records, taps, self.records, self.prewindow)?
+            {
                 Ok(response) => response,
                 Err(answer) => return Ok(answer),
             };
@@ -127,27 +150,43 @@ impl Cusum {
         })
     }
 
-    fn change(&self, response: &Response, max_delay: usize, bias: usize, experiment: &Experiment) -> DelayEstimate {
+    fn change(
+        &self,
+        response: &Response,
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> DelayEstimate {
         // On noise-free data the uncertainty is rounding: a share of the largest value stands for it.
         let floor = ROUNDING * response.values.amax();
-        let z: Vec<f64> = (0..=max_delay).map(|i| response.values[i] / response.std[i].max(floor).max(f64::MIN_POSITIVE)).collect();
-        let level = self.level.unwrap_or_else(|| alarm_level(response, max_delay + 1, self.drift, self.false_alarm));
+        let z: Vec<f64> = (0..=max_delay)
+            .map(|i| response.values[i] / response.std[i].max(floor).max(f64::MIN_POSITIVE))
+            .collect();
+        let level = self
+            .level
+            .unwrap_or_else(|| alarm_level(response, max_delay + 1, self.drift, self.false_alarm));
         let Some(Run { first, alarm }) = cusum(&z, self.drift, level) else {
-            let note =
-                format!("the response adds up to no more than {level:.1} standard deviations above the drift up to the longest delay");
+            let note = format!(
+                "the response adds up to no more than {level:.1} standard deviations above the drift up to the longest delay"
+            );
             return DelayEstimate::without(Outcome::NotVisible, note);
         };
         // Errors of coefficients are nearly independent, those of their sums are not: the coefficients tell where it began.
         let [values, std] = &response.each;
         let misfits = misfits(values, std, alarm);
-        let start = (first..=alarm).rev().min_by(|&a, &b| misfits[a].total_cmp(&misfits[b])).unwrap_or(alarm);
+        let start = (first..=alarm)
+            .rev()
+            .min_by(|&a, &b| misfits[a].total_cmp(&misfits[b]))
+            .unwrap_or(alarm);
         let began = onset(&misfits).min(start);
         let [raw, start, began, alarm] = [first, start, began, alarm].map(|i| i as f64);
         let interval = posterior::first_coefficient(began, alarm, bias);
         let std = (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt();
         let at_edge = start == max_delay as f64;
-        let estimate = DelayEstimate::counted(start, std, interval, at_edge, bias, experiment.sample_time());
-        DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(raw)), ..estimate }.noting(response.note.clone())
+        let estimate =
+            DelayEstimate::counted(start, std, interval, at_edge, bias, experiment.sample_time());
+        DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(raw)), ..estimate }
+            .noting(response.note.clone())
     }
 }
 
@@ -186,12 +225,14 @@ const DRAWS: usize = 2000;
 
 /// The level that noise alone exceeds with this probability, for errors correlated as the response's are; by drawing them.
 fn alarm_level(response: &Response, samples: usize, drift: f64, probability: f64) -> f64 {
-    let mut correlation: DMatrix<f64> = response.correlation.view((0, 0), (samples, samples)).into_owned();
+    let mut correlation: DMatrix<f64> =
+        response.correlation.view((0, 0), (samples, samples)).into_owned();
     for i in 0..samples {
         correlation[(i, i)] = 1.0 + 1e-9;
     }
     // Errors without a covariance to speak of (noise-free data) are drawn independent.
-    let root = correlation.cholesky().map_or_else(|| DMatrix::identity(samples, samples), |c| c.l());
+    let root =
+        correlation.cholesky().map_or_else(|| DMatrix::identity(samples, samples), |c| c.l());
     let freedom = response.freedom.max(1) as f64;
     let scale = ChiSquared::new(freedom).ok();
     // A stream of its own with a fixed seed: the same record gives the same level.
@@ -199,7 +240,9 @@ fn alarm_level(response: &Response, samples: usize, drift: f64, probability: f64
     let mut tops: Vec<f64> = (0..DRAWS)
         .map(|_| {
             let independent = DVector::from_fn(samples, |_, _| StandardNormal.sample(&mut rng));
-            let spread: f64 = scale.as_ref().map_or(1.0, |s| (Distribution::<f64>::sample(s, &mut rng) / freedom).sqrt());
+            let spread: f64 = scale
+                .as_ref()
+                .map_or(1.0, |s| (Distribution::<f64>::sample(s, &mut rng) / freedom).sqrt());
             let z = &root * independent / spread.max(f64::MIN_POSITIVE);
             top(z.as_slice(), drift)
         })
@@ -252,10 +295,14 @@ mod tests {
         let drift = 1.5;
         let level = alarm_level(&response, n, drift, 0.05);
         // Without memory: P(all |z| ≤ drift + level) = 0.95.
-        let alone = Normal::new(0.0, 1.0).unwrap().inverse_cdf(0.5 + 0.5 * 0.95_f64.powf(1.0 / n as f64)) - drift;
+        let alone =
+            Normal::new(0.0, 1.0).unwrap().inverse_cdf(0.5 + 0.5 * 0.95_f64.powf(1.0 / n as f64))
+                - drift;
         assert!(level >= alone - 0.05 && level < alone + 0.6, "{level} {alone}");
         // Correlated errors add up further.
         let slow = DMatrix::from_fn(n, n, |i, j| 0.95_f64.powi((i as i32 - j as i32).abs()));
-        assert!(alarm_level(&Response { correlation: slow, ..response }, n, drift, 0.05) > level + 1.0);
+        assert!(
+            alarm_level(&Response { correlation: slow, ..response }, n, drift, 0.05) > level + 1.0
+        );
     }
 }

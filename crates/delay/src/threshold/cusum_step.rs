@@ -9,7 +9,9 @@ use crate::estimate::DelayEstimate;
 use crate::estimator::{DelayEstimator, Search};
 use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use deadtime_signal::registry::entry;
 
 /// CUSUM test on the step response, the running sum of the impulse response; options, output and cost as [`Cusum`].
@@ -63,7 +65,11 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for CusumStep {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         self.0.run("cusum_step", &Kind::Step, experiment, search)
     }
 }

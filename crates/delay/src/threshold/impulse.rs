@@ -10,7 +10,9 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::method::{Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_signal::registry::entry;
 
@@ -58,13 +60,24 @@ pub struct Threshold {
 
 impl Default for Threshold {
     fn default() -> Self {
-        Self { taps: 71, h_std: 5.0, family_wise: None, records: Records::Joint, prewindow: Prewindow::Auto }
+        Self {
+            taps: 71,
+            h_std: 5.0,
+            family_wise: None,
+            records: Records::Joint,
+            prewindow: Prewindow::Auto,
+        }
     }
 }
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("threshold", "first coefficient of the estimated impulse response above its threshold", Threshold, dyn DelayEstimator),
+    entry: entry!(
+        "threshold",
+        "first coefficient of the estimated impulse response above its threshold",
+        Threshold,
+        dyn DelayEstimator
+    ),
     class: Class::Threshold,
     scope: Scope::Pair,
     start: Start::Any,
@@ -79,7 +92,11 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Threshold {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         self.run("threshold", &Kind::Impulse, experiment, search)
     }
 }
@@ -92,7 +109,8 @@ impl Threshold {
         experiment: &Experiment,
         search: &Search,
     ) -> Result<DelayEstimate, DelayError> {
-        let option = |option, value, allowed| DelayError::Option { method: name, option, value, allowed };
+        let option =
+            |option, value, allowed| DelayError::Option { method: name, option, value, allowed };
         if self.taps == 0 {
             return Err(option("taps", 0.0, "1 or more"));
         }
@@ -104,7 +122,8 @@ impl Threshold {
         }
         one_pair(experiment, search, |records, max_delay, bias| {
             let taps = self.taps.max(max_delay + 1);
-            let response = match response(name, kind, records, taps, self.records, self.prewindow)? {
+            let response = match response(name, kind, records, taps, self.records, self.prewindow)?
+            {
                 Ok(response) => response,
                 Err(answer) => return Ok(answer),
             };
@@ -117,13 +136,21 @@ impl Threshold {
         })
     }
 
-    fn crossing(&self, response: &Response, settles: bool, max_delay: usize, bias: usize, experiment: &Experiment) -> DelayEstimate {
+    fn crossing(
+        &self,
+        response: &Response,
+        settles: bool,
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> DelayEstimate {
         let taps = response.values.len();
         let multiple = match self.family_wise {
             None => self.h_std,
             Some(level) => {
                 let each = 1.0 - (1.0 - level).powf(1.0 / taps as f64);
-                StudentsT::new(0.0, 1.0, response.freedom as f64).map_or(self.h_std, |t| t.inverse_cdf(1.0 - each / 2.0))
+                StudentsT::new(0.0, 1.0, response.freedom as f64)
+                    .map_or(self.h_std, |t| t.inverse_cdf(1.0 - each / 2.0))
             }
         };
         // On noise-free data the uncertainty is rounding, and so may be what stands above it.
@@ -133,7 +160,9 @@ impl Threshold {
         let Some(first) = (0..=max_delay).find(|&i| above(i)) else {
             return DelayEstimate::without(
                 Outcome::NotVisible,
-                format!("no sample of the response up to the longest delay exceeds {multiple:.2} standard deviations"),
+                format!(
+                    "no sample of the response up to the longest delay exceeds {multiple:.2} standard deviations"
+                ),
             );
         };
         let began = onset(&misfits(&response.values, &response.std, first));
@@ -141,11 +170,16 @@ impl Threshold {
         let interval = posterior::first_coefficient(began, raw, bias);
         let at_edge = first == max_delay;
         let tail = taps - taps.div_ceil(10);
-        let alive = (tail..taps).filter(|&i| response.values[i].abs() > (3.0 * response.std[i]).max(floor)).count();
-        let note = (settles && 2 * alive > taps - tail)
-            .then(|| format!("the impulse response has not died out after {taps} taps: set more of them"));
+        let alive = (tail..taps)
+            .filter(|&i| response.values[i].abs() > (3.0 * response.std[i]).max(floor))
+            .count();
+        let note = (settles && 2 * alive > taps - tail).then(|| {
+            format!("the impulse response has not died out after {taps} taps: set more of them")
+        });
         // The true start is anywhere between: a uniform distribution's standard deviation.
         let std = (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt();
-        DelayEstimate::counted(raw, std, interval, at_edge, bias, experiment.sample_time()).noting(note).noting(response.note.clone())
+        DelayEstimate::counted(raw, std, interval, at_edge, bias, experiment.sample_time())
+            .noting(note)
+            .noting(response.note.clone())
     }
 }

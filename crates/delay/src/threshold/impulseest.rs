@@ -9,7 +9,9 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search, one_pair};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start,
+};
 use crate::posterior;
 use deadtime_identify::{Evidence, Record};
 use deadtime_signal::registry::entry;
@@ -89,24 +91,42 @@ const ROWS: usize = 20;
 const ROUNDS: usize = 3;
 
 impl DelayEstimator for Impulseest {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
-        let option = |option, value, allowed| DelayError::Option { method: NAME, option, value, allowed };
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
+        let option =
+            |option, value, allowed| DelayError::Option { method: NAME, option, value, allowed };
         if self.taps == 0 {
             return Err(option("taps", 0.0, "1 or more"));
         }
         if !(self.false_alarm > 0.0 && self.false_alarm < 1.0) {
             return Err(option("false_alarm", self.false_alarm, "between 0 and 1"));
         }
-        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| {
+            self.pair(records, max_delay, bias, experiment)
+        })
     }
 }
 
 impl Impulseest {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let taps = self.taps.max(max_delay + 1);
         let (needed, got) = (taps - 1 + ROWS, experiment.longest());
         if got < needed {
-            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: crate::error::LengthRemedy::WindowOr("set fewer taps") });
+            return Err(DelayError::TooShort {
+                method: NAME,
+                needed,
+                got,
+                remedy: crate::error::LengthRemedy::WindowOr("set fewer taps"),
+            });
         }
         let Some(evidence) = Evidence::new(records, taps) else {
             let note = format!("the input never moves within {taps} samples of a measured output");
@@ -117,13 +137,21 @@ impl Impulseest {
         }
         let mut prior = evidence.tune(0, None);
         let Some(whole) = evidence.response(0, prior) else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "the numbers overflow; scale the channels"));
+            return Ok(DelayEstimate::without(
+                Outcome::Singular,
+                "the numbers overflow; scale the channels",
+            ));
         };
         let each = 1.0 - (1.0 - self.false_alarm).powf(1.0 / taps as f64);
-        let multiple = Normal::new(0.0, 1.0).map_or(f64::INFINITY, |n| n.inverse_cdf(1.0 - 0.5 * each));
-        let above = |i: &usize| whole.coefficients[*i].abs() > multiple * whole.covariance[(*i, *i)].max(0.0).sqrt();
+        let multiple =
+            Normal::new(0.0, 1.0).map_or(f64::INFINITY, |n| n.inverse_cdf(1.0 - 0.5 * each));
+        let above = |i: &usize| {
+            whole.coefficients[*i].abs() > multiple * whole.covariance[(*i, *i)].max(0.0).sqrt()
+        };
         let Some(crossing) = (0..=max_delay).find(above) else {
-            let note = format!("no coefficient up to the longest delay exceeds {multiple:.2} posterior standard deviations");
+            let note = format!(
+                "no coefficient up to the longest delay exceeds {multiple:.2} posterior standard deviations"
+            );
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         };
         let mut start = crossing;
@@ -131,23 +159,40 @@ impl Impulseest {
         for _ in 0..ROUNDS {
             prior = evidence.tune(start, Some(prior));
             misfits = (0..=max_delay).map(|k| evidence.misfit(k, prior)).collect();
-            let best = (0..=max_delay).min_by(|&a, &b| misfits[a].total_cmp(&misfits[b])).unwrap_or(start);
+            let best =
+                (0..=max_delay).min_by(|&a, &b| misfits[a].total_cmp(&misfits[b])).unwrap_or(start);
             if best == start {
                 break;
             }
             start = best;
         }
         let Some(posterior) = posterior::posterior_of_misfits(&misfits) else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "no start has a finite likelihood: scale the channels"));
+            return Ok(DelayEstimate::without(
+                Outcome::Singular,
+                "no start has a finite likelihood: scale the channels",
+            ));
         };
         let delays = max_delay + 1;
         if posterior.set > delays / 2 {
-            return Ok(DelayEstimate::without(Outcome::Flat, format!("{} of {delays} starts are as probable", posterior.set)));
+            return Ok(DelayEstimate::without(
+                Outcome::Flat,
+                format!("{} of {delays} starts are as probable", posterior.set),
+            ));
         }
         let (raw, first) = (posterior.best as f64, crossing as f64);
         let interval = posterior::first_coefficient(posterior.ends[0], posterior.ends[1], bias);
         let at_edge = posterior.best == max_delay;
-        let estimate = DelayEstimate::counted(raw, posterior.std, interval, at_edge, bias, experiment.sample_time());
-        Ok(DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(first)), ..estimate })
+        let estimate = DelayEstimate::counted(
+            raw,
+            posterior.std,
+            interval,
+            at_edge,
+            bias,
+            experiment.sample_time(),
+        );
+        Ok(DelayEstimate {
+            raw_delay_s: Some(experiment.sample_time().to_seconds(first)),
+            ..estimate
+        })
     }
 }

@@ -69,7 +69,12 @@ pub(super) fn response(
     let needed = taps + 2 + if prewindow == Prewindow::Rest { 0 } else { taps - 1 };
     let got = records.iter().map(Record::len).max().unwrap_or(0);
     if got < needed {
-        return Err(DelayError::TooShort { method: name, needed, got, remedy: crate::error::LengthRemedy::WindowOr("set fewer taps") });
+        return Err(DelayError::TooShort {
+            method: name,
+            needed,
+            got,
+            remedy: crate::error::LengthRemedy::WindowOr("set fewer taps"),
+        });
     }
     let rested;
     let records = if prewindow == Prewindow::Rest {
@@ -92,7 +97,10 @@ pub(super) fn response(
                 return Ok(answer.map(|r| Response { note: Some(said.to_owned()), ..r }));
             }
             Err(rank) => {
-                let note = format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
+                let note = format!(
+                    "the input excites only {} of {} coefficients",
+                    rank.rank, rank.columns
+                );
                 return Ok(Err(DelayEstimate::without(Outcome::NotRichEnough, note)));
             }
         }
@@ -110,7 +118,9 @@ fn one(kind: &Kind, fir: &Fir) -> Response {
         }
     };
     let std = covariance.diagonal().map(|v| v.max(0.0).sqrt());
-    let correlation = DMatrix::from_fn(taps, taps, |i, j| covariance[(i, j)] / (std[i] * std[j]).max(f64::MIN_POSITIVE));
+    let correlation = DMatrix::from_fn(taps, taps, |i, j| {
+        covariance[(i, j)] / (std[i] * std[j]).max(f64::MIN_POSITIVE)
+    });
     let each = [fir.coefficients.clone(), fir.covariance.diagonal().map(|v| v.max(0.0).sqrt())];
     Response { values, std, each, correlation, freedom: fir.rows - taps, note: None }
 }
@@ -164,12 +174,17 @@ fn from_rest<'b>(record: &Record<'_>, taps: usize) -> Record<'b> {
         let count = resting.len().max(1) as f64;
         (level_u, level_y) = (record.u[0], resting.iter().sum::<f64>() / count);
     }
-    let behind = |x: &[f64], level: f64| -> Cow<'b, [f64]> { vec![0.0; before].into_iter().chain(x.iter().map(|v| v - level)).collect() };
+    let behind = |x: &[f64], level: f64| -> Cow<'b, [f64]> {
+        vec![0.0; before].into_iter().chain(x.iter().map(|v| v - level)).collect()
+    };
     let n = record.len();
     Record {
         u: behind(&record.u[..n], level_u),
         y: behind(&record.y[..n], level_y),
-        present: record.present.as_ref().map(|p| vec![true; before].into_iter().chain(p[..n].iter().copied()).collect()),
+        present: record
+            .present
+            .as_ref()
+            .map(|p| vec![true; before].into_iter().chain(p[..n].iter().copied()).collect()),
     }
 }
 
@@ -181,7 +196,12 @@ pub(super) fn misfits(values: &DVector<f64>, std: &DVector<f64>, crossing: usize
     let misfit = |start: usize| {
         let (mut up, mut down, mut total) = (0.0, 0.0, 0.0);
         for k in 0..=crossing {
-            let weight = 1.0 / std[k].max(ROUNDING * values[crossing].abs()).max(f64::MIN_POSITIVE).powi(2).max(f64::MIN_POSITIVE);
+            let weight = 1.0
+                / std[k]
+                    .max(ROUNDING * values[crossing].abs())
+                    .max(f64::MIN_POSITIVE)
+                    .powi(2)
+                    .max(f64::MIN_POSITIVE);
             let ramp = if k < start { 0.0 } else { (k - start + 1) as f64 };
             up += weight * ramp * values[k];
             down += weight * ramp * ramp;

@@ -9,7 +9,9 @@ use crate::estimate::DelayEstimate;
 use crate::estimator::{DelayEstimator, Search};
 use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::method::{
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+};
 use deadtime_signal::registry::entry;
 
 /// Threshold on the step response, the running sum of the impulse response; options as [`Threshold`].
@@ -23,7 +25,12 @@ pub struct Step(pub Threshold);
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!("threshold_step", "first sample of the estimated step response above its threshold", Step, dyn DelayEstimator),
+    entry: entry!(
+        "threshold_step",
+        "first sample of the estimated step response above its threshold",
+        Step,
+        dyn DelayEstimator
+    ),
     class: Class::Threshold,
     scope: Scope::Pair,
     start: Start::Any,
@@ -41,7 +48,11 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Step {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+    fn estimate(
+        &self,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
         self.0.run("threshold_step", &Kind::Step, experiment, search)
     }
 }

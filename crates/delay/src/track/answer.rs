@@ -130,8 +130,17 @@ impl Moving {
             let next = found.get(s + 1).filter(|n| n.record == stretch.record);
             let to = next.and_then(|n| n.began).map_or(stretch.samples.end, |b| b[0]);
             let range = if from < to { from..to } else { stretch.samples.clone() };
-            let rows = || track.at.iter().enumerate().filter(|(_, at)| at.0 == stretch.record && range.contains(&at.1)).map(|(i, _)| i);
-            let middle = |of: &dyn Fn(usize) -> f64| stats::median(rows().map(of).collect()).unwrap_or(stretch.delay as f64);
+            let rows = || {
+                track
+                    .at
+                    .iter()
+                    .enumerate()
+                    .filter(|(_, at)| at.0 == stretch.record && range.contains(&at.1))
+                    .map(|(i, _)| i)
+            };
+            let middle = |of: &dyn Fn(usize) -> f64| {
+                stats::median(rows().map(of).collect()).unwrap_or(stretch.delay as f64)
+            };
             let raw = middle(&|i| track.mean[i]);
             let band = [middle(&|i| track.band[i][0]), middle(&|i| track.band[i][1])];
             let from_s = stretch.began.map_or(0.0, |_| time(stretch.samples.start as f64));
@@ -141,13 +150,19 @@ impl Moving {
             stretches.push(AtOneDelay {
                 record: stretch.record,
                 from_s,
-                from_ci95_s: stretch.began.map(|b| [time(b[0] as f64 - AROUND), time(b[1] as f64 + AROUND)]),
-                to_s: ts.to_seconds(lengths.get(stretch.record).copied().unwrap_or(stretch.samples.end) as f64),
+                from_ci95_s: stretch
+                    .began
+                    .map(|b| [time(b[0] as f64 - AROUND), time(b[1] as f64 + AROUND)]),
+                to_s: ts.to_seconds(
+                    lengths.get(stretch.record).copied().unwrap_or(stretch.samples.end) as f64,
+                ),
                 delay_s: anchor.seconds(raw, ts),
                 ci95_s: anchor.band(raw, band, ts),
             });
         }
-        let quantile = |q: f64| anchor.seconds(stats::quantile(&track.mean, q).unwrap_or(anchor.reference), ts);
+        let quantile = |q: f64| {
+            anchor.seconds(stats::quantile(&track.mean, q).unwrap_or(anchor.reference), ts)
+        };
         Self {
             kind: if drift.is_some() { Kind::Drifts } else { Kind::Jumps },
             rate: drift.map(|d| d.rate),

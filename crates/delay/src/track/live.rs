@@ -150,7 +150,12 @@ impl Live {
     ///
     /// # Errors
     /// [`crate::error::DelayError`] for an option out of its range, once the sample time is known, and for a value that is not finite.
-    pub fn push(&mut self, time_s: f64, u: Option<f64>, y: Option<f64>) -> crate::error::Result<Vec<Told>> {
+    pub fn push(
+        &mut self,
+        time_s: f64,
+        u: Option<f64>,
+        y: Option<f64>,
+    ) -> crate::error::Result<Vec<Told>> {
         let sample = Sample { time_s, u, y };
         let mut told = Vec::new();
         match &mut self.stage {
@@ -193,22 +198,32 @@ fn step_s(first: &[Sample]) -> f64 {
     let stamps: Vec<f64> = first.iter().map(|s| s.time_s).collect();
     let mut steps: Vec<f64> = neighbours(&stamps).map(|(before, after)| after - before).collect();
     let middle = steps.len() / 2;
-    let median = if steps.is_empty() { 0.0 } else { *steps.select_nth_unstable_by(middle, f64::total_cmp).1 };
+    let median = if steps.is_empty() {
+        0.0
+    } else {
+        *steps.select_nth_unstable_by(middle, f64::total_cmp).1
+    };
     let near: Vec<f64> = steps.into_iter().filter(|s| (s - median).abs() <= 0.5 * median).collect();
     near.iter().sum::<f64>() / near.len().max(1) as f64
 }
 
 impl Running {
-    fn new(options: &LiveOptions, first: &[Sample], told: &mut Vec<Told>) -> crate::error::Result<Self> {
+    fn new(
+        options: &LiveOptions,
+        first: &[Sample],
+        told: &mut Vec<Told>,
+    ) -> crate::error::Result<Self> {
         let ts = SampleTime::new(step_s(first))?;
         let mut tracker = options.tracker.clone();
         if let Some(max_s) = options.max_delay_s {
             // Beyond its range the tracker says so.
-            tracker.max_delay = (max_s / ts.seconds()).ceil().clamp(0.0, 1e6) as usize + tracker.bias;
+            tracker.max_delay =
+                (max_s / ts.seconds()).ceil().clamp(0.0, 1e6) as usize + tracker.bias;
         }
         tracker.learn = tracker.learn.max(2 * (tracker.na + tracker.nb + tracker.max_delay + 2));
         tracker.forget = tracker.forget.max(tracker.learn);
-        let (window, time_s) = (tracker.max_delay + tracker.nb, first.last().map_or(0.0, |s| s.time_s));
+        let (window, time_s) =
+            (tracker.max_delay + tracker.nb, first.last().map_or(0.0, |s| s.time_s));
         let max_delay_s = ts.to_seconds(tracker.max_delay.saturating_sub(tracker.bias) as f64);
         told.push(Told::Learning { time_s, sample_time_s: ts.seconds(), max_delay_s });
         Ok(Self {
@@ -263,7 +278,13 @@ impl Running {
     }
 
     /// A sample of the grid.
-    fn one(&mut self, time_s: f64, u: f64, y: Option<f64>, told: &mut Vec<Told>) -> crate::error::Result<()> {
+    fn one(
+        &mut self,
+        time_s: f64,
+        u: f64,
+        y: Option<f64>,
+        told: &mut Vec<Told>,
+    ) -> crate::error::Result<()> {
         let known = self.blind == 0;
         self.blind = self.blind.saturating_sub(1);
         if self.stamps.len() == STAMPS {
@@ -275,7 +296,12 @@ impl Running {
         let now = tracking.delay_s.zip(tracking.band_s);
         match tracking.alarm {
             Some(Alarm::DelayChanged { from_s, to_s, since_s }) => {
-                told.push(Told::DelayChanged { time_s, from_s, to_s, since_s: self.stamp(since_s) });
+                told.push(Told::DelayChanged {
+                    time_s,
+                    from_s,
+                    to_s,
+                    since_s: self.stamp(since_s),
+                });
                 (self.alarmed, self.beside) = (Some((to_s, 0)), 0);
             }
             Some(Alarm::ResponseChanged { since_s }) => {
@@ -289,7 +315,9 @@ impl Running {
             (Some((to_s, _)), _) if (delay_s - to_s).abs() <= self.ts.seconds() => {
                 (self.told, self.alarmed) = (Some((delay_s, ci95_s)), None);
             }
-            (Some((to_s, SETTLING..)), _) if ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW) => {
+            (Some((to_s, SETTLING..)), _)
+                if ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW) =>
+            {
                 self.moved(time_s, to_s, delay_s, ci95_s, told)
             }
             (Some((to_s, samples)), _) => self.alarmed = Some((to_s, samples + 1)),
@@ -299,7 +327,11 @@ impl Running {
             }
             (None, Some((from_s, [low, high]))) => {
                 let narrow = ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW);
-                self.beside = if narrow && (ci95_s[0] > high || ci95_s[1] < low) { self.beside + 1 } else { 0 };
+                self.beside = if narrow && (ci95_s[0] > high || ci95_s[1] < low) {
+                    self.beside + 1
+                } else {
+                    0
+                };
                 if self.beside >= HELD {
                     self.moved(time_s, from_s, delay_s, ci95_s, told);
                 }
@@ -308,7 +340,14 @@ impl Running {
         Ok(())
     }
 
-    fn moved(&mut self, time_s: f64, from_s: f64, delay_s: f64, ci95_s: [f64; 2], told: &mut Vec<Told>) {
+    fn moved(
+        &mut self,
+        time_s: f64,
+        from_s: f64,
+        delay_s: f64,
+        ci95_s: [f64; 2],
+        told: &mut Vec<Told>,
+    ) {
         told.push(Told::DelayMoved { time_s, from_s, delay_s, ci95_s });
         (self.told, self.alarmed, self.beside) = (Some((delay_s, ci95_s)), None, 0);
     }

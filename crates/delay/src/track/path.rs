@@ -7,14 +7,24 @@ use super::rows::{Errors, Rows};
 /// Source: the Viterbi algorithm for a hidden Markov model whose states are the delays; a change is as dear to every other delay, so that the best predecessor is either
 /// the same delay or the best of all. With this price it is optimal partitioning: Jackson et al. (2005), IEEE Signal Process. Lett. 12(2), 105-108,
 /// doi:10.1109/LSP.2001.838216.
-pub(super) fn best_path(rows: &Rows, errors: &Errors<'_>, variance: &[f64], price: f64) -> Vec<usize> {
+pub(super) fn best_path(
+    rows: &Rows,
+    errors: &Errors<'_>,
+    variance: &[f64],
+    price: f64,
+) -> Vec<usize> {
     let delays = rows.orders.delays;
     let mut score = vec![0.0; delays];
     // Of each row: the delay that was best before it, and which delays are reached from that one.
-    let (mut best_before, mut came) = (Vec::with_capacity(rows.len()), vec![false; rows.len() * delays]);
+    let (mut best_before, mut came) =
+        (Vec::with_capacity(rows.len()), vec![false; rows.len() * delays]);
     for (i, variance) in variance.iter().enumerate() {
         let half = 0.5 / variance;
-        let (best, least) = score.iter().copied().enumerate().fold((0, f64::INFINITY), |m, s| if s.1 < m.1 { s } else { m });
+        let (best, least) = score
+            .iter()
+            .copied()
+            .enumerate()
+            .fold((0, f64::INFINITY), |m, s| if s.1 < m.1 { s } else { m });
         best_before.push(best);
         for (d, s) in score.iter_mut().enumerate() {
             // From the least, so that sums stay small; the first row is reached from anywhere.
@@ -24,7 +34,11 @@ pub(super) fn best_path(rows: &Rows, errors: &Errors<'_>, variance: &[f64], pric
             *s = stay.min(jump) + half * errors.whole(i, d).powi(2);
         }
     }
-    let mut at = score.iter().enumerate().fold((0, f64::INFINITY), |m, (d, s)| if *s < m.1 { (d, *s) } else { m }).0;
+    let mut at = score
+        .iter()
+        .enumerate()
+        .fold((0, f64::INFINITY), |m, (d, s)| if *s < m.1 { (d, *s) } else { m })
+        .0;
     let mut path = vec![0; rows.len()];
     for i in (0..rows.len()).rev() {
         path[i] = at;
@@ -69,25 +83,43 @@ pub(super) fn stretches(path: &[usize]) -> Vec<(std::ops::Range<usize>, usize)> 
 }
 
 /// What the rows of a stretch gain by its own delay over another, in units of the logarithm of the likelihood.
-fn gain(errors: &Errors<'_>, variance: &[f64], rows: std::ops::Range<usize>, own: usize, other: usize) -> f64 {
-    rows.map(|i| (errors.whole(i, other).powi(2) - errors.whole(i, own).powi(2)) * 0.5 / variance[i]).sum()
+fn gain(
+    errors: &Errors<'_>,
+    variance: &[f64],
+    rows: std::ops::Range<usize>,
+    own: usize,
+    other: usize,
+) -> f64 {
+    rows.map(|i| {
+        (errors.whole(i, other).powi(2) - errors.whole(i, own).powi(2)) * 0.5 / variance[i]
+    })
+    .sum()
 }
 
 /// The path without the stretches that gain less than `price` over the delay before or behind them, or last less than `least` rows: they take that delay. The weakest goes
 /// first.
-pub(super) fn pruned(path: &[usize], errors: &Errors<'_>, variance: &[f64], price: f64, least: usize) -> Vec<usize> {
+pub(super) fn pruned(
+    path: &[usize],
+    errors: &Errors<'_>,
+    variance: &[f64],
+    price: f64,
+    least: usize,
+) -> Vec<usize> {
     let mut kept = stretches(path);
     // Many at once while they are many, so that a path which changes all the time takes no time of its own.
     while kept.len() > 1 {
         let weakness = |s: usize| {
             let (rows, own) = &kept[s];
-            let beside = [s.checked_sub(1), Some(s + 1)].into_iter().flatten().filter_map(|b| kept.get(b));
-            let gains = beside.map(|(_, other)| (gain(errors, variance, rows.clone(), *own, *other), *other));
+            let beside =
+                [s.checked_sub(1), Some(s + 1)].into_iter().flatten().filter_map(|b| kept.get(b));
+            let gains = beside
+                .map(|(_, other)| (gain(errors, variance, rows.clone(), *own, *other), *other));
             let (gained, other) = gains.min_by(|a, b| a.0.total_cmp(&b.0))?;
             let short = if rows.len() < least { f64::NEG_INFINITY } else { gained };
             (short < price).then_some((short, gained, s, other))
         };
-        let mut weak: Vec<(f64, f64, usize, usize)> = (0..kept.len()).filter_map(weakness).collect();
+        let mut weak: Vec<(f64, f64, usize, usize)> =
+            (0..kept.len()).filter_map(weakness).collect();
         if weak.is_empty() {
             break;
         }
@@ -124,12 +156,15 @@ mod tests {
 
     /// Every path of so many rows over so many delays.
     fn every(rows: usize, delays: usize) -> Vec<Vec<usize>> {
-        (0..delays.pow(rows as u32)).map(|n| (0..rows).map(|i| n / delays.pow(i as u32) % delays).collect()).collect()
+        (0..delays.pow(rows as u32))
+            .map(|n| (0..rows).map(|i| n / delays.pow(i as u32) % delays).collect())
+            .collect()
     }
 
     #[test]
     fn the_best_path_is_the_best_of_all() {
-        let wave = |k: f64, f: f64| (0..12).map(|t| (f * f64::from(t) + k).sin()).collect::<Vec<f64>>();
+        let wave =
+            |k: f64, f: f64| (0..12).map(|t| (f * f64::from(t) + k).sin()).collect::<Vec<f64>>();
         for (k, price) in [(0.1, 0.05), (0.7, 0.4), (1.9, 2.0)] {
             let record = [Record::new(wave(k, 1.3), wave(2.0 * k, 0.9))];
             let rows = Rows::new(&record, Orders { na: 1, nb: 2, delays: 3 });
@@ -138,11 +173,18 @@ mod tests {
             let variance: Vec<f64> = (0..rows.len()).map(|i| 0.1 + 0.05 * i as f64).collect();
             let cost = |path: &Vec<usize>| -> f64 {
                 let moved = path.windows(2).filter(|w| w[0] != w[1]).count() as f64;
-                (0..rows.len()).map(|i| errors.whole(i, path[i]).powi(2) * 0.5 / variance[i]).sum::<f64>() + price * moved
+                (0..rows.len())
+                    .map(|i| errors.whole(i, path[i]).powi(2) * 0.5 / variance[i])
+                    .sum::<f64>()
+                    + price * moved
             };
             let least = every(rows.len(), 3).iter().map(cost).fold(f64::INFINITY, f64::min);
             let found = best_path(&rows, &errors, &variance, price);
-            assert!((cost(&found) - least).abs() < 1e-9, "price {price}: {} and {least}", cost(&found));
+            assert!(
+                (cost(&found) - least).abs() < 1e-9,
+                "price {price}: {} and {least}",
+                cost(&found)
+            );
         }
     }
 }

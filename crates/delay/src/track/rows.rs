@@ -61,7 +61,11 @@ impl Rows {
             u.extend_from_slice(&record.u[..record.len()]);
             y.extend_from_slice(&record.y[..record.len()]);
             let there = |t: usize| record.present.as_ref().is_none_or(|p| p[t]);
-            at.extend((first..record.len()).filter(|&t| (t - orders.na..=t).all(there)).map(|t| begin + t));
+            at.extend(
+                (first..record.len())
+                    .filter(|&t| (t - orders.na..=t).all(there))
+                    .map(|t| begin + t),
+            );
         }
         let mean = at.iter().map(|&t| y[t]).sum::<f64>() / at.len().max(1) as f64;
         let power = at.iter().map(|&t| (y[t] - mean).powi(2)).sum();
@@ -92,7 +96,8 @@ impl Rows {
                 *value = self.y[t - 1 - k];
             }
             for (j, value) in row[na..na + nb].iter_mut().enumerate() {
-                *value = self.u[t - d - j] * (1.0 - part) + if part > 0.0 { part * self.u[t - d - j - 1] } else { 0.0 };
+                *value = self.u[t - d - j] * (1.0 - part)
+                    + if part > 0.0 { part * self.u[t - d - j - 1] } else { 0.0 };
             }
             row[na + nb] = 1.0;
             row[columns] = self.y[t];
@@ -105,17 +110,34 @@ impl Rows {
         }
         gram.fill_lower_triangle_with_upper_triangle();
         let (theta, left) = solve(&gram)?;
-        let shape = Shape { a: theta[..na].to_vec(), b: theta[na..na + nb].to_vec(), level: theta[na + nb] };
+        let shape = Shape {
+            a: theta[..na].to_vec(),
+            b: theta[na..na + nb].to_vec(),
+            level: theta[na + nb],
+        };
         Some((shape, left))
     }
 
     /// What the past outputs and the level leave of each row, and the drive Σ bⱼ·u(t−j) at every sample: the error of delay d is `left[i] − drive[at[i] − d]`.
     pub(super) fn errors(&self, shape: &Shape) -> Errors<'_> {
         let left = (self.at.iter())
-            .map(|&t| self.y[t] - shape.level - shape.a.iter().enumerate().map(|(k, a)| a * self.y[t - 1 - k]).sum::<f64>())
+            .map(|&t| {
+                self.y[t]
+                    - shape.level
+                    - shape.a.iter().enumerate().map(|(k, a)| a * self.y[t - 1 - k]).sum::<f64>()
+            })
             .collect();
-        let drive =
-            (0..self.u.len()).map(|t| shape.b.iter().enumerate().filter(|(j, _)| *j <= t).map(|(j, b)| b * self.u[t - j]).sum()).collect();
+        let drive = (0..self.u.len())
+            .map(|t| {
+                shape
+                    .b
+                    .iter()
+                    .enumerate()
+                    .filter(|(j, _)| *j <= t)
+                    .map(|(j, b)| b * self.u[t - j])
+                    .sum()
+            })
+            .collect();
         Errors { at: &self.at, left, drive }
     }
 }
@@ -150,7 +172,10 @@ pub(super) fn split(delay: f64) -> (usize, f64) {
 /// θ of the normal equations in a Gram matrix of [regressors, target], columns scaled to norm 1, and the Σe² that it leaves.
 pub(in crate::track) fn solve(gram: &DMatrix<f64>) -> Option<(Vec<f64>, f64)> {
     let columns = gram.nrows() - 1;
-    let scale: Vec<f64> = (0..columns).map(|i| gram[(i, i)].sqrt()).map(|s| if s > 0.0 { s.recip() } else { 0.0 }).collect();
+    let scale: Vec<f64> = (0..columns)
+        .map(|i| gram[(i, i)].sqrt())
+        .map(|s| if s > 0.0 { s.recip() } else { 0.0 })
+        .collect();
     let normal = DMatrix::from_fn(columns, columns, |i, j| {
         let same = if i == j { RIDGE + f64::from(u8::from(scale[i] == 0.0)) } else { 0.0 };
         gram[(i, j)] * scale[i] * scale[j] + same
@@ -159,7 +184,9 @@ pub(in crate::track) fn solve(gram: &DMatrix<f64>) -> Option<(Vec<f64>, f64)> {
     let solution = normal.cholesky()?.solve(&target);
     let theta: Vec<f64> = solution.iter().zip(&scale).map(|(x, s)| x * s).collect();
     // θᵀGθ − 2θᵀg + yᵀy, which holds for any θ.
-    let quadratic: f64 = (0..columns).map(|i| theta[i] * (0..columns).map(|j| gram[(i, j)] * theta[j]).sum::<f64>()).sum();
+    let quadratic: f64 = (0..columns)
+        .map(|i| theta[i] * (0..columns).map(|j| gram[(i, j)] * theta[j]).sum::<f64>())
+        .sum();
     let product: f64 = (0..columns).map(|i| theta[i] * gram[(i, columns)]).sum();
     let left = (gram[(columns, columns)] - 2.0 * product + quadratic).max(0.0);
     (left.is_finite() && theta.iter().all(|v| v.is_finite())).then_some((theta, left))

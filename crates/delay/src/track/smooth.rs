@@ -53,7 +53,8 @@ impl Watched {
                 to.iter_mut().for_each(|e| *e = (least - *e).exp());
                 -least
             };
-            let drifts = DRIFTS.map(|drift| (forward(n, grid.len(), drift, &emission, None), drift));
+            let drifts =
+                DRIFTS.map(|drift| (forward(n, grid.len(), drift, &emission, None), drift));
             let drift = drifts.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map_or(DRIFTS[0], |d| d.1);
             let found = smoothed(n, &grid, drift, &emission);
             if let Some((fitted, _)) = self.rows.fit(|i| found.mean[i]) {
@@ -61,11 +62,17 @@ impl Watched {
             }
             best = Some(found);
         }
-        let Smoothed { mean, band, log_likelihood } = best.unwrap_or(Smoothed { mean: Vec::new(), band: Vec::new(), log_likelihood: 0.0 });
+        let Smoothed { mean, band, log_likelihood } =
+            best.unwrap_or(Smoothed { mean: Vec::new(), band: Vec::new(), log_likelihood: 0.0 });
         let at = (0..n).map(|i| self.place(i)).collect();
         let skip = self.skip as f64;
         let wide = |[low, high]: [f64; 2]| [low + skip - 0.5 * step, high + skip + 0.5 * step];
-        Track { at, mean: mean.into_iter().map(|m| m + skip).collect(), band: band.into_iter().map(wide).collect(), log_likelihood }
+        Track {
+            at,
+            mean: mean.into_iter().map(|m| m + skip).collect(),
+            band: band.into_iter().map(wide).collect(),
+            log_likelihood,
+        }
     }
 }
 
@@ -87,18 +94,30 @@ impl Watched {
         if self.rows.begins.len() != 1 || track.mean.len() < 2 {
             return None;
         }
-        let points =
-            || track.at.iter().zip(&track.mean).zip(&track.band).map(|((at, m), b)| (at.1 as f64, *m, (b[1] - b[0]).max(1e-3).powi(-2)));
+        let points = || {
+            track
+                .at
+                .iter()
+                .zip(&track.mean)
+                .zip(&track.band)
+                .map(|((at, m), b)| (at.1 as f64, *m, (b[1] - b[0]).max(1e-3).powi(-2)))
+        };
         let weight: f64 = points().map(|p| p.2).sum();
-        let (t, d) = (points().map(|p| p.2 * p.0).sum::<f64>() / weight, points().map(|p| p.2 * p.1).sum::<f64>() / weight);
+        let (t, d) = (
+            points().map(|p| p.2 * p.0).sum::<f64>() / weight,
+            points().map(|p| p.2 * p.1).sum::<f64>() / weight,
+        );
         let spread: f64 = points().map(|p| p.2 * (p.0 - t).powi(2)).sum();
-        let rate = points().map(|p| p.2 * (p.0 - t) * (p.1 - d)).sum::<f64>() / spread.max(f64::MIN_POSITIVE);
+        let rate = points().map(|p| p.2 * (p.0 - t) * (p.1 - d)).sum::<f64>()
+            / spread.max(f64::MIN_POSITIVE);
         let (first, skip) = (d - rate * t, self.skip as f64);
         let last = (self.rows.orders.delays - 1) as f64;
         let along = |i: usize| (first + rate * track.at[i].1 as f64 - skip).clamp(0.0, last);
         let (shape, _) = self.rows.fit(along)?;
         let errors = self.rows.errors(&shape);
-        let of = |i: usize| 0.5 * (self.steady[i] - errors.between(i, along(i)).powi(2)) / self.variance[i];
+        let of = |i: usize| {
+            0.5 * (self.steady[i] - errors.between(i, along(i)).powi(2)) / self.variance[i]
+        };
         Some(Drift { first, rate, gain: (0..self.rows.len()).map(of).sum::<f64>() - price })
     }
 }
@@ -110,7 +129,9 @@ impl Track {
         let ahead = reference.round().max(0.0) as usize;
         let of = |(number, record): (usize, &'a Record<'_>)| {
             let mut delay: Vec<f64> = Vec::with_capacity(record.len());
-            for ((_, sample), &mean) in self.at.iter().zip(&self.mean).filter(|((r, _), _)| *r == number) {
+            for ((_, sample), &mean) in
+                self.at.iter().zip(&self.mean).filter(|((r, _), _)| *r == number)
+            {
                 let held = delay.last().copied().unwrap_or(mean);
                 delay.resize((*sample).max(delay.len()), held);
                 delay.push(mean);
@@ -121,10 +142,15 @@ impl Track {
                 let d = delay.get(tau + ahead).copied().unwrap_or(end);
                 let from = (tau as f64 + reference - d).clamp(0.0, (record.len() - 1) as f64);
                 let (low, part) = split(from);
-                record.u[low] * (1.0 - part) + if part > 0.0 { part * record.u[low + 1] } else { 0.0 }
+                record.u[low] * (1.0 - part)
+                    + if part > 0.0 { part * record.u[low + 1] } else { 0.0 }
             };
             let u: Vec<f64> = (0..record.len()).map(moved).collect();
-            Record { u: u.into(), y: (&*record.y).into(), present: record.present.as_deref().map(Into::into) }
+            Record {
+                u: u.into(),
+                y: (&*record.y).into(),
+                present: record.present.as_deref().map(Into::into),
+            }
         };
         records.iter().enumerate().map(of).collect()
     }
@@ -149,9 +175,16 @@ pub(in crate::track) fn step(p: &[f64], drift: f64, jump: f64, to: &mut [f64]) {
 }
 
 /// The filter: log-likelihood, and the distributions of each row, one behind the other, where they are wanted.
-fn forward(n: usize, count: usize, drift: f64, emission: &impl Fn(usize, &mut [f64]) -> f64, mut keep: Option<&mut Vec<f32>>) -> f64 {
+fn forward(
+    n: usize,
+    count: usize,
+    drift: f64,
+    emission: &impl Fn(usize, &mut [f64]) -> f64,
+    mut keep: Option<&mut Vec<f32>>,
+) -> f64 {
     let jump = JUMPS / n.max(1) as f64;
-    let (mut p, mut next, mut e) = (vec![1.0 / count as f64; count], vec![0.0; count], vec![0.0; count]);
+    let (mut p, mut next, mut e) =
+        (vec![1.0 / count as f64; count], vec![0.0; count], vec![0.0; count]);
     let mut log = 0.0;
     for i in 0..n {
         step(&p, drift, jump, &mut next);
@@ -176,12 +209,18 @@ fn forward(n: usize, count: usize, drift: f64, emission: &impl Fn(usize, &mut [f
 }
 
 /// Forward, then backward; the chain is symmetric, so one step back is one step.
-fn smoothed(n: usize, grid: &[f64], drift: f64, emission: &impl Fn(usize, &mut [f64]) -> f64) -> Smoothed {
+fn smoothed(
+    n: usize,
+    grid: &[f64],
+    drift: f64,
+    emission: &impl Fn(usize, &mut [f64]) -> f64,
+) -> Smoothed {
     let count = grid.len();
     let jump = JUMPS / n.max(1) as f64;
     let mut kept: Vec<f32> = Vec::with_capacity(n * count);
     let log_likelihood = forward(n, count, drift, emission, Some(&mut kept));
-    let (mut beta, mut e, mut weighed) = (vec![1.0 / count as f64; count], vec![0.0; count], vec![0.0; count]);
+    let (mut beta, mut e, mut weighed) =
+        (vec![1.0 / count as f64; count], vec![0.0; count], vec![0.0; count]);
     let (mut mean, mut band) = (vec![0.0; n], vec![[0.0; 2]; n]);
     for i in (0..n).rev() {
         let alpha = &kept[i * count..(i + 1) * count];
@@ -231,7 +270,8 @@ mod tests {
             // The first row is one step from a uniform start, which stays uniform.
             let mut p = 1.0 / 3.0;
             for i in 0..4 {
-                p *= likelihood[i][path[i]] * if i > 0 { transition(path[i - 1], path[i]) } else { 1.0 };
+                p *= likelihood[i][path[i]]
+                    * if i > 0 { transition(path[i - 1], path[i]) } else { 1.0 };
             }
             total += p;
             path.iter().zip(&mut first).for_each(|(d, f)| *f += p * grid[*d]);

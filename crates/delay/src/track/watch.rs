@@ -91,7 +91,8 @@ impl Watch {
         }
         let small = (ROUNDING * rows.power / n as f64).max(f64::MIN_POSITIVE);
         let scan = arx_scan(&records, orders.na, orders.nb, max_delay);
-        let mut ranked: Vec<usize> = (0..orders.delays).filter(|&k| scan.loss[k].is_finite()).collect();
+        let mut ranked: Vec<usize> =
+            (0..orders.delays).filter(|&k| scan.loss[k].is_finite()).collect();
         ranked.sort_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
         let constant = ranked.iter().take(3).filter_map(|&k| Some((k, rows.fit(|_| k as f64)?)));
         let (one, (shape, left)) = constant.min_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
@@ -132,11 +133,21 @@ impl Watch {
             let squares = squares(&best.rows, &fitted, &path);
             variance = variances(&squares, small);
             let changes = stretches(&path).len() - 1;
-            let gained: f64 = best.steady.iter().zip(&squares).zip(&variance).map(|((s, e), v)| 0.5 * (s - e) / v).sum();
-            let (gain, share) = (gained - self.price * changes as f64, 1.0 - left / best.steady.iter().sum::<f64>().max(f64::MIN_POSITIVE));
+            let gained: f64 = best
+                .steady
+                .iter()
+                .zip(&squares)
+                .zip(&variance)
+                .map(|((s, e), v)| 0.5 * (s - e) / v)
+                .sum();
+            let (gain, share) = (
+                gained - self.price * changes as f64,
+                1.0 - left / best.steady.iter().sum::<f64>().max(f64::MIN_POSITIVE),
+            );
             if changes > 0 && gain > best.gain && share > LEAST_SHARE {
                 (best.gain, best.share) = (gain, share);
-                (best.shape, best.variance, best.path) = (fitted.clone(), variance.clone(), path.clone());
+                (best.shape, best.variance, best.path) =
+                    (fitted.clone(), variance.clone(), path.clone());
             }
             shape = fitted;
         }
@@ -158,15 +169,22 @@ impl Watched {
         let mut shown: Vec<Stretch> = Vec::new();
         for (s, (rows, delay)) in found.iter().enumerate() {
             let before = s.checked_sub(1).and_then(|b| found.get(b));
-            let mut began = before.map(|(before, from)| self.began(&errors, before.start..rows.end, *from, *delay));
+            let mut began = before
+                .map(|(before, from)| self.began(&errors, before.start..rows.end, *from, *delay));
             for row in rows.clone() {
                 let (record, sample) = self.place(row);
                 match shown.last_mut().filter(|l| l.record == record && l.delay == *delay) {
                     Some(last) => last.samples.end = sample + 1,
                     None => {
                         let same = shown.last().is_some_and(|l| l.record == record);
-                        let began = began.take().filter(|_| same).map(|b| b.map(|row| self.place(row).1));
-                        shown.push(Stretch { record, samples: sample..sample + 1, began, delay: delay + self.skip });
+                        let began =
+                            began.take().filter(|_| same).map(|b| b.map(|row| self.place(row).1));
+                        shown.push(Stretch {
+                            record,
+                            samples: sample..sample + 1,
+                            began,
+                            delay: delay + self.skip,
+                        });
                     }
                 }
                 if let Some(last) = shown.last_mut() {
@@ -184,13 +202,20 @@ impl Watched {
     }
 
     /// The first and the last row at which a change from one delay to another may lie, 95 %: its likelihood over all places, added up.
-    fn began(&self, errors: &Errors<'_>, rows: std::ops::Range<usize>, from: usize, to: usize) -> [usize; 2] {
+    fn began(
+        &self,
+        errors: &Errors<'_>,
+        rows: std::ops::Range<usize>,
+        from: usize,
+        to: usize,
+    ) -> [usize; 2] {
         let start = rows.start;
         let mut log = Vec::with_capacity(rows.len());
         let mut sum = 0.0;
         for i in rows {
             log.push(sum);
-            sum += 0.5 * (errors.whole(i, to).powi(2) - errors.whole(i, from).powi(2)) / self.variance[i];
+            sum += 0.5 * (errors.whole(i, to).powi(2) - errors.whole(i, from).powi(2))
+                / self.variance[i];
             // A change behind row i leaves row i at the delay before.
         }
         let top = log.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -223,7 +248,8 @@ fn parts<'a>(records: &'a [Record<'_>]) -> Vec<Record<'a>> {
     let cut = |record: &'a Record<'_>| {
         let len = record.len();
         let each = [2, 3].into_iter().flat_map(|count| (0..count).map(move |part| (part, count)));
-        each.map(move |(part, count)| (len * part / count, len * (part + 1) / count)).map(|(from, to)| record.part(from, from, to - from))
+        each.map(move |(part, count)| (len * part / count, len * (part + 1) / count))
+            .map(|(from, to)| record.part(from, from, to - from))
     };
     records.iter().take(RECORDS).flat_map(cut).collect()
 }
@@ -231,7 +257,10 @@ fn parts<'a>(records: &'a [Record<'_>]) -> Vec<Record<'a>> {
 /// The shape of the best constant delay of a part, and what it leaves of a row.
 fn start(part: &Record<'_>, orders: Orders, max_delay: usize) -> Option<(Shape, f64)> {
     let scan = arx_scan(std::slice::from_ref(part), orders.na, orders.nb, max_delay);
-    let best = (0..orders.delays).filter(|&k| scan.loss[k].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]))?;
+    let best = (0..orders.delays)
+        .filter(|&k| scan.loss[k].is_finite())
+        .min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]))?;
     let (a, b) = scan.coefficients[best].split_at(orders.na);
-    (scan.rows >= 2 * orders.columns()).then(|| (Shape { a: a.to_vec(), b: b.to_vec(), level: 0.0 }, scan.loss[best]))
+    (scan.rows >= 2 * orders.columns())
+        .then(|| (Shape { a: a.to_vec(), b: b.to_vec(), level: 0.0 }, scan.loss[best]))
 }

@@ -27,12 +27,18 @@ const KNOWN: [f64; 2] = [1.0, 1000.0];
 /// jump) the one farthest from nominal counts: the identity needs all of them. `effect` and `found` are the same effect.
 pub(super) fn probability(effect: &Applied, found: &FoundEffect) -> f64 {
     let known = |(p, found): (&Parameter, &FoundParameter)| {
-        let deviations = |value: f64| found.std.filter(|std| *std > 0.0).map_or(0.0, |std| p.departure(value) / std);
-        found.value.map(|value| (!p.role.is_shape() && p.nominal.is_finite() && p.nominal != 0.0, deviations(value)))
+        let deviations = |value: f64| {
+            found.std.filter(|std| *std > 0.0).map_or(0.0, |std| p.departure(value) / std)
+        };
+        found.value.map(|value| {
+            (!p.role.is_shape() && p.nominal.is_finite() && p.nominal != 0.0, deviations(value))
+        })
     };
-    let all: Vec<(bool, f64)> = effect.parameters.iter().zip(&found.parameters).filter_map(known).collect();
+    let all: Vec<(bool, f64)> =
+        effect.parameters.iter().zip(&found.parameters).filter_map(known).collect();
     let of = |ratio: bool| all.iter().filter(move |k| k.0 == ratio).map(|k| k.1);
-    let worst = of(true).reduce(f64::max).into_iter().chain(of(false)).fold(f64::INFINITY, f64::min);
+    let worst =
+        of(true).reduce(f64::max).into_iter().chain(of(false)).fold(f64::INFINITY, f64::min);
     let sum = LAW[0] + LAW[1] * worst.clamp(KNOWN[0], KNOWN[1]).log10();
     1.0 / (1.0 + (-sum).exp())
 }
@@ -40,7 +46,11 @@ pub(super) fn probability(effect: &Applied, found: &FoundEffect) -> f64 {
 /// How often a list of several effects that explains all is exactly the machine's: each of them acts, and none is missing. 1 for a single effect, which was
 /// compared with every other.
 pub(super) fn list(effects: &[Applied], found: &[FoundEffect]) -> f64 {
-    if found.len() < 2 { 1.0 } else { COMPLETE * effects.iter().zip(found).map(|(e, f)| probability(e, f)).product::<f64>() }
+    if found.len() < 2 {
+        1.0
+    } else {
+        COMPLETE * effects.iter().zip(found).map(|(e, f)| probability(e, f)).product::<f64>()
+    }
 }
 
 #[cfg(test)]
@@ -63,11 +73,24 @@ mod tests {
             lower: f64::NEG_INFINITY,
             upper: f64::INFINITY,
         };
-        let found = |&(_, _, value, std): &Known| FoundParameter { name: "p".into(), unit: "1".into(), value, std, ci95: None };
+        let found = |&(_, _, value, std): &Known| FoundParameter {
+            name: "p".into(),
+            unit: "1".into(),
+            value,
+            std,
+            ci95: None,
+        };
         let (effect, channel) = (find("input_gain").unwrap(), "u".to_owned());
-        let found = FoundEffect { effect: "input_gain".into(), channel: "u".into(), parameters: parameters.iter().map(found).collect() };
+        let found = FoundEffect {
+            effect: "input_gain".into(),
+            channel: "u".into(),
+            parameters: parameters.iter().map(found).collect(),
+        };
         let values = parameters.iter().map(|p| p.2.unwrap_or(p.1)).collect();
-        (Applied { effect, channel, parameters: parameters.iter().map(free).collect(), values }, found)
+        (
+            Applied { effect, channel, parameters: parameters.iter().map(free).collect(), values },
+            found,
+        )
     }
 
     fn of(parameters: &[Known]) -> f64 {
@@ -128,7 +151,8 @@ mod tests {
     #[test]
     fn a_list_is_less_likely_than_each_of_its_effects_and_a_single_effect_is_no_list() {
         let of = |sizes: &[f64]| {
-            let (effects, found): (Vec<_>, Vec<_>) = sizes.iter().map(|value| effect(&[size(*value, 0.1)])).unzip();
+            let (effects, found): (Vec<_>, Vec<_>) =
+                sizes.iter().map(|value| effect(&[size(*value, 0.1)])).unzip();
             list(&effects, &found)
         };
         let alone = |value: f64| super::tests::of(&[size(value, 0.1)]);

@@ -58,20 +58,30 @@ impl Run {
         let x = system.simulate(&plan, record.commands(), &system.initial, correction).ok()?.x;
         let (samples, states) = (record.time_s.len(), system.states.len());
         let command = |j: usize, k: usize| {
-            let sent = record.time_s.partition_point(|t| *t <= record.time_s[k] - plan.inputs[j].delay_s).saturating_sub(1);
+            let sent = record
+                .time_s
+                .partition_point(|t| *t <= record.time_s[k] - plan.inputs[j].delay_s)
+                .saturating_sub(1);
             record.inputs[j][sent] - system.input_operating.get(j).copied().unwrap_or(0.0)
         };
-        let variables =
-            DMatrix::from_fn(samples, states + system.inputs.len(), |k, v| if v < states { x[(k, v)] } else { command(v - states, k) });
+        let variables = DMatrix::from_fn(samples, states + system.inputs.len(), |k, v| {
+            if v < states { x[(k, v)] } else { command(v - states, k) }
+        });
         let renewed = match plan.dynamics {
             Dynamics::Equations(..) => samples.div_ceil(POINTS).max(1),
             _ => usize::MAX,
         };
-        let (mut steps, mut step_at): (Vec<Step>, Vec<usize>) = (Vec::new(), Vec::with_capacity(samples));
+        let (mut steps, mut step_at): (Vec<Step>, Vec<usize>) =
+            (Vec::new(), Vec::with_capacity(samples));
         let mut known: BTreeMap<(usize, i64), usize> = BTreeMap::new();
         for k in 0..samples {
-            let dt = record.time_s.get(k + 1).map_or(record.sample_time_s, |next| next - record.time_s[k]);
-            let at = match known.entry((k / renewed, (dt / (SAME_STEP * record.sample_time_s)).round() as i64)) {
+            let dt = record
+                .time_s
+                .get(k + 1)
+                .map_or(record.sample_time_s, |next| next - record.time_s[k]);
+            let at = match known
+                .entry((k / renewed, (dt / (SAME_STEP * record.sample_time_s)).round() as i64))
+            {
                 Entry::Occupied(there) => *there.get(),
                 Entry::Vacant(new) => {
                     let row: Vec<f64> = variables.row(k).iter().copied().collect();
@@ -95,7 +105,12 @@ impl Run {
     }
 
     /// What every output does where a force is added to a state's derivative: kept samples × outputs.
-    pub(super) fn response(&self, state: usize, force: impl Fn(usize) -> f64, every: usize) -> DMatrix<f64> {
+    pub(super) fn response(
+        &self,
+        state: usize,
+        force: impl Fn(usize) -> f64,
+        every: usize,
+    ) -> DMatrix<f64> {
         let mut moved = DMatrix::zeros(self.states, 1);
         let pushed = |k: usize, step: &Step, moved: &mut DMatrix<f64>| {
             let mean = 0.5 * (force(k) + force((k + 1).min(self.samples() - 1)));
@@ -117,8 +132,10 @@ impl Run {
         every: usize,
         pushed: impl Fn(usize, &Step, &mut DMatrix<f64>),
     ) -> Vec<DMatrix<f64>> {
-        let mut shown = vec![DMatrix::zeros(self.samples().div_ceil(every), self.slopes.len()); moved.ncols()];
-        let (mut seen, mut next) = (DMatrix::zeros(self.slopes.len(), moved.ncols()), moved.clone());
+        let mut shown =
+            vec![DMatrix::zeros(self.samples().div_ceil(every), self.slopes.len()); moved.ncols()];
+        let (mut seen, mut next) =
+            (DMatrix::zeros(self.slopes.len(), moved.ncols()), moved.clone());
         for k in from..self.samples() {
             let step = &self.steps[self.step_at[k]];
             step.outputs.mul_to(moved, &mut seen);
@@ -169,5 +186,9 @@ fn step(plan: &Plan, time_s: f64, (x, u): (&[f64], &[f64]), dt: f64) -> Option<S
     }
     let exponential = exp(&both);
     let part = |column: usize| exponential.view((0, column), (n, n)).into_owned();
-    exponential.iter().all(|v| v.is_finite()).then(|| Step { transition: part(0), integral: part(n), outputs })
+    exponential.iter().all(|v| v.is_finite()).then(|| Step {
+        transition: part(0),
+        integral: part(n),
+        outputs,
+    })
 }

@@ -34,24 +34,34 @@ pub(crate) fn cause(
 ) -> Cause {
     let Composed { judged, stand_ins, estimate, .. } = composed;
     let estimate = estimate.as_ref();
-    let effects: Vec<FoundEffect> = judged.found.iter().flat_map(|e| found_effects(likelihood, e, estimate)).collect();
+    let effects: Vec<FoundEffect> =
+        judged.found.iter().flat_map(|e| found_effects(likelihood, e, estimate)).collect();
     let list = acts::list(judged.found.as_ref().map_or(&[], |e| &e.effects), &effects);
-    let ranking = ranking(judged, found, &Probabilities::new(judged, found, Penalties::of(likelihood)), list, after);
+    let ranking = ranking(
+        judged,
+        found,
+        &Probabilities::new(judged, found, Penalties::of(likelihood)),
+        list,
+        after,
+    );
     let classes = judged
         .found
         .as_ref()
         .and(judged.best.as_ref())
         .map(|leader| classes(likelihood, leader, found, judged.inexact))
         .unwrap_or_default();
-    let next_experiment = match (classes.iter().find(|class| class.len() > 1), judged.best.as_ref()) {
+    let next_experiment = match (classes.iter().find(|class| class.len() > 1), judged.best.as_ref())
+    {
         (Some(class), Some(best)) => {
-            let replaced = |a: &Applied| if a.key() == class[0].key() { class[1].clone() } else { a.clone() };
+            let replaced =
+                |a: &Applied| if a.key() == class[0].key() { class[1].clone() } else { a.clone() };
             let rival: Vec<Applied> = best.effects.iter().map(replaced).collect();
             Some(experiment(likelihood, scales, class, &best.effects, &rival))
         }
         _ => (!sensitivities.is_empty()).then(|| experiment::of_starts(sensitivities)),
     };
-    let mut indistinguishable: Vec<Vec<String>> = classes.iter().map(|class| class.iter().map(Applied::key).collect()).collect();
+    let mut indistinguishable: Vec<Vec<String>> =
+        classes.iter().map(|class| class.iter().map(Applied::key).collect()).collect();
     for (effect, instead) in judged.found.iter().flat_map(|e| e.effects.iter().zip(stand_ins)) {
         stand_in_class(&mut indistinguishable, effect, instead);
     }
@@ -85,18 +95,28 @@ fn ranking(
     list: f64,
     after: impl Fn(&Hypothesis) -> Option<f64> + Sync,
 ) -> Vec<RankingRow> {
-    let several = judged.found.iter().filter(|e| e.effects.len() > 1 && found.pairs.iter().take(PAIRS).all(|p| p.key() != e.key()));
-    let listed: Vec<&Hypothesis> = found.singles.iter().chain(found.pairs.iter().take(PAIRS)).chain(several).collect();
+    let several = judged.found.iter().filter(|e| {
+        e.effects.len() > 1 && found.pairs.iter().take(PAIRS).all(|p| p.key() != e.key())
+    });
+    let listed: Vec<&Hypothesis> =
+        found.singles.iter().chain(found.pairs.iter().take(PAIRS)).chain(several).collect();
     let sum: f64 = listed.iter().map(|e| scale.of(e)).sum::<f64>() + scale.share(scale.none);
     let rest = 1.0 - judged.unknown;
     let leading = judged.found.as_ref().map(Hypothesis::key);
     let leads = |e: &Hypothesis| leading.as_ref().is_some_and(|key| *key == e.key());
     let given = |e: &Hypothesis| rest * scale.of(e) / sum * if leads(e) { list } else { 1.0 };
     // What a list may lack or have too much is another list, and that is none of the rows.
-    let unknown = judged.unknown + listed.iter().filter(|e| leads(e)).map(|e| given(e) / list - given(e)).sum::<f64>();
-    let mut rows: Vec<(f64, bool, RankingRow)> = listed.par_iter().map(|e| (given(e), leads(e), row(e, given(e), after(e)))).collect();
+    let unknown = judged.unknown
+        + listed.iter().filter(|e| leads(e)).map(|e| given(e) / list - given(e)).sum::<f64>();
+    let mut rows: Vec<(f64, bool, RankingRow)> =
+        listed.par_iter().map(|e| (given(e), leads(e), row(e, given(e), after(e)))).collect();
     let plain = |effect: &str, probability: f64| {
-        RankingRow::Single(RankedSingle { effect: effect.to_owned(), channel: None, probability, after: None })
+        RankingRow::Single(RankedSingle {
+            effect: effect.to_owned(),
+            channel: None,
+            probability,
+            after: None,
+        })
     };
     let none = rest * scale.share(scale.none) / sum;
     rows.push((none, judged.verdict == GapVerdict::None, plain("none", none)));
@@ -124,7 +144,11 @@ fn stand_in_class(classes: &mut Vec<Vec<String>>, effect: &Applied, instead: &[A
 }
 
 /// Adds the starts on which the verdict hangs to the class of its first effect, with what would lead instead.
-fn start_classes(classes: &mut Vec<Vec<String>>, found: Option<&Hypothesis>, sensitivities: &[PriorSensitivity]) {
+fn start_classes(
+    classes: &mut Vec<Vec<String>>,
+    found: Option<&Hypothesis>,
+    sensitivities: &[PriorSensitivity],
+) {
     if sensitivities.is_empty() {
         return;
     }
@@ -134,7 +158,8 @@ fn start_classes(classes: &mut Vec<Vec<String>>, found: Option<&Hypothesis>, sen
         0
     });
     for sensitivity in sensitivities {
-        let names = std::iter::once(format!("initial_state:{}", sensitivity.state)).chain(sensitivity.instead.iter().map(Applied::key));
+        let names = std::iter::once(format!("initial_state:{}", sensitivity.state))
+            .chain(sensitivity.instead.iter().map(Applied::key));
         for name in names {
             if !classes[at].contains(&name) {
                 classes[at].push(name);
@@ -152,6 +177,10 @@ fn row(hypothesis: &Hypothesis, probability: f64, after: Option<f64>) -> Ranking
             probability,
             after,
         }),
-        several => RankingRow::Pair(RankedPair { effects: several.iter().map(named).collect(), probability, after }),
+        several => RankingRow::Pair(RankedPair {
+            effects: several.iter().map(named).collect(),
+            probability,
+            after,
+        }),
     }
 }

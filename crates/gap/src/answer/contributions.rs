@@ -11,7 +11,9 @@ use super::found_effects::found_effects;
 use super::improvement::{bootstrap, held_out_blocks};
 use super::location::{locate, output_shares};
 use crate::compose::composed::Composed;
-use crate::format::contributions::{Contribution, Explained, Recalibration, Remainder, Share, Strength};
+use crate::format::contributions::{
+    Contribution, Explained, Recalibration, Remainder, Share, Strength,
+};
 use crate::format::found::{FoundEffect, FoundParameter};
 use crate::hypothesis::effects::Hypothesis;
 use crate::judge::intervals::Estimate;
@@ -62,23 +64,39 @@ impl Squares {
     fn share(&self, effect: usize) -> Option<f64> {
         let rise = |w: &f64| (w - self.after).max(0.0);
         let all: f64 = self.without.iter().map(rise).sum();
-        let part = if all > 0.0 { rise(&self.without[effect]) / all } else { 1.0 / self.without.len() as f64 };
+        let part = if all > 0.0 {
+            rise(&self.without[effect]) / all
+        } else {
+            1.0 / self.without.len() as f64
+        };
         Some(self.together()? * part)
     }
 }
 
 impl GapBudget<'_, '_> {
     /// Contributions, most first, the model's own numbers, and what stays.
-    pub(crate) fn sections(&self, estimate: Option<&Estimate>) -> (Vec<Contribution>, Recalibration, Remainder) {
-        let taken_out: Vec<Option<Vec<DMatrix<f64>>>> = self.composed.taken_out.iter().map(|e| residuals(self.likelihood, e)).collect();
-        let without: Vec<Option<Vec<DMatrix<f64>>>> =
-            self.composed.without.iter().map(|e| e.as_ref().and_then(|e| residuals(self.likelihood, e))).collect();
+    pub(crate) fn sections(
+        &self,
+        estimate: Option<&Estimate>,
+    ) -> (Vec<Contribution>, Recalibration, Remainder) {
+        let taken_out: Vec<Option<Vec<DMatrix<f64>>>> =
+            self.composed.taken_out.iter().map(|e| residuals(self.likelihood, e)).collect();
+        let without: Vec<Option<Vec<DMatrix<f64>>>> = self
+            .composed
+            .without
+            .iter()
+            .map(|e| e.as_ref().and_then(|e| residuals(self.likelihood, e)))
+            .collect();
         // What cannot be simulated without an effect is as far off as the model as it came.
-        let all: Vec<&[DMatrix<f64>]> =
-            [self.before, self.after].into_iter().chain(taken_out.iter().map(|w| w.as_deref().unwrap_or(self.before))).collect();
+        let all: Vec<&[DMatrix<f64>]> = [self.before, self.after]
+            .into_iter()
+            .chain(taken_out.iter().map(|w| w.as_deref().unwrap_or(self.before)))
+            .collect();
         let floor = &self.composed.judged.floor.floor;
         let squares = |held: bool| {
-            let errors = |r: &[DMatrix<f64>]| Errors::of(self.likelihood.records, r, |r| if held { r.held } else { r.train });
+            let errors = |r: &[DMatrix<f64>]| {
+                Errors::of(self.likelihood.records, r, |r| if held { r.held } else { r.train })
+            };
             let square = |each: &[Option<f64>]| overall(each).unwrap_or(0.0).powi(2);
             let mut sums: Vec<f64> = all.iter().map(|r| square(&errors(r).nrmse())).collect();
             sums.push(square(&errors(self.before).relative(floor)));
@@ -86,31 +104,47 @@ impl GapBudget<'_, '_> {
         };
         let (learnt, held) = (squares(false), squares(true));
         let blocks = held_out_blocks(self.likelihood, &all, floor);
-        let interval =
-            |number: &dyn Fn(&Squares) -> Option<f64>| bootstrap(&blocks, self.seed, |sums| number(&Squares::of(sums)).unwrap_or(f64::NAN));
+        let interval = |number: &dyn Fn(&Squares) -> Option<f64>| {
+            bootstrap(&blocks, self.seed, |sums| number(&Squares::of(sums)).unwrap_or(f64::NAN))
+        };
         let share = |number: &dyn Fn(&Squares) -> Option<f64>| Share {
             learnt: number(&learnt),
             held_out: number(&held),
             ci95: number(&held).and_then(|_| interval(number)),
         };
-        let found: Vec<FoundEffect> = self.composed.hypothesis.iter().flat_map(|e| found_effects(self.likelihood, e, estimate)).collect();
+        let found: Vec<FoundEffect> = self
+            .composed
+            .hypothesis
+            .iter()
+            .flat_map(|e| found_effects(self.likelihood, e, estimate))
+            .collect();
         let contribution = |(part, at): (usize, usize)| Contribution {
             effect: found[at].effect.clone(),
             channel: found[at].channel.clone(),
             parameters: found[at].parameters.clone(),
-            probability: self.composed.hypothesis.as_ref().map(|e| probability(&e.effects[at], &found[at])),
+            probability: self
+                .composed
+                .hypothesis
+                .as_ref()
+                .map(|e| probability(&e.effects[at], &found[at])),
             strength: self.strength(without[part].as_deref().unwrap_or(self.before)),
             share: share(&|s: &Squares| s.share(part)),
-            without_it: without[part].as_ref().and_then(|r| overall(&Errors::of(self.likelihood.records, r, |r| r.train).nrmse())),
+            without_it: without[part].as_ref().and_then(|r| {
+                overall(&Errors::of(self.likelihood.records, r, |r| r.train).nrmse())
+            }),
             class: self.composed.stand_ins[at].iter().map(Applied::key).collect(),
             surrogate: self.composed.hypothesis.as_ref().is_some_and(|e| self.is_surrogate(e, at)),
         };
-        let contributions: Vec<Contribution> = self.composed.singly().into_iter().enumerate().map(contribution).collect();
+        let contributions: Vec<Contribution> =
+            self.composed.singly().into_iter().enumerate().map(contribution).collect();
         let recalibration = match self.composed.recalibration {
             None => Recalibration::default(),
             Some(size) => {
                 let numbers = self.composed.block();
-                let named = |at: &usize| FoundParameter { name: found[*at].channel.clone(), ..found[*at].parameters[0].clone() };
+                let named = |at: &usize| FoundParameter {
+                    name: found[*at].channel.clone(),
+                    ..found[*at].parameters[0].clone()
+                };
                 Recalibration {
                     accepted: true,
                     size,
@@ -127,39 +161,61 @@ impl GapBudget<'_, '_> {
     /// Pairs of the model's numbers that the data hardly tell apart, and numbers that only predict, in words.
     fn directions(&self, numbers: &[usize]) -> Vec<String> {
         let Some(hypothesis) = &self.composed.hypothesis else { return Vec::new() };
-        let Some(slopes) = hypothesis.slopes(self.likelihood, self.scales) else { return Vec::new() };
-        let column = |at: usize| hypothesis.free.iter().position(|place| *place == (at, 0)).map(|c| &slopes.columns[c]);
+        let Some(slopes) = hypothesis.slopes(self.likelihood, self.scales) else {
+            return Vec::new();
+        };
+        let column = |at: usize| {
+            hypothesis.free.iter().position(|place| *place == (at, 0)).map(|c| &slopes.columns[c])
+        };
         let cosine = |a: usize, b: usize| {
             let (a, b) = (column(a)?, column(b)?);
             let product = |x, y| self.likelihood.inner(x, y);
             Some(product(a, b) / (product(a, a) * product(b, b)).sqrt())
         };
         let name = |at: usize| &hypothesis.effects[at].channel;
-        let pairs = numbers.iter().enumerate().flat_map(|(k, a)| numbers[k + 1..].iter().map(move |b| (*a, *b)));
-        let told = pairs.filter_map(|(a, b)| Some((a, b, cosine(a, b)?))).filter(|(_, _, cosine)| cosine.abs() > TRADE);
+        let pairs = numbers
+            .iter()
+            .enumerate()
+            .flat_map(|(k, a)| numbers[k + 1..].iter().map(move |b| (*a, *b)));
+        let told = pairs
+            .filter_map(|(a, b)| Some((a, b, cosine(a, b)?)))
+            .filter(|(_, _, cosine)| cosine.abs() > TRADE);
         let traded = told.map(|(a, b, cosine)| {
-            let relative = cosine * hypothesis.effects[a].values[0] * hypothesis.effects[b].values[0];
+            let relative =
+                cosine * hypothesis.effects[a].values[0] * hypothesis.effects[b].values[0];
             let what = if relative < 0.0 { "ratio" } else { "product" };
             format!("{} and {} hardly but as their {what}", name(a), name(b))
         });
         let surrogates = numbers.iter().filter(|&&at| self.is_surrogate(hypothesis, at));
-        traded.chain(surrogates.map(|&at| format!("{} predicts but is not the physics'", name(at)))).collect()
+        traded
+            .chain(surrogates.map(|&at| format!("{} predicts but is not the physics'", name(at))))
+            .collect()
     }
 
     /// Weak: without it, no output's error is larger by the factor that an effect is asked for.
     fn strength(&self, without: &[DMatrix<f64>]) -> Strength {
         let rms = |r: &[DMatrix<f64>]| Errors::of(self.likelihood.records, r, |r| r.train).rms();
         let (with, without) = (rms(self.after), rms(without));
-        let clear = with.iter().zip(&without).any(|(with, without)| *without > self.likelihood.criteria.first_matters * with);
+        let clear = with
+            .iter()
+            .zip(&without)
+            .any(|(with, without)| *without > self.likelihood.criteria.first_matters * with);
         if clear { Strength::Clear } else { Strength::Weak }
     }
 
     /// A value at a bound, or a nominal value that moved tenfold or changed its sign, is not the physics'.
     fn is_surrogate(&self, hypothesis: &Hypothesis, at: usize) -> bool {
         let applied = &hypothesis.effects[at];
-        let bound = hypothesis.free.iter().any(|&place| place.0 == at && hypothesis.at_bound(place, self.scales));
-        let far = |(value, nominal): (f64, f64)| value / nominal > FAR || value / nominal < FAR.recip();
-        let nominal = applied.effect.corrects_model().then(|| (applied.values[0], applied.parameters[0].nominal));
+        let bound = hypothesis
+            .free
+            .iter()
+            .any(|&place| place.0 == at && hypothesis.at_bound(place, self.scales));
+        let far =
+            |(value, nominal): (f64, f64)| value / nominal > FAR || value / nominal < FAR.recip();
+        let nominal = applied
+            .effect
+            .corrects_model()
+            .then(|| (applied.values[0], applied.parameters[0].nominal));
         bound || nominal.is_some_and(far)
     }
 
@@ -167,7 +223,14 @@ impl GapBudget<'_, '_> {
         let (likelihood, floor) = (self.likelihood, &self.composed.judged.floor);
         let errors = Errors::of(likelihood.records, self.after, |r| r.train);
         let shares = output_shares(&errors.nrmse(), &errors.relative(&floor.floor));
-        let place = locate(likelihood.system, likelihood.records, self.after, floor, &shares, &likelihood.memory());
+        let place = locate(
+            likelihood.system,
+            likelihood.records,
+            self.after,
+            floor,
+            &shares,
+            &likelihood.memory(),
+        );
         Remainder {
             share,
             above_floor: (learnt.floor > 0.0).then(|| (learnt.after / learnt.floor).sqrt()),

@@ -37,7 +37,11 @@ fn trials(likelihood: &Likelihood<'_>, scales: &Scales) -> Option<(Vec<f64>, Vec
     let count = record.time_s.len().min(SAMPLES);
     let time_s = record.time_s[..count].to_vec();
     let still = likelihood.system.initial.clone();
-    let moved: Vec<f64> = still.iter().enumerate().map(|(j, x)| x + scales.states.get(j).map_or(0.0, |s| s.std)).collect();
+    let moved: Vec<f64> = still
+        .iter()
+        .enumerate()
+        .map(|(j, x)| x + scales.states.get(j).map_or(0.0, |s| s.std))
+        .collect();
     let spread: Vec<f64> = scales.inputs.iter().map(|s| s.std).collect();
     let trial = |(words, inputs, released): (&'static str, Vec<Vec<f64>>, bool)| {
         let start = if released { moved.clone() } else { still.clone() };
@@ -47,12 +51,19 @@ fn trials(likelihood: &Likelihood<'_>, scales: &Scales) -> Option<(Vec<f64>, Vec
 }
 
 /// The commands of the experiments that are tried, `count` samples each: what it is called, a list per input, whether the state is to begin displaced.
-fn commands(inputs: &[Vec<f64>], spread: &[f64], count: usize) -> Vec<(&'static str, Vec<Vec<f64>>, bool)> {
-    let mean: Vec<f64> = inputs.iter().map(|u| u.iter().sum::<f64>() / u.len().max(1) as f64).collect();
+fn commands(
+    inputs: &[Vec<f64>],
+    spread: &[f64],
+    count: usize,
+) -> Vec<(&'static str, Vec<Vec<f64>>, bool)> {
+    let mean: Vec<f64> =
+        inputs.iter().map(|u| u.iter().sum::<f64>() / u.len().max(1) as f64).collect();
     let each = |value: &mut dyn FnMut(usize, usize) -> f64| -> Vec<Vec<f64>> {
         (0..inputs.len()).map(|j| (0..count).map(|k| value(j, k)).collect()).collect()
     };
-    let logged = |scale: f64, shift: f64| each(&mut |j, k| mean[j] + scale * (inputs[j][k] - mean[j]) + shift * spread[j]);
+    let logged = |scale: f64, shift: f64| {
+        each(&mut |j, k| mean[j] + scale * (inputs[j][k] - mean[j]) + shift * spread[j])
+    };
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let phase = |k: usize| (4 * k) as f64 / count as f64 % 1.0;
     vec![
@@ -89,17 +100,33 @@ fn commands(inputs: &[Vec<f64>], spread: &[f64], count: usize) -> Vec<(&'static 
 pub fn proposed(next_experiment: &str, logged: &[Vec<f64>]) -> Option<Vec<Vec<f64>>> {
     let count = logged.iter().map(Vec::len).min()?.min(SAMPLES);
     let spread: Vec<f64> = logged.iter().map(|u| stats::deviation(u).unwrap_or(0.0)).collect();
-    commands(logged, &spread, count).into_iter().find(|(words, ..)| next_experiment.contains(words)).map(|(_, inputs, _)| inputs)
+    commands(logged, &spread, count)
+        .into_iter()
+        .find(|(words, ..)| next_experiment.contains(words))
+        .map(|(_, inputs, _)| inputs)
 }
 
 /// What would tell two hypotheses apart, as a sentence about a class of effects; `own` and `rival` are all effects at work under each.
-pub(crate) fn experiment(likelihood: &Likelihood<'_>, scales: &Scales, class: &[Applied], own: &[Applied], rival: &[Applied]) -> String {
+pub(crate) fn experiment(
+    likelihood: &Likelihood<'_>,
+    scales: &Scales,
+    class: &[Applied],
+    own: &[Applied],
+    rival: &[Applied],
+) -> String {
     let names = names(class);
-    let ahead = likelihood.predictor.mode == Mode::Simulation && likelihood.system.restart.is_none();
+    let ahead =
+        likelihood.predictor.mode == Mode::Simulation && likelihood.system.restart.is_none();
     let simulated = ahead.then(|| trials(likelihood, scales)).flatten();
     let Some((time_s, trials)) = simulated else { return by_kind(class) };
-    let expected = |trial: &Trial| Some((apart(likelihood, scales, &time_s, trial, own, rival)?, trial.words));
-    let best = trials.par_iter().filter_map(expected).collect::<Vec<_>>().into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
+    let expected =
+        |trial: &Trial| Some((apart(likelihood, scales, &time_s, trial, own, rival)?, trial.words));
+    let best = trials
+        .par_iter()
+        .filter_map(expected)
+        .collect::<Vec<_>>()
+        .into_iter()
+        .max_by(|a, b| a.0.total_cmp(&b.0));
     // A simulator that only knows the runs it has recorded.
     if best.is_none() && likelihood.system.is_black_box() {
         return by_kind(class);
@@ -107,26 +134,37 @@ pub(crate) fn experiment(likelihood: &Likelihood<'_>, scales: &Scales, class: &[
     let duration_s = time_s.last().copied().unwrap_or(0.0);
     match best {
         Some((gain, words)) if gain > likelihood.criteria.selection_penalty => {
-            format!("To separate {names}: {words} (expected log Bayes factor of the first two {:.0} in {duration_s:.3} s).", 0.5 * gain)
+            format!(
+                "To separate {names}: {words} (expected log Bayes factor of the first two {:.0} in {duration_s:.3} s).",
+                0.5 * gain
+            )
         }
-        _ => format!("To separate {names}: none of the experiments that were simulated does; measure at another place."),
+        _ => format!(
+            "To separate {names}: none of the experiments that were simulated does; measure at another place."
+        ),
     }
 }
 
 /// Twice the expected log-Bayes-factor of one experiment: the squared distance of the two trajectories in units of the noise, less what the rival's
 /// parameters, and a start that is not known, can make up for. As in a log, what happens within the longest delay has no weight.
-fn apart(likelihood: &Likelihood<'_>, scales: &Scales, time_s: &[f64], trial: &Trial, own: &[Applied], rival: &[Applied]) -> Option<f64> {
+fn apart(
+    likelihood: &Likelihood<'_>,
+    scales: &Scales,
+    time_s: &[f64],
+    trial: &Trial,
+    own: &[Applied],
+    rival: &[Applied],
+) -> Option<f64> {
     let noise = likelihood.noise_std();
-    let from = if trial.released { 0 } else { time_s.partition_point(|t| *t < scales.longest_delay_s) };
+    let from =
+        if trial.released { 0 } else { time_s.partition_point(|t| *t < scales.longest_delay_s) };
     let simulate = |effects: &[Applied], start: &[f64]| -> Option<DVector<f64>> {
         let plan = likelihood.plan(effects, Chance::Mean)?;
         let commands = Commands { time_s, inputs: &trial.inputs };
         let run = likelihood.system.simulate(&plan, commands, start, None).ok()?;
-        let scaled = run
-            .y
-            .column_iter()
-            .zip(&noise)
-            .flat_map(|(y, s)| y.iter().skip(from).map(|v| v / s.max(f64::MIN_POSITIVE)).collect::<Vec<_>>());
+        let scaled = run.y.column_iter().zip(&noise).flat_map(|(y, s)| {
+            y.iter().skip(from).map(|v| v / s.max(f64::MIN_POSITIVE)).collect::<Vec<_>>()
+        });
         Some(DVector::from_vec(scaled.collect()))
     };
     let there = simulate(rival, &trial.start)?;
@@ -143,7 +181,8 @@ fn apart(likelihood: &Likelihood<'_>, scales: &Scales, time_s: &[f64], trial: &T
     };
     for j in (0..trial.start.len()).filter(|_| !trial.released) {
         let mut start = trial.start.clone();
-        let step = likelihood.budget.ahead_push * scales.states.get(j).map_or(1.0, |s| s.std).max(1e-9);
+        let step =
+            likelihood.budget.ahead_push * scales.states.get(j).map_or(1.0, |s| s.std).max(1e-9);
         start[j] += step;
         take_out((simulate(rival, &start)? - &there) / step);
     }
@@ -172,7 +211,8 @@ pub(crate) fn by_kind(class: &[Applied]) -> String {
 
 fn advice(class: &[Applied]) -> &'static str {
     let sites = |site: Site| class.iter().any(|c| c.effect.site() == site);
-    let told_by = |telling| class.iter().filter(|c| c.effect.told_by() == Some(telling)).count() > 1;
+    let told_by =
+        |telling| class.iter().filter(|c| c.effect.told_by() == Some(telling)).count() > 1;
     if told_by(Telling::Amplitude) {
         "repeat the experiment at two or more amplitudes, with slow reversals through zero"
     } else if told_by(Telling::OperatingPoint) {
@@ -188,7 +228,8 @@ fn advice(class: &[Applied]) -> &'static str {
 
 /// What would tell a start that is off from an effect.
 pub(crate) fn of_starts(sensitivities: &[PriorSensitivity]) -> String {
-    let states = sensitivities.iter().map(|h| format!("`{}`", h.state)).collect::<Vec<_>>().join(", ");
+    let states =
+        sensitivities.iter().map(|h| format!("`{}`", h.state)).collect::<Vec<_>>().join(", ");
     format!(
         "The verdict hangs on how far the start of {states} is trusted: begin from a known state (and say so with initial_std), or step the operating point."
     )
@@ -201,12 +242,19 @@ mod tests {
     #[test]
     fn a_proposal_that_is_a_signal_has_its_commands() {
         let logged = vec![vec![1.0, 3.0, 1.0, 3.0], vec![0.0, 0.0, 1.0, 1.0]];
-        let twice = proposed("To separate a, b: repeat the commands at twice the amplitude (expected log Bayes factor 9 in 4 s).", &logged);
+        let twice = proposed(
+            "To separate a, b: repeat the commands at twice the amplitude (expected log Bayes factor 9 in 4 s).",
+            &logged,
+        );
         assert_eq!(twice, Some(vec![vec![0.0, 4.0, 0.0, 4.0], vec![-0.5, -0.5, 1.5, 1.5]]));
-        let rest = proposed("To separate a, b: record at rest, commands held (expected…).", &logged);
+        let rest =
+            proposed("To separate a, b: record at rest, commands held (expected…).", &logged);
         assert_eq!(rest, Some(vec![vec![2.0; 4], vec![0.5; 4]]));
         assert_eq!(
-            proposed("To separate a, b: none of the experiments that were simulated does; measure at another place.", &logged),
+            proposed(
+                "To separate a, b: none of the experiments that were simulated does; measure at another place.",
+                &logged
+            ),
             None
         );
         assert_eq!(proposed("repeat the commands at twice the amplitude", &[]), None);

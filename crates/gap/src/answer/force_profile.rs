@@ -62,7 +62,10 @@ impl Knots {
         // Halfway to an even grid, so that a bend where samples are few has knots, too; what has levels keeps them.
         if knots.len() == KNOTS {
             let [from, to] = [knots[0], knots[KNOTS - 1]];
-            knots.iter_mut().enumerate().for_each(|(k, knot)| *knot = 0.5 * (*knot + from + (to - from) * share(k)));
+            knots
+                .iter_mut()
+                .enumerate()
+                .for_each(|(k, knot)| *knot = 0.5 * (*knot + from + (to - from) * share(k)));
         }
         (knots.len() > 1).then_some(Self(knots))
     }
@@ -92,11 +95,22 @@ pub(super) fn profile(
     names: impl Fn(usize) -> String + Copy,
 ) -> Option<ForceProfile> {
     let argument = |run: &Run, k: usize| form.argument(|v| run.value(v, k));
-    let knots = Knots::of(runs.iter().flat_map(|run| (0..run.samples()).step_by(every).map(|k| argument(run, k))).collect())?;
+    let knots = Knots::of(
+        runs.iter()
+            .flat_map(|run| (0..run.samples()).step_by(every).map(|k| argument(run, k)))
+            .collect(),
+    )?;
     let count = knots.0.len();
-    let responses: Vec<Vec<DMatrix<f64>>> =
-        runs.iter().map(|run| (0..count).map(|b| run.response(state, |k| knots.shares(argument(run, k))[b], every)).collect()).collect();
-    let columns: Vec<DMatrix<f64>> = parts.iter().map(|part| part.beside_starts(&responses[part.record], weights)).collect();
+    let responses: Vec<Vec<DMatrix<f64>>> = runs
+        .iter()
+        .map(|run| {
+            (0..count)
+                .map(|b| run.response(state, |k| knots.shares(argument(run, k))[b], every))
+                .collect()
+        })
+        .collect();
+    let columns: Vec<DMatrix<f64>> =
+        parts.iter().map(|part| part.beside_starts(&responses[part.record], weights)).collect();
     let mut information = DMatrix::zeros(count, count);
     let mut product = DVector::zeros(count);
     for (x, part) in columns.iter().zip(parts) {
@@ -117,14 +131,24 @@ pub(super) fn profile(
     }
     let covariance = &inverse * scores * &inverse;
     let (first, last) = (knots.0[0], knots.0[count - 1]);
-    let at: Vec<f64> = (0..POINTS).map(|i| first + (last - first) * i as f64 / (POINTS - 1) as f64).collect();
+    let at: Vec<f64> =
+        (0..POINTS).map(|i| first + (last - first) * i as f64 / (POINTS - 1) as f64).collect();
     let shares: Vec<DVector<f64>> = at.iter().map(|x| knots.shares(*x)).collect();
     let force: Vec<f64> = shares.iter().map(|s| s.dot(&values)).collect();
     let half = |s: &DVector<f64>| NORMAL_95 * s.dot(&(&covariance * s)).max(0.0).sqrt();
-    let ci95: Vec<[f64; 2]> = force.iter().zip(&shares).map(|(f, s)| [f - half(s), f + half(s)]).collect();
+    let ci95: Vec<[f64; 2]> =
+        force.iter().zip(&shares).map(|(f, s)| [f - half(s), f + half(s)]).collect();
     let law: Vec<f64> = at.iter().map(|x| gain * form.law(*x)).collect();
     let finite = force.iter().chain(&law).chain(ci95.iter().flatten()).all(|v| v.is_finite());
-    finite.then(|| ForceProfile { state: names(state), over: form.over(names), told: form.text(names), at, force, ci95, law })
+    finite.then(|| ForceProfile {
+        state: names(state),
+        over: form.over(names),
+        told: form.text(names),
+        at,
+        force,
+        ci95,
+        law,
+    })
 }
 
 #[cfg(test)]

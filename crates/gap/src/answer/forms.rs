@@ -86,11 +86,19 @@ impl Part {
     /// A response at these rows, turned round by so many kept samples.
     pub(super) fn product(&self, response: &DMatrix<f64>, weights: &[f64], turn: usize) -> f64 {
         let n = response.nrows();
-        self.rows.iter().zip(self.left.iter()).map(|(&(k, o), left)| response[((k + turn) % n, o)] * weights[o] * left).sum()
+        self.rows
+            .iter()
+            .zip(self.left.iter())
+            .map(|(&(k, o), left)| response[((k + turn) % n, o)] * weights[o] * left)
+            .sum()
     }
 
     /// Responses beside the starts, one column each.
-    pub(super) fn beside_starts(&self, responses: &[DMatrix<f64>], weights: &[f64]) -> DMatrix<f64> {
+    pub(super) fn beside_starts(
+        &self,
+        responses: &[DMatrix<f64>],
+        weights: &[f64],
+    ) -> DMatrix<f64> {
         let mut all = DMatrix::from_fn(self.rows.len(), responses.len(), |r, c| {
             let (k, o) = self.rows[r];
             responses[c][(k, o)] * weights[o]
@@ -104,7 +112,10 @@ impl Part {
 
     /// The square of a response beside the starts.
     pub(super) fn square(&self, response: &DMatrix<f64>, weights: &[f64]) -> f64 {
-        let values = DVector::from_iterator(self.rows.len(), self.rows.iter().map(|&(k, o)| response[(k, o)] * weights[o]));
+        let values = DVector::from_iterator(
+            self.rows.len(),
+            self.rows.iter().map(|&(k, o)| response[(k, o)] * weights[o]),
+        );
         values.norm_squared() - self.starts.iter().map(|q| q.dot(&values).powi(2)).sum::<f64>()
     }
 }

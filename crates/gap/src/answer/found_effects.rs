@@ -10,7 +10,11 @@ use deadtime_signal::stats::interval95;
 const LATTICE: f64 = 1e-6;
 
 /// The effects of a hypothesis; `estimate` belongs to it.
-pub(crate) fn found_effects(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, estimate: Option<&Estimate>) -> Vec<FoundEffect> {
+pub(crate) fn found_effects(
+    likelihood: &Likelihood<'_>,
+    hypothesis: &Hypothesis,
+    estimate: Option<&Estimate>,
+) -> Vec<FoundEffect> {
     let parameter = |e: usize, i: usize| {
         let applied = &hypothesis.effects[e];
         let place = hypothesis.free.iter().position(|&at| at == (e, i));
@@ -20,7 +24,10 @@ pub(crate) fn found_effects(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis
                 input.and_then(|input| lost.std[input].get(i).copied())
             }
             (_, None) if applied.effect.leaves_residual() => Some(LATTICE * applied.values[i]),
-            _ => estimate.zip(place).and_then(|(estimate, at)| estimate.std[at]).filter(|std| std.is_finite()),
+            _ => estimate
+                .zip(place)
+                .and_then(|(estimate, at)| estimate.std[at])
+                .filter(|std| std.is_finite()),
         };
         let value = applied.values[i];
         FoundParameter {

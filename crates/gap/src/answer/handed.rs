@@ -32,25 +32,45 @@ pub(crate) struct HandedOver {
 
 /// Errors of runs with effects, without anything decoded: learnt and held out; `None` where they cannot be simulated.
 fn errors(likelihood: &Likelihood<'_>, effects: &[Applied]) -> Option<[f64; 2]> {
-    let residuals = if effects.is_empty() { simulated(likelihood, NO_EFFECT)? } else { simulated(likelihood, effects)? };
-    let of = |held: bool| overall(&Errors::of(likelihood.records, &residuals, |r| if held { r.held } else { r.train }).nrmse());
+    let residuals = if effects.is_empty() {
+        simulated(likelihood, NO_EFFECT)?
+    } else {
+        simulated(likelihood, effects)?
+    };
+    let of = |held: bool| {
+        overall(
+            &Errors::of(likelihood.records, &residuals, |r| if held { r.held } else { r.train })
+                .nrmse(),
+        )
+    };
     Some([of(false).unwrap_or(0.0), of(true).unwrap_or(0.0)])
 }
 
 /// The form of what was found that helps a simulation.
-pub(crate) fn in_a_form_that_helps(likelihood: &Likelihood<'_>, found: Option<&Hypothesis>, scales: &Scales) -> HandedOver {
+pub(crate) fn in_a_form_that_helps(
+    likelihood: &Likelihood<'_>,
+    found: Option<&Hypothesis>,
+    scales: &Scales,
+) -> HandedOver {
     let as_found = |effects: Vec<Applied>| HandedOver { effects, caveat: None };
     let Some(found) = found.filter(|e| !e.effects.is_empty()) else { return as_found(Vec::new()) };
-    let Some([nominal, nominal_held]) = errors(likelihood, &[]) else { return as_found(found.effects.clone()) };
-    let names = |effects: &[Applied]| effects.iter().map(Applied::key).collect::<Vec<_>>().join(" and ");
+    let Some([nominal, nominal_held]) = errors(likelihood, &[]) else {
+        return as_found(found.effects.clone());
+    };
+    let names =
+        |effects: &[Applied]| effects.iter().map(Applied::key).collect::<Vec<_>>().join(" and ");
     if !found.loses_commands() {
         let worse = errors(likelihood, &found.effects).is_some_and(|[_, held]| held > nominal_held);
         return match worse {
-            true => HandedOver { effects: Vec::new(), caveat: Some(Caveat::LeftOut { effects: names(&found.effects) }) },
+            true => HandedOver {
+                effects: Vec::new(),
+                caveat: Some(Caveat::LeftOut { effects: names(&found.effects) }),
+            },
             false => as_found(found.effects.clone()),
         };
     }
-    let (hidden, plain): (Vec<Applied>, Vec<Applied>) = found.effects.iter().cloned().partition(|a| a.effect.loses_commands());
+    let (hidden, plain): (Vec<Applied>, Vec<Applied>) =
+        found.effects.iter().cloned().partition(|a| a.effect.loses_commands());
     let mut forms: Vec<(f64, Vec<Applied>)> = stand_ins(likelihood, &hidden, &plain, scales);
     forms.push((1.0, plain));
     let known: Vec<([f64; 2], Vec<Applied>)> = (forms.into_iter())
@@ -61,12 +81,24 @@ pub(crate) fn in_a_form_that_helps(likelihood: &Likelihood<'_>, found: Option<&H
         })
         .filter(|([learnt, _], effects)| effects.is_empty() || *learnt <= nominal)
         .collect();
-    let effects = known.into_iter().min_by(|a, b| a.0[0].total_cmp(&b.0[0])).map(|(_, effects)| effects).unwrap_or_default();
-    let instead: Vec<Applied> = effects.iter().filter(|a| hidden.iter().any(|h| h.channel == a.channel)).cloned().collect();
-    let caveat = match instead.iter().find(|a| a.effect.lateness().is_some_and(|late| INSTEAD.contains(&late))) {
+    let effects = known
+        .into_iter()
+        .min_by(|a, b| a.0[0].total_cmp(&b.0[0]))
+        .map(|(_, effects)| effects)
+        .unwrap_or_default();
+    let instead: Vec<Applied> =
+        effects.iter().filter(|a| hidden.iter().any(|h| h.channel == a.channel)).cloned().collect();
+    let caveat = match instead
+        .iter()
+        .find(|a| a.effect.lateness().is_some_and(|late| INSTEAD.contains(&late)))
+    {
         Some(a) => Caveat::HandedOver {
             effects: names(&hidden),
-            instead: format!("{} of {:.3} s", a.key(), a.values.first().copied().unwrap_or_default()),
+            instead: format!(
+                "{} of {:.3} s",
+                a.key(),
+                a.values.first().copied().unwrap_or_default()
+            ),
         },
         None => Caveat::LeftOut { effects: names(&hidden) },
     };
@@ -74,15 +106,24 @@ pub(crate) fn in_a_form_that_helps(likelihood: &Likelihood<'_>, found: Option<&H
 }
 
 /// What could stand in for the hidden sequences beside the other effects, fitted, each with the part of the error to which it must come down.
-fn stand_ins(likelihood: &Likelihood<'_>, hidden: &[Applied], plain: &[Applied], scales: &Scales) -> Vec<(f64, Vec<Applied>)> {
-    let Some(cost) = likelihood.whitened(NO_EFFECT).map(|w| likelihood.inner(&w, &w)) else { return Vec::new() };
+fn stand_ins(
+    likelihood: &Likelihood<'_>,
+    hidden: &[Applied],
+    plain: &[Applied],
+    scales: &Scales,
+) -> Vec<(f64, Vec<Applied>)> {
+    let Some(cost) = likelihood.whitened(NO_EFFECT).map(|w| likelihood.inner(&w, &w)) else {
+        return Vec::new();
+    };
     let fitted = |late: &Lateness| {
         let mut begin = plain.to_vec();
         for one in hidden {
-            let nominal = Applied::nominal(likelihood.system, late.effect().ok()?, &one.channel).ok()?;
+            let nominal =
+                Applied::nominal(likelihood.system, late.effect().ok()?, &one.channel).ok()?;
             // Of the first guesses the one that does best beside the others.
             let better = |start: &Vec<f64>| {
-                let there: Vec<Applied> = begin.iter().cloned().chain([with(&nominal, start)]).collect();
+                let there: Vec<Applied> =
+                    begin.iter().cloned().chain([with(&nominal, start)]).collect();
                 likelihood.whitened(&there).map_or(f64::INFINITY, |w| likelihood.inner(&w, &w))
             };
             let guesses = likelihood.first_guesses(&nominal, scales);

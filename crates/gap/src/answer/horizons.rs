@@ -10,32 +10,48 @@ use crate::likelihood::gaussian::Likelihood;
 
 /// The nrmse of the model as it came and as it is handed over, of samples so many steps behind their prediction's start; the first prediction of a record, which
 /// begins with the model's own start, is left out. Empty where predictions have no horizon.
-pub(super) fn horizon_errors(likelihood: &Likelihood<'_>, [before, after]: [&[DMatrix<f64>]; 2]) -> Vec<HorizonError> {
+pub(super) fn horizon_errors(
+    likelihood: &Likelihood<'_>,
+    [before, after]: [&[DMatrix<f64>]; 2],
+) -> Vec<HorizonError> {
     let Some(horizon) = likelihood.predictor.horizon else { return Vec::new() };
     let deviations = Errors::of(likelihood.records, before, |r| r.held);
     // The variance of every measured output; none where it stands still.
-    let variances: Vec<f64> =
-        deviations.relative(&vec![1.0; deviations.deviations.len()]).iter().map(|v| v.map_or(0.0, |v| v.powi(-2))).collect();
+    let variances: Vec<f64> = deviations
+        .relative(&vec![1.0; deviations.deviations.len()])
+        .iter()
+        .map(|v| v.map_or(0.0, |v| v.powi(-2)))
+        .collect();
     let nrmse = |residuals: &[DMatrix<f64>], steps: usize| {
         let of_output = |i: usize| {
-            let samples = likelihood.records.iter().zip(residuals).flat_map(|(record, residual)| {
-                let so_far = move |k: &usize| *k > horizon.get() && (k - 1) % horizon.get() + 1 == steps;
-                let measured = move |k: usize| record.measured_in(record.held, i, k).map(|_| residual[(k, i)].powi(2));
-                (0..record.time_s.len()).filter(so_far).filter_map(measured)
-            });
-            let (sum, count) = samples.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
+            let samples =
+                likelihood.records.iter().zip(residuals).flat_map(|(record, residual)| {
+                    let so_far =
+                        move |k: &usize| *k > horizon.get() && (k - 1) % horizon.get() + 1 == steps;
+                    let measured = move |k: usize| {
+                        record.measured_in(record.held, i, k).map(|_| residual[(k, i)].powi(2))
+                    };
+                    (0..record.time_s.len()).filter(so_far).filter_map(measured)
+                });
+            let (sum, count) =
+                samples.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
             (count > 0.0 && variances[i] > 0.0).then(|| (sum / count / variances[i]).sqrt())
         };
         overall(&(0..variances.len()).map(of_output).collect::<Vec<_>>())
     };
-    let one = |samples: usize| HorizonError { samples, before: nrmse(before, samples), after: nrmse(after, samples) };
+    let one = |samples: usize| HorizonError {
+        samples,
+        before: nrmse(before, samples),
+        after: nrmse(after, samples),
+    };
     told(horizon).into_iter().map(one).collect()
 }
 
 /// 1, 2, 5, 10, 20, 50 … steps, and the last.
 fn told(horizon: NonZeroUsize) -> Vec<usize> {
     let decades = (0..).map_while(|e| 10_usize.checked_pow(e)).take_while(|d| *d <= horizon.get());
-    let mut steps: Vec<usize> = decades.flat_map(|d| [1, 2, 5].map(|m| m * d)).filter(|s| *s < horizon.get()).collect();
+    let mut steps: Vec<usize> =
+        decades.flat_map(|d| [1, 2, 5].map(|m| m * d)).filter(|s| *s < horizon.get()).collect();
     steps.push(horizon.get());
     steps
 }

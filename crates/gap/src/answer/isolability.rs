@@ -143,8 +143,12 @@ pub(crate) fn isolability(
     let visible = |c: &Candidate| c.signatures.iter().any(|s| s.strength >= visible_from);
     let cosines = cosines(&candidates);
     let rival = |i: usize| {
-        let others = (0..candidates.len()).filter(|&j| j != i && visible(&candidates[j])).map(|j| (j, cosines[(i, j)]));
-        others.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map(|(j, cosine)| Rival { name: candidates[j].applied.key(), cosine })
+        let others = (0..candidates.len())
+            .filter(|&j| j != i && visible(&candidates[j]))
+            .map(|j| (j, cosines[(i, j)]));
+        others
+            .max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)))
+            .map(|(j, cosine)| Rival { name: candidates[j].applied.key(), cosine })
     };
     let effects = candidates.iter().enumerate().map(|(i, c)| EffectVisibility {
         effect: c.applied.effect.name().to_owned(),
@@ -187,7 +191,9 @@ struct Candidate {
 fn motion_size(records: &[LogRecord], noise: &[f64]) -> f64 {
     let output = |(i, noise): (usize, &f64)| {
         let of = |record: &LogRecord| {
-            let values: Vec<f64> = (0..record.time_s.len()).filter_map(|k| record.measured_in(record.train, i, k)).collect();
+            let values: Vec<f64> = (0..record.time_s.len())
+                .filter_map(|k| record.measured_in(record.train, i, k))
+                .collect();
             let mean = stats::mean(values.iter().copied()).unwrap_or(0.0);
             values.iter().map(|v| ((v - mean) / noise.max(f64::MIN_POSITIVE)).powi(2)).sum::<f64>()
         };
@@ -201,32 +207,57 @@ fn moved(applied: &Applied, values: &[f64]) -> Applied {
 }
 
 /// The whitened change that these values make; `None` where they cannot be simulated.
-fn change(likelihood: &Likelihood<'_>, applied: &Applied, values: &[f64], nominal: &Whitened) -> Option<Whitened> {
+fn change(
+    likelihood: &Likelihood<'_>,
+    applied: &Applied,
+    values: &[f64],
+    nominal: &Whitened,
+) -> Option<Whitened> {
     let there = likelihood.whitened(&[moved(applied, values)])?;
     Some(nominal.iter().zip(&there).map(|(n, t)| n - t).collect())
 }
 
 /// An effect at a few of its starts, made smaller until it is plausible.
-fn signatures(likelihood: &Likelihood<'_>, applied: &Applied, scales: &Scales, nominal: &Whitened, limit: f64) -> Vec<Signature> {
+fn signatures(
+    likelihood: &Likelihood<'_>,
+    applied: &Applied,
+    scales: &Scales,
+    nominal: &Whitened,
+    limit: f64,
+) -> Vec<Signature> {
     let mut starts = likelihood.first_guesses(applied, scales);
     // Limits on both sides hold the directions of each alone.
     if starts.iter().any(|s| s.iter().all(|v| v.is_finite())) {
         starts.retain(|s| s.iter().all(|v| v.is_finite()));
     }
     let every = starts.len().div_ceil(SIZES).max(1);
-    let all = starts.into_iter().step_by(every).filter_map(|start| signature(likelihood, applied, start, nominal, limit));
-    let (mut small, large): (Vec<Signature>, Vec<Signature>) = all.partition(|s| s.strength <= limit);
+    let all = starts
+        .into_iter()
+        .step_by(every)
+        .filter_map(|start| signature(likelihood, applied, start, nominal, limit));
+    let (mut small, large): (Vec<Signature>, Vec<Signature>) =
+        all.partition(|s| s.strength <= limit);
     if small.is_empty() {
         small.extend(large.into_iter().min_by(|a, b| a.strength.total_cmp(&b.strength)));
     }
     small
 }
 
-fn signature(likelihood: &Likelihood<'_>, applied: &Applied, start: Vec<f64>, nominal: &Whitened, limit: f64) -> Option<Signature> {
+fn signature(
+    likelihood: &Likelihood<'_>,
+    applied: &Applied,
+    start: Vec<f64>,
+    nominal: &Whitened,
+    limit: f64,
+) -> Option<Signature> {
     let parameters = &applied.parameters;
     let halfway = |values: &[f64]| -> Vec<f64> {
         let half = |(v, p): (&f64, &deadtime_model::effect::Parameter)| {
-            if p.nominal.is_infinite() || p.role.is_shape() { *v } else { p.nominal + 0.5 * (v - p.nominal) }
+            if p.nominal.is_infinite() || p.role.is_shape() {
+                *v
+            } else {
+                p.nominal + 0.5 * (v - p.nominal)
+            }
         };
         values.iter().zip(parameters).map(half).collect()
     };
@@ -268,7 +299,10 @@ fn signature(likelihood: &Likelihood<'_>, applied: &Applied, start: Vec<f64>, no
 fn thinned(whitened: &Whitened) -> DVector<f64> {
     let rows: usize = whitened.iter().map(DVector::len).sum();
     let every = rows.div_ceil(ROWS).max(1);
-    DVector::from_iterator(rows.div_ceil(every), whitened.iter().flat_map(|r| r.iter().copied()).step_by(every))
+    DVector::from_iterator(
+        rows.div_ceil(every),
+        whitened.iter().flat_map(|r| r.iter().copied()).step_by(every),
+    )
 }
 
 /// Pairwise cosines of all candidates.
@@ -309,7 +343,9 @@ fn cosines(candidates: &[Candidate]) -> DMatrix<f64> {
         for j in 0..i {
             let (a, b) = (&bases[ends[i].clone()], &bases[ends[j].clone()]);
             let toward = |a: &[(usize, DMatrix<f64>)], b: &[(usize, DMatrix<f64>)]| {
-                let best = |one: &(usize, DMatrix<f64>)| b.iter().map(|other| between(one, other)).fold(0.0, f64::max);
+                let best = |one: &(usize, DMatrix<f64>)| {
+                    b.iter().map(|other| between(one, other)).fold(0.0, f64::max)
+                };
 
                 a.iter().map(best).sum::<f64>() / a.len().max(1) as f64
             };
@@ -325,32 +361,52 @@ fn cosines(candidates: &[Candidate]) -> DMatrix<f64> {
 fn basis(gram: &DMatrix<f64>) -> DMatrix<f64> {
     let eigen = gram.clone().symmetric_eigen();
     let largest = eigen.eigenvalues.max();
-    let kept = (0..gram.nrows()).filter(|&i| eigen.eigenvalues[i] > RANK * largest && eigen.eigenvalues[i] > 0.0);
-    let columns: Vec<DVector<f64>> = kept.map(|i| eigen.eigenvectors.column(i) / eigen.eigenvalues[i].sqrt()).collect();
-    if columns.is_empty() { DMatrix::zeros(gram.nrows(), 0) } else { DMatrix::from_columns(&columns) }
+    let kept = (0..gram.nrows())
+        .filter(|&i| eigen.eigenvalues[i] > RANK * largest && eigen.eigenvalues[i] > 0.0);
+    let columns: Vec<DVector<f64>> =
+        kept.map(|i| eigen.eigenvectors.column(i) / eigen.eigenvalues[i].sqrt()).collect();
+    if columns.is_empty() {
+        DMatrix::zeros(gram.nrows(), 0)
+    } else {
+        DMatrix::from_columns(&columns)
+    }
 }
 
 /// The smallest size that would be seen, from the weakest signature that is.
 fn smallest(c: &Candidate, visible_from: f64) -> Option<Size> {
-    let weakest = c.signatures.iter().filter(|s| s.strength >= visible_from).min_by(|a, b| a.strength.total_cmp(&b.strength))?;
+    let weakest = c
+        .signatures
+        .iter()
+        .filter(|s| s.strength >= visible_from)
+        .min_by(|a, b| a.strength.total_cmp(&b.strength))?;
     let named = c.applied.parameters.iter().zip(&weakest.values);
     let (p, value) = named.rev().find(|(p, v)| !p.role.is_shape() && v.is_finite())?;
     let nominal = p.nominal.is_finite().then_some(p.nominal);
     // Small effects grow with their size.
-    let value = nominal.map_or(*value, |n| n + (value - n) * (visible_from / weakest.strength).sqrt());
+    let value =
+        nominal.map_or(*value, |n| n + (value - n) * (visible_from / weakest.strength).sqrt());
     Some(Size { parameter: p.name.to_string(), unit: p.unit.clone(), value, nominal })
 }
 
 /// Groups by their first member in the order of the table.
-fn classes(candidates: &[Candidate], cosines: &DMatrix<f64>, visible: impl Fn(&Candidate) -> bool) -> Vec<Class> {
+fn classes(
+    candidates: &[Candidate],
+    cosines: &DMatrix<f64>,
+    visible: impl Fn(&Candidate) -> bool,
+) -> Vec<Class> {
     let mut left: Vec<usize> = (0..candidates.len()).filter(|&i| visible(&candidates[i])).collect();
     let mut classes = Vec::new();
     while let Some(&first) = left.first() {
-        let (members, rest): (Vec<usize>, Vec<usize>) = left.iter().partition(|&&j| j == first || cosines[(first, j)] >= ALIKE);
+        let (members, rest): (Vec<usize>, Vec<usize>) =
+            left.iter().partition(|&&j| j == first || cosines[(first, j)] >= ALIKE);
         left = rest;
         if members.len() > 1 {
-            let class: Vec<Applied> = members.iter().map(|&j| candidates[j].applied.clone()).collect();
-            classes.push(Class { members: class.iter().map(Applied::key).collect(), next_experiment: experiment::by_kind(&class) });
+            let class: Vec<Applied> =
+                members.iter().map(|&j| candidates[j].applied.clone()).collect();
+            classes.push(Class {
+                members: class.iter().map(Applied::key).collect(),
+                next_experiment: experiment::by_kind(&class),
+            });
         }
     }
     classes

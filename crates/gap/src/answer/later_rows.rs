@@ -21,7 +21,11 @@ pub(crate) fn later_rows(
     criteria: &Criteria,
 ) -> Vec<Caveat> {
     let of = |(log, used): &(&Log, usize)| {
-        let own: Vec<EffectEntry> = nuisances.iter().filter(|n| n.log == log.source()).map(NuisanceEstimate::to_entry).collect();
+        let own: Vec<EffectEntry> = nuisances
+            .iter()
+            .filter(|n| n.log == log.source())
+            .map(NuisanceEstimate::to_entry)
+            .collect();
         let run = |model: &ModelDocument| {
             let mut model = model.clone();
             model.effects_mut().extend(own.iter().cloned());

@@ -22,7 +22,9 @@ const FALSE: f64 = 0.05;
 
 /// Shares of Σ(before² − floor²), scaled by each output's spread; none where nothing is above the floor.
 pub(crate) fn output_shares(before: &[Option<f64>], floor: &[Option<f64>]) -> Vec<Option<f64>> {
-    let excess = |b: &Option<f64>, f: &Option<f64>| Some((b.as_ref()?.powi(2) - f.as_ref()?.powi(2)).max(0.0));
+    let excess = |b: &Option<f64>, f: &Option<f64>| {
+        Some((b.as_ref()?.powi(2) - f.as_ref()?.powi(2)).max(0.0))
+    };
     let all: Vec<Option<f64>> = before.iter().zip(floor).map(|(b, f)| excess(b, f)).collect();
     let sum: f64 = all.iter().flatten().sum();
     all.into_iter().map(|e| e.map(|e| if sum > 0.0 { e / sum } else { 0.0 })).collect()
@@ -38,7 +40,8 @@ pub(crate) fn locate(
     memory: &[f64],
 ) -> Where {
     let mut found = Where::default();
-    let mut order: Vec<usize> = (0..shares.len()).filter(|&i| shares[i].is_some_and(|s| s > 0.0)).collect();
+    let mut order: Vec<usize> =
+        (0..shares.len()).filter(|&i| shares[i].is_some_and(|s| s > 0.0)).collect();
     order.sort_by(|&a, &b| shares[b].unwrap_or(0.0).total_cmp(&shares[a].unwrap_or(0.0)));
     let variables = variables(system, records);
     for i in order {
@@ -51,8 +54,10 @@ pub(crate) fn locate(
         let noise = Noise { square: floor.floor[i].powi(2), memory: memory[i] };
         times(records, residuals, i, noise, &name, &mut found.times);
         found.bands.extend(band(records, residuals, i, noise, &name));
-        let mut regimes: Vec<(f64, Regime)> =
-            variables.iter().filter_map(|variable| regime(records, residuals, i, noise, variable, &name)).collect();
+        let mut regimes: Vec<(f64, Regime)> = variables
+            .iter()
+            .filter_map(|variable| regime(records, residuals, i, noise, variable, &name))
+            .collect();
         // The narrowest says most.
         regimes.sort_by(|a, b| a.0.total_cmp(&b.0));
         found.regimes.extend(regimes.into_iter().take(REGIMES).map(|r| r.1));
@@ -84,9 +89,17 @@ fn significant(cells: &[Cell], noise: Noise) -> Vec<f64> {
     let p: Vec<f64> = cells.iter().map(chance).collect();
     let mut sorted: Vec<f64> = p.clone();
     sorted.sort_by(f64::total_cmp);
-    let limit =
-        sorted.iter().enumerate().filter(|(n, p)| **p <= FALSE * (n + 1) as f64 / cells.len() as f64).map(|(_, p)| *p).fold(-1.0, f64::max);
-    cells.iter().zip(&p).map(|(c, p)| if *p <= limit { (c.sum - c.count * noise.square).max(0.0) } else { 0.0 }).collect()
+    let limit = sorted
+        .iter()
+        .enumerate()
+        .filter(|(n, p)| **p <= FALSE * (n + 1) as f64 / cells.len() as f64)
+        .map(|(_, p)| *p)
+        .fold(-1.0, f64::max);
+    cells
+        .iter()
+        .zip(&p)
+        .map(|(c, p)| if *p <= limit { (c.sum - c.count * noise.square).max(0.0) } else { 0.0 })
+        .collect()
 }
 
 /// A quantity by whose range a gap may be told: a command, its size, a further column of the logs.
@@ -139,19 +152,30 @@ fn shortest(excess: &[f64], most: f64) -> Option<(usize, usize, f64)> {
     best
 }
 
-fn times(records: &[LogRecord], residuals: &[DMatrix<f64>], i: usize, noise: Noise, name: &str, found: &mut Vec<TimeSpan>) {
+fn times(
+    records: &[LogRecord],
+    residuals: &[DMatrix<f64>],
+    i: usize,
+    noise: Noise,
+    name: &str,
+    found: &mut Vec<TimeSpan>,
+) {
     let cells_of = |record: &LogRecord, residual: &DMatrix<f64>| {
         let mut cells = vec![Cell::default(); CELLS];
         let Some(span) = record.train else { return (span_of(record), Vec::new()) };
         let width = (span.to_s - span.from_s) / CELLS as f64;
-        for k in (0..record.time_s.len()).filter(|&k| record.measured_in(record.train, i, k).is_some()) {
+        for k in
+            (0..record.time_s.len()).filter(|&k| record.measured_in(record.train, i, k).is_some())
+        {
             let cell = (((record.time_s[k] - span.from_s) / width) as usize).min(CELLS - 1);
             cells[cell].add(residual[(k, i)].powi(2));
         }
         ((span.from_s, width), cells)
     };
-    let all: Vec<((f64, f64), Vec<Cell>)> = records.iter().zip(residuals).map(|(r, e)| cells_of(r, e)).collect();
-    let excess: Vec<f64> = significant(&all.iter().flat_map(|(_, cells)| cells.clone()).collect::<Vec<_>>(), noise);
+    let all: Vec<((f64, f64), Vec<Cell>)> =
+        records.iter().zip(residuals).map(|(r, e)| cells_of(r, e)).collect();
+    let excess: Vec<f64> =
+        significant(&all.iter().flat_map(|(_, cells)| cells.clone()).collect::<Vec<_>>(), noise);
     let total: f64 = excess.iter().sum();
     let mut rest = excess.as_slice();
     for (record, ((start, width), cells)) in records.iter().zip(&all) {
@@ -173,7 +197,13 @@ fn span_of(record: &LogRecord) -> (f64, f64) {
     (0.0, width)
 }
 
-fn band(records: &[LogRecord], residuals: &[DMatrix<f64>], i: usize, noise: Noise, name: &str) -> Option<Band> {
+fn band(
+    records: &[LogRecord],
+    residuals: &[DMatrix<f64>],
+    i: usize,
+    noise: Noise,
+    name: &str,
+) -> Option<Band> {
     let (edges, cells) = spectrum(records, residuals, i)?;
     // The floor as white noise: the same power at every frequency, each of two degrees of freedom.
     let (from, to, share) = shortest(&significant(&cells, Noise { memory: 0.5, ..noise }), MOST)?;
@@ -191,10 +221,13 @@ fn regime(
 ) -> Option<(f64, Regime)> {
     let values = || {
         records.iter().zip(residuals).zip(&variable.values).flat_map(move |((r, e), v)| {
-            (0..r.time_s.len()).filter(move |&k| r.measured_in(r.train, i, k).is_some() && v[k].is_finite()).map(move |k| (v[k], e[(k, i)]))
+            (0..r.time_s.len())
+                .filter(move |&k| r.measured_in(r.train, i, k).is_some() && v[k].is_finite())
+                .map(move |k| (v[k], e[(k, i)]))
         })
     };
-    let (low, high) = values().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), (u, _)| (l.min(u), h.max(u)));
+    let (low, high) =
+        values().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), (u, _)| (l.min(u), h.max(u)));
     if high.partial_cmp(&low) != Some(std::cmp::Ordering::Greater) {
         return None;
     }
@@ -205,7 +238,8 @@ fn regime(
         cells[cell].add(e * e);
     }
     let (from, to, share) = shortest(&significant(&cells, noise), MOST)?;
-    let (inside, all): (f64, f64) = (cells[from..=to].iter().map(|c| c.count).sum(), cells.iter().map(|c| c.count).sum());
+    let (inside, all): (f64, f64) =
+        (cells[from..=to].iter().map(|c| c.count).sum(), cells.iter().map(|c| c.count).sum());
     let part = inside / all;
     // Where the gap's share is that of the samples, the variable tells nothing.
     let regime = || Regime {

@@ -29,7 +29,12 @@ impl Common {
         let off = values.add_scalar(-value);
         let statistic = off.dot(&(&precision * &off));
         let freedom = (values.len() - 1) as f64;
-        (value.is_finite() && statistic.is_finite()).then(|| Self { value, std: weight.sum().recip().sqrt(), statistic, freedom })
+        (value.is_finite() && statistic.is_finite()).then(|| Self {
+            value,
+            std: weight.sum().recip().sqrt(),
+            statistic,
+            freedom,
+        })
     }
 
     /// The logs differ by more than chance.
@@ -39,7 +44,9 @@ impl Common {
 
     /// They are nearer to each other than values of their own would be by chance, with this standard deviation of each beside that of its estimate, 1 of that.
     pub(super) fn alike(&self, own: f64) -> bool {
-        !self.differs() && ChiSquared::new(self.freedom).is_ok_and(|law| law.cdf(self.statistic / (1.0 + own * own)) < BY_CHANCE)
+        !self.differs()
+            && ChiSquared::new(self.freedom)
+                .is_ok_and(|law| law.cdf(self.statistic / (1.0 + own * own)) < BY_CHANCE)
     }
 }
 
@@ -55,11 +62,18 @@ mod tests {
         };
         let apart = common(&[1.0, 2.0], 0.1);
         // (0.5/0.1)² twice, with one degree of freedom.
-        assert!((apart.value - 1.5).abs() < 1e-12 && (apart.statistic - 50.0).abs() < 1e-9 && apart.differs() && !apart.alike(20.0));
+        assert!(
+            (apart.value - 1.5).abs() < 1e-12
+                && (apart.statistic - 50.0).abs() < 1e-9
+                && apart.differs()
+                && !apart.alike(20.0)
+        );
         let near = common(&[1.0, 1.1], 0.1);
         assert!((near.std - 0.1 / 2.0_f64.sqrt()).abs() < 1e-12 && !near.differs());
         // Of values that are drawn with the standard deviation of an estimate nothing is said; drawn from far apart they would not be so near.
         assert!(!near.alike(1.0) && near.alike(100.0));
-        assert!(Common::of(&DVector::from_element(1, 1.0), &DMatrix::from_element(1, 1, 1.0)).is_none());
+        assert!(
+            Common::of(&DVector::from_element(1, 1.0), &DMatrix::from_element(1, 1, 1.0)).is_none()
+        );
     }
 }

@@ -67,7 +67,8 @@ pub(crate) fn describe(
     let every = records.iter().map(|r| r.time_s.len()).sum::<usize>().div_ceil(SAMPLES).max(1);
     let runs = runs(likelihood, effects)?;
     let spread = Errors::of(records, left, |r| r.train.or(r.held));
-    let weights: Vec<f64> = spread.deviations.iter().map(|d| if *d > 0.0 { d.sqrt().recip() } else { 0.0 }).collect();
+    let weights: Vec<f64> =
+        spread.deviations.iter().map(|d| if *d > 0.0 { d.sqrt().recip() } else { 0.0 }).collect();
     let parts: Vec<Part> = (0..records.len())
         .flat_map(|at| [(at, false), (at, true)])
         .filter_map(|(at, held)| {
@@ -76,7 +77,9 @@ pub(crate) fn describe(
             Some(part(likelihood, (at, held, span), &runs[at], &left[at], &weights, every))
         })
         .collect();
-    let energy = |held: bool| parts.iter().filter(|p| p.held == held).map(|p| p.left.norm_squared()).sum::<f64>();
+    let energy = |held: bool| {
+        parts.iter().filter(|p| p.held == held).map(|p| p.left.norm_squared()).sum::<f64>()
+    };
     let held_left = energy(true);
     if !(energy(false) > 0.0 && held_left > 0.0) {
         return None;
@@ -85,19 +88,29 @@ pub(crate) fn describe(
     let forms = Form::all(variables);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let turns: Vec<Vec<usize>> = (0..TURNS)
-        .map(|_| runs.iter().map(|run| (rng.random_range(0.1..0.9) * run.samples().div_ceil(every) as f64) as usize).collect())
+        .map(|_| {
+            runs.iter()
+                .map(|run| {
+                    (rng.random_range(0.1..0.9) * run.samples().div_ceil(every) as f64) as usize
+                })
+                .collect()
+        })
         .collect();
     let sums = |responses: &[DMatrix<f64>], turn: Option<&[usize]>, held: bool| {
         let mut sums = Sums::default();
         for part in parts.iter().filter(|p| p.held == held) {
-            sums.product += part.product(&responses[part.record], &weights, turn.map_or(0, |t| t[part.record]));
+            sums.product +=
+                part.product(&responses[part.record], &weights, turn.map_or(0, |t| t[part.record]));
             sums.square += part.square(&responses[part.record], &weights);
         }
         sums
     };
     // Per state and function: gain, R², and R² at every turn.
     let tried = |(state, form): (usize, Form)| {
-        let responses: Vec<DMatrix<f64>> = runs.iter().map(|run| run.response(state, |k| form.of(|v| run.value(v, k)), every)).collect();
+        let responses: Vec<DMatrix<f64>> = runs
+            .iter()
+            .map(|run| run.response(state, |k| form.of(|v| run.value(v, k)), every))
+            .collect();
         let (trained, held) = (sums(&responses, None, false), sums(&responses, None, true));
         let (gain, r2) = predicted(trained, held, held_left);
         let turned = |turn: &Vec<usize>| {
@@ -105,21 +118,39 @@ pub(crate) fn describe(
                 let here = parts.iter().filter(|p| p.held == held);
                 here.map(|p| p.product(&responses[p.record], &weights, turn[p.record])).sum::<f64>()
             };
-            predicted(Sums { product: product(false), ..trained }, Sums { product: product(true), ..held }, held_left).1
+            predicted(
+                Sums { product: product(false), ..trained },
+                Sums { product: product(true), ..held },
+                held_left,
+            )
+            .1
         };
         let chance: Vec<f64> = turns.iter().map(turned).collect();
         (gain.is_finite() && r2.is_finite()).then_some(Tried { state, form, gain, r2, chance })
     };
-    let all: Vec<(usize, Form)> = (0..states).flat_map(|i| forms.iter().map(move |f| (i, *f))).collect();
+    let all: Vec<(usize, Form)> =
+        (0..states).flat_map(|i| forms.iter().map(move |f| (i, *f))).collect();
     let found: Vec<Tried> = all.into_par_iter().filter_map(tried).collect();
     let best = found.iter().map(|t| t.r2).fold(f64::NEG_INFINITY, f64::max);
-    let chance = found.iter().flat_map(|t| &t.chance).copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
+    let chance =
+        found.iter().flat_map(|t| &t.chance).copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
     if best < WORTH || best <= chance {
         return None;
     }
     let rank = |t: &Tried| forms.iter().position(|f| *f == t.form);
-    let told = found.iter().filter(|t| t.r2 > best - AS_GOOD).min_by(|a, b| rank(a).cmp(&rank(b)).then(b.r2.total_cmp(&a.r2)))?;
-    let name = |v: usize| system.states.iter().chain(&system.inputs).nth(v).map(|p| p.name.clone()).unwrap_or_default();
+    let told = found
+        .iter()
+        .filter(|t| t.r2 > best - AS_GOOD)
+        .min_by(|a, b| rank(a).cmp(&rank(b)).then(b.r2.total_cmp(&a.r2)))?;
+    let name = |v: usize| {
+        system
+            .states
+            .iter()
+            .chain(&system.inputs)
+            .nth(v)
+            .map(|p| p.name.clone())
+            .unwrap_or_default()
+    };
     let curve = profile((told.state, told.form, told.gain), (&runs, &parts), &weights, every, name);
     Some((told.described(system, chance), curve))
 }
@@ -136,7 +167,8 @@ struct Tried {
 impl Tried {
     fn described(&self, system: &System, chance: f64) -> Description {
         let names = || system.states.iter().chain(&system.inputs);
-        let goes_with = self.form.text(|v| names().nth(v).map(|p| p.name.clone()).unwrap_or_default());
+        let goes_with =
+            self.form.text(|v| names().nth(v).map(|p| p.name.clone()).unwrap_or_default());
         let state = system.states[self.state].name.clone();
         let sentence = format!(
             "what is missing on the derivative of `{state}` goes with {goes_with}, {} times it: held-out R² {:.2}, by chance at most {chance:.2}; \
@@ -150,7 +182,11 @@ impl Tried {
 
 fn three_digits(value: f64) -> String {
     let before = value.abs().log10().floor();
-    if (-4.0..6.0).contains(&before) { format!("{value:.*}", (2.0 - before).max(0.0) as usize) } else { format!("{value:.2e}") }
+    if (-4.0..6.0).contains(&before) {
+        format!("{value:.*}", (2.0 - before).max(0.0) as usize)
+    } else {
+        format!("{value:.2e}")
+    }
 }
 
 /// What is left in a span, with the responses to its start.
@@ -171,7 +207,10 @@ fn part(
     let first = record.time_s.partition_point(|t| *t < span.from_s);
     let mut starts: Vec<DVector<f64>> = Vec::new();
     for response in run.starts(first) {
-        let mut column = DVector::from_iterator(rows.len(), rows.iter().map(|&(k, o)| response[(k, o)] * weights[o]));
+        let mut column = DVector::from_iterator(
+            rows.len(),
+            rows.iter().map(|&(k, o)| response[(k, o)] * weights[o]),
+        );
         let size = column.norm();
         // Twice, against rounding.
         for q in starts.iter().chain(&starts) {
@@ -182,7 +221,8 @@ fn part(
             starts.push(column / own);
         }
     }
-    let mut residual = DVector::from_iterator(rows.len(), rows.iter().map(|&(k, o)| left[(k, o)] * weights[o]));
+    let mut residual =
+        DVector::from_iterator(rows.len(), rows.iter().map(|&(k, o)| left[(k, o)] * weights[o]));
     for q in &starts {
         residual.axpy(-q.dot(&residual), q, 1.0);
     }

@@ -19,24 +19,41 @@ const CONSTANT: f64 = 1.0;
 const MENDED: f64 = 0.5;
 
 /// All that has to be said. `predicted`: by the model as it came, from its own start or with what is a log's own; a predictor follows every level.
-pub(crate) fn nominal_caveats(system: &System, records: &[LogRecord], predicted: &[DMatrix<f64>], diagnosis: &Diagnosis) -> Vec<Caveat> {
+pub(crate) fn nominal_caveats(
+    system: &System,
+    records: &[LogRecord],
+    predicted: &[DMatrix<f64>],
+    diagnosis: &Diagnosis,
+) -> Vec<Caveat> {
     if diagnosis.prediction.mode != Mode::Simulation {
         return Vec::new();
     }
-    other_operating_point(system, records, predicted).or_else(|| poor_model(diagnosis)).into_iter().collect()
+    other_operating_point(system, records, predicted)
+        .or_else(|| poor_model(diagnosis))
+        .into_iter()
+        .collect()
 }
 
-fn other_operating_point(system: &System, records: &[LogRecord], predicted: &[DMatrix<f64>]) -> Option<Caveat> {
+fn other_operating_point(
+    system: &System,
+    records: &[LogRecord],
+    predicted: &[DMatrix<f64>],
+) -> Option<Caveat> {
     let level = |i: usize| {
-        let pairs = records
-            .iter()
-            .zip(predicted)
-            .flat_map(|(r, model)| (0..model.nrows()).filter_map(move |k| r.measured_in(r.train, i, k).map(|y| (y, model[(k, i)]))));
+        let pairs = records.iter().zip(predicted).flat_map(|(r, model)| {
+            (0..model.nrows())
+                .filter_map(move |k| r.measured_in(r.train, i, k).map(|y| (y, model[(k, i)])))
+        });
         let (measured, modelled): (Vec<f64>, Vec<f64>) = pairs.unzip();
-        let (y, m) = (stats::mean(measured.iter().copied())?, stats::mean(modelled.iter().copied())?);
+        let (y, m) =
+            (stats::mean(measured.iter().copied())?, stats::mean(modelled.iter().copied())?);
         let moves = stats::deviation(&measured)? + stats::deviation(&modelled)?;
         let name = &system.outputs.get(i)?.name;
-        let text = || format!("`{name}` is {y:.4} on average where the model gives {m:.4}, and both move by {moves:.3} about that");
+        let text = || {
+            format!(
+                "`{name}` is {y:.4} on average where the model gives {m:.4}, and both move by {moves:.3} about that"
+            )
+        };
         (moves > 0.0 && (y - m).abs() > APART * moves).then(text)
     };
     let levels: Vec<String> = (0..system.outputs.len()).filter_map(level).collect();
@@ -45,7 +62,8 @@ fn other_operating_point(system: &System, records: &[LogRecord], predicted: &[DM
 
 /// The worst output that a constant would be nearer to, on held-out data.
 fn poor_model(diagnosis: &Diagnosis) -> Option<Caveat> {
-    let errors = diagnosis.shrink.outputs.iter().filter_map(|o| Some((o.name.clone(), o.before?, o.after?)));
+    let errors =
+        diagnosis.shrink.outputs.iter().filter_map(|o| Some((o.name.clone(), o.before?, o.after?)));
     let poor = errors.filter(|(_, before, after)| *before > CONSTANT && *after > MENDED * before);
     let (output, before, after) = poor.max_by(|a, b| a.1.total_cmp(&b.1))?;
     let [percent, left] = [before, after].map(|share| format!("{:.0}", 100.0 * share));

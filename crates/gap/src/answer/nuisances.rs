@@ -18,20 +18,31 @@ use deadtime_model::effect::{Applied, Scales};
 use deadtime_signal::text::plus_minus;
 
 /// Every nuisance in every log beside what was found; empty without nuisances, and where a simulation fails.
-pub(crate) fn nuisance_estimates(likelihood: &Likelihood<'_>, found: Option<&Hypothesis>, scales: &Scales) -> Vec<NuisanceEstimate> {
+pub(crate) fn nuisance_estimates(
+    likelihood: &Likelihood<'_>,
+    found: Option<&Hypothesis>,
+    scales: &Scales,
+) -> Vec<NuisanceEstimate> {
     if likelihood.declared.is_empty() {
         return Vec::new();
     }
     let active = found.map_or(NO_EFFECT, ActiveEffects::from);
     let numbers = found.and_then(|found| Numbers::of(likelihood, found, scales));
-    let logs: Vec<(usize, Constants)> =
-        (0..likelihood.records.len()).filter_map(|at| Some((at, likelihood.constants_of(at, active)?))).collect();
+    let logs: Vec<(usize, Constants)> = (0..likelihood.records.len())
+        .filter_map(|at| Some((at, likelihood.constants_of(at, active)?)))
+        .collect();
     let mut estimates = Vec::new();
     for (place, nuisance) in likelihood.declared.iter().enumerate() {
         for (at, constants) in &logs {
-            let more = numbers.as_ref().and_then(|n| n.variance(likelihood, *at, active, constants)).map_or(0.0, |v| v[place]);
+            let more = numbers
+                .as_ref()
+                .and_then(|n| n.variance(likelihood, *at, active, constants))
+                .map_or(0.0, |v| v[place]);
             let applied = nuisance.at(constants.deviations[place]);
-            let Some((parameter, value)) = applied.parameters.first().zip(applied.values.first()) else { continue };
+            let Some((parameter, value)) = applied.parameters.first().zip(applied.values.first())
+            else {
+                continue;
+            };
             estimates.push(NuisanceEstimate {
                 effect: applied.effect.name().to_owned(),
                 channel: applied.channel.clone(),
@@ -58,7 +69,9 @@ struct Numbers {
 impl Numbers {
     fn of(likelihood: &Likelihood<'_>, found: &Hypothesis, scales: &Scales) -> Option<Self> {
         let slopes = found.slopes(likelihood, scales)?;
-        let covariance = information(likelihood, &slopes.columns, &found.prior(likelihood)).cholesky()?.inverse();
+        let covariance = information(likelihood, &slopes.columns, &found.prior(likelihood))
+            .cholesky()?
+            .inverse();
         let moved = |&(e, i): &(usize, usize)| {
             let mut effects = found.effects.clone();
             let step = effects[e].parameters[i].derivative_step(effects[e].values[i], scales);
@@ -69,29 +82,50 @@ impl Numbers {
     }
 
     /// What they add to the variances of a log's constants.
-    fn variance(&self, likelihood: &Likelihood<'_>, at: usize, active: ActiveEffects<'_>, constants: &Constants) -> Option<DVector<f64>> {
+    fn variance(
+        &self,
+        likelihood: &Likelihood<'_>,
+        at: usize,
+        active: ActiveEffects<'_>,
+        constants: &Constants,
+    ) -> Option<DVector<f64>> {
         let span = likelihood.records[at].estimated_from()?;
         let here = likelihood.predict(at, active)?;
         let column = |(effects, step): &(Vec<Applied>, f64)| {
             let change = (&here - likelihood.predict(at, active.with(effects))?) / *step;
-            Some(&constants.gain * DVector::from_column_slice(likelihood.whiten_in(at, &change, span).as_slice()))
+            Some(
+                &constants.gain
+                    * DVector::from_column_slice(
+                        likelihood.whiten_in(at, &change, span).as_slice(),
+                    ),
+            )
         };
         let columns = self.moved.iter().map(column).collect::<Option<Vec<_>>>()?;
-        let moves = if columns.is_empty() { DMatrix::zeros(constants.deviations.len(), 0) } else { DMatrix::from_columns(&columns) };
+        let moves = if columns.is_empty() {
+            DMatrix::zeros(constants.deviations.len(), 0)
+        } else {
+            DMatrix::from_columns(&columns)
+        };
         Some((&moves * &self.covariance * moves.transpose()).diagonal())
     }
 }
 
 /// A value that its prior contradicts, and a nuisance that is alike in all logs.
-pub(crate) fn nuisance_caveats(likelihood: &Likelihood<'_>, estimates: &[NuisanceEstimate]) -> Vec<Caveat> {
+pub(crate) fn nuisance_caveats(
+    likelihood: &Likelihood<'_>,
+    estimates: &[NuisanceEstimate],
+) -> Vec<Caveat> {
     let of = |nuisance: &Nuisance| {
         let nominal = nuisance.at(0.0);
         let key = nominal.key();
-        let own: Vec<&NuisanceEstimate> =
-            estimates.iter().filter(|e| e.effect == nominal.effect.name() && e.channel == nominal.channel).collect();
+        let own: Vec<&NuisanceEstimate> = estimates
+            .iter()
+            .filter(|e| e.effect == nominal.effect.name() && e.channel == nominal.channel)
+            .collect();
         let about = nominal.values.first().copied().unwrap_or_default();
         let beyond = own.iter().filter(|e| (e.value - about).abs() > APART * e.prior_std);
-        let worst = beyond.max_by(|a, b| (a.value - about).abs().total_cmp(&(b.value - about).abs()));
+        let worst =
+            beyond.max_by(|a, b| (a.value - about).abs().total_cmp(&(b.value - about).abs()));
         let beyond = worst.map(|e| Caveat::NuisanceBeyondPrior {
             nuisance: key.clone(),
             value: plus_minus(e.value, e.std),
@@ -103,7 +137,10 @@ pub(crate) fn nuisance_caveats(likelihood: &Likelihood<'_>, estimates: &[Nuisanc
         let width = own.iter().map(|e| e.prior_std / e.std).fold(f64::INFINITY, f64::min);
         let alike = Common::of(&values, &DMatrix::from_diagonal(&variances))
             .filter(|common| common.value.abs() > APART * common.std && common.alike(width))
-            .map(|common| Caveat::NuisanceAlike { nuisance: key, value: plus_minus(about + common.value, common.std) });
+            .map(|common| Caveat::NuisanceAlike {
+                nuisance: key,
+                value: plus_minus(about + common.value, common.std),
+            });
         [beyond, alike].into_iter().flatten().collect::<Vec<_>>()
     };
     likelihood.declared.iter().filter(|n| n.declared).flat_map(of).collect()

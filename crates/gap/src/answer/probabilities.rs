@@ -19,8 +19,11 @@ pub(crate) struct Probabilities {
 impl Probabilities {
     pub(crate) fn new(judged: &Judged, found: &SearchResult, penalties: Penalties) -> Self {
         // 9 to 1 for the verdict where the likelihood prefers something that does not matter.
-        let top = |all: &[Hypothesis]| all.iter().map(|e| penalties.gain(e)).fold(f64::NEG_INFINITY, f64::max);
-        let several = judged.found.iter().filter(|e| e.effects.len() > 1).map(|e| penalties.gain(e));
+        let top = |all: &[Hypothesis]| {
+            all.iter().map(|e| penalties.gain(e)).fold(f64::NEG_INFINITY, f64::max)
+        };
+        let several =
+            judged.found.iter().filter(|e| e.effects.len() > 1).map(|e| penalties.gain(e));
         let (single, pair) = (top(&found.singles), several.fold(top(&found.pairs), f64::max));
         let temper = penalties.temper(f64::max(single, pair));
         let clear = 2.0 * 9.0_f64.ln() * temper;

@@ -61,10 +61,18 @@ pub(crate) fn command_traces(likelihood: &Likelihood<'_>) -> Vec<CommandTrace> {
 }
 
 /// All outputs of all logs, by output and then by log; `floor` holds one standard deviation per output. Empty where a simulation fails.
-pub(crate) fn traces(likelihood: &Likelihood<'_>, found: Option<ActiveEffects<'_>>, floor: &[f64]) -> Vec<Trace> {
+pub(crate) fn traces(
+    likelihood: &Likelihood<'_>,
+    found: Option<ActiveEffects<'_>>,
+    floor: &[f64],
+) -> Vec<Trace> {
     let predictions = |active: ActiveEffects<'_>| -> Option<Vec<DMatrix<f64>>> {
         let records = likelihood.records.iter().enumerate();
-        records.map(|(at, record)| likelihood.predict_from_posterior(at, active, record.estimated_from()?)).collect()
+        records
+            .map(|(at, record)| {
+                likelihood.predict_from_posterior(at, active, record.estimated_from()?)
+            })
+            .collect()
     };
     let Some(before) = predictions(NO_EFFECT) else { return Vec::new() };
     let after = found.and_then(predictions);

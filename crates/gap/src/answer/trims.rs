@@ -20,8 +20,15 @@ use deadtime_model::effect::{Applied, Scales};
 use deadtime_signal::text::plus_minus;
 
 /// What has to be said of each constant that was found; nothing of a simulator that can only be called, which has no model file to declare it in.
-pub(crate) fn constant_caveats(likelihood: &Likelihood<'_>, found: Option<&Hypothesis>, scales: &Scales, smallest: &[f64]) -> Vec<Caveat> {
-    let Some(found) = found.filter(|_| !likelihood.system.is_black_box()) else { return Vec::new() };
+pub(crate) fn constant_caveats(
+    likelihood: &Likelihood<'_>,
+    found: Option<&Hypothesis>,
+    scales: &Scales,
+    smallest: &[f64],
+) -> Vec<Caveat> {
+    let Some(found) = found.filter(|_| !likelihood.system.is_black_box()) else {
+        return Vec::new();
+    };
     let of = |(place, applied): (usize, &Applied)| {
         let (effect, channel) = (applied.effect.name().to_owned(), applied.channel.clone());
         let constancy = Trims { likelihood, found, place, scales }.constancy(smallest);
@@ -59,7 +66,9 @@ impl Trims<'_, '_> {
     }
 
     fn logs(&self) -> Vec<usize> {
-        (0..self.likelihood.records.len()).filter(|&at| self.likelihood.records[at].train.is_some()).collect()
+        (0..self.likelihood.records.len())
+            .filter(|&at| self.likelihood.records[at].train.is_some())
+            .collect()
     }
 
     /// The values log by log with their covariance.
@@ -68,11 +77,17 @@ impl Trims<'_, '_> {
         let left = self.left(&vec![common; self.likelihood.records.len()])?;
         let rms = Errors::of(self.likelihood.records, &left, |r| r.train).rms();
         let std: Vec<f64> = rms.iter().zip(smallest).map(|(r, s)| r.max(*s)).collect();
-        let white = self.likelihood.with_noise(vec![Noise::white(&std); self.likelihood.records.len()]);
+        let white =
+            self.likelihood.with_noise(vec![Noise::white(&std); self.likelihood.records.len()]);
         let (own, _) = self.step(&white, logs)?;
         let mut everywhere = vec![common; self.likelihood.records.len()];
         logs.iter().zip(own.iter()).for_each(|(&at, value)| everywhere[at] = *value);
-        let coloured = self.likelihood.with_noise(noise_in(self.likelihood, &self.left(&everywhere)?, 1.0, smallest));
+        let coloured = self.likelihood.with_noise(noise_in(
+            self.likelihood,
+            &self.left(&everywhere)?,
+            1.0,
+            smallest,
+        ));
         self.step(&coloured, logs)
     }
 
@@ -83,29 +98,47 @@ impl Trims<'_, '_> {
             effects[self.place].values.iter_mut().for_each(|v| *v = *value);
             let active = ActiveEffects::from(self.found).with(&effects);
             let span = self.likelihood.records[at].estimated_from()?;
-            Some(self.likelihood.residual(at, &self.likelihood.predict_from_posterior(at, active, span)?))
+            Some(
+                self.likelihood
+                    .residual(at, &self.likelihood.predict_from_posterior(at, active, span)?),
+            )
         };
         values.iter().enumerate().map(of).collect()
     }
 
     /// One Gauss-Newton step from the common value.
-    fn step(&self, likelihood: &Likelihood<'_>, logs: &[usize]) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    fn step(
+        &self,
+        likelihood: &Likelihood<'_>,
+        logs: &[usize],
+    ) -> Option<(DVector<f64>, DMatrix<f64>)> {
         let slopes = self.found.slopes(likelihood, self.scales)?;
         let own = self.found.free.iter().position(|(e, _)| *e == self.place)?;
         let common = *self.found.effects[self.place].values.first()?;
         let prior = self.found.prior(likelihood);
         let mut columns: Vec<Whitened> = (logs.iter())
-            .map(|&log| slopes.columns[own].iter().enumerate().map(|(at, c)| if at == log { c.clone() } else { c * 0.0 }).collect())
+            .map(|&log| {
+                slopes.columns[own]
+                    .iter()
+                    .enumerate()
+                    .map(|(at, c)| if at == log { c.clone() } else { c * 0.0 })
+                    .collect()
+            })
             .collect();
         let mut known = vec![(0.0, 0.0); logs.len()];
         for (at, column) in slopes.columns.into_iter().enumerate().filter(|(at, _)| *at != own) {
             columns.push(column);
             known.extend(prior.get(at));
         }
-        let gradient = DVector::from_fn(columns.len(), |i, _| likelihood.inner(&columns[i], &slopes.residual) + known[i].0 * known[i].1);
+        let gradient = DVector::from_fn(columns.len(), |i, _| {
+            likelihood.inner(&columns[i], &slopes.residual) + known[i].0 * known[i].1
+        });
         let covariance = information(likelihood, &columns, &known).cholesky()?.inverse();
         let step = -(&covariance * gradient);
         let values = step.rows(0, logs.len()).add_scalar(common);
-        values.iter().all(|v| v.is_finite()).then(|| (values, covariance.view((0, 0), (logs.len(), logs.len())).into_owned()))
+        values
+            .iter()
+            .all(|v| v.is_finite())
+            .then(|| (values, covariance.view((0, 0), (logs.len(), logs.len())).into_owned()))
     }
 }

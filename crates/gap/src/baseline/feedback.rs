@@ -15,11 +15,18 @@ use crate::input::record::LogRecord;
 
 /// The nuisance regressors of one record: what past samples do not predict of a command, in the output whose noise it meets; samples × outputs each.
 /// `residual` is that of the model as it is.
-pub(crate) fn regressors(record: &LogRecord, residual: &DMatrix<f64>, criteria: &Criteria) -> Vec<DMatrix<f64>> {
+pub(crate) fn regressors(
+    record: &LogRecord,
+    residual: &DMatrix<f64>,
+    criteria: &Criteria,
+) -> Vec<DMatrix<f64>> {
     let outputs = record.measured.len();
     let (samples, past) = (record.time_s.len(), criteria.feedback_past);
-    let rows: Vec<usize> =
-        (past..samples).filter(|&k| (0..outputs).all(|i| (0..=past).all(|lag| record.measured[i].get(k - lag).is_some()))).collect();
+    let rows: Vec<usize> = (past..samples)
+        .filter(|&k| {
+            (0..outputs).all(|i| (0..=past).all(|lag| record.measured[i].get(k - lag).is_some()))
+        })
+        .collect();
     let mut found = Vec::new();
     for input in 0..record.inputs.len() {
         let Some(alone) = unpredicted(record, input, &rows, past, false) else { continue };
@@ -31,7 +38,8 @@ pub(crate) fn regressors(record: &LogRecord, residual: &DMatrix<f64>, criteria: 
             let innovations = innovations(record, residual, output, criteria);
             let here = DVector::from_iterator(rows.len(), rows.iter().map(|&k| innovations[k]));
             let scale = (rows.len() as f64).sqrt();
-            let correlation = with_outputs.dot(&here) / (with_outputs.norm() * here.norm()).max(f64::MIN_POSITIVE);
+            let correlation = with_outputs.dot(&here)
+                / (with_outputs.norm() * here.norm()).max(f64::MIN_POSITIVE);
             if correlation.abs() * scale > criteria.correlated {
                 let mut column = DMatrix::zeros(samples, outputs);
                 for (&k, value) in rows.iter().zip(with_outputs.iter()) {
@@ -46,7 +54,13 @@ pub(crate) fn regressors(record: &LogRecord, residual: &DMatrix<f64>, criteria: 
 
 /// What of a command its own past (and that of all other commands and, if asked, of the outputs) does not predict, at some rows; `None` where it is predicted
 /// exactly or there are too few rows.
-fn unpredicted(record: &LogRecord, input: usize, rows: &[usize], past: usize, outputs: bool) -> Option<DVector<f64>> {
+fn unpredicted(
+    record: &LogRecord,
+    input: usize,
+    rows: &[usize],
+    past: usize,
+    outputs: bool,
+) -> Option<DVector<f64>> {
     let regressors = |k: usize| {
         let mut row = vec![1.0];
         for lag in 1..=past {
@@ -74,10 +88,20 @@ fn unpredicted(record: &LogRecord, input: usize, rows: &[usize], past: usize, ou
 }
 
 /// What an output's residual does not predict of itself.
-fn innovations(record: &LogRecord, residual: &DMatrix<f64>, output: usize, criteria: &Criteria) -> Vec<f64> {
-    let series: Vec<Option<f64>> =
-        (0..record.time_s.len()).map(|k| record.measured[output].get(k).map(|_| residual[(k, output)])).collect();
+fn innovations(
+    record: &LogRecord,
+    residual: &DMatrix<f64>,
+    output: usize,
+    criteria: &Criteria,
+) -> Vec<f64> {
+    let series: Vec<Option<f64>> = (0..record.time_s.len())
+        .map(|k| record.measured[output].get(k).map(|_| residual[(k, output)]))
+        .collect();
     let ar = autoregression_of(std::slice::from_ref(&series), criteria);
     let filled: Vec<f64> = series.iter().map(|v| v.unwrap_or(0.0)).collect();
-    (0..filled.len()).map(|k| filled[k] - ar.iter().zip(filled[..k].iter().rev()).map(|(a, r)| a * r).sum::<f64>()).collect()
+    (0..filled.len())
+        .map(|k| {
+            filled[k] - ar.iter().zip(filled[..k].iter().rev()).map(|(a, r)| a * r).sum::<f64>()
+        })
+        .collect()
 }

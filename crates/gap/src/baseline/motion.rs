@@ -50,14 +50,22 @@ impl Motion {
                 if let Some(probed) = probed {
                     return probed.states[j];
                 }
-                let moved = states.iter().flat_map(|x| x.column(j).iter().map(|v| v - system.initial[j]).collect::<Vec<_>>());
+                let moved = states.iter().flat_map(|x| {
+                    x.column(j).iter().map(|v| v - system.initial[j]).collect::<Vec<_>>()
+                });
                 let rms = root_mean_square(moved);
                 // A state that the commands never move: its start may still be off by as much as it is.
                 if rms > 0.0 { rms } else { system.initial[j].abs() }
             })
             .collect();
         let smallest = (0..system.outputs.len())
-            .map(|i| 1e-6 * root_mean_square(records.iter().flat_map(|r| (0..r.time_s.len()).filter_map(|k| r.measured[i].get(k)))))
+            .map(|i| {
+                1e-6 * root_mean_square(
+                    records
+                        .iter()
+                        .flat_map(|r| (0..r.time_s.len()).filter_map(|k| r.measured[i].get(k))),
+                )
+            })
             .map(|v| f64::max(v, 1e-12))
             .collect();
         Ok(Self { predicted, states, rms, smallest })
@@ -66,21 +74,31 @@ impl Motion {
     /// Standard deviations of the start: as the model says, else how far a state moves; 0 for one that moves nothing.
     pub(crate) fn prior(&self, system: &System) -> Vec<f64> {
         let known = system.initial_std.iter().zip(&self.rms);
-        known.map(|(std, rms)| if *rms == 0.0 && system.is_black_box() { 0.0 } else { std.unwrap_or(*rms) }).collect()
+        known
+            .map(
+                |(std, rms)| {
+                    if *rms == 0.0 && system.is_black_box() { 0.0 } else { std.unwrap_or(*rms) }
+                },
+            )
+            .collect()
     }
 
     /// What of every output's residual its own past does not predict: a first size of the noise.
     pub(crate) fn innovations(&self, records: &[LogRecord], criteria: &Criteria) -> Vec<f64> {
-        let trained: Vec<usize> = (0..records.len()).filter(|&i| records[i].train.is_some()).collect();
+        let trained: Vec<usize> =
+            (0..records.len()).filter(|&i| records[i].train.is_some()).collect();
         let residuals: Vec<DMatrix<f64>> = trained
             .iter()
             .map(|&at| {
                 let y = &self.predicted[at];
-                DMatrix::from_fn(y.nrows(), y.ncols(), |k, i| records[at].measured[i].get(k).map_or(0.0, |m| m - y[(k, i)]))
+                DMatrix::from_fn(y.nrows(), y.ncols(), |k, i| {
+                    records[at].measured[i].get(k).map_or(0.0, |m| m - y[(k, i)])
+                })
             })
             .collect();
         let of: Vec<&LogRecord> = trained.iter().map(|&i| &records[i]).collect();
-        let noise = Noise::fit(&of, &residuals.iter().collect::<Vec<_>>(), &self.smallest, criteria);
+        let noise =
+            Noise::fit(&of, &residuals.iter().collect::<Vec<_>>(), &self.smallest, criteria);
         noise.std()
     }
 
@@ -88,47 +106,82 @@ impl Motion {
     fn timescale(&self, records: &[LogRecord]) -> f64 {
         let of = |y: &DMatrix<f64>, record: &LogRecord, i: usize| {
             let y: Vec<f64> = y.column(i).iter().copied().collect();
-            let rate = root_mean_square(y.windows(2).zip(record.time_s.windows(2)).map(|(y, t)| (y[1] - y[0]) / (t[1] - t[0])));
+            let rate = root_mean_square(
+                y.windows(2)
+                    .zip(record.time_s.windows(2))
+                    .map(|(y, t)| (y[1] - y[0]) / (t[1] - t[0])),
+            );
             (rate > 0.0).then(|| spread(vec![y], record.sample_time_s).std / rate)
         };
-        let all = self.predicted.iter().zip(records).flat_map(|(y, record)| (0..y.ncols()).filter_map(move |i| of(y, record, i)));
+        let all = self
+            .predicted
+            .iter()
+            .zip(records)
+            .flat_map(|(y, record)| (0..y.ncols()).filter_map(move |i| of(y, record, i)));
         let fastest = all.fold(f64::INFINITY, f64::min);
         if fastest.is_finite() { fastest } else { 0.0 }
     }
 
     /// Sizes for first guesses, of what is trained on: a limit that only what is held out would reach is no guess. `residuals` are those of the model as it
     /// is.
-    pub(crate) fn scales(&self, system: &System, records: &[LogRecord], residuals: &[DMatrix<f64>], longest_delay_s: f64) -> Scales {
+    pub(crate) fn scales(
+        &self,
+        system: &System,
+        records: &[LogRecord],
+        residuals: &[DMatrix<f64>],
+        longest_delay_s: f64,
+    ) -> Scales {
         let trained = || records.iter().filter(|r| r.train.is_some());
         let sample_time_s = trained().map(|r| r.sample_time_s).fold(f64::INFINITY, f64::min);
         let column = |x: &DMatrix<f64>, j: usize| x.column(j).iter().copied().collect::<Vec<f64>>();
         // So many samples of a record are up to the end of what is trained on.
-        let until = |r: &LogRecord| r.train.map_or(0, |span| r.time_s.partition_point(|t| *t <= span.to_s));
+        let until =
+            |r: &LogRecord| r.train.map_or(0, |span| r.time_s.partition_point(|t| *t <= span.to_s));
         let moved = || self.states.iter().zip(records).filter(|(_, r)| r.train.is_some());
         let derivative = |j: usize| {
             let steps = moved().flat_map(|(x, r)| {
                 let x = column(x, j);
-                x.windows(2).zip(r.time_s.windows(2)).map(|(x, t)| (x[1] - x[0]) / (t[1] - t[0])).collect::<Vec<_>>()
+                x.windows(2)
+                    .zip(r.time_s.windows(2))
+                    .map(|(x, t)| (x[1] - x[0]) / (t[1] - t[0]))
+                    .collect::<Vec<_>>()
             });
             root_mean_square(steps)
         };
-        let measured = |i: usize| trained().map(|r| (0..until(r)).filter_map(|k| r.measured[i].get(k)).collect()).collect();
-        let state = |j: usize| moved().map(|(x, r)| x.column(j).iter().copied().take(until(r)).collect()).collect();
+        let measured = |i: usize| {
+            trained()
+                .map(|r| (0..until(r)).filter_map(|k| r.measured[i].get(k)).collect())
+                .collect()
+        };
+        let state = |j: usize| {
+            moved().map(|(x, r)| x.column(j).iter().copied().take(until(r)).collect()).collect()
+        };
         Scales {
             sample_time_s,
             duration_s: trained().map(LogRecord::duration_s).fold(0.0, f64::max),
             timescale_s: self.timescale(records),
             longest_delay_s,
             inputs: (0..system.inputs.len())
-                .map(|j| spread(trained().map(|r| r.inputs[j][..until(r)].to_vec()).collect(), sample_time_s))
+                .map(|j| {
+                    spread(
+                        trained().map(|r| r.inputs[j][..until(r)].to_vec()).collect(),
+                        sample_time_s,
+                    )
+                })
                 .collect(),
             states: if system.is_black_box() {
                 self.rms.iter().map(|&rms| Spread { rms, std: rms, ..Spread::default() }).collect()
             } else {
                 (0..system.states.len()).map(|j| spread(state(j), sample_time_s)).collect()
             },
-            derivatives: if system.is_black_box() { Vec::new() } else { (0..system.states.len()).map(derivative).collect() },
-            outputs: (0..system.outputs.len()).map(|i| spread(measured(i), sample_time_s)).collect(),
+            derivatives: if system.is_black_box() {
+                Vec::new()
+            } else {
+                (0..system.states.len()).map(derivative).collect()
+            },
+            outputs: (0..system.outputs.len())
+                .map(|i| spread(measured(i), sample_time_s))
+                .collect(),
             peaks_hz: peaks_hz(records, residuals, system.outputs.len()),
             scanned: Vec::new(),
         }
@@ -141,7 +194,9 @@ fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
 
 /// How far a signal goes over several records.
 fn spread(records: Vec<Vec<f64>>, sample_time_s: f64) -> Spread {
-    let fastest = records.iter().flat_map(|r| r.windows(2)).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max) / sample_time_s;
+    let fastest =
+        records.iter().flat_map(|r| r.windows(2)).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max)
+            / sample_time_s;
     let all: Vec<f64> = records.into_iter().flatten().collect();
     let Some(mean) = stats::mean(all.iter().copied()) else { return Spread::default() };
     let mut sizes: Vec<f64> = all.iter().map(|v| v.abs()).collect();
@@ -170,6 +225,11 @@ fn lattice(values: &[f64]) -> Option<f64> {
     let step = sorted.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min);
     // Over many steps rounding in the file adds up; the mean of all multiples is the better step.
     let multiples: Vec<f64> = sorted.iter().map(|v| (v / step).round()).collect();
-    let better = sorted.iter().zip(&multiples).map(|(v, m)| v * m).sum::<f64>() / multiples.iter().map(|m| m * m).sum::<f64>();
-    sorted.iter().zip(&multiples).all(|(v, m)| (v - m * better).abs() <= 1e-3 * better).then_some(better)
+    let better = sorted.iter().zip(&multiples).map(|(v, m)| v * m).sum::<f64>()
+        / multiples.iter().map(|m| m * m).sum::<f64>();
+    sorted
+        .iter()
+        .zip(&multiples)
+        .all(|(v, m)| (v - m * better).abs() <= 1e-3 * better)
+        .then_some(better)
 }

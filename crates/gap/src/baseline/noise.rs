@@ -17,14 +17,22 @@ pub(crate) struct Noise {
 impl Noise {
     /// White noise of these standard deviations.
     pub(crate) fn white(std: &[f64]) -> Self {
-        let unmix = DMatrix::from_fn(std.len(), std.len(), |i, j| if i == j { 1.0 / std[i].max(f64::MIN_POSITIVE) } else { 0.0 });
+        let unmix = DMatrix::from_fn(std.len(), std.len(), |i, j| {
+            if i == j { 1.0 / std[i].max(f64::MIN_POSITIVE) } else { 0.0 }
+        });
         Self { ar: vec![Vec::new(); std.len()], unmix }
     }
 
     /// From residuals (samples × outputs, one per record): autoregressions by Yule and Walker's equations, their orders by Akaike's criterion.
-    pub(crate) fn fit(records: &[&LogRecord], residuals: &[&DMatrix<f64>], smallest: &[f64], criteria: &Criteria) -> Self {
+    pub(crate) fn fit(
+        records: &[&LogRecord],
+        residuals: &[&DMatrix<f64>],
+        smallest: &[f64],
+        criteria: &Criteria,
+    ) -> Self {
         let outputs = smallest.len();
-        let ar: Vec<Vec<f64>> = (0..outputs).map(|i| autoregression(records, residuals, i, criteria)).collect();
+        let ar: Vec<Vec<f64>> =
+            (0..outputs).map(|i| autoregression(records, residuals, i, criteria)).collect();
         let mut covariance = DMatrix::zeros(outputs, outputs);
         let mut count: f64 = 0.0;
         let plain = Self { ar: ar.clone(), unmix: DMatrix::identity(outputs, outputs) };
@@ -40,7 +48,8 @@ impl Noise {
         }
         covariance /= count.max(1.0);
         for i in 0..outputs {
-            covariance[(i, i)] = f64::max(covariance[(i, i)] * (1.0 + 1e-6), smallest[i] * smallest[i]);
+            covariance[(i, i)] =
+                f64::max(covariance[(i, i)] * (1.0 + 1e-6), smallest[i] * smallest[i]);
         }
         let diagonal: Vec<f64> = covariance.diagonal().iter().map(|v| v.sqrt()).collect();
         let unmix = covariance.cholesky().and_then(|c| c.l().try_inverse());
@@ -59,7 +68,12 @@ impl Noise {
     }
 
     /// Whitened rows of a residual, or of anything that moves as a residual does; samples that are missing or outside the span are 0.
-    pub(crate) fn whiten(&self, record: &LogRecord, span: Option<Span>, residual: &DMatrix<f64>) -> DMatrix<f64> {
+    pub(crate) fn whiten(
+        &self,
+        record: &LogRecord,
+        span: Option<Span>,
+        residual: &DMatrix<f64>,
+    ) -> DMatrix<f64> {
         self.unmixed(&self.innovations(record, span, residual))
     }
 
@@ -68,7 +82,9 @@ impl Noise {
         let (samples, outputs) = innovations.shape();
         let mut unmixed = DMatrix::zeros(samples, outputs);
         for (i, to) in unmixed.as_mut_slice().chunks_exact_mut(samples.max(1)).enumerate() {
-            for (e, &weight) in innovations.as_slice().chunks_exact(samples.max(1)).zip(self.unmix.row(i).iter()) {
+            for (e, &weight) in
+                innovations.as_slice().chunks_exact(samples.max(1)).zip(self.unmix.row(i).iter())
+            {
                 if weight != 0.0 {
                     to.iter_mut().zip(e).for_each(|(to, e)| *to += weight * e);
                 }
@@ -80,17 +96,30 @@ impl Noise {
     /// The whitening filter on a response that starts from rest.
     pub(crate) fn filter(&self, response: &DMatrix<f64>) -> DMatrix<f64> {
         let filtered = DMatrix::from_fn(response.nrows(), response.ncols(), |k, i| {
-            response[(k, i)] - self.ar[i].iter().zip((0..k).rev()).map(|(a, past)| a * response[(past, i)]).sum::<f64>()
+            response[(k, i)]
+                - self.ar[i]
+                    .iter()
+                    .zip((0..k).rev())
+                    .map(|(a, past)| a * response[(past, i)])
+                    .sum::<f64>()
         });
         filtered * self.unmix.transpose()
     }
 
     /// A missing residual is replaced by its prediction, so the map stays linear.
-    fn innovations(&self, record: &LogRecord, span: Option<Span>, residual: &DMatrix<f64>) -> DMatrix<f64> {
+    fn innovations(
+        &self,
+        record: &LogRecord,
+        span: Option<Span>,
+        residual: &DMatrix<f64>,
+    ) -> DMatrix<f64> {
         let (samples, outputs) = residual.shape();
         let mut e = DMatrix::zeros(samples, outputs);
         let Some(span) = span else { return e };
-        let (from, to) = (record.time_s.partition_point(|t| *t < span.from_s), record.time_s.partition_point(|t| *t <= span.to_s));
+        let (from, to) = (
+            record.time_s.partition_point(|t| *t < span.from_s),
+            record.time_s.partition_point(|t| *t <= span.to_s),
+        );
         let to = to.max(from);
         let mut past = vec![0.0; samples];
         for i in 0..outputs {
@@ -103,14 +132,18 @@ impl Noise {
                 for (lag, a) in (1..).zip(ar) {
                     let first = from.max(lag);
                     if first < to {
-                        e[first..to].iter_mut().zip(&left[first - lag..]).for_each(|(predicted, past)| *predicted += a * past);
+                        e[first..to]
+                            .iter_mut()
+                            .zip(&left[first - lag..])
+                            .for_each(|(predicted, past)| *predicted += a * past);
                     }
                 }
                 e[from..to].iter_mut().zip(&left[from..to]).for_each(|(e, left)| *e = left - *e);
                 continue;
             }
             for k in 0..samples {
-                let predicted: f64 = ar.iter().zip(past[..k].iter().rev()).map(|(a, r)| a * r).sum();
+                let predicted: f64 =
+                    ar.iter().zip(past[..k].iter().rev()).map(|(a, r)| a * r).sum();
                 past[k] = residual[(k, i)];
                 if record.measured[i].get(k).is_none() {
                     past[k] = predicted;
@@ -141,9 +174,16 @@ pub(crate) fn memory_of(ar: &[f64]) -> f64 {
 }
 
 /// The autoregression of one output's residuals.
-fn autoregression(records: &[&LogRecord], residuals: &[&DMatrix<f64>], output: usize, criteria: &Criteria) -> Vec<f64> {
+fn autoregression(
+    records: &[&LogRecord],
+    residuals: &[&DMatrix<f64>],
+    output: usize,
+    criteria: &Criteria,
+) -> Vec<f64> {
     let inside = |(record, residual): (&&LogRecord, &&DMatrix<f64>)| -> Vec<Option<f64>> {
-        (0..record.time_s.len()).map(|k| record.measured_in(record.train, output, k).map(|_| residual[(k, output)])).collect()
+        (0..record.time_s.len())
+            .map(|k| record.measured_in(record.train, output, k).map(|_| residual[(k, output)]))
+            .collect()
     };
     autoregression_of(&records.iter().zip(residuals).map(inside).collect::<Vec<_>>(), criteria)
 }
@@ -155,7 +195,11 @@ pub(crate) fn autoregression_of(stretches: &[Vec<Option<f64>>], criteria: &Crite
     let mut count: f64 = 0.0;
     for inside in stretches {
         for (lag, sum) in covariance.iter_mut().enumerate() {
-            *sum += inside.iter().zip(inside.iter().skip(lag)).filter_map(|(a, b)| Some(a.as_ref()? * b.as_ref()?)).sum::<f64>();
+            *sum += inside
+                .iter()
+                .zip(inside.iter().skip(lag))
+                .filter_map(|(a, b)| Some(a.as_ref()? * b.as_ref()?))
+                .sum::<f64>();
         }
         let here = inside.iter().flatten().count() as f64;
         count += here;
@@ -165,10 +209,13 @@ pub(crate) fn autoregression_of(stretches: &[Vec<Option<f64>>], criteria: &Crite
     let mut ar: Vec<f64> = Vec::new();
     let mut variance = covariance[0];
     for order in 1..=longest {
-        if variance <= 1e-12 * covariance[0] || count < criteria.samples_per_coefficient * longest as f64 {
+        if variance <= 1e-12 * covariance[0]
+            || count < criteria.samples_per_coefficient * longest as f64
+        {
             break;
         }
-        let missed = covariance[order] - ar.iter().enumerate().map(|(j, a)| a * covariance[order - 1 - j]).sum::<f64>();
+        let missed = covariance[order]
+            - ar.iter().enumerate().map(|(j, a)| a * covariance[order - 1 - j]).sum::<f64>();
         let reflection = missed / variance;
         if reflection.is_nan() || reflection.abs() >= 1.0 {
             break;
@@ -197,9 +244,13 @@ mod tests {
     #[test]
     fn whitening_lag_by_lag_is_the_filter_sample_by_sample() {
         let samples = 40;
-        let value = |k: usize, i: usize| f64::from(u32::try_from((k * 37 + i * 11) % 23).unwrap()) - 9.3;
+        let value =
+            |k: usize, i: usize| f64::from(u32::try_from((k * 37 + i * 11) % 23).unwrap()) - 9.3;
         let residual = DMatrix::from_fn(samples, 2, value);
-        let noise = Noise { ar: vec![vec![0.7, -0.2, 0.05, 0.01], vec![]], unmix: DMatrix::from_row_slice(2, 2, &[1.7, 0.0, -0.3, 2.1]) };
+        let noise = Noise {
+            ar: vec![vec![0.7, -0.2, 0.05, 0.01], vec![]],
+            unmix: DMatrix::from_row_slice(2, 2, &[1.7, 0.0, -0.3, 2.1]),
+        };
         for from_s in [0.0, 2.0, 17.0] {
             let measured = Measured { values: vec![0.0; samples], present: None };
             let record = LogRecord {
@@ -219,11 +270,16 @@ mod tests {
             for measured in &mut all_there.measured {
                 measured.present = Some(vec![true; samples]);
             }
-            let (fast, plain) = (noise.whiten(&record, record.train, &residual), noise.whiten(&all_there, record.train, &residual));
+            let (fast, plain) = (
+                noise.whiten(&record, record.train, &residual),
+                noise.whiten(&all_there, record.train, &residual),
+            );
             assert_eq!(fast, plain);
             let at = 25;
-            let first =
-                value(at, 0) - (0.7 * value(at - 1, 0) - 0.2 * value(at - 2, 0) + 0.05 * value(at - 3, 0) + 0.01 * value(at - 4, 0));
+            let first = value(at, 0)
+                - (0.7 * value(at - 1, 0) - 0.2 * value(at - 2, 0)
+                    + 0.05 * value(at - 3, 0)
+                    + 0.01 * value(at - 4, 0));
             assert_abs_diff_eq!(fast[(at, 1)], -0.3 * first + 2.1 * value(at, 1), epsilon = 1e-12);
             assert_eq!((fast[(31, 0)], fast[(39, 1)]), (0.0, 0.0));
         }

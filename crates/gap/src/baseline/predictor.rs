@@ -49,23 +49,37 @@ impl Predictor {
         criteria: &Criteria,
     ) -> Self {
         match probed {
-            Some(probed) => {
-                Self { mode: Mode::Simulation, why: probed.why.clone(), gains: Vec::new(), settling_s: probed.settling_s, horizon: None }
-            }
+            Some(probed) => Self {
+                mode: Mode::Simulation,
+                why: probed.why.clone(),
+                gains: Vec::new(),
+                settling_s: probed.settling_s,
+                horizon: None,
+            },
             None => Self::choose(system, records, poles, asked, criteria),
         }
     }
 
     /// Chosen from the poles of the nominal model, or as asked for.
-    fn choose(system: &System, records: &[LogRecord], poles: &Poles, asked: Option<Mode>, criteria: &Criteria) -> Self {
+    fn choose(
+        system: &System,
+        records: &[LogRecord],
+        poles: &Poles,
+        asked: Option<Mode>,
+        criteria: &Criteria,
+    ) -> Self {
         let (mode, why) = match (asked, &poles.slow) {
             (Some(mode), _) => (mode, "asked for".to_owned()),
             (None, Some(why)) => (Mode::Predictor, why.clone()),
-            (None, None) => (Mode::Simulation, "every pole of the model decays within a log".to_owned()),
+            (None, None) => {
+                (Mode::Simulation, "every pole of the model decays within a log".to_owned())
+            }
         };
         let gains = match mode {
             Mode::Simulation | Mode::Horizon => Vec::new(),
-            Mode::Predictor => records.iter().map(|r| gain(system, r, criteria, criteria.uncertain)).collect(),
+            Mode::Predictor => {
+                records.iter().map(|r| gain(system, r, criteria, criteria.uncertain)).collect()
+            }
         };
         Self { mode, why, gains, settling_s: poles.settling_s, horizon: None }
     }
@@ -85,39 +99,65 @@ impl Predictor {
     ) -> Result<Self> {
         let plan = Applied::plan(system, own, Chance::Mean)?;
         let of_scale = |scale: &f64| {
-            let gains: Vec<DMatrix<f64>> = records.iter().map(|r| gain(system, r, criteria, *scale)).collect();
+            let gains: Vec<DMatrix<f64>> =
+                records.iter().map(|r| gain(system, r, criteria, *scale)).collect();
             let misfit = misfit(system, &plan, records, &gains).unwrap_or(f64::INFINITY);
             (misfit, gains)
         };
         let tried = UNKNOWN.par_iter().map(of_scale).collect::<Vec<_>>().into_iter();
-        let gains = tried.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, gains)| gains).unwrap_or_default();
+        let gains =
+            tried.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, gains)| gains).unwrap_or_default();
         let why = format!("asked for: from estimated states, over {horizon} samples each");
-        Ok(Self { mode: Mode::Horizon, why, gains, settling_s: poles.settling_s, horizon: Some(horizon) })
+        Ok(Self {
+            mode: Mode::Horizon,
+            why,
+            gains,
+            settling_s: poles.settling_s,
+            horizon: Some(horizon),
+        })
     }
 
     /// For whoever reads the answer.
     pub(crate) fn told(&self) -> Prediction {
-        Prediction { mode: self.mode, why: self.why.clone(), horizon: self.horizon.map(NonZeroUsize::get) }
+        Prediction {
+            mode: self.mode,
+            why: self.why.clone(),
+            horizon: self.horizon.map(NonZeroUsize::get),
+        }
     }
 
     /// What corrects the state in a record.
-    pub(crate) fn correction<'c>(&'c self, record: usize, measured: &'c [Measured]) -> Option<Correction<'c>> {
+    pub(crate) fn correction<'c>(
+        &'c self,
+        record: usize,
+        measured: &'c [Measured],
+    ) -> Option<Correction<'c>> {
         self.gains.get(record).map(|gain| Correction { gain, measured, horizon: self.horizon })
     }
 }
 
 /// Minus twice the log-likelihood of one-step predictions of what is learnt from; `None` where they cannot be made.
-fn misfit(system: &System, plan: &Plan, records: &[LogRecord], gains: &[DMatrix<f64>]) -> Option<f64> {
+fn misfit(
+    system: &System,
+    plan: &Plan,
+    records: &[LogRecord],
+    gains: &[DMatrix<f64>],
+) -> Option<f64> {
     let mut squares = vec![(0.0, 0.0); system.outputs.len()];
     for (record, gain) in records.iter().zip(gains).filter(|(r, _)| r.train.is_some()) {
         let correction = Correction { gain, measured: &record.measured, horizon: None };
         let run = system.simulate(plan, record.commands(), &record.start, Some(correction)).ok()?;
         for (i, (square, count)) in squares.iter_mut().enumerate() {
-            let errors = (0..record.time_s.len()).filter_map(|k| Some(record.measured_in(record.train, i, k)? - run.y[(k, i)]));
+            let errors = (0..record.time_s.len())
+                .filter_map(|k| Some(record.measured_in(record.train, i, k)? - run.y[(k, i)]));
             errors.for_each(|e| (*square, *count) = (*square + e * e, *count + 1.0));
         }
     }
-    let misfit: f64 = squares.iter().filter(|(square, _)| *square > 0.0).map(|(square, count)| count * (square / count).ln()).sum();
+    let misfit: f64 = squares
+        .iter()
+        .filter(|(square, _)| *square > 0.0)
+        .map(|(square, count)| count * (square / count).ln())
+        .sum();
     misfit.is_finite().then_some(misfit)
 }
 
@@ -129,11 +169,17 @@ fn misfit(system: &System, plan: &Plan, records: &[LogRecord], gains: &[DMatrix<
 fn gain(system: &System, record: &LogRecord, criteria: &Criteria, unknown: f64) -> DMatrix<f64> {
     let (n, p) = (system.states.len(), system.outputs.len());
     let none = DMatrix::zeros(n, p);
-    let Some([phi, gamma, c]) = SampleTime::new(record.sample_time_s).ok().and_then(|ts| sampled(system, record, ts)) else { return none };
+    let Some([phi, gamma, c]) =
+        SampleTime::new(record.sample_time_s).ok().and_then(|ts| sampled(system, record, ts))
+    else {
+        return none;
+    };
     let alpha = 1.0 / (1.0 - (criteria.forgets / record.time_s.len() as f64).min(0.5));
     let a = phi * alpha;
     let r = DMatrix::from_diagonal(&DVector::from_fn(p, |i, _| roughness(record, i)));
-    let moved = DVector::from_fn(gamma.ncols(), |j, _| (unknown * stats::deviation(&record.inputs[j]).unwrap_or(0.0)).powi(2));
+    let moved = DVector::from_fn(gamma.ncols(), |j, _| {
+        (unknown * stats::deviation(&record.inputs[j]).unwrap_or(0.0)).powi(2)
+    });
     let q = &gamma * DMatrix::from_diagonal(&moved) * gamma.transpose();
     let q = (&q + q.transpose()) * 0.5;
     let covariance = match dare(&a.transpose(), &c.transpose(), &q, &r, None) {
@@ -146,7 +192,13 @@ fn gain(system: &System, record: &LogRecord, criteria: &Criteria, unknown: f64) 
 }
 
 /// The Riccati recursion from a wide start, for models with modes that no output sees.
-fn iterate(a: &DMatrix<f64>, c: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>, steps: usize) -> Option<DMatrix<f64>> {
+fn iterate(
+    a: &DMatrix<f64>,
+    c: &DMatrix<f64>,
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    steps: usize,
+) -> Option<DMatrix<f64>> {
     let mut x = DMatrix::identity(a.nrows(), a.nrows()) * r.trace();
     for _ in 0..steps.clamp(200, 5000) {
         let innovation = (c * &x * c.transpose() + r).cholesky()?;
@@ -163,8 +215,11 @@ fn iterate(a: &DMatrix<f64>, c: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64
 
 /// The variance of an output's white noise, from its second differences; not less than a millionth of its variance.
 fn roughness(record: &LogRecord, output: usize) -> f64 {
-    let values: Vec<f64> = (0..record.time_s.len()).filter_map(|k| record.measured[output].get(k)).collect();
+    let values: Vec<f64> =
+        (0..record.time_s.len()).filter_map(|k| record.measured[output].get(k)).collect();
     let variance = stats::variance(&values).unwrap_or(0.0);
-    let second = stats::mean(values.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).powi(2))).unwrap_or(0.0) / 6.0;
+    let second = stats::mean(values.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).powi(2)))
+        .unwrap_or(0.0)
+        / 6.0;
     second.max(1e-6 * variance).max(f64::MIN_POSITIVE)
 }

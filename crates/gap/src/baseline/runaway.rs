@@ -13,9 +13,15 @@ const EXPLODES: f64 = 1e9;
 ///
 /// # Errors
 /// [`GapError::Nominal`] with the output and the factor.
-pub(crate) fn must_not_explode(system: &System, records: &[LogRecord], residuals: &[DMatrix<f64>]) -> Result<(), GapError> {
+pub(crate) fn must_not_explode(
+    system: &System,
+    records: &[LogRecord],
+    residuals: &[DMatrix<f64>],
+) -> Result<(), GapError> {
     for (i, output) in system.outputs.iter().enumerate() {
-        let measured = |r: &LogRecord| (0..r.time_s.len()).filter_map(|k| r.measured[i].get(k)).collect::<Vec<f64>>();
+        let measured = |r: &LogRecord| {
+            (0..r.time_s.len()).filter_map(|k| r.measured[i].get(k)).collect::<Vec<f64>>()
+        };
         let size = records.iter().flat_map(measured).map(f64::abs).fold(0.0, f64::max);
         for (record, residual) in records.iter().zip(residuals) {
             let off = residual.column(i).iter().map(|e| e.abs()).fold(0.0, f64::max);

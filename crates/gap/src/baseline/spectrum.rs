@@ -26,20 +26,35 @@ impl Cell {
 }
 
 /// Power of the residual by frequency, in cells of equal width on a logarithmic axis: their edges, and the powers of the frequencies in each.
-pub(crate) fn spectrum(records: &[LogRecord], residuals: &[DMatrix<f64>], i: usize) -> Option<(Vec<f64>, Vec<Cell>)> {
-    let longest = records.iter().filter(|r| r.train.is_some()).map(LogRecord::duration_s).fold(0.0, f64::max);
-    let shortest = records.iter().filter(|r| r.train.is_some()).map(|r| r.sample_time_s).fold(f64::INFINITY, f64::min);
+pub(crate) fn spectrum(
+    records: &[LogRecord],
+    residuals: &[DMatrix<f64>],
+    i: usize,
+) -> Option<(Vec<f64>, Vec<Cell>)> {
+    let longest =
+        records.iter().filter(|r| r.train.is_some()).map(LogRecord::duration_s).fold(0.0, f64::max);
+    let shortest = records
+        .iter()
+        .filter(|r| r.train.is_some())
+        .map(|r| r.sample_time_s)
+        .fold(f64::INFINITY, f64::min);
     let (low, high) = (1.0 / longest, 0.5 / shortest);
     if !(low > 0.0 && high > low && high.is_finite()) {
         return None;
     }
-    let edges: Vec<f64> = (0..=CELLS).map(|c| low * (high / low).powf(c as f64 / CELLS as f64)).collect();
+    let edges: Vec<f64> =
+        (0..=CELLS).map(|c| low * (high / low).powf(c as f64 / CELLS as f64)).collect();
     let mut cells = vec![Cell::default(); CELLS];
     let mut planner = FftPlanner::new();
     for (record, residual) in records.iter().zip(residuals).filter(|(r, _)| r.train.is_some()) {
         let mut values: Vec<Complex<f64>> = (0..record.time_s.len())
             .filter(|&k| record.train.is_some_and(|s| s.holds(record.time_s[k])))
-            .map(|k| Complex::new(if record.measured[i].get(k).is_some() { residual[(k, i)] } else { 0.0 }, 0.0))
+            .map(|k| {
+                Complex::new(
+                    if record.measured[i].get(k).is_some() { residual[(k, i)] } else { 0.0 },
+                    0.0,
+                )
+            })
             .collect();
         let n = values.len();
         planner.plan_fft_forward(n).process(&mut values);
@@ -58,14 +73,20 @@ pub(crate) fn spectrum(records: &[LogRecord], residuals: &[DMatrix<f64>], i: usi
 
 /// Frequencies at which the residual of any output is strong, in rising order: the strongest lines of its spectrum's strongest cells, to the line. A sine that
 /// is a tenth of its frequency off over a long log has nothing in common with the right one.
-pub(crate) fn peaks_hz(records: &[LogRecord], residuals: &[DMatrix<f64>], outputs: usize) -> Vec<f64> {
+pub(crate) fn peaks_hz(
+    records: &[LogRecord],
+    residuals: &[DMatrix<f64>],
+    outputs: usize,
+) -> Vec<f64> {
     let mut peaks = Vec::new();
     for i in 0..outputs {
         let Some((_, cells)) = spectrum(records, residuals, i) else { continue };
         let powers: Vec<f64> = cells.iter().map(|c| c.peak.1).collect();
         let mut order: Vec<usize> = (0..cells.len())
             .filter(|&c| {
-                powers[c] > 0.0 && (c == 0 || powers[c - 1] <= powers[c]) && powers.get(c + 1).is_none_or(|next| *next <= powers[c])
+                powers[c] > 0.0
+                    && (c == 0 || powers[c - 1] <= powers[c])
+                    && powers.get(c + 1).is_none_or(|next| *next <= powers[c])
             })
             .collect();
         order.sort_by(|&a, &b| powers[b].total_cmp(&powers[a]));

@@ -95,7 +95,8 @@ pub(super) fn moving_mean(x: &[f64], half: usize) -> Vec<f64> {
     }
     let mean = |k: usize| {
         let (from, to) = (k.checked_sub(half)?, k + half + 1);
-        (to <= x.len() && missing[to] == missing[from]).then(|| (sums[to] - sums[from]) / (2 * half + 1) as f64)
+        (to <= x.len() && missing[to] == missing[from])
+            .then(|| (sums[to] - sums[from]) / (2 * half + 1) as f64)
     };
     (0..x.len()).map(|k| mean(k).unwrap_or(f64::NAN)).collect()
 }
@@ -150,7 +151,12 @@ fn peak(products: &Products, sign: f64, near: Option<usize>) -> Option<Peak> {
     }
     let best = c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * c[4])));
     let [_, slope, rate] = products[at];
-    let found = Peak { at, lag: at as f64 - (products.len() / 2) as f64 + x, correlation: best.min(1.0), ratio: (rate / slope).sqrt() };
+    let found = Peak {
+        at,
+        lag: at as f64 - (products.len() / 2) as f64 + x,
+        correlation: best.min(1.0),
+        ratio: (rate / slope).sqrt(),
+    };
     (found.correlation.is_finite() && found.ratio.is_finite() && found.ratio > 0.0).then_some(found)
 }
 
@@ -165,8 +171,10 @@ impl Filtered {
     fn new(part: &Part, filter: Filter, lags: usize) -> Self {
         let (mut slope, mut rate) = (filter.apply(&part.slope), filter.apply(&part.rate));
         let around = moving_mean(&slope, lags);
-        let samples: Vec<usize> = (0..rate.len()).filter(|&k| rate[k].is_finite() && around[k].is_finite()).collect();
-        let samples: Vec<usize> = samples.iter().copied().step_by(samples.len() / MOST + 1).collect();
+        let samples: Vec<usize> =
+            (0..rate.len()).filter(|&k| rate[k].is_finite() && around[k].is_finite()).collect();
+        let samples: Vec<usize> =
+            samples.iter().copied().step_by(samples.len() / MOST + 1).collect();
         for x in [&mut slope, &mut rate] {
             let mean = stats::mean(samples.iter().map(|&k| x[k])).unwrap_or(0.0);
             x.iter_mut().for_each(|v| *v -= mean);
@@ -178,11 +186,17 @@ impl Filtered {
 /// How slope and rate go together through the filter through which they agree best; `None` where they stand still, the log is short, or the lag is at the edge.
 pub(super) fn compare(parts: &[Part], lags: usize) -> Option<Alike> {
     let longest = parts.iter().map(|p| p.rate.len()).max().unwrap_or(0);
-    let fits: Vec<Alike> = Filter::all().filter(|f| WIDTHS * f.width() <= longest).filter_map(|f| through(parts, f, lags)).collect();
-    let mut best = *fits.iter().max_by(|a, b| a.correlation.abs().total_cmp(&b.correlation.abs()))?;
+    let fits: Vec<Alike> = Filter::all()
+        .filter(|f| WIDTHS * f.width() <= longest)
+        .filter_map(|f| through(parts, f, lags))
+        .collect();
+    let mut best =
+        *fits.iter().max_by(|a, b| a.correlation.abs().total_cmp(&b.correlation.abs()))?;
     let [low, high] = best.factor;
-    let apart = |f: &&Alike| f.factor[0] > high * (1.0 + CHANGE) || f.factor[1] * (1.0 + CHANGE) < low;
-    best.elsewhere = fits.iter().filter(|f| f.correlation.abs() >= CLEAR).find(apart).map(|f| f.factor);
+    let apart =
+        |f: &&Alike| f.factor[0] > high * (1.0 + CHANGE) || f.factor[1] * (1.0 + CHANGE) < low;
+    best.elsewhere =
+        fits.iter().filter(|f| f.correlation.abs() >= CLEAR).find(apart).map(|f| f.factor);
     Some(best)
 }
 
@@ -206,51 +220,78 @@ fn through(parts: &[Part], filter: Filter, lags: usize) -> Option<Alike> {
     }
     let sum = |left_out: Option<usize>| {
         let mut all: Products = vec![[0.0; 3]; 2 * lags + 1];
-        for stretch in stretches.iter().enumerate().filter(|(at, _)| Some(*at) != left_out).map(|(_, s)| s) {
+        for stretch in
+            stretches.iter().enumerate().filter(|(at, _)| Some(*at) != left_out).map(|(_, s)| s)
+        {
             all.iter_mut().zip(stretch).for_each(|(a, s)| (0..3).for_each(|i| a[i] += s[i]));
         }
         all
     };
     let all = sum(None);
-    let turned = |sign: f64| all.iter().map(|p| sign * correlation(p)).fold(f64::NEG_INFINITY, f64::max);
+    let turned =
+        |sign: f64| all.iter().map(|p| sign * correlation(p)).fold(f64::NEG_INFINITY, f64::max);
     // Half a period later everything is turned round: only where that fits far better is it believed.
     let sign = if turned(-1.0) > turned(1.0) + 0.05 { -1.0 } else { 1.0 };
     let best = peak(&all, sign, None)?;
     let values = |p: Peak| [p.lag, (p.ratio * p.correlation).ln(), (p.ratio / p.correlation).ln()];
-    let others: Vec<[f64; 3]> = (0..STRETCHES).filter_map(|out| peak(&sum(Some(out)), sign, Some(best.at))).map(values).collect();
+    let others: Vec<[f64; 3]> = (0..STRETCHES)
+        .filter_map(|out| peak(&sum(Some(out)), sign, Some(best.at)))
+        .map(values)
+        .collect();
     if others.len() < STRETCHES || best.correlation <= 0.0 {
         return None;
     }
     let n = STRETCHES as f64;
-    let quantile = StudentsT::new(0.0, 1.0, n - 1.0).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
+    let quantile =
+        StudentsT::new(0.0, 1.0, n - 1.0).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
     let half = |i: usize| {
         let mean = others.iter().map(|o| o[i]).sum::<f64>() / n;
-        quantile * ((n - 1.0) / n * others.iter().map(|o| (o[i] - mean).powi(2)).sum::<f64>()).sqrt()
+        quantile
+            * ((n - 1.0) / n * others.iter().map(|o| (o[i] - mean).powi(2)).sum::<f64>()).sqrt()
     };
     let [lag, least, most] = values(best);
     let factor = [(least - half(1)).exp(), (most + half(2)).exp()];
     let offset = offset(parts, sign * best.ratio, lag.round() as isize, quantile, factor)?;
     let size = (all[lags][2] / total as f64).sqrt();
-    let found =
-        Alike { correlation: sign * best.correlation, factor, lag: Known { value: lag, half: half(0) }, offset, size, elsewhere: None };
+    let found = Alike {
+        correlation: sign * best.correlation,
+        factor,
+        lag: Known { value: lag, half: half(0) },
+        offset,
+        size,
+        elsewhere: None,
+    };
     (factor.iter().all(|f| f.is_finite()) && found.lag.half.is_finite()).then_some(found)
 }
 
 /// What the rate has beyond factor times slope: the mean over stretches, and half its interval with that of the factor.
-fn offset(parts: &[Part], ratio: f64, lag: isize, quantile: f64, factor: [f64; 2]) -> Option<Known> {
-    let pairs =
-        parts.iter().flat_map(|p| (0..p.rate.len()).filter_map(move |k| Some((p.rate[k], *p.slope.get(k.checked_add_signed(-lag)?)?))));
+fn offset(
+    parts: &[Part],
+    ratio: f64,
+    lag: isize,
+    quantile: f64,
+    factor: [f64; 2],
+) -> Option<Known> {
+    let pairs = parts.iter().flat_map(|p| {
+        (0..p.rate.len())
+            .filter_map(move |k| Some((p.rate[k], *p.slope.get(k.checked_add_signed(-lag)?)?)))
+    });
     let pairs: Vec<(f64, f64)> = pairs.filter(|(r, s)| r.is_finite() && s.is_finite()).collect();
     let means: Vec<f64> = (0..STRETCHES)
         .filter_map(|at| {
-            stats::mean(pairs[at * pairs.len() / STRETCHES..(at + 1) * pairs.len() / STRETCHES].iter().map(|(r, s)| r - ratio * s))
+            stats::mean(
+                pairs[at * pairs.len() / STRETCHES..(at + 1) * pairs.len() / STRETCHES]
+                    .iter()
+                    .map(|(r, s)| r - ratio * s),
+            )
         })
         .collect();
     let n = means.len() as f64;
     let value = means.iter().sum::<f64>() / n;
     let variance = means.iter().map(|m| (m - value).powi(2)).sum::<f64>() / (n - 1.0) / n;
     let moved = stats::mean(pairs.iter().map(|(_, s)| *s))?.abs();
-    Some(Known { value, half: quantile * variance.sqrt() + 0.5 * (factor[1] - factor[0]) * moved }).filter(|k| k.half.is_finite())
+    Some(Known { value, half: quantile * variance.sqrt() + 0.5 * (factor[1] - factor[0]) * moved })
+        .filter(|k| k.half.is_finite())
 }
 
 #[cfg(test)]
@@ -268,7 +309,11 @@ mod tests {
             let line = |_| {
                 let hz = 0.1 * 30.0_f64.powf(random.random_range(0.0..1.0));
                 let omega = std::f64::consts::TAU * hz;
-                [random.random_range(0.2..1.0) / (1.0 + hz), omega, random.random_range(0.0..std::f64::consts::TAU)]
+                [
+                    random.random_range(0.2..1.0) / (1.0 + hz),
+                    omega,
+                    random.random_range(0.0..std::f64::consts::TAU),
+                ]
             };
             Self((0..25).map(line).collect())
         }
@@ -286,7 +331,8 @@ mod tests {
     fn noise(samples: usize, size: f64, colour: f64, random: &mut ChaCha8Rng) -> Vec<f64> {
         let mut last = 0.0;
         let next = |_| {
-            last = colour * last + (1.0 - colour * colour).sqrt() * random.sample::<f64, _>(StandardNormal);
+            last = colour * last
+                + (1.0 - colour * colour).sqrt() * random.sample::<f64, _>(StandardNormal);
             size * last
         };
         (0..samples).map(next).collect()
@@ -301,16 +347,31 @@ mod tests {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
             let ts = random.random_range(0.005..0.02);
             let samples = random.random_range(1500..5000);
-            let (factor, lag, offset) = (random.random_range(0.8..1.25), random.random_range(-4.0..4.0), random.random_range(-0.5..0.5));
+            let (factor, lag, offset) = (
+                random.random_range(0.8..1.25),
+                random.random_range(-4.0..4.0),
+                random.random_range(-0.5..0.5),
+            );
             let motion = Motion::new(&mut random);
-            let colour = |random: &mut ChaCha8Rng| if random.random_range(0.0..1.0) < 0.5 { 0.0 } else { random.random_range(0.5..0.95) };
+            let colour = |random: &mut ChaCha8Rng| {
+                if random.random_range(0.0..1.0) < 0.5 {
+                    0.0
+                } else {
+                    random.random_range(0.5..0.95)
+                }
+            };
             let (c, d) = (colour(&mut random), colour(&mut random));
             let of_place = noise(samples, random.random_range(0.0005..0.01), c, &mut random);
             let of_speed = noise(samples, random.random_range(0.02..0.5), d, &mut random);
             let at = |k: usize| ts * k as f64;
             let place: Vec<f64> = (0..samples).map(|k| motion.place(at(k)) + of_place[k]).collect();
-            let speed: Vec<f64> = (0..samples).map(|k| factor * motion.speed(at(k) - lag * ts) + offset + of_speed[k]).collect();
-            let part = Part { slope: place.windows(2).map(|p| (p[1] - p[0]) / ts).collect(), rate: middles(&speed) };
+            let speed: Vec<f64> = (0..samples)
+                .map(|k| factor * motion.speed(at(k) - lag * ts) + offset + of_speed[k])
+                .collect();
+            let part = Part {
+                slope: place.windows(2).map(|p| (p[1] - p[0]) / ts).collect(),
+                rate: middles(&speed),
+            };
             let Some(found) = compare(&[part], 35) else { continue };
             told += 1;
             let inside = [
@@ -331,10 +392,18 @@ mod tests {
         let motion = Motion::new(&mut random);
         let ts = 0.01;
         let place: Vec<f64> = (0..3000).map(|k| motion.place(ts * f64::from(k))).collect();
-        let speed: Vec<f64> = (0..3000).map(|k| -1.09 * motion.speed(ts * f64::from(k) - 0.023)).collect();
-        let part = Part { slope: place.windows(2).map(|p| (p[1] - p[0]) / ts).collect(), rate: middles(&speed) };
+        let speed: Vec<f64> =
+            (0..3000).map(|k| -1.09 * motion.speed(ts * f64::from(k) - 0.023)).collect();
+        let part = Part {
+            slope: place.windows(2).map(|p| (p[1] - p[0]) / ts).collect(),
+            rate: middles(&speed),
+        };
         let found = compare(&[part], 35).unwrap();
         assert!(found.correlation < -0.9999, "{found:?}");
-        assert!((found.factor[0] * found.factor[1]).sqrt() - 1.09 < 1e-3 && (found.lag.value - 2.3).abs() < 0.02, "{found:?}");
+        assert!(
+            (found.factor[0] * found.factor[1]).sqrt() - 1.09 < 1e-3
+                && (found.lag.value - 2.3).abs() < 0.02,
+            "{found:?}"
+        );
     }
 }

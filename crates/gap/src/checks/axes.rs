@@ -24,8 +24,11 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     }
     for m in &e.kinematics {
         let Some((other, correlation)) = m.better else { continue };
-        let (of, rate, other) = (e.output(m.relation.of), e.output(m.relation.rate), e.output(other));
-        if found.iter().any(|c: &Check| [of, rate, other].iter().any(|n| c.finding.contains(&format!("`{n}`")))) {
+        let (of, rate, other) =
+            (e.output(m.relation.of), e.output(m.relation.rate), e.output(other));
+        if found.iter().any(|c: &Check| {
+            [of, rate, other].iter().any(|n| c.finding.contains(&format!("`{n}`")))
+        }) {
             continue;
         }
         let finding = format!(
@@ -38,7 +41,9 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     if found.is_empty() {
         found.extend(e.twins().into_iter().map(|(i, j)| {
             let (i, j) = (e.output(i), e.output(j));
-            let finding = format!("cannot be told: `{i}` and `{j}` move so much alike that either could be the other");
+            let finding = format!(
+                "cannot be told: `{i}` and `{j}` move so much alike that either could be the other"
+            );
             result(CheckKind::Axes, i, None, finding)
         }));
     }
@@ -52,7 +57,8 @@ impl Evidence<'_> {
         let Some(search) = &self.search else { return Vec::new() };
         let outputs = self.view.outputs();
         let alike = |i: usize, j: usize| {
-            let other: Vec<Columns> = search.modelled.iter().map(|columns| vec![columns[j].clone(); outputs]).collect();
+            let other: Vec<Columns> =
+                search.modelled.iter().map(|columns| vec![columns[j].clone(); outputs]).collect();
             self.view.fit(i, &search.modelled, &other).is_some_and(|f| agreement(&f, SIZE) >= ALIKE)
         };
         let pairs = (0..outputs).flat_map(|i| (i + 1..outputs).map(move |j| (i, j)));

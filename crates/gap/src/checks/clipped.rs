@@ -26,11 +26,16 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let mut found = Vec::new();
     for i in 0..e.view.outputs() {
         let name = e.output(i);
-        let unit = e.view.system.outputs[i].unit.as_deref().map(|u| format!(" {u}")).unwrap_or_default();
-        let hit = (0..e.view.records.len()).flat_map(|at| [true, false].map(|upper| (at, upper))).find_map(|(at, upper)| {
-            let trace = Trace::output(e.view.records[at], i);
-            limit(e, at, i, &trace, upper).map(|(value, count)| (value, count, trace.values.len(), e.view.records[at].name.clone()))
-        });
+        let unit =
+            e.view.system.outputs[i].unit.as_deref().map(|u| format!(" {u}")).unwrap_or_default();
+        let hit = (0..e.view.records.len())
+            .flat_map(|at| [true, false].map(|upper| (at, upper)))
+            .find_map(|(at, upper)| {
+                let trace = Trace::output(e.view.records[at], i);
+                limit(e, at, i, &trace, upper).map(|(value, count)| {
+                    (value, count, trace.values.len(), e.view.records[at].name.clone())
+                })
+            });
         if let Some((value, count, of, log)) = hit {
             let finding = format!(
                 "`{name}` stops at {}{unit}: {count} of {of} samples of {log} have exactly that value: a limit of the sensor or of the logger's number; leave these cells empty",
@@ -40,7 +45,12 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
         }
     }
     if found.is_empty() {
-        found.push(result(CheckKind::Clipped, ALL, Some(true), "no output stops at a limit".to_owned()));
+        found.push(result(
+            CheckKind::Clipped,
+            ALL,
+            Some(true),
+            "no output stops at a limit".to_owned(),
+        ));
     }
     found
 }
@@ -52,7 +62,13 @@ pub(super) fn limits(e: &Evidence<'_>, at: usize, output: usize) -> [Option<f64>
 }
 
 /// The limit and how many samples are at it.
-fn limit(e: &Evidence<'_>, at: usize, output: usize, trace: &Trace<'_>, upper: bool) -> Option<(f64, usize)> {
+fn limit(
+    e: &Evidence<'_>,
+    at: usize,
+    output: usize,
+    trace: &Trace<'_>,
+    upper: bool,
+) -> Option<(f64, usize)> {
     let value = if upper { trace.largest() } else { trace.smallest() };
     if !value.is_finite() || trace.smallest() == trace.largest() {
         return None;
@@ -67,10 +83,19 @@ fn limit(e: &Evidence<'_>, at: usize, output: usize, trace: &Trace<'_>, upper: b
     let median = steps.get(steps.len() / 2)?;
     let coarse = trace.is_coarse() || trace.repeats(|k| trace.values[k] != value) > RARELY;
     // Of a coarse channel the last steps may be single ones by chance.
-    let least = if coarse { (ARRIVES * median).max(ROWS * steps.first()?) } else { ARRIVES * median };
-    let entries: Vec<f64> = there.iter().filter(|&&k| k >= 2 && trace.values[k - 1] != value).map(|&k| step(k - 1)).collect();
+    let least =
+        if coarse { (ARRIVES * median).max(ROWS * steps.first()?) } else { ARRIVES * median };
+    let entries: Vec<f64> = there
+        .iter()
+        .filter(|&&k| k >= 2 && trace.values[k - 1] != value)
+        .map(|&k| step(k - 1))
+        .collect();
     let abrupt = entries.iter().filter(|s| **s >= least).count();
-    let next = trace.values.iter().filter(|v| **v != value && (**v - value).abs() < 1.5 * steps[0]).count();
+    let next = trace
+        .values
+        .iter()
+        .filter(|v| **v != value && (**v - value).abs() < 1.5 * steps[0])
+        .count();
     let piled = coarse && there.len() >= PILED * next.max(1);
     if entries.is_empty() || (2 * abrupt < entries.len() && !piled) {
         return None;
@@ -81,7 +106,8 @@ fn limit(e: &Evidence<'_>, at: usize, output: usize, trace: &Trace<'_>, upper: b
     // A coarse or settled channel.
     let search = e.search.as_ref().filter(|_| !e.view.predicts())?;
     search.fits.get(output).copied().flatten().filter(agrees)?;
-    let modelled: Vec<f64> = there.iter().map(|&k| search.modelled[at][output][trace.index[k]]).collect();
+    let modelled: Vec<f64> =
+        there.iter().map(|&k| search.modelled[at][output][trace.index[k]]).collect();
     let size = deviation(&trace.values);
     let beyond = mean(modelled.iter().map(|m| if upper { m - value } else { value - m }));
     (beyond > BEYOND * size && deviation(&modelled) > BEYOND * size).then_some((value, there.len()))

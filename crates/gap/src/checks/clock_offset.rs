@@ -18,16 +18,23 @@ const KNOWN: f64 = 0.25;
 
 pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let mut found = Vec::new();
-    let known: Vec<Timing> = e.timing.iter().flatten().filter(|t| t.is_late() || t.std < KNOWN).copied().collect();
+    let known: Vec<Timing> =
+        e.timing.iter().flatten().filter(|t| t.is_late() || t.std < KNOWN).copied().collect();
     let ts = e.view.sample_time_s();
     if known.is_empty() {
         let text = e.timing.iter().flatten().map(|t| t.std).fold(f64::INFINITY, f64::min);
         if text.is_finite() {
-            let finding = format!("cannot be told: the outputs' lags are known to {} s only", short(2.0 * text * ts));
+            let finding = format!(
+                "cannot be told: the outputs' lags are known to {} s only",
+                short(2.0 * text * ts)
+            );
             return vec![result(CheckKind::ClockOffset, ALL, None, finding)];
         }
     } else if known.iter().all(Timing::is_late) {
-        found.extend(common(&known, ts).map(|(ok, finding)| result(CheckKind::ClockOffset, ALL, ok, finding)));
+        found.extend(
+            common(&known, ts)
+                .map(|(ok, finding)| result(CheckKind::ClockOffset, ALL, ok, finding)),
+        );
     }
     let bound = known.iter().map(|t| t.lag.abs() + 2.0 * t.std).fold(0.0, f64::max);
     let good = if known.iter().any(Timing::is_late) {
@@ -49,14 +56,23 @@ fn common(known: &[Timing], ts: f64) -> Option<(Option<bool>, String)> {
     }
     // Outputs that differ by more than their scatter say how well the time is known.
     let apart = known.iter().map(|t| (t.lag - lag).abs()).fold(0.0, f64::max);
-    let size = format!("{} s (± {} s)", short(lag.abs() * ts), short(ts * apart.max(2.0 * (1.0 / total).sqrt()).max(LEAST)));
+    let size = format!(
+        "{} s (± {} s)",
+        short(lag.abs() * ts),
+        short(ts * apart.max(2.0 * (1.0 / total).sqrt()).max(LEAST))
+    );
     if known.iter().all(is_one) {
-        return Some((None, format!("commands and outputs are {size} apart, one sample: see one_sample_shift")));
+        return Some((
+            None,
+            format!("commands and outputs are {size} apart, one sample: see one_sample_shift"),
+        ));
     }
     if lag > 0.0 {
         return Some((
             None,
-            format!("commands and outputs are {size} apart, outputs late; a clock offset, a dead time and a lag look the same here"),
+            format!(
+                "commands and outputs are {size} apart, outputs late; a clock offset, a dead time and a lag look the same here"
+            ),
         ));
     }
     let certain = known.iter().all(|t| t.pure >= PURE) && known.iter().any(|t| t.ahead >= AHEAD);
@@ -65,7 +81,9 @@ fn common(known: &[Timing], ts: f64) -> Option<(Option<bool>, String)> {
             "the outputs answer {size} before the commands, which no machine does: the sensors' clock is behind, or the commands are logged late; shift one of them"
         )
     } else {
-        format!("the outputs come {size} earlier than the model says: a clock offset, or a model that is too slow")
+        format!(
+            "the outputs come {size} earlier than the model says: a clock offset, or a model that is too slow"
+        )
     };
     Some((certain.then_some(false), finding))
 }

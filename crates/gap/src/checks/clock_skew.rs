@@ -16,9 +16,17 @@ const STRAIGHT: f64 = 0.9;
 pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let mut found = Vec::new();
     let known: Vec<Timing> = e.timing.iter().flatten().copied().collect();
-    let grows = |t: &Timing| (t.growth * t.length).abs() >= GROWS && t.growth.abs() > SURE * t.growth_std && t.straight >= STRAIGHT;
+    let grows = |t: &Timing| {
+        (t.growth * t.length).abs() >= GROWS
+            && t.growth.abs() > SURE * t.growth_std
+            && t.straight >= STRAIGHT
+    };
     let best = known.iter().min_by(|a, b| a.growth_std.total_cmp(&b.growth_std));
-    let agree = |best: &Timing| known.iter().all(|t| (t.growth - best.growth).abs() <= SURE * t.growth_std.hypot(best.growth_std));
+    let agree = |best: &Timing| {
+        known
+            .iter()
+            .all(|t| (t.growth - best.growth).abs() <= SURE * t.growth_std.hypot(best.growth_std))
+    };
     if let Some(t) = best.filter(|t| grows(t) && agree(t)) {
         let finding = format!(
             "outputs drift against the commands by {} ms per s (± {}), {} s over the log: the two clocks run at different rates, or a queue between them fills; put both on one \
@@ -38,7 +46,10 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
         );
         found.push(result(CheckKind::ClockSkew, ALL, None, finding));
     }
-    let good = format!("outputs drift against the commands by less than {} s over the log", short(bound * ts));
+    let good = format!(
+        "outputs drift against the commands by less than {} s over the log",
+        short(bound * ts)
+    );
     e.timing_rest(CheckKind::ClockSkew, &mut found, &good);
     found
 }

@@ -3,7 +3,10 @@
 use super::evidence::Evidence;
 use super::faults::Search;
 use super::view::View;
-use super::{axes, clipped, clock_offset, clock_skew, excitation, kinematics, one_sample_shift, pairs, sign, stuck, timing, unit};
+use super::{
+    axes, clipped, clock_offset, clock_skew, excitation, kinematics, one_sample_shift, pairs, sign,
+    stuck, timing, unit,
+};
 use crate::baseline::predictor::Predictor;
 use crate::format::diagnosis::Check;
 use crate::input::record::LogRecord;
@@ -39,7 +42,13 @@ pub(crate) struct Checked {
 }
 
 /// All checks on the training logs. `predictor`: as it is chosen from the simulator, whatever a diagnosis is asked for.
-pub(crate) fn checks(system: &System, model_effects: &[Applied], records: &[LogRecord], predictor: Predictor, far: &HowFar) -> Checked {
+pub(crate) fn checks(
+    system: &System,
+    model_effects: &[Applied],
+    records: &[LogRecord],
+    predictor: Predictor,
+    far: &HowFar,
+) -> Checked {
     let view = View::new(system, model_effects, records, predictor);
     if view.records.is_empty() {
         return Checked::default();
@@ -50,9 +59,11 @@ pub(crate) fn checks(system: &System, model_effects: &[Applied], records: &[LogR
     let relations = kinematics::relations(&view);
     let kinematics = kinematics::measure(&view, &relations);
     steps.one_more();
-    let timing = search.as_ref().map_or_else(|| vec![None; view.outputs()], |s| timing::measure(&view, s));
+    let timing =
+        search.as_ref().map_or_else(|| vec![None; view.outputs()], |s| timing::measure(&view, s));
     steps.one_more();
-    let remedies = search.iter().flat_map(|s| &s.faults).filter_map(|f| f.fault.as_effect(system)).collect();
+    let remedies =
+        search.iter().flat_map(|s| &s.faults).filter_map(|f| f.fault.as_effect(system)).collect();
     let evidence = Evidence { view, search, relations, kinematics, timing };
     let run = |check: &Checker| {
         let found = check(&evidence);

@@ -33,7 +33,11 @@ pub(super) fn short(value: f64) -> String {
     }
     let decimals = (2.0 - value.abs().log10().floor()).clamp(0.0, 12.0) as usize;
     let text = format!("{value:.decimals$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
 }
 
 impl Evidence<'_> {
@@ -49,9 +53,11 @@ impl Evidence<'_> {
         };
         let why = |i: usize| match search.fits[i] {
             None => Some(format!("`{}` or its model stands still", self.output(i))),
-            Some(fit) if fit.along < faults::AGREES => {
-                Some(format!("`{}` and its model hardly go together (correlation {} at best)", self.output(i), short(fit.along)))
-            }
+            Some(fit) if fit.along < faults::AGREES => Some(format!(
+                "`{}` and its model hardly go together (correlation {} at best)",
+                self.output(i),
+                short(fit.along)
+            )),
             Some(_) => None,
         };
         (0..self.view.outputs()).filter_map(|i| Some((i, why(i)?))).collect()
@@ -59,15 +65,26 @@ impl Evidence<'_> {
 
     /// What a check of the outputs says where it found no fault: one line for all, or one for each that cannot be tested.
     pub(super) fn rest(&self, check: CheckKind, found: &mut Vec<Check>, good: &str) {
-        let named = |name: &str| found.iter().any(|c| c.channel == name || c.finding.contains(&format!("`{name}`")));
-        let open: Vec<_> = self.untestable().into_iter().filter(|(i, _)| !named(self.output(*i))).collect();
+        let named = |name: &str| {
+            found.iter().any(|c| c.channel == name || c.finding.contains(&format!("`{name}`")))
+        };
+        let open: Vec<_> =
+            self.untestable().into_iter().filter(|(i, _)| !named(self.output(*i))).collect();
         if open.is_empty() && found.is_empty() {
             found.push(result(check, ALL, Some(true), good.to_owned()));
         }
         // One reason of several outputs is one line.
-        for (at, (i, why)) in open.iter().enumerate().filter(|(at, (_, why))| open[..*at].iter().all(|(_, said)| said != why)) {
+        for (at, (i, why)) in open
+            .iter()
+            .enumerate()
+            .filter(|(at, (_, why))| open[..*at].iter().all(|(_, said)| said != why))
+        {
             let count = open[at..].iter().filter(|(_, other)| other == why).count();
-            let (name, of) = if count > 1 { (ALL, format!(" of {count} outputs")) } else { (self.output(*i), String::new()) };
+            let (name, of) = if count > 1 {
+                (ALL, format!(" of {count} outputs"))
+            } else {
+                (self.output(*i), String::new())
+            };
             found.push(result(check, name, None, format!("cannot be told{of}: {why}")));
         }
     }

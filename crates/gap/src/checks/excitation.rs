@@ -26,7 +26,8 @@ const LEVELS: usize = 12;
 
 pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let view = &e.view;
-    let inputs: Vec<Vec<Vec<f64>>> = (0..view.system.inputs.len()).map(|j| records(view, j)).collect();
+    let inputs: Vec<Vec<Vec<f64>>> =
+        (0..view.system.inputs.len()).map(|j| records(view, j)).collect();
     let one = |j: usize| {
         let name = &view.system.inputs[j].name;
         let (ok, finding) = judge(view, &inputs, j);
@@ -39,21 +40,35 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
 fn records(view: &View<'_>, input: usize) -> Vec<Vec<f64>> {
     view.records
         .iter()
-        .map(|r| (0..r.time_s.len()).filter(|&k| r.train.is_some_and(|s| s.holds(r.time_s[k]))).map(|k| r.inputs[input][k]).collect())
+        .map(|r| {
+            (0..r.time_s.len())
+                .filter(|&k| r.train.is_some_and(|s| s.holds(r.time_s[k])))
+                .map(|k| r.inputs[input][k])
+                .collect()
+        })
         .collect()
 }
 
 fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) {
     let system = view.system;
     let name = &system.inputs[j].name;
-    let unit = system.inputs[j].unit.as_deref().filter(|u| *u != "1").map(|u| format!(" {u}")).unwrap_or_default();
+    let unit = system.inputs[j]
+        .unit
+        .as_deref()
+        .filter(|u| *u != "1")
+        .map(|u| format!(" {u}"))
+        .unwrap_or_default();
     let u = &inputs[j];
     let all = || u.iter().flatten().copied();
-    let (low, high) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    let (low, high) =
+        all().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     if !u.iter().any(|r| deviation(r) > 0.0) {
         return (
             false,
-            format!("`{name}` is constant ({}{unit}): nothing that it does can be learnt; record a log in which it moves", short(low)),
+            format!(
+                "`{name}` is constant ({}{unit}): nothing that it does can be learnt; record a log in which it moves",
+                short(low)
+            ),
         );
     }
     let mut says = vec![format!("`{name}` moves from {} to {}{unit}", short(low), short(high))];
@@ -68,10 +83,17 @@ fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) 
     let mut ok = true;
     if let Some(slowest) = view.time_constants_s.last().copied() {
         let changes = changes(u, slowest / view.sample_time_s());
-        says.push(format!("the model's time constants are {} to {} s", short(view.time_constants_s[0]), short(slowest)));
+        says.push(format!(
+            "the model's time constants are {} to {} s",
+            short(view.time_constants_s[0]),
+            short(slowest)
+        ));
         if changes < CHANGES {
             ok = false;
-            says.push("it changes so slowly that only a static gain shows: use steps or a faster command".to_owned());
+            says.push(
+                "it changes so slowly that only a static gain shows: use steps or a faster command"
+                    .to_owned(),
+            );
         }
     }
     if ok && rank(u, view) <= POOR {
@@ -80,7 +102,8 @@ fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) 
     }
     if let Some((with, share)) = explained(inputs, j).filter(|(_, share)| *share > TOGETHER) {
         ok = false;
-        let names: Vec<String> = with.iter().map(|&k| format!("`{}`", system.inputs[k].name)).collect();
+        let names: Vec<String> =
+            with.iter().map(|&k| format!("`{}`", system.inputs[k].name)).collect();
         says.push(format!(
             "{} of it follows {}: what each does cannot be told apart; move them one at a time",
             short(share),
@@ -88,7 +111,10 @@ fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) 
         ));
     }
     if levels.len() <= 3 {
-        says.push("with one amplitude a dead zone, a limit and a gain look the same: use two or more".to_owned());
+        says.push(
+            "with one amplitude a dead zone, a limit and a gain look the same: use two or more"
+                .to_owned(),
+        );
     }
     (ok, says.join("; "))
 }
@@ -113,7 +139,8 @@ fn band_hz(u: &[f64], sample_time_s: f64) -> Option<f64> {
 fn changes(u: &[Vec<f64>], samples: f64) -> f64 {
     let of = |r: &Vec<f64>| {
         let lag = (samples.round().max(1.0) as usize).min(r.len() / 2);
-        r.iter().zip(r.iter().skip(lag)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / deviation(r)
+        r.iter().zip(r.iter().skip(lag)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+            / deviation(r)
     };
     u.iter().filter(|r| deviation(r) > 0.0).map(of).fold(0.0, f64::max)
 }
@@ -121,7 +148,8 @@ fn changes(u: &[Vec<f64>], samples: f64) -> f64 {
 /// How many of the command's delayed copies are independent (persistency of excitation; Ljung 1999, "System Identification", 2nd ed., section 13.2).
 fn rank(u: &[Vec<f64>], view: &View<'_>) -> usize {
     let fast = view.time_constants_s.first().copied().unwrap_or(0.0);
-    let lag = ((0.5 * fast / view.sample_time_s()).round().max(1.0) as usize).min(u.iter().map(Vec::len).min().unwrap_or(0) / (4 * COPIES));
+    let lag = ((0.5 * fast / view.sample_time_s()).round().max(1.0) as usize)
+        .min(u.iter().map(Vec::len).min().unwrap_or(0) / (4 * COPIES));
     let lag = lag.max(1);
     let mut gram: DMatrix<f64> = DMatrix::zeros(COPIES, COPIES);
     for r in u {
@@ -151,7 +179,9 @@ fn explained(inputs: &[Vec<Vec<f64>>], j: usize) -> Option<(Vec<usize>, f64)> {
             })
             .collect()
     };
-    let others: Vec<usize> = (0..inputs.len()).filter(|&k| k != j && inputs[k].iter().any(|r| deviation(r) > 0.0)).collect();
+    let others: Vec<usize> = (0..inputs.len())
+        .filter(|&k| k != j && inputs[k].iter().any(|r| deviation(r) > 0.0))
+        .collect();
     let u = centred(j);
     let columns: Vec<Vec<f64>> = others
         .iter()
@@ -163,7 +193,9 @@ fn explained(inputs: &[Vec<Vec<f64>>], j: usize) -> Option<(Vec<usize>, f64)> {
         .collect();
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let n = columns.len();
-    let gram = DMatrix::from_fn(n, n, |a, b| dot(&columns[a], &columns[b]) * if a == b { 1.0 + 1e-9 } else { 1.0 });
+    let gram = DMatrix::from_fn(n, n, |a, b| {
+        dot(&columns[a], &columns[b]) * if a == b { 1.0 + 1e-9 } else { 1.0 }
+    });
     let right = nalgebra::DVector::from_fn(n, |a, _| dot(&columns[a], &u));
     let share = right.dot(&gram.cholesky()?.solve(&right)) / dot(&u, &u);
     (n > 0).then_some((others, share.max(0.0).sqrt()))

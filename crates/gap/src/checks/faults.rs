@@ -127,8 +127,12 @@ impl Fault {
         };
         match self {
             Self::Sign(p) => channels.get_mut(index(p)).into_iter().for_each(|c| scale(c, -1.0)),
-            Self::Unit(p, f) => channels.get_mut(index(p)).into_iter().for_each(|c| scale(c, 1.0 / f.factor)),
-            Self::TurnedUnit(p, f) => channels.get_mut(index(p)).into_iter().for_each(|c| scale(c, -1.0 / f.factor)),
+            Self::Unit(p, f) => {
+                channels.get_mut(index(p)).into_iter().for_each(|c| scale(c, 1.0 / f.factor))
+            }
+            Self::TurnedUnit(p, f) => {
+                channels.get_mut(index(p)).into_iter().for_each(|c| scale(c, -1.0 / f.factor))
+            }
             Self::Swap(p, q) => channels.swap(index(p), index(q)),
         }
     }
@@ -139,7 +143,11 @@ fn scaled(values: &mut [f64], by: f64) {
 }
 
 /// Model and log with some faults corrected; what does not change is taken from `known`.
-fn corrected(view: &View<'_>, faults: &[Fault], known: Option<&Search>) -> Option<(Vec<Columns>, Vec<Columns>)> {
+fn corrected(
+    view: &View<'_>,
+    faults: &[Fault],
+    known: Option<&Search>,
+) -> Option<(Vec<Columns>, Vec<Columns>)> {
     let (inputs, outputs): (Vec<Fault>, Vec<Fault>) = faults.iter().partition(|f| f.is_input());
     let each = 0..view.records.len();
     let modelled = match known.filter(|_| inputs.is_empty()) {
@@ -158,7 +166,9 @@ fn corrected(view: &View<'_>, faults: &[Fault], known: Option<&Search>) -> Optio
         None => each
             .map(|at| {
                 let mut y = view.records[at].measured.clone();
-                outputs.iter().for_each(|f| f.correct(&mut y, |m: &mut Measured, by| scaled(&mut m.values, by)));
+                outputs.iter().for_each(|f| {
+                    f.correct(&mut y, |m: &mut Measured, by| scaled(&mut m.values, by))
+                });
                 view.measured(at, &y)
             })
             .collect::<Option<_>>()?,
@@ -215,7 +225,8 @@ impl Search {
                 fault,
                 instead,
                 correlation: of(&next).map_or(0.0, |f| f.along),
-                before: of(&state).map_or(0.0, |f| if -f.against > f.along { f.against } else { f.along }),
+                before: of(&state)
+                    .map_or(0.0, |f| if -f.against > f.along { f.against } else { f.along }),
                 ratio: of(&state).map_or(1.0, |f| f.ratio),
             });
             corrections.push(fault);
@@ -229,7 +240,11 @@ impl Search {
     }
 
     fn score(&self) -> f64 {
-        self.fits.iter().flatten().map(|f| agreement(f, SIZE) - SIZE_COST * f.ratio.ln().abs()).sum()
+        self.fits
+            .iter()
+            .flatten()
+            .map(|f| agreement(f, SIZE) - SIZE_COST * f.ratio.ln().abs())
+            .sum()
     }
 
     /// Some output goes with its model now that did not at all, and none is worse off. A swap must convince for two outputs.
@@ -242,7 +257,8 @@ impl Search {
         let needed = if matches!(fault, Fault::Swap(Port::Output(_), _)) { 2 } else { 1 };
         let falls = |i: usize| self.agreement(i, fault) < before.agreement(i, fault) - FALLS;
         // After a swap one of the two may still have the other sign.
-        let swapped = matches!(fault, Fault::Swap(..)) && self.fits.iter().flatten().any(|f| -f.against >= CONVINCES);
+        let swapped = matches!(fault, Fault::Swap(..))
+            && self.fits.iter().flatten().any(|f| -f.against >= CONVINCES);
         (rising >= needed || (rising >= 1 && swapped)) && !(0..self.fits.len()).any(falls)
     }
 }
@@ -251,7 +267,11 @@ impl Fault {
     /// The factor within which sizes must agree for this fault to be believed.
     fn tolerance(self) -> f64 {
         match self {
-            Self::Unit(_, f) | Self::TurnedUnit(_, f) if f.factor.ln().abs() < SMALL_FACTOR.ln() => CLOSE,
+            Self::Unit(_, f) | Self::TurnedUnit(_, f)
+                if f.factor.ln().abs() < SMALL_FACTOR.ln() =>
+            {
+                CLOSE
+            }
             _ => SIZE,
         }
     }
@@ -274,9 +294,20 @@ fn menu(view: &View<'_>) -> Vec<Fault> {
     let mut menu = Vec::new();
     for ports in [&outputs, &inputs] {
         menu.extend(ports.iter().map(|&p| Fault::Sign(p)));
-        menu.extend(ports.iter().flat_map(|&p| alternatives(p.unit(view)).into_iter().map(move |f| Fault::Unit(p, f))));
-        menu.extend(ports.iter().flat_map(|&p| alternatives(p.unit(view)).into_iter().map(move |f| Fault::TurnedUnit(p, f))));
-        menu.extend(ports.iter().enumerate().flat_map(|(at, &p)| ports[at + 1..].iter().map(move |&q| Fault::Swap(p, q))));
+        menu.extend(
+            ports.iter().flat_map(|&p| {
+                alternatives(p.unit(view)).into_iter().map(move |f| Fault::Unit(p, f))
+            }),
+        );
+        menu.extend(ports.iter().flat_map(|&p| {
+            alternatives(p.unit(view)).into_iter().map(move |f| Fault::TurnedUnit(p, f))
+        }));
+        menu.extend(
+            ports
+                .iter()
+                .enumerate()
+                .flat_map(|(at, &p)| ports[at + 1..].iter().map(move |&q| Fault::Swap(p, q))),
+        );
     }
     menu
 }

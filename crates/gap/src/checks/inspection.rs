@@ -115,10 +115,16 @@ fn channel(log: &Log, name: &str, unit: Option<&str>, role: Role) -> ChannelRepo
         Err(LogError::UnknownChannel { closest, existing, .. }) => {
             let column = closest.clone().unwrap_or_else(|| "COLUMN".to_owned());
             let near = closest.map_or_else(
-                || format!("the log has {}", existing.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ")),
+                || {
+                    format!(
+                        "the log has {}",
+                        existing.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ")
+                    )
+                },
                 |near| format!("`{near}` is near"),
             );
-            report.finding = Some(format!("`{name}` is not in the log; {near}: use --map {name}={column}"));
+            report.finding =
+                Some(format!("`{name}` is not in the log; {near}: use --map {name}={column}"));
             return report;
         }
         Err(other) => {
@@ -133,11 +139,16 @@ fn channel(log: &Log, name: &str, unit: Option<&str>, role: Role) -> ChannelRepo
     report.finding = usable.map(|e| e.to_string());
     report.ok = report.finding.is_none();
     if log.check_unit(name, unit).is_err() {
-        let (logged, modelled) = (report.log_unit.clone().unwrap_or_default(), unit.unwrap_or_default());
-        let factor = units::between(&logged, modelled).map(|f| format!(" (factor {})", short(f))).unwrap_or_default();
-        let text =
-            format!("`{name}` is in {logged} in the log, in {modelled} in the model{factor}: convert the column or correct the header");
-        report.finding = Some(report.finding.map_or(text.clone(), |before| format!("{before}; {text}")));
+        let (logged, modelled) =
+            (report.log_unit.clone().unwrap_or_default(), unit.unwrap_or_default());
+        let factor = units::between(&logged, modelled)
+            .map(|f| format!(" (factor {})", short(f)))
+            .unwrap_or_default();
+        let text = format!(
+            "`{name}` is in {logged} in the log, in {modelled} in the model{factor}: convert the column or correct the header"
+        );
+        report.finding =
+            Some(report.finding.map_or(text.clone(), |before| format!("{before}; {text}")));
     }
     report
 }
@@ -163,7 +174,9 @@ fn usable(log: &Log, report: &LogReport) -> std::result::Result<Log, LogError> {
         Ok(found) if c.ok => {
             let samples = found.samples();
             match samples.present {
-                Some(present) => Channel::partial(&c.channel, None, samples.values.to_vec(), present.to_vec()),
+                Some(present) => {
+                    Channel::partial(&c.channel, None, samples.values.to_vec(), present.to_vec())
+                }
                 None => Channel::new(&c.channel, None, samples.values.to_vec()),
             }
         }
@@ -186,7 +199,12 @@ const SIMULATED: f64 = 0.2;
 ///
 /// # Errors
 /// Those of the model, [`crate::error::Error::Stopped`]; what does not fit in a log is part of the answer.
-pub fn inspect<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], stop: &Stop, far: &HowFar) -> Result<Inspection> {
+pub fn inspect<'a>(
+    subject: impl Into<Subject<'a>>,
+    logs: &[Log],
+    stop: &Stop,
+    far: &HowFar,
+) -> Result<Inspection> {
     let found = look(subject.into(), logs, stop, far);
     stop.check()?;
     found
@@ -205,20 +223,32 @@ fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop, far: &HowFar) -> Result
         not_run: None,
         checks: Vec::new(),
     };
-    let lost = found.logs.iter().flat_map(|l| l.channels.iter().map(move |c| (l, c))).find(|(_, c)| c.role == Role::Input && !c.ok);
+    let lost = found
+        .logs
+        .iter()
+        .flat_map(|l| l.channels.iter().map(move |c| (l, c)))
+        .find(|(_, c)| c.role == Role::Input && !c.ok);
     if let Some((log, c)) = lost {
-        found.not_run = Some(format!("{}: without the command `{}` nothing can be compared", log.log, c.channel).into());
+        found.not_run = Some(
+            format!("{}: without the command `{}` nothing can be compared", log.log, c.channel)
+                .into(),
+        );
     } else {
         match checks(subject, logs, &found.logs, (stop, far)) {
             Ok(checks) => found.checks = checks,
             // What is wrong with the model itself is an error; what is wrong with a log is the answer.
-            Err(e @ (crate::error::Error::Gap(_) | crate::error::Error::Log(_))) => found.not_run = Some(e.message()),
+            Err(e @ (crate::error::Error::Gap(_) | crate::error::Error::Log(_))) => {
+                found.not_run = Some(e.message())
+            }
             Err(other) => return Err(other),
         }
     }
     for c in found.logs.iter().flat_map(|l| &l.channels) {
         let stated = c.finding.as_ref().filter(|_| c.ok && c.log_unit.is_some());
-        let known = found.checks.iter().any(|k| k.check == CheckKind::Unit && k.channel == c.channel && k.ok == Some(false));
+        let known = found
+            .checks
+            .iter()
+            .any(|k| k.check == CheckKind::Unit && k.channel == c.channel && k.ok == Some(false));
         if let Some(finding) = stated.filter(|_| !known) {
             found.checks.retain(|k| k.check != CheckKind::Unit || k.channel != ALL);
             found.checks.push(result(CheckKind::Unit, &c.channel, Some(false), finding.clone()));
@@ -232,12 +262,22 @@ fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop, far: &HowFar) -> Result
     Ok(found)
 }
 
-fn checks(subject: Subject<'_>, logs: &[Log], reports: &[LogReport], (stop, far): (&Stop, &HowFar)) -> Result<Vec<Check>> {
+fn checks(
+    subject: Subject<'_>,
+    logs: &[Log],
+    reports: &[LogReport],
+    (stop, far): (&Stop, &HowFar),
+) -> Result<Vec<Check>> {
     far.at(0.0, &"simulating the model as it is");
-    let logs: Vec<Log> = logs.iter().zip(reports).map(|(log, report)| usable(log, report)).collect::<std::result::Result<_, _>>()?;
+    let logs: Vec<Log> = logs
+        .iter()
+        .zip(reports)
+        .map(|(log, report)| usable(log, report))
+        .collect::<std::result::Result<_, _>>()?;
     let Simulator { system, memory } = Simulator::of(subject, &logs, stop)?;
     let model_effects = model_effects(subject, &system)?;
-    let mut records = logs.iter().map(|log| LogRecord::new(log, &system)).collect::<Result<Vec<_>>>()?;
+    let mut records =
+        logs.iter().map(|log| LogRecord::new(log, &system)).collect::<Result<Vec<_>>>()?;
     for (record, report) in records.iter_mut().zip(reports) {
         record.train = Some(Span { from_s: 0.0, to_s: record.duration_s() });
         let outputs = report.channels.iter().filter(|c| c.role == Role::Output);
@@ -249,6 +289,8 @@ fn checks(subject: Subject<'_>, logs: &[Log], reports: &[LogReport], (stop, far)
     let restarted = restart(&system, &mut records)?;
     let probed = probe(&system, memory.as_ref(), &records, restarted)?;
     let poles = probed.as_ref().map_or_else(|| Poles::of(&system, &records), Poles::probed);
-    let predictor = Predictor::of(&system, &records, &poles, probed.as_ref(), None, &Criteria::default());
-    Ok(every::checks(&system, &model_effects, &records, predictor, &far.part(SIMULATED, 1.0)).checks)
+    let predictor =
+        Predictor::of(&system, &records, &poles, probed.as_ref(), None, &Criteria::default());
+    Ok(every::checks(&system, &model_effects, &records, predictor, &far.part(SIMULATED, 1.0))
+        .checks)
 }

@@ -50,7 +50,8 @@ fn linear(m: &Matrices, at: usize) -> Point {
     let u = DVector::from_fn(m.b.ncols(), |j, _| spread(at, 100 + j));
     let dx = &m.a * &x + &m.b * &u;
     let y = &m.c * &x + &m.d * &u;
-    let derivative = |i: usize| m.d.row(i).iter().all(|d| *d == 0.0).then(|| m.c.row(i).dot(&dx.transpose()));
+    let derivative =
+        |i: usize| m.d.row(i).iter().all(|d| *d == 0.0).then(|| m.c.row(i).dot(&dx.transpose()));
     ((0..m.c.nrows()).map(derivative).collect(), y.iter().copied().collect())
 }
 
@@ -63,10 +64,15 @@ pub(super) fn points(view: &View<'_>) -> Option<Vec<Point>> {
         Dynamics::Equations(equations, nominal) => {
             let point = |at: usize| {
                 let states = system.initial.iter().enumerate();
-                let x: Vec<f64> = states.map(|(j, x)| x + 0.3 * (1.0 + x.abs()) * spread(at, j)).collect();
+                let x: Vec<f64> =
+                    states.map(|(j, x)| x + 0.3 * (1.0 + x.abs()) * spread(at, j)).collect();
                 let u: Vec<f64> = (0..system.inputs.len()).map(|j| spread(at, 100 + j)).collect();
                 // Other parameters too: what holds for these alone is no kinematics.
-                let p: Vec<f64> = nominal.iter().enumerate().map(|(j, p)| p * (1.0 + 0.2 * spread(at, 200 + j))).collect();
+                let p: Vec<f64> = nominal
+                    .iter()
+                    .enumerate()
+                    .map(|(j, p)| p * (1.0 + 0.2 * spread(at, 200 + j)))
+                    .collect();
                 let mut workspace = equations.workspace();
                 let mut y = vec![0.0; system.outputs.len()];
                 equations.outputs(0.0, &x, &u, &p, &mut workspace, &mut y);
@@ -94,12 +100,16 @@ pub(super) fn relations(view: &View<'_>) -> Vec<Relation> {
     pairs
         .filter(|(of, rate)| of != rate)
         .filter_map(|(of, rate)| {
-            let values: Option<Vec<(f64, f64)>> = points.iter().map(|(dy, y)| Some((dy[of]?, y[rate]))).collect();
+            let values: Option<Vec<(f64, f64)>> =
+                points.iter().map(|(dy, y)| Some((dy[of]?, y[rate]))).collect();
             let values = values?;
             let power: f64 = values.iter().map(|(_, y)| y * y).sum();
             let factor = values.iter().map(|(dy, y)| dy * y).sum::<f64>() / power;
-            let same = |(dy, y): &(f64, f64)| (dy - factor * y).abs() <= ROUNDING * (dy.abs() + (factor * y).abs());
-            (power > 0.0 && factor.is_finite() && factor != 0.0 && values.iter().all(same)).then_some(Relation { of, rate, factor })
+            let same = |(dy, y): &(f64, f64)| {
+                (dy - factor * y).abs() <= ROUNDING * (dy.abs() + (factor * y).abs())
+            };
+            (power > 0.0 && factor.is_finite() && factor != 0.0 && values.iter().all(same))
+                .then_some(Relation { of, rate, factor })
         })
         .collect()
 }
@@ -126,7 +136,12 @@ fn windows(view: &View<'_>, of: usize, rate: usize, half: usize) -> Vec<(Vec<f64
             }
             (2 * half..record.time_s.len())
                 .filter(|&k| missing[k] == missing[k - 2 * half])
-                .filter_map(|k| Some((value(of, k)? - value(of, k - 2 * half)?, integral[k] - integral[k - 2 * half])))
+                .filter_map(|k| {
+                    Some((
+                        value(of, k)? - value(of, k - 2 * half)?,
+                        integral[k] - integral[k - 2 * half],
+                    ))
+                })
                 .unzip()
         })
         .collect()
@@ -137,17 +152,29 @@ fn compare(view: &View<'_>, of: usize, rate: usize) -> Option<(f64, f64)> {
     let of_window = |half: usize| {
         let parts = windows(view, of, rate, half);
         let all: Vec<Vec<usize>> = parts.iter().map(|(d, _)| (0..d.len()).collect()).collect();
-        let parts: Vec<_> = all.iter().zip(&parts).map(|(k, (d, i))| (k.as_slice(), d.as_slice(), i.as_slice())).collect();
+        let parts: Vec<_> = all
+            .iter()
+            .zip(&parts)
+            .map(|(k, (d, i))| (k.as_slice(), d.as_slice(), i.as_slice()))
+            .collect();
         correlation(&parts, 0)
     };
     let shortest = view.records.iter().map(|r| r.time_s.len()).min().unwrap_or(0);
-    HALF_WINDOWS.into_iter().filter(|h| 20 * h < shortest).filter_map(of_window).max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
+    HALF_WINDOWS
+        .into_iter()
+        .filter(|h| 20 * h < shortest)
+        .filter_map(of_window)
+        .max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
 }
 
 /// Every relation beside the logs; those whose channels stand still are left out.
 pub(super) fn measure(view: &View<'_>, relations: &[Relation]) -> Vec<Measured> {
     let moves = |i: usize| {
-        let values = || view.records.iter().flat_map(move |r| (0..r.time_s.len()).filter_map(move |k| r.measured_in(r.train, i, k)));
+        let values = || {
+            view.records.iter().flat_map(move |r| {
+                (0..r.time_s.len()).filter_map(move |k| r.measured_in(r.train, i, k))
+            })
+        };
         let centre = mean(values());
         mean(values().map(|v| (v - centre).powi(2))) > 0.0
     };
@@ -159,9 +186,16 @@ pub(super) fn measure(view: &View<'_>, relations: &[Relation]) -> Vec<Measured> 
             let (correlation, ratio) = compare(view, relation.of, relation.rate)?;
             let slope = correlation.signum() * ratio / relation.factor;
             let others = (0..view.outputs()).filter(|&j| j != relation.rate && j != relation.of);
-            let better = others.filter_map(|j| Some((j, compare(view, relation.of, j)?.0))).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+            let better = others
+                .filter_map(|j| Some((j, compare(view, relation.of, j)?.0)))
+                .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
             let better = better.filter(|b| correlation.abs() < APART && b.1.abs() > TOGETHER);
-            Some(Measured { relation, correlation, slope: [slope * correlation.abs(), slope / correlation.abs()], better })
+            Some(Measured {
+                relation,
+                correlation,
+                slope: [slope * correlation.abs(), slope / correlation.abs()],
+                better,
+            })
         })
         .collect()
 }

@@ -65,8 +65,11 @@ struct Pair {
 
 pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let turning = turning(&e.view);
-    let mut pairs: Vec<Pair> =
-        e.relations.iter().map(|r| Pair { source: Source::Output(r.of, r.factor), rate: r.rate, stated: true }).collect();
+    let mut pairs: Vec<Pair> = e
+        .relations
+        .iter()
+        .map(|r| Pair { source: Source::Output(r.of, r.factor), rate: r.rate, stated: true })
+        .collect();
     if !kinematics::shows_equations(&e.view) {
         pairs.extend(named(&e.view));
     }
@@ -81,7 +84,8 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let mut said = Said::default();
     let mut rest = pairs.as_slice();
     while let Some(first) = rest.first() {
-        let (group, others) = rest.split_at(rest.iter().take_while(|p| same_kind(&e.view, first, p)).count().max(1));
+        let (group, others) =
+            rest.split_at(rest.iter().take_while(|p| same_kind(&e.view, first, p)).count().max(1));
         axes(e, group, &turning, &mut said);
         rest = others;
     }
@@ -103,7 +107,10 @@ impl Said {
             self.found.push(result(CheckKind::Unit, ALL, Some(true), finding));
         }
         if !self.untold.is_empty() {
-            let finding = format!("cannot be told whether sensors go with each other: {}", self.untold.join("; "));
+            let finding = format!(
+                "cannot be told whether sensors go with each other: {}",
+                self.untold.join("; ")
+            );
             self.found.push(result(CheckKind::Unit, ALL, None, finding));
         }
         self.found
@@ -115,20 +122,37 @@ fn same_kind(view: &View<'_>, a: &Pair, b: &Pair) -> bool {
     let unit = |i: usize| view.system.outputs[i].unit.as_deref();
     unit(a.rate) == unit(b.rate)
         && match (a.source, b.source) {
-            (Source::Output(one, f), Source::Output(other, g)) => unit(one) == unit(other) && (f - g).abs() <= ROUNDING * f.abs(),
+            (Source::Output(one, f), Source::Output(other, g)) => {
+                unit(one) == unit(other) && (f - g).abs() <= ROUNDING * f.abs()
+            }
             (Source::Turning(one, _), Source::Turning(other, _)) => one == other,
             _ => false,
         }
 }
 
 /// Names of rates: what stands before and after the name of what changes.
-const NAMES: [(&str, &str); 8] =
-    [("v", ""), ("v_", ""), ("d", ""), ("", "_dot"), ("", "dot"), ("", "_rate"), ("", "_velocity"), ("", "_speed")];
+const NAMES: [(&str, &str); 8] = [
+    ("v", ""),
+    ("v_", ""),
+    ("d", ""),
+    ("", "_dot"),
+    ("", "dot"),
+    ("", "_rate"),
+    ("", "_velocity"),
+    ("", "_speed"),
+];
 /// Parts of names that are exchanged.
-const EXCHANGED: [(&str, &str); 6] =
-    [("position", "velocity"), ("pos", "vel"), ("angle", "rate"), ("velocity", "acceleration"), ("vel", "acc"), ("vel", "accel")];
+const EXCHANGED: [(&str, &str); 6] = [
+    ("position", "velocity"),
+    ("pos", "vel"),
+    ("angle", "rate"),
+    ("velocity", "acceleration"),
+    ("vel", "acc"),
+    ("vel", "accel"),
+];
 /// Units of which the second is that of a rate of the first.
-const UNITS: [[&str; 2]; 5] = [["m", "m/s"], ["rad", "rad/s"], ["m/s", "m/s^2"], ["deg", "deg/s"], ["rad/s", "rad/s^2"]];
+const UNITS: [[&str; 2]; 5] =
+    [["m", "m/s"], ["rad", "rad/s"], ["m/s", "m/s^2"], ["deg", "deg/s"], ["rad/s", "rad/s^2"]];
 
 /// Pairs by name, where the units do not speak against it.
 fn named(view: &View<'_>) -> Vec<Pair> {
@@ -136,9 +160,11 @@ fn named(view: &View<'_>) -> Vec<Pair> {
     let goes = |of: usize, rate: usize| {
         let [a, b] = [of, rate].map(|i| outputs[i].name.to_lowercase());
         let built = NAMES.iter().any(|(before, after)| b == format!("{before}{a}{after}"));
-        let exchanged = EXCHANGED.iter().any(|(from, to)| a.contains(from) && b == a.replacen(from, to, 1));
+        let exchanged =
+            EXCHANGED.iter().any(|(from, to)| a.contains(from) && b == a.replacen(from, to, 1));
         // vx and ax, v_x and a_x.
-        let axis = a.strip_prefix('v').is_some_and(|rest| !rest.is_empty() && b == format!("a{rest}"));
+        let axis =
+            a.strip_prefix('v').is_some_and(|rest| !rest.is_empty() && b == format!("a{rest}"));
         let units = match (outputs[of].unit.as_deref(), outputs[rate].unit.as_deref()) {
             (Some(u), Some(v)) => UNITS.contains(&[u, &v.replace('²', "^2")]),
             _ => true,
@@ -171,8 +197,16 @@ fn turning(view: &View<'_>) -> Option<[Pair; 3]> {
         });
         let rates: Vec<_> = rates.collect::<Option<_>>()?;
         let axis = |axis: usize| {
-            let same = |i: &usize| rates.iter().all(|(w, y)| (w[axis] - y[*i]).abs() <= ROUNDING * (w[axis].abs() + y[*i].abs()));
-            (0..outputs).filter(|i| !at.contains(i)).find(same).map(|rate| Pair { source: Source::Turning(at, axis), rate, stated: true })
+            let same = |i: &usize| {
+                rates.iter().all(|(w, y)| {
+                    (w[axis] - y[*i]).abs() <= ROUNDING * (w[axis].abs() + y[*i].abs())
+                })
+            };
+            (0..outputs).filter(|i| !at.contains(i)).find(same).map(|rate| Pair {
+                source: Source::Turning(at, axis),
+                rate,
+                stated: true,
+            })
         };
         Some([axis(0)?, axis(1)?, axis(2)?])
     })
@@ -183,10 +217,13 @@ fn turning(view: &View<'_>) -> Option<[Pair; 3]> {
 fn samples(e: &Evidence<'_>, at: usize, output: usize) -> Vec<f64> {
     let record: &LogRecord = e.view.records[at];
     let limits = clipped::limits(e, at, output);
-    let logged = |k: usize| (k < record.time_s.len()).then(|| record.measured_in(record.train, output, k)).flatten();
+    let logged = |k: usize| {
+        (k < record.time_s.len()).then(|| record.measured_in(record.train, output, k)).flatten()
+    };
     let limited = |k: usize| logged(k).is_some_and(|v| limits.contains(&Some(v)));
     let between = |k: usize| {
-        let [a, b, c, d] = [k.checked_sub(2)?, k - 1, k + 1, k + 2].map(|n| logged(n).filter(|_| !limited(n)));
+        let [a, b, c, d] =
+            [k.checked_sub(2)?, k - 1, k + 1, k + 2].map(|n| logged(n).filter(|_| !limited(n)));
         Some((4.0 * (b? + c?) - a? - d?) / 6.0)
     };
     let value = |k: usize| if limited(k) { None } else { logged(k).or_else(|| between(k)) };
@@ -233,16 +270,23 @@ fn slope(e: &Evidence<'_>, at: usize, source: Source) -> Vec<f64> {
 
 fn parts(e: &Evidence<'_>, pair: &Pair) -> Vec<Part> {
     (0..e.view.records.len())
-        .map(|at| Part { slope: slope(e, at, pair.source), rate: alike::middles(&samples(e, at, pair.rate)) })
+        .map(|at| Part {
+            slope: slope(e, at, pair.source),
+            rate: alike::middles(&samples(e, at, pair.rate)),
+        })
         .collect()
 }
 
 impl Pair {
     fn words(&self, e: &Evidence<'_>) -> String {
         match self.source {
-            Source::Output(of, factor) if factor < 0.0 => format!("the slope of `{}` turned round", e.output(of)),
+            Source::Output(of, factor) if factor < 0.0 => {
+                format!("the slope of `{}` turned round", e.output(of))
+            }
             Source::Output(of, _) => format!("the slope of `{}`", e.output(of)),
-            Source::Turning(of, _) => format!("the turning of `{}` to `{}`", e.output(of[0]), e.output(of[3])),
+            Source::Turning(of, _) => {
+                format!("the turning of `{}` to `{}`", e.output(of[0]), e.output(of[3]))
+            }
         }
     }
 }
@@ -264,10 +308,17 @@ fn axes(e: &Evidence<'_>, group: &[Pair], turning: &Option<[Pair; 3]>, said: &mu
 }
 
 /// Three velocities along the axes of a body whose attitude is logged, where the model has them along the world's.
-fn in_body(e: &Evidence<'_>, group: &[Pair], fits: &[Option<Alike>], turning: &Option<[Pair; 3]>) -> Option<String> {
+fn in_body(
+    e: &Evidence<'_>,
+    group: &[Pair],
+    fits: &[Option<Alike>],
+    turning: &Option<[Pair; 3]>,
+) -> Option<String> {
     let [Pair { source: Source::Turning(of, _), .. }, ..] = turning.as_ref()? else { return None };
     let [Pair { source: Source::Output(..), .. }, _, _] = group else { return None };
-    let left = |fits: &[Option<Alike>]| fits.iter().map(|f| 1.0 - f.map_or(0.0, |f| f.correlation)).fold(0.0, f64::max);
+    let left = |fits: &[Option<Alike>]| {
+        fits.iter().map(|f| 1.0 - f.map_or(0.0, |f| f.correlation)).fold(0.0, f64::max)
+    };
     let logged = left(fits);
     if logged <= APART {
         return None;
@@ -285,10 +336,14 @@ fn in_body(e: &Evidence<'_>, group: &[Pair], fits: &[Option<Alike>], turning: &O
             }
         }
         for i in 0..3 {
-            turned[i].push(Part { slope: slope(e, at, group[i].source), rate: alike::middles(&world[i]) });
+            turned[i].push(Part {
+                slope: slope(e, at, group[i].source),
+                rate: alike::middles(&world[i]),
+            });
         }
     }
-    let fits: Vec<Option<Alike>> = turned.iter().map(|parts| alike::compare(parts, e.view.lags())).collect();
+    let fits: Vec<Option<Alike>> =
+        turned.iter().map(|parts| alike::compare(parts, e.view.lags())).collect();
     let after = left(&fits);
     (after <= 1.0 - TOGETHER && after <= (1.0 - GAINED) * logged).then(|| {
         let names: Vec<String> = group.iter().map(|p| format!("`{}`", e.output(p.rate))).collect();
@@ -313,8 +368,11 @@ fn across(e: &Evidence<'_>, group: &[Pair], all: &[Vec<Part>]) -> Option<String>
     }
     let solve = |left_out: Option<usize>| -> Option<DMatrix<f64>> {
         let (mut gram, mut right) = (DMatrix::<f64>::zeros(n, n), DMatrix::<f64>::zeros(n, n));
-        for (_, row) in rows.iter().enumerate().filter(|(k, _)| Some(k * STRETCHES / rows.len()) != left_out) {
-            let (x, y) = (DVector::from_column_slice(&row[..n]), DVector::from_column_slice(&row[n..]));
+        for (_, row) in
+            rows.iter().enumerate().filter(|(k, _)| Some(k * STRETCHES / rows.len()) != left_out)
+        {
+            let (x, y) =
+                (DVector::from_column_slice(&row[..n]), DVector::from_column_slice(&row[n..]));
             gram += &x * x.transpose();
             right += &x * y.transpose();
         }
@@ -325,21 +383,30 @@ fn across(e: &Evidence<'_>, group: &[Pair], all: &[Vec<Part>]) -> Option<String>
     let count = others.len() as f64;
     let spread = |i: usize, j: usize| {
         let mean = others.iter().map(|m| m[(i, j)]).sum::<f64>() / count;
-        ((count - 1.0) / count * others.iter().map(|m| (m[(i, j)] - mean).powi(2)).sum::<f64>()).sqrt()
+        ((count - 1.0) / count * others.iter().map(|m| (m[(i, j)] - mean).powi(2)).sum::<f64>())
+            .sqrt()
     };
     let explained = |i: usize| {
-        let left: f64 = rows.iter().map(|r| (r[n + i] - (0..n).map(|j| found[(i, j)] * r[j]).sum::<f64>()).powi(2)).sum();
+        let left: f64 = rows
+            .iter()
+            .map(|r| (r[n + i] - (0..n).map(|j| found[(i, j)] * r[j]).sum::<f64>()).powi(2))
+            .sum();
         1.0 - left / rows.iter().map(|r| r[n + i].powi(2)).sum::<f64>()
     };
     let size = (0..n).map(|i| found.row(i).norm()).fold(0.0, f64::max);
-    let part = |i: usize, j: usize| found[(i, j)].abs() > ACROSS * size && found[(i, j)].abs() > CERTAIN * spread(i, j);
+    let part = |i: usize, j: usize| {
+        found[(i, j)].abs() > ACROSS * size && found[(i, j)].abs() > CERTAIN * spread(i, j)
+    };
     // One cross term alone may be a motion that another axis explains; a turn has two.
-    let turned = (0..n).any(|i| (0..i).any(|j| part(i, j) && part(j, i) && found[(i, j)] * found[(j, i)] < 0.0));
+    let turned = (0..n)
+        .any(|i| (0..i).any(|j| part(i, j) && part(j, i) && found[(i, j)] * found[(j, i)] < 0.0));
     let clear = (0..n).all(|i| explained(i) > TOGETHER * TOGETHER);
     if !turned || !clear || others.len() < STRETCHES {
         return None;
     }
-    let square = Matrix3::from_fn(|i, j| if i < n && j < n { found[(i, j)] } else { size * f64::from(u8::from(i == j)) });
+    let square = Matrix3::from_fn(|i, j| {
+        if i < n && j < n { found[(i, j)] } else { size * f64::from(u8::from(i == j)) }
+    });
     let svd = square.svd(true, true);
     let turn = svd.u? * svd.v_t?;
     if turn.determinant() < 0.0 {
@@ -361,9 +428,12 @@ fn rows(all: &[Vec<Part>]) -> Vec<Vec<f64>> {
     let mut rows = Vec::new();
     for at in 0..all.first().map_or(0, Vec::len) {
         let slopes = all.iter().map(|parts| smooth(&parts[at].slope));
-        let columns: Vec<Vec<f64>> = slopes.chain(all.iter().map(|parts| smooth(&parts[at].rate))).collect();
-        let there = (0..columns[0].len()).map(|k| columns.iter().map(|c| c[k]).collect::<Vec<f64>>());
-        let mut own: Vec<Vec<f64>> = there.filter(|row| row.iter().all(|v| v.is_finite())).collect();
+        let columns: Vec<Vec<f64>> =
+            slopes.chain(all.iter().map(|parts| smooth(&parts[at].rate))).collect();
+        let there =
+            (0..columns[0].len()).map(|k| columns.iter().map(|c| c[k]).collect::<Vec<f64>>());
+        let mut own: Vec<Vec<f64>> =
+            there.filter(|row| row.iter().all(|v| v.is_finite())).collect();
         let count = own.len() as f64;
         for i in 0..columns.len() {
             let mean = own.iter().map(|r| r[i]).sum::<f64>() / count;
@@ -414,7 +484,11 @@ fn one(e: &Evidence<'_>, pair: &Pair, fit: Option<Alike>, alone: bool, said: &mu
         said.found.push(result(CheckKind::Unit, rate, Some(false), finding));
     } else if !known && excludes(gain, (1.0 + FACTOR).ln()) {
         let axis = alone && factor < 1.0 && matches!(pair.source, Source::Output(..));
-        let or = if axis { format!(", or an axis that is {}° off", short(factor.min(1.0).acos().to_degrees())) } else { String::new() };
+        let or = if axis {
+            format!(", or an axis that is {}° off", short(factor.min(1.0).acos().to_degrees()))
+        } else {
+            String::new()
+        };
         // Matrices do not tell kinematics from numbers that may be wrong.
         let matrix = pair.stated && matches!(e.view.system.dynamics, Dynamics::Linear(_));
         let number = if matrix { ", or the model's own number between the two" } else { "" };
@@ -428,18 +502,37 @@ fn one(e: &Evidence<'_>, pair: &Pair, fit: Option<Alike>, alone: bool, said: &mu
     }
     if excludes(fit.lag, LATE) {
         let late = if lag.value > 0.0 { "later" } else { "earlier" };
-        let finding = format!("`{rate}` comes {} s {late} than {words}: the clock, a filter or a bus of one of the two", range(lag));
+        let finding = format!(
+            "`{rate}` comes {} s {late} than {words}: the clock, a filter or a bus of one of the two",
+            range(lag)
+        );
         said.found.push(result(CheckKind::ClockOffset, rate, Some(false), finding));
     }
     if pair.stated && !known && excludes(fit.offset, OFFSET * fit.size) {
-        let unit = e.view.system.outputs[pair.rate].unit.as_deref().map(|u| format!(" {u}")).unwrap_or_default();
+        let unit = e.view.system.outputs[pair.rate]
+            .unit
+            .as_deref()
+            .map(|u| format!(" {u}"))
+            .unwrap_or_default();
         let side = if fit.offset.value > 0.0 { "above" } else { "below" };
-        let finding = format!("`{rate}` stands {}{unit} {side} {words}: an offset of one of the two", range(fit.offset));
+        let finding = format!(
+            "`{rate}` stands {}{unit} {side} {words}: an offset of one of the two",
+            range(fit.offset)
+        );
         said.found.push(result(CheckKind::Unit, rate, Some(false), finding));
     }
-    let numbers =
-        format!("`{rate}` is {} to {} times {words}, {} s late (± {})", short(low), short(high), short(lag.value), short(lag.half));
+    let numbers = format!(
+        "`{rate}` is {} to {} times {words}, {} s late (± {})",
+        short(low),
+        short(high),
+        short(lag.value),
+        short(lag.half)
+    );
     if before == said.found.len() && !known {
-        if high > WIDE * low || fit.lag.half > VAGUE { said.untold.push(numbers) } else { said.agree.push(numbers) }
+        if high > WIDE * low || fit.lag.half > VAGUE {
+            said.untold.push(numbers)
+        } else {
+            said.agree.push(numbers)
+        }
     }
 }

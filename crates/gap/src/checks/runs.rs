@@ -28,13 +28,15 @@ impl Stretch {
 
 impl<'a> Trace<'a> {
     pub(super) fn output(record: &'a LogRecord, i: usize) -> Self {
-        let there = (0..record.time_s.len()).filter_map(|k| Some((k, record.measured_in(record.train, i, k)?)));
+        let there = (0..record.time_s.len())
+            .filter_map(|k| Some((k, record.measured_in(record.train, i, k)?)));
         let (index, values) = there.unzip();
         Self { record, index, values }
     }
 
     pub(super) fn input(record: &'a LogRecord, j: usize) -> Self {
-        let there = (0..record.time_s.len()).filter(|&k| record.train.is_some_and(|s| s.holds(record.time_s[k])));
+        let there = (0..record.time_s.len())
+            .filter(|&k| record.train.is_some_and(|s| s.holds(record.time_s[k])));
         let (index, values) = there.map(|k| (k, record.inputs[j][k])).unzip();
         Self { record, index, values }
     }
@@ -56,7 +58,8 @@ impl<'a> Trace<'a> {
 
     /// The part of neighbouring samples outside a stretch that are equal.
     pub(super) fn repeats(&self, outside: impl Fn(usize) -> bool) -> f64 {
-        let pairs = self.values.windows(2).enumerate().filter(|(k, _)| outside(*k) && outside(k + 1));
+        let pairs =
+            self.values.windows(2).enumerate().filter(|(k, _)| outside(*k) && outside(k + 1));
         mean(pairs.map(|(_, w)| if w[0] == w[1] { 1.0 } else { 0.0 }))
     }
 

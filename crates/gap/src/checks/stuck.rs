@@ -39,12 +39,22 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
         }
     }
     if found.is_empty() {
-        found.push(result(CheckKind::Stuck, ALL, Some(true), "no channel stops while the rest moves".to_owned()));
+        found.push(result(
+            CheckKind::Stuck,
+            ALL,
+            Some(true),
+            "no channel stops while the rest moves".to_owned(),
+        ));
     }
     found
 }
 
-fn judge(trace: &Trace<'_>, name: &str, others_move: impl Fn(std::ops::Range<usize>) -> bool, command: bool) -> Option<Check> {
+fn judge(
+    trace: &Trace<'_>,
+    name: &str,
+    others_move: impl Fn(std::ops::Range<usize>) -> bool,
+    command: bool,
+) -> Option<Check> {
     let run = trace.longest().filter(|r| r.len() >= SHORTEST)?;
     let count = trace.values.len();
     let value = *trace.values.get(run.from)?;
@@ -57,7 +67,8 @@ fn judge(trace: &Trace<'_>, name: &str, others_move: impl Fn(std::ops::Range<usi
         return None;
     }
     let repeats = trace.repeats(|k| k < run.from || k >= run.to);
-    let needed = (CHANCE.ln() - (count as f64).ln()) / repeats.max(1.0 / count as f64).min(1.0 - 1e-9).ln();
+    let needed =
+        (CHANCE.ln() - (count as f64).ln()) / repeats.max(1.0 / count as f64).min(1.0 - 1e-9).ln();
     if (run.len() as f64) < needed && !whole || !others_move(trace.span(run)) {
         return None;
     }
@@ -67,7 +78,14 @@ fn judge(trace: &Trace<'_>, name: &str, others_move: impl Fn(std::ops::Range<usi
     Some(finding(trace, run, name, value, repeats, command))
 }
 
-fn finding(trace: &Trace<'_>, run: Stretch, name: &str, value: f64, repeats: f64, command: bool) -> Check {
+fn finding(
+    trace: &Trace<'_>,
+    run: Stretch,
+    name: &str,
+    value: f64,
+    repeats: f64,
+    command: bool,
+) -> Check {
     let (from_s, to_s) = (trace.time_s(run.from), trace.time_s(run.to - 1));
     let place = format!("from {from_s:.2} s to {to_s:.2} s of {}", trace.record.name);
     if run.len() == trace.values.len() {
@@ -105,7 +123,9 @@ impl Evidence<'_> {
     fn moves(&self, at: usize, span: std::ops::Range<usize>, output: Option<usize>) -> bool {
         let record = self.view.records[at];
         let enough = |values: &[f64]| {
-            values.get(span.clone()).is_some_and(|part| deviation(part) > MOVES * deviation(values) && deviation(part) > 0.0)
+            values.get(span.clone()).is_some_and(|part| {
+                deviation(part) > MOVES * deviation(values) && deviation(part) > 0.0
+            })
         };
         let model = self.search.as_ref().filter(|_| !self.view.predicts()).zip(output);
         match model {
@@ -118,7 +138,9 @@ impl Evidence<'_> {
         let record = self.view.records[at];
         record.measured.iter().any(|m| {
             m.present.is_none()
-                && m.values.get(span.clone()).is_some_and(|part| deviation(part) > MOVES * deviation(&m.values) && deviation(part) > 0.0)
+                && m.values.get(span.clone()).is_some_and(|part| {
+                    deviation(part) > MOVES * deviation(&m.values) && deviation(part) > 0.0
+                })
         })
     }
 }

@@ -64,7 +64,9 @@ struct Stretch {
 /// The lag at which the correlation is largest, by the parabola through it and its neighbours.
 fn lag_of(samples: &[usize], y: &[f64], x: &[f64], around: isize, range: isize) -> Option<f64> {
     let at = |lag: isize| correlation(&[(samples, y, x)], lag).map(|c| c.0);
-    let best = (around - range..=around + range).filter_map(|lag| Some((lag, at(lag)?))).max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let best = (around - range..=around + range)
+        .filter_map(|lag| Some((lag, at(lag)?)))
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
     if best.1 < CLEAR || (best.0 - around).abs() == range {
         return None;
     }
@@ -75,7 +77,9 @@ fn lag_of(samples: &[usize], y: &[f64], x: &[f64], around: isize, range: isize) 
 
 /// Per output; `None` where the lag cannot be measured.
 pub(super) fn measure(view: &View<'_>, search: &Search) -> Vec<Option<Timing>> {
-    (0..view.outputs()).map(|i| if view.is_even() { of_output(view, search, i) } else { None }).collect()
+    (0..view.outputs())
+        .map(|i| if view.is_even() { of_output(view, search, i) } else { None })
+        .collect()
 }
 
 fn of_output(view: &View<'_>, search: &Search, output: usize) -> Option<Timing> {
@@ -83,7 +87,8 @@ fn of_output(view: &View<'_>, search: &Search, output: usize) -> Option<Timing> 
     let range = isize::try_from(view.lags()).ok()?;
     let mut stretches: Vec<Stretch> = Vec::new();
     for at in 0..view.records.len() {
-        let (y, x) = (search.measured[at][output].as_slice(), search.modelled[at][output].as_slice());
+        let (y, x) =
+            (search.measured[at][output].as_slice(), search.modelled[at][output].as_slice());
         let usable = view.usable(at, output);
         let size = (usable.len() / STRETCHES).max(SHORTEST);
         for samples in usable.chunks_exact(size) {
@@ -103,11 +108,14 @@ fn of_output(view: &View<'_>, search: &Search, output: usize) -> Option<Timing> 
     }
     // Stretches count alike: their errors are hardly known better than that.
     let n = stretches.len() as f64;
-    let (middle, lag) = (mean(stretches.iter().map(|s| s.middle)), mean(stretches.iter().map(|s| s.lag)));
+    let (middle, lag) =
+        (mean(stretches.iter().map(|s| s.middle)), mean(stretches.iter().map(|s| s.lag)));
     let spread: f64 = stretches.iter().map(|s| (s.middle - middle).powi(2)).sum();
-    let growth = stretches.iter().map(|s| (s.middle - middle) * (s.lag - lag)).sum::<f64>() / spread;
+    let growth =
+        stretches.iter().map(|s| (s.middle - middle) * (s.lag - lag)).sum::<f64>() / spread;
     let total: f64 = stretches.iter().map(|s| (s.lag - lag).powi(2)).sum();
-    let rest: f64 = stretches.iter().map(|s| (s.lag - lag - growth * (s.middle - middle)).powi(2)).sum();
+    let rest: f64 =
+        stretches.iter().map(|s| (s.lag - lag - growth * (s.middle - middle)).powi(2)).sum();
     let variance = rest / (n - 2.0);
     let pure = purity(view, search, output, lag)?;
     let ahead = if lag < 0.0 && !view.predicts() { ahead(view, search, output, lag)? } else { 0.0 };
@@ -140,12 +148,24 @@ fn ahead(view: &View<'_>, search: &Search, output: usize, lag: f64) -> Option<f6
     let furthest = lag.floor() as isize;
     let future = [-1, furthest / 2, furthest].into_iter().filter(|l| *l < 0);
     let before = misfit(view, search, output, &back, &back)?;
-    let after = misfit(view, search, output, &back, &back.iter().copied().chain(future).collect::<Vec<_>>())?;
+    let after = misfit(
+        view,
+        search,
+        output,
+        &back,
+        &back.iter().copied().chain(future).collect::<Vec<_>>(),
+    )?;
     Some(1.0 - after / before.max(f64::MIN_POSITIVE))
 }
 
 /// The sum of squares that the model's output and all commands at these lags leave of the measured output.
-fn misfit(view: &View<'_>, search: &Search, output: usize, lags: &[isize], command_lags: &[isize]) -> Option<f64> {
+fn misfit(
+    view: &View<'_>,
+    search: &Search,
+    output: usize,
+    lags: &[isize],
+    command_lags: &[isize],
+) -> Option<f64> {
     let sorted = |lags: &[isize]| {
         let mut lags = lags.to_vec();
         lags.sort_unstable();
@@ -162,12 +182,21 @@ fn misfit(view: &View<'_>, search: &Search, output: usize, lags: &[isize], comma
     let edge = EDGE + view.lags();
     for at in 0..view.records.len() {
         let (y, x) = (&search.measured[at][output], &search.modelled[at][output]);
-        let samples: Vec<usize> = view.usable(at, output).into_iter().filter(|&k| k >= edge && k + edge < x.len()).collect();
+        let samples: Vec<usize> = view
+            .usable(at, output)
+            .into_iter()
+            .filter(|&k| k >= edge && k + edge < x.len())
+            .collect();
         let centre = |v: &[f64]| mean(samples.iter().map(|&k| v[k]));
-        let commands: Vec<(&[f64], f64)> = view.records[at].inputs.iter().map(|u| (u.as_slice(), centre(u))).collect();
+        let commands: Vec<(&[f64], f64)> =
+            view.records[at].inputs.iter().map(|u| (u.as_slice(), centre(u))).collect();
         let signals = || {
             let model = lags.iter().map(|&lag| (x.as_slice(), centre(x), lag));
-            model.chain(commands.iter().flat_map(|&(u, centre)| command_lags.iter().map(move |&lag| (u, centre, lag))))
+            model.chain(
+                commands
+                    .iter()
+                    .flat_map(|&(u, centre)| command_lags.iter().map(move |&lag| (u, centre, lag))),
+            )
         };
         let columns: Vec<_> = signals().collect();
         let y_mean = centre(y);
@@ -187,8 +216,11 @@ fn misfit(view: &View<'_>, search: &Search, output: usize, lags: &[isize], comma
         }
     }
     // Columns of equal size; next to equal ones stay solvable.
-    let size: Vec<f64> = (0..width).map(|i| f64::max(gram[(i, i)], f64::MIN_POSITIVE).sqrt()).collect();
-    let scaled = DMatrix::from_fn(width, width, |i, j| gram[(i.max(j), i.min(j))] / (size[i] * size[j]) + if i == j { RIDGE } else { 0.0 });
+    let size: Vec<f64> =
+        (0..width).map(|i| f64::max(gram[(i, i)], f64::MIN_POSITIVE).sqrt()).collect();
+    let scaled = DMatrix::from_fn(width, width, |i, j| {
+        gram[(i.max(j), i.min(j))] / (size[i] * size[j]) + if i == j { RIDGE } else { 0.0 }
+    });
     let right = DVector::from_fn(width, |i, _| right[i] / size[i]);
     let solution = scaled.cholesky()?.solve(&right);
     Some((power - right.dot(&solution)).max(0.0))

@@ -125,7 +125,9 @@ impl Relation {
 /// The clocks of the topics that these channels are of.
 #[must_use]
 pub fn clocks(recording: &Recording, wanted: &[Wanted]) -> LogClocks {
-    let found = wanted.iter().filter_map(|w| recording.channel(&w.name).map(|(topic, channel)| Side { wanted: w, topic, channel }));
+    let found = wanted.iter().filter_map(|w| {
+        recording.channel(&w.name).map(|(topic, channel)| Side { wanted: w, topic, channel })
+    });
     let found: Vec<Side<'_>> = found.collect();
     let mut topics: Vec<&Topic> = Vec::new();
     for side in &found {
@@ -140,7 +142,11 @@ pub fn clocks(recording: &Recording, wanted: &[Wanted]) -> LogClocks {
             offsets.push(offset([first, second]));
         }
     }
-    LogClocks { log: recording.source.clone(), topics: topics.into_iter().map(clock).collect(), offsets }
+    LogClocks {
+        log: recording.source.clone(),
+        topics: topics.into_iter().map(clock).collect(),
+        offsets,
+    }
 }
 
 /// An output and where it stands.
@@ -153,17 +159,35 @@ struct Side<'a> {
 fn clock(topic: &Topic) -> TopicClock {
     let steps: Vec<f64> = topic.log.time_s().windows(2).map(|pair| pair[1] - pair[0]).collect();
     let at = |q| quantile(&steps, q);
-    let steps_s = at(0.05).zip(at(0.5)).zip(at(0.95)).map(|((low, middle), high)| [low, middle, high]);
-    TopicClock { topic: topic.name.clone(), samples: topic.log.len(), steps_s, longest_s: steps.into_iter().reduce(f64::max) }
+    let steps_s =
+        at(0.05).zip(at(0.5)).zip(at(0.95)).map(|((low, middle), high)| [low, middle, high]);
+    TopicClock {
+        topic: topic.name.clone(),
+        samples: topic.log.len(),
+        steps_s,
+        longest_s: steps.into_iter().reduce(f64::max),
+    }
 }
 
 fn offset(sides: [&Side<'_>; 2]) -> ClockOffset {
     let [a, b] = sides.map(|s| s.wanted.name.clone());
     // On the slower one's grid: what the faster one has beyond is none of the other's.
-    let step_s = sides.iter().filter_map(|s| clock(s.topic).steps_s).map(|[_, middle, _]| middle).fold(0.0, f64::max);
-    let found = SampleTime::new(step_s).map_err(|_| "a topic has one sample only".to_owned()).and_then(|ts| Ok((ts, lag(sides, ts)?)));
+    let step_s = sides
+        .iter()
+        .filter_map(|s| clock(s.topic).steps_s)
+        .map(|[_, middle, _]| middle)
+        .fold(0.0, f64::max);
+    let found = SampleTime::new(step_s)
+        .map_err(|_| "a topic has one sample only".to_owned())
+        .and_then(|ts| Ok((ts, lag(sides, ts)?)));
     match found {
-        Err(why) => ClockOffset { first: a, second: b, offset_s: None, ci95_s: None, finding: format!("cannot be told: {why}") },
+        Err(why) => ClockOffset {
+            first: a,
+            second: b,
+            offset_s: None,
+            ci95_s: None,
+            finding: format!("cannot be told: {why}"),
+        },
         Ok((ts, Lag { relation, samples, half })) => {
             let [offset_s, half_s] = [samples, half].map(|x| ts.to_seconds(x));
             let size = format!("{} s (± {} s)", short(offset_s.abs()), short(half_s));
@@ -171,10 +195,18 @@ fn offset(sides: [&Side<'_>; 2]) -> ClockOffset {
                 format!("no offset is seen: {size}")
             } else {
                 let (late, early) = if offset_s > 0.0 { (&b, &a) } else { (&a, &b) };
-                format!("`{late}` is stamped {size} later than `{early}`: the clocks, or a filter or a bus of one of them")
+                format!(
+                    "`{late}` is stamped {size} later than `{early}`: the clocks, or a filter or a bus of one of them"
+                )
             };
             let finding = format!("`{b}` {} `{a}`; {which}", relation.words());
-            ClockOffset { first: a, second: b, offset_s: Some(offset_s), ci95_s: Some([offset_s - half_s, offset_s + half_s]), finding }
+            ClockOffset {
+                first: a,
+                second: b,
+                offset_s: Some(offset_s),
+                ci95_s: Some([offset_s - half_s, offset_s + half_s]),
+                finding,
+            }
         }
     }
 }
@@ -196,10 +228,22 @@ fn together(sides: [&Side<'_>; 2], ts: SampleTime, moved_s: f64) -> Result<Log, 
             Some(present) => Channel::partial("x", None, samples.values.to_vec(), present.to_vec()),
             None => Channel::new("x", None, samples.values.to_vec()),
         };
-        topics.push(Topic { name: name.to_owned(), log: Log::new(name, stamps, vec![channel]).map_err(|e| e.to_string())? });
+        topics.push(Topic {
+            name: name.to_owned(),
+            log: Log::new(name, stamps, vec![channel]).map_err(|e| e.to_string())?,
+        });
     }
-    let recording = Recording { source: "log".to_owned(), format: "", topics, notes: deadtime_log::Notes::default() };
-    let wanted = ["first.x", "second.x"].map(|name| Wanted { name: name.to_owned(), held: false, required: true });
+    let recording = Recording {
+        source: "log".to_owned(),
+        format: "",
+        topics,
+        notes: deadtime_log::Notes::default(),
+    };
+    let wanted = ["first.x", "second.x"].map(|name| Wanted {
+        name: name.to_owned(),
+        held: false,
+        required: true,
+    });
     recording.together(&wanted, Some(ts)).map(|(log, _)| log).map_err(|e| e.to_string())
 }
 
@@ -219,7 +263,9 @@ fn lag(sides: [&Side<'_>; 2], ts: SampleTime) -> Result<Lag, String> {
         }
         let (relation, rest) = lines.only(most)?;
         let n = parts.len() as f64;
-        let others: Vec<f64> = (0..parts.len()).map(|out| Lines::of(&spectra(&parts, Some(out))).refined(relation, rest)).collect();
+        let others: Vec<f64> = (0..parts.len())
+            .map(|out| Lines::of(&spectra(&parts, Some(out))).refined(relation, rest))
+            .collect();
         let mean = others.iter().sum::<f64>() / n;
         let std = ((n - 1.0) / n * others.iter().map(|x| (x - mean).powi(2)).sum::<f64>()).sqrt();
         let t = StudentsT::new(0.0, 1.0, n - 1.0).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
@@ -253,14 +299,20 @@ fn stretches(log: &Log) -> Result<Vec<[Vec<f64>; 2]>, String> {
         }
     }
     if parts.len() < FEWEST {
-        return Err(format!("{} stretches of {length} samples without a gap, at least {FEWEST} are needed", parts.len()));
+        return Err(format!(
+            "{} stretches of {length} samples without a gap, at least {FEWEST} are needed",
+            parts.len()
+        ));
     }
     Ok(parts)
 }
 
 fn spectra(parts: &[[Vec<f64>; 2]], left_out: Option<usize>) -> CrossSpectra {
     let kept = parts.iter().enumerate().filter(move |(at, _)| Some(*at) != left_out);
-    CrossSpectra::welch(kept.map(|(_, [a, b])| (a.as_slice(), b.as_slice())), parts.first().map_or(1, |[a, _]| a.len()))
+    CrossSpectra::welch(
+        kept.map(|(_, [a, b])| (a.as_slice(), b.as_slice())),
+        parts.first().map_or(1, |[a, _]| a.len()),
+    )
 }
 
 /// The lines of a spectrum that count: frequency in rad per sample, direction of the cross-spectrum, weight, variance of the phase.
@@ -294,16 +346,20 @@ impl Lines {
 
     /// The weighted mean of the directions once a lag is taken off.
     fn at(&self, lag: f64) -> Complex<f64> {
-        self.0.iter().map(|(omega, s, w, _)| s * Complex::from_polar(*w, omega * lag)).sum::<Complex<f64>>() / self.weight()
+        self.0
+            .iter()
+            .map(|(omega, s, w, _)| s * Complex::from_polar(*w, omega * lag))
+            .sum::<Complex<f64>>()
+            / self.weight()
     }
 
     /// The relation and the lag whose phase is nearest to a straight line.
     fn nearest(&self, most: f64) -> Result<(Relation, f64), String> {
         let fits = self.fits(most);
         let first = fits.first().filter(|fit| !fit.2.is_nan());
-        first
-            .map(|(relation, lag, _)| (*relation, *lag))
-            .ok_or_else(|| "no offset makes one of the other, of its derivative or of its integral".to_owned())
+        first.map(|(relation, lag, _)| (*relation, *lag)).ok_or_else(|| {
+            "no offset makes one of the other, of its derivative or of its integral".to_owned()
+        })
     }
 
     /// The same, where its phase is a straight line but for what its variance leaves, and no other's is.
@@ -327,8 +383,10 @@ impl Lines {
     fn fits(&self, most: f64) -> Vec<(Relation, f64, f64)> {
         let steps = (most * FINE) as i64;
         let lag = |k: i64| k as f64 / FINE;
-        let scores: Vec<(i64, [f64; 4])> =
-            (-steps..=steps).map(|k| (k, self.at(lag(k)))).map(|(k, z)| (k, Relation::ALL.map(|r| r.without(z).re))).collect();
+        let scores: Vec<(i64, [f64; 4])> = (-steps..=steps)
+            .map(|k| (k, self.at(lag(k))))
+            .map(|(k, z)| (k, Relation::ALL.map(|r| r.without(z).re)))
+            .collect();
         let mut fits: Vec<(Relation, f64, f64)> = Vec::new();
         for around in scores.windows(3) {
             let [before, (k, here), after] = around else { continue };
@@ -337,7 +395,10 @@ impl Lines {
                     continue;
                 }
                 let refined = self.refined(relation, lag(*k));
-                if !fits.iter().any(|(other, at, _)| *other == relation && (at - refined).abs() < 0.5) {
+                if !fits
+                    .iter()
+                    .any(|(other, at, _)| *other == relation && (at - refined).abs() < 0.5)
+                {
                     fits.push((relation, refined, self.misfit(relation, refined)));
                 }
             }
@@ -362,7 +423,10 @@ impl Lines {
 
     /// The mean squared phase that a straight line leaves, over its variance.
     fn misfit(&self, relation: Relation, lag: f64) -> f64 {
-        let left = |(omega, s, _, _): &(f64, Complex<f64>, f64, f64)| relation.without(s * Complex::from_polar(1.0, omega * lag)).arg();
-        self.0.iter().map(|line| left(line).powi(2) / (line.3 + PHASE * PHASE)).sum::<f64>() / self.0.len() as f64
+        let left = |(omega, s, _, _): &(f64, Complex<f64>, f64, f64)| {
+            relation.without(s * Complex::from_polar(1.0, omega * lag)).arg()
+        };
+        self.0.iter().map(|line| left(line).powi(2) / (line.3 + PHASE * PHASE)).sum::<f64>()
+            / self.0.len() as f64
     }
 }

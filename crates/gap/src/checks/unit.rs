@@ -14,8 +14,11 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     for f in e.search.iter().flat_map(|s| &s.faults) {
         if let Fault::Unit(port, factor) | Fault::TurnedUnit(port, factor) = f.fault {
             let name = port.name(&e.view);
-            let turned = if matches!(f.fault, Fault::TurnedUnit(..)) { " with the other sign" } else { "" };
-            let says = port.unit(&e.view).map_or_else(|| "gives no unit".to_owned(), |u| format!("says {u}"));
+            let turned =
+                if matches!(f.fault, Fault::TurnedUnit(..)) { " with the other sign" } else { "" };
+            let says = port
+                .unit(&e.view)
+                .map_or_else(|| "gives no unit".to_owned(), |u| format!("says {u}"));
             let finding = format!(
                 "`{name}` looks like {}{turned} where the model {says} (factor {}; measured over modelled {}, correlation {}){}; convert the column",
                 factor.unit,
@@ -50,9 +53,16 @@ pub(super) fn guesses(e: &Evidence<'_>, relation: Relation, slope: f64) -> Vec<S
     let guess = |i: usize, inverse: bool| {
         let port = Port::Output(i);
         let fits = move |f: &Factor| near(if inverse { 1.0 / f.factor } else { f.factor });
-        alternatives(port.unit(&e.view)).into_iter().find(fits).map(|f| format!("`{}` in {}", e.output(i), f.unit))
+        alternatives(port.unit(&e.view))
+            .into_iter()
+            .find(fits)
+            .map(|f| format!("`{}` in {}", e.output(i), f.unit))
     };
-    if near(1.0) { Vec::new() } else { [guess(relation.of, false), guess(relation.rate, true)].into_iter().flatten().collect() }
+    if near(1.0) {
+        Vec::new()
+    } else {
+        [guess(relation.of, false), guess(relation.rate, true)].into_iter().flatten().collect()
+    }
 }
 
 /// Two sensors of which the one is the derivative of the other.
@@ -64,7 +74,12 @@ fn kinematic(e: &Evidence<'_>, found: &mut Vec<Check>) {
         if guesses.is_empty() {
             continue;
         }
-        let text = format!("measured, the derivative of `{}` is {} times what `{}` says it is", e.output(of), short(slope), e.output(rate));
+        let text = format!(
+            "measured, the derivative of `{}` is {} times what `{}` says it is",
+            e.output(of),
+            short(slope),
+            e.output(rate)
+        );
         match found.iter_mut().find(|c| c.channel == e.output(of) || c.channel == e.output(rate)) {
             Some(check) => check.finding += &format!("; {text}"),
             None => {

@@ -17,10 +17,24 @@ const GRAVITY: f64 = 9.80665;
 /// Families of one quantity: every unit with the size of its unit in the family's first.
 const FAMILIES: [&[(&str, f64)]; 14] = [
     &[("rad", 1.0), ("deg", 1.0 / DEGREES), ("mrad", 1e-3), ("rev", TURN)],
-    &[("rad/s", 1.0), ("deg/s", 1.0 / DEGREES), ("rpm", TURN / 60.0), ("rev/s", TURN), ("mrad/s", 1e-3)],
+    &[
+        ("rad/s", 1.0),
+        ("deg/s", 1.0 / DEGREES),
+        ("rpm", TURN / 60.0),
+        ("rev/s", TURN),
+        ("mrad/s", 1e-3),
+    ],
     &[("rad/s^2", 1.0), ("deg/s^2", 1.0 / DEGREES)],
     &[("m", 1.0), ("mm", 1e-3), ("cm", 1e-2), ("km", 1e3), ("ft", 0.3048), ("in", 0.0254)],
-    &[("m/s", 1.0), ("km/h", 1.0 / 3.6), ("mm/s", 1e-3), ("cm/s", 1e-2), ("ft/s", 0.3048), ("kn", 1852.0 / 3600.0), ("mph", 0.44704)],
+    &[
+        ("m/s", 1.0),
+        ("km/h", 1.0 / 3.6),
+        ("mm/s", 1e-3),
+        ("cm/s", 1e-2),
+        ("ft/s", 0.3048),
+        ("kn", 1852.0 / 3600.0),
+        ("mph", 0.44704),
+    ],
     &[("m/s^2", 1.0), ("g", GRAVITY), ("mm/s^2", 1e-3), ("ft/s^2", 0.3048)],
     &[("N", 1.0), ("kN", 1e3), ("mN", 1e-3), ("kgf", GRAVITY), ("lbf", 4.448_221_615)],
     &[("N m", 1.0), ("mN m", 1e-3), ("kgf m", GRAVITY), ("N mm", 1e-3)],
@@ -62,9 +76,15 @@ fn plain(unit: &str) -> String {
 /// The units that numbers may be in where the model says `unit`.
 pub(super) fn alternatives(unit: Option<&str>) -> Vec<Factor> {
     let Some(unit) = unit.map(plain) else { return COMMON.to_vec() };
-    let family = FAMILIES.iter().find_map(|family| Some((family, family.iter().find(|(name, _)| *name == unit)?.1)));
+    let family = FAMILIES
+        .iter()
+        .find_map(|family| Some((family, family.iter().find(|(name, _)| *name == unit)?.1)));
     let Some((family, own)) = family else { return Vec::new() };
-    family.iter().filter(|(name, _)| *name != unit).map(|&(unit, size)| Factor { unit, factor: own / size }).collect()
+    family
+        .iter()
+        .filter(|(name, _)| *name != unit)
+        .map(|&(unit, size)| Factor { unit, factor: own / size })
+        .collect()
 }
 
 /// The factor between two stated units: a number in `logged` over the same in `modelled`.

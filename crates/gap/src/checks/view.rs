@@ -59,10 +59,19 @@ pub(super) struct Fit {
 }
 
 impl<'a> View<'a> {
-    pub(super) fn new(system: &'a System, model_effects: &[Applied], records: &'a [LogRecord], predictor: Predictor) -> Self {
+    pub(super) fn new(
+        system: &'a System,
+        model_effects: &[Applied],
+        records: &'a [LogRecord],
+        predictor: Predictor,
+    ) -> Self {
         let trained = || records.iter().enumerate().filter(|(_, r)| r.train.is_some());
-        let ts = trained().max_by_key(|(_, r)| r.time_s.len()).map_or(0.0, |(_, r)| r.sample_time_s);
-        let chosen: Vec<usize> = trained().filter(|(_, r)| (r.sample_time_s - ts).abs() <= SAME_TIME * ts).map(|(at, _)| at).collect();
+        let ts =
+            trained().max_by_key(|(_, r)| r.time_s.len()).map_or(0.0, |(_, r)| r.sample_time_s);
+        let chosen: Vec<usize> = trained()
+            .filter(|(_, r)| (r.sample_time_s - ts).abs() <= SAME_TIME * ts)
+            .map(|(at, _)| at)
+            .collect();
         let mut plan = Applied::plan(system, model_effects, Chance::Mean).ok();
         let mut simulator = system.clone();
         let mut time_constants_s = Vec::new();
@@ -81,7 +90,11 @@ impl<'a> View<'a> {
                 Dynamics::Sampled(_, ts) => -ts.seconds() / norm.ln(),
                 _ => -1.0 / re,
             };
-            time_constants_s = iterated_eigenvalues(&matrices.a).iter().map(|p| seconds(p.re, p.norm())).filter(|t| *t > 0.0).collect();
+            time_constants_s = iterated_eigenvalues(&matrices.a)
+                .iter()
+                .map(|p| seconds(p.re, p.norm()))
+                .filter(|t| *t > 0.0)
+                .collect();
             time_constants_s.retain(|t| t.is_finite());
             time_constants_s.sort_by(f64::total_cmp);
             if !predictor.gains.is_empty() {
@@ -117,8 +130,14 @@ impl<'a> View<'a> {
     /// The innovations of the model itself are near those of its linearisation.
     fn is_linear_enough(&self, model_effects: &[Applied]) -> bool {
         let Some(record) = self.records.first() else { return false };
-        let Ok(plan) = Applied::plan(self.system, model_effects, Chance::Mean) else { return false };
-        let correction = self.gains.first().map(|gain| Correction { gain, measured: &record.measured, horizon: None });
+        let Ok(plan) = Applied::plan(self.system, model_effects, Chance::Mean) else {
+            return false;
+        };
+        let correction = self.gains.first().map(|gain| Correction {
+            gain,
+            measured: &record.measured,
+            horizon: None,
+        });
         let run = self.system.simulate(&plan, record.commands(), &self.system.initial, correction);
         let linear = self.measured(0, &record.measured).zip(self.modelled(0, &record.inputs));
         let (Ok(run), Some((measured, modelled))) = (run, linear) else { return false };
@@ -126,7 +145,10 @@ impl<'a> View<'a> {
             let samples = self.usable(0, i);
             let innovation = |k: &usize| record.measured[i].values[*k] - run.y[(*k, i)];
             let linear: Vec<f64> = samples.iter().map(|&k| measured[i][k]).collect();
-            let apart: Vec<f64> = samples.iter().map(|k| innovation(k) - (measured[i][*k] - modelled[i][*k])).collect();
+            let apart: Vec<f64> = samples
+                .iter()
+                .map(|k| innovation(k) - (measured[i][*k] - modelled[i][*k]))
+                .collect();
             deviation(&apart) <= LINEAR * deviation(&linear)
         })
     }
@@ -141,16 +163,27 @@ impl<'a> View<'a> {
     }
 
     fn run(&self, at: usize, inputs: &[Vec<f64>], measured: &[Measured]) -> Option<Columns> {
-        let correction = self.gains.get(at).map(|gain| Correction { gain, measured, horizon: None });
+        let correction =
+            self.gains.get(at).map(|gain| Correction { gain, measured, horizon: None });
         let commands = Commands { time_s: &self.records[at].time_s, inputs };
-        let start = if self.simulator.restart.is_some() { &self.records[at].start } else { &self.simulator.initial };
+        let start = if self.simulator.restart.is_some() {
+            &self.records[at].start
+        } else {
+            &self.simulator.initial
+        };
         let run = self.simulator.simulate(self.plan.as_ref()?, commands, start, correction).ok()?;
-        run.y.iter().all(|v| v.is_finite()).then(|| run.y.column_iter().map(|c| c.iter().copied().collect()).collect())
+        run.y
+            .iter()
+            .all(|v| v.is_finite())
+            .then(|| run.y.column_iter().map(|c| c.iter().copied().collect()).collect())
     }
 
     /// M·u: what the model makes of these commands.
     pub(super) fn modelled(&self, at: usize, inputs: &[Vec<f64>]) -> Option<Columns> {
-        let still = |m: &Measured| Measured { values: vec![0.0; m.values.len()], present: m.present.clone() };
+        let still = |m: &Measured| Measured {
+            values: vec![0.0; m.values.len()],
+            present: m.present.clone(),
+        };
         self.run(at, inputs, &self.records[at].measured.iter().map(still).collect::<Vec<_>>())
     }
 
@@ -159,7 +192,8 @@ impl<'a> View<'a> {
         if !self.predicts() {
             return Some(measured.iter().map(|m| m.values.clone()).collect());
         }
-        let still: Vec<Vec<f64>> = self.records[at].inputs.iter().map(|u| vec![0.0; u.len()]).collect();
+        let still: Vec<Vec<f64>> =
+            self.records[at].inputs.iter().map(|u| vec![0.0; u.len()]).collect();
         let mut predicted = self.run(at, &still, measured)?;
         for (column, m) in predicted.iter_mut().zip(measured) {
             column.iter_mut().zip(&m.values).for_each(|(p, y)| *p = y - *p);
@@ -171,7 +205,11 @@ impl<'a> View<'a> {
     pub(super) fn usable(&self, at: usize, output: usize) -> Vec<usize> {
         let record = self.records[at];
         let from_s = record.train.map_or(0.0, |s| s.from_s).max(self.settling_s);
-        (0..record.time_s.len()).filter(|&k| record.time_s[k] >= from_s && record.measured_in(record.train, output, k).is_some()).collect()
+        (0..record.time_s.len())
+            .filter(|&k| {
+                record.time_s[k] >= from_s && record.measured_in(record.train, output, k).is_some()
+            })
+            .collect()
     }
 
     /// The most lags that are looked at to either side.
@@ -187,20 +225,29 @@ impl<'a> View<'a> {
     /// The time stamps are so even that a lag in samples is one in seconds.
     pub(super) fn is_even(&self) -> bool {
         let off = |r: &LogRecord| {
-            let samples = r.time_s.iter().enumerate().map(|(k, t)| (t / r.sample_time_s - k as f64).abs());
+            let samples =
+                r.time_s.iter().enumerate().map(|(k, t)| (t / r.sample_time_s - k as f64).abs());
             samples.fold(0.0, f64::max)
         };
         self.records.iter().all(|r| off(r) < 0.5)
     }
 
     /// How an output goes with a modelled signal, over all records; `None` where one of them stands still.
-    pub(super) fn fit(&self, output: usize, measured: &[Columns], modelled: &[Columns]) -> Option<Fit> {
+    pub(super) fn fit(
+        &self,
+        output: usize,
+        measured: &[Columns],
+        modelled: &[Columns],
+    ) -> Option<Fit> {
         let range = isize::try_from(self.lags()).ok()?;
-        let usable: Vec<Vec<usize>> = (0..self.records.len()).map(|at| thinned(&self.usable(at, output))).collect();
+        let usable: Vec<Vec<usize>> =
+            (0..self.records.len()).map(|at| thinned(&self.usable(at, output))).collect();
         let mut best: Option<Fit> = None;
         for lag in -range..=range {
             let parts = usable.iter().zip(measured.iter().zip(modelled));
-            let parts: Vec<_> = parts.map(|(k, (y, m))| (k.as_slice(), y[output].as_slice(), m[output].as_slice())).collect();
+            let parts: Vec<_> = parts
+                .map(|(k, (y, m))| (k.as_slice(), y[output].as_slice(), m[output].as_slice()))
+                .collect();
             let (correlation, ratio) = correlation(&parts, lag)?;
             let fit = best.get_or_insert(Fit { along: -1.0, against: 1.0, ratio: 1.0, lag: 0 });
             fit.against = fit.against.min(correlation);

@@ -77,13 +77,17 @@ impl Composed {
     /// Places of the effects that have a share of their own.
     pub(crate) fn singly(&self) -> Vec<usize> {
         let Some(hypothesis) = &self.hypothesis else { return Vec::new() };
-        (0..hypothesis.effects.len()).filter(|&at| !in_block(self.recalibration, &hypothesis.effects[at])).collect()
+        (0..hypothesis.effects.len())
+            .filter(|&at| !in_block(self.recalibration, &hypothesis.effects[at]))
+            .collect()
     }
 
     /// Places of the model's numbers that are one block.
     pub(crate) fn block(&self) -> Vec<usize> {
         let Some(hypothesis) = &self.hypothesis else { return Vec::new() };
-        (0..hypothesis.effects.len()).filter(|&at| in_block(self.recalibration, &hypothesis.effects[at])).collect()
+        (0..hypothesis.effects.len())
+            .filter(|&at| in_block(self.recalibration, &hypothesis.effects[at]))
+            .collect()
     }
 }
 
@@ -123,29 +127,43 @@ impl Compose<'_, '_> {
             GapVerdict::Unknown => of(Vec::new()),
         };
         let mut stand_ins: Vec<(String, Vec<Applied>)> = Vec::new();
-        let decoded = begin.lost.is_some() || begin.effects.iter().any(|a| a.effect.leaves_residual());
+        let decoded =
+            begin.lost.is_some() || begin.effects.iter().any(|a| a.effect.leaves_residual());
         // A single effect that leaves nothing above the noise has been tried with every second one; a pair with no third.
         // Of a simulator that can only be called most laws cannot be tried, and what is left beside a named effect is taken by whatever can.
         // What is left of the gap is searched wherever a further cause could matter in it.
         let enough_of_it = 1.0 - self.likelihood.criteria.added_matters;
-        let all_taken = || self.share_taken(&begin, &judged).is_none_or(|share| share >= enough_of_it);
-        let alone = self.likelihood.system.is_black_box() || (judged.left_over.is_none() && begin.effects.len() < 2 && all_taken());
+        let all_taken =
+            || self.share_taken(&begin, &judged).is_none_or(|share| share >= enough_of_it);
+        let alone = self.likelihood.system.is_black_box()
+            || (judged.left_over.is_none() && begin.effects.len() < 2 && all_taken());
         let enough = judged.verdict == GapVerdict::Effects && alone;
         if !decoded && !enough {
             let composition = self.composition(&begin, &judged.floor, progress)?;
             let composition = self.begun_elsewhere(composition, &judged, progress);
             // Where nothing changed, what was judged stays as it was fitted.
-            if !composition.hypothesis.effects.is_empty() && composition.hypothesis.key() != begin.key() {
+            if !composition.hypothesis.effects.is_empty()
+                && composition.hypothesis.key() != begin.key()
+            {
                 return self.judged(judged, &composition);
             }
-            stand_ins = composition.hypothesis.effects.iter().map(|a| (a.key(), composition.stand_ins_of(a))).collect();
+            stand_ins = composition
+                .hypothesis
+                .effects
+                .iter()
+                .map(|a| (a.key(), composition.stand_ins_of(a)))
+                .collect();
         }
         // A sequence that is decoded from the outputs can take the shape of much: where laws without chance explain as much, they are the reason.
         if begin.lost.is_some() && !self.likelihood.system.is_black_box() {
             let plain = self.composition(&of(Vec::new()), &judged.floor, progress)?;
             let errors = self.error_of(&plain.hypothesis).zip(self.error_of(&begin));
-            let as_good = errors.is_some_and(|(plain, decoded)| plain <= self.likelihood.criteria.settled * decoded);
-            if !plain.hypothesis.effects.is_empty() && (as_good || self.predicts_more(&plain.hypothesis, &begin)) {
+            let as_good = errors.is_some_and(|(plain, decoded)| {
+                plain <= self.likelihood.criteria.settled * decoded
+            });
+            if !plain.hypothesis.effects.is_empty()
+                && (as_good || self.predicts_more(&plain.hypothesis, &begin))
+            {
                 return self.judged(judged, &plain);
             }
         }
@@ -155,8 +173,15 @@ impl Compose<'_, '_> {
         let (hypothesis, taken_out) = self.by_share(begin, None);
         let without = self.refitted(&hypothesis, &taken_out);
         let estimate = intervals::estimate(self.likelihood, &hypothesis, self.scales);
-        let judged = Judged { found: Some(hypothesis.clone()), best: Some(hypothesis.clone()), ..judged };
-        let of_effect = |a: &Applied| stand_ins.iter().find(|(key, _)| *key == a.key()).map(|(_, s)| s.clone()).unwrap_or_default();
+        let judged =
+            Judged { found: Some(hypothesis.clone()), best: Some(hypothesis.clone()), ..judged };
+        let of_effect = |a: &Applied| {
+            stand_ins
+                .iter()
+                .find(|(key, _)| *key == a.key())
+                .map(|(_, s)| s.clone())
+                .unwrap_or_default()
+        };
         Some(Composed {
             judged,
             stand_ins: hypothesis.effects.iter().map(of_effect).collect(),
@@ -174,24 +199,36 @@ impl Compose<'_, '_> {
         let on_average = |e: &&Hypothesis| {
             let stands = |a: &Applied| {
                 hidden.effects.iter().any(|h| match h.effect.loses_commands() {
-                    true => h.channel == a.channel && matches!(a.effect.lateness(), Some(Lateness::Fixed | Lateness::Lag)),
+                    true => {
+                        h.channel == a.channel
+                            && matches!(a.effect.lateness(), Some(Lateness::Fixed | Lateness::Lag))
+                    }
                     false => h.key() == a.key(),
                 })
             };
             e.fitted && e.effects.len() == hidden.effects.len() && e.effects.iter().all(stands)
         };
         let Some(plain) = self.errors_of(plain) else { return false };
-        let known: Vec<[Errors; 2]> =
-            self.found.singles.iter().chain(&self.found.pairs).filter(on_average).filter_map(|e| self.errors_of(e)).collect();
-        let plainly = |mean: &[Errors; 2]| (0..2).all(|of| 1.0 - plain[of].over(&mean[of]) >= self.likelihood.criteria.added_plainly);
+        let known: Vec<[Errors; 2]> = self
+            .found
+            .singles
+            .iter()
+            .chain(&self.found.pairs)
+            .filter(on_average)
+            .filter_map(|e| self.errors_of(e))
+            .collect();
+        let plainly = |mean: &[Errors; 2]| {
+            (0..2)
+                .all(|of| 1.0 - plain[of].over(&mean[of]) >= self.likelihood.criteria.added_plainly)
+        };
         !known.is_empty() && known.iter().all(plainly)
     }
 
     /// The part of before² − floor² that a hypothesis takes on what was learnt from; `None` where there is nothing to take.
     fn share_taken(&self, hypothesis: &Hypothesis, judged: &Judged) -> Option<f64> {
         let nothing = Level::of(self.likelihood, None)?;
-        let [before, floor] =
-            [nothing.train.nrmse(), nothing.train.relative(&judged.floor.floor)].map(|each| overall(&each).map(|e| e * e));
+        let [before, floor] = [nothing.train.nrmse(), nothing.train.relative(&judged.floor.floor)]
+            .map(|each| overall(&each).map(|e| e * e));
         let (before, floor, after) = (before?, floor?, self.error_of(hypothesis)?.powi(2));
         (before > floor).then(|| (before - after) / (before - floor))
     }
@@ -202,36 +239,60 @@ impl Compose<'_, '_> {
             let before = overall(&Level::of(self.likelihood, None)?.train.nrmse())?;
             Some(before < self.likelihood.criteria.clear * self.error_of(found)?)
         };
-        let plain = found.effects.len() == 1 && found.lost.is_none() && found.effects.iter().all(|a| !a.effect.leaves_residual());
-        let explained = || {
-            let likelihood = self.likelihood.with_noise(noise_of(self.likelihood, None, self.smallest)?);
-            let composer = Composer { likelihood: &likelihood, ..self.composer(false, None) };
-            let steps = likelihood.budget.steps;
-            let single = Hypothesis::refit(&likelihood, found.clone(), self.scales, composer.cost(&likelihood), steps)?;
-            Some(composer.numbers_explain(&single, &Standing::of(&likelihood, of(Vec::new()), self.scales)?))
-        };
+        let plain = found.effects.len() == 1
+            && found.lost.is_none()
+            && found.effects.iter().all(|a| !a.effect.leaves_residual());
+        let explained =
+            || {
+                let likelihood =
+                    self.likelihood.with_noise(noise_of(self.likelihood, None, self.smallest)?);
+                let composer = Composer { likelihood: &likelihood, ..self.composer(false, None) };
+                let steps = likelihood.budget.steps;
+                let single = Hypothesis::refit(
+                    &likelihood,
+                    found.clone(),
+                    self.scales,
+                    composer.cost(&likelihood),
+                    steps,
+                )?;
+                Some(composer.numbers_explain(
+                    &single,
+                    &Standing::of(&likelihood, of(Vec::new()), self.scales)?,
+                ))
+            };
         plain && small().unwrap_or(false) && explained().unwrap_or(false)
     }
 
     /// A small effect that is certain all the same.
     fn weak(&self) -> Option<Hypothesis> {
-        let likelihood = self.likelihood.with_noise(noise_of(self.likelihood, None, self.smallest)?);
+        let likelihood =
+            self.likelihood.with_noise(noise_of(self.likelihood, None, self.smallest)?);
         let composer = Composer { likelihood: &likelihood, ..self.composer(false, None) };
         weak(&likelihood, self.found, &composer)
     }
 
     /// The verdict on a weak effect: there is little to explain, and it explains it.
     fn judged_weak(&self, judged: Judged, weak: Hypothesis) -> Option<Composed> {
-        let beside = self.likelihood.with_noise(noise_of(self.likelihood, Some(&weak), self.smallest)?);
+        let beside =
+            self.likelihood.with_noise(noise_of(self.likelihood, Some(&weak), self.smallest)?);
         let estimate = intervals::estimate(&beside, &weak, self.scales);
         // The likelihood takes the model's other numbers as exact, and every sample as one of its own. The interval does not.
-        if estimate.as_ref().is_some_and(|e| !e.apart(&weak, by_chance_of_many(self.likelihood.criteria.weak_chance, self.catalogue.len())))
-        {
+        if estimate.as_ref().is_some_and(|e| {
+            !e.apart(
+                &weak,
+                by_chance_of_many(self.likelihood.criteria.weak_chance, self.catalogue.len()),
+            )
+        }) {
             return Some(Composed::nothing(judged));
         }
         let taken_out = Self::taken_out(&weak, &[vec![0]]);
         let without = self.refitted(&weak, &taken_out);
-        let judged = Judged { verdict: GapVerdict::Effects, found: Some(weak.clone()), best: Some(weak.clone()), ..judged };
+        let judged = Judged {
+            verdict: GapVerdict::Effects,
+            found: Some(weak.clone()),
+            best: Some(weak.clone()),
+            ..judged
+        };
         Some(Composed {
             judged,
             hypothesis: Some(weak),
@@ -263,7 +324,12 @@ impl Compose<'_, '_> {
         }
     }
 
-    fn composition(&self, begin: &Hypothesis, floor: &Floor, progress: &dyn Fn(Stage)) -> Option<Composition> {
+    fn composition(
+        &self,
+        begin: &Hypothesis,
+        floor: &Floor,
+        progress: &dyn Fn(Stage),
+    ) -> Option<Composition> {
         let composition = self.composer(true, Some(floor)).compose(&begin.effects, progress)?;
         if composition.hypothesis.effects.is_empty() && !self.likelihood.system.is_black_box() {
             self.composer(false, Some(floor)).compose(&[], progress)
@@ -275,7 +341,12 @@ impl Compose<'_, '_> {
     /// The same, or a better one that begins elsewhere: with a pair that leaves less than all of this does. Laws of many numbers (a resonance) take the shape of several
     /// plain ones together: so all is done again without any of them. And where something is left above the noise, what explains most may stand in the way of others:
     /// so all is done again without that, then without what explains most of the better composition.
-    fn begun_elsewhere(&self, mut best: Composition, judged: &Judged, progress: &dyn Fn(Stage)) -> Composition {
+    fn begun_elsewhere(
+        &self,
+        mut best: Composition,
+        judged: &Judged,
+        progress: &dyn Fn(Stage),
+    ) -> Composition {
         if self.likelihood.system.is_black_box() || best.hypothesis.effects.is_empty() {
             return best;
         }
@@ -294,10 +365,18 @@ impl Compose<'_, '_> {
             best = self.without_some(best, &judged.floor, progress, is_elaborate);
         }
         // Where little of the gap was understood, its noise was not, either.
-        let floor = self.ruled_anew(&mut judged.reached.clone(), &best.hypothesis).map_or_else(|| judged.floor.clone(), |(floor, _)| floor);
+        let floor = self
+            .ruled_anew(&mut judged.reached.clone(), &best.hypothesis)
+            .map_or_else(|| judged.floor.clone(), |(floor, _)| floor);
         let mut doubted: Vec<String> = Vec::new();
-        while doubted.len() < budget.doubted && self.composer(true, Some(&floor)).leaves_something(&best.hypothesis) {
-            let Some(next) = singly(&best).iter().map(Applied::key).find(|key| !doubted.contains(key)) else { break };
+        while doubted.len() < budget.doubted
+            && self.composer(true, Some(&floor)).leaves_something(&best.hypothesis)
+        {
+            let Some(next) =
+                singly(&best).iter().map(Applied::key).find(|key| !doubted.contains(key))
+            else {
+                break;
+            };
             best = self.without_some(best, &floor, progress, |a| a.key() == next);
             doubted.push(next);
         }
@@ -306,13 +385,27 @@ impl Compose<'_, '_> {
 
     /// A composition, or a better one that begins with the pair of the search that leaves least, where that is less than the composition does: two effects that help
     /// only together are not reached one at a time.
-    fn with_the_best_pair(&self, best: Composition, floor: &Floor, progress: &dyn Fn(Stage)) -> Composition {
+    fn with_the_best_pair(
+        &self,
+        best: Composition,
+        floor: &Floor,
+        progress: &dyn Fn(Stage),
+    ) -> Composition {
         let mut composer = self.composer(true, Some(floor));
-        let plain = |e: &&Hypothesis| e.fitted && e.lost.is_none() && e.effects.iter().all(|a| !a.effect.leaves_residual());
-        let pairs: Vec<(f64, &Hypothesis)> =
-            self.found.pairs.par_iter().filter(plain).filter_map(|pair| Some((self.error_of(pair)?, pair))).collect();
+        let plain = |e: &&Hypothesis| {
+            e.fitted && e.lost.is_none() && e.effects.iter().all(|a| !a.effect.leaves_residual())
+        };
+        let pairs: Vec<(f64, &Hypothesis)> = self
+            .found
+            .pairs
+            .par_iter()
+            .filter(plain)
+            .filter_map(|pair| Some((self.error_of(pair)?, pair)))
+            .collect();
         let least = pairs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
-        let (Some((error, pair)), Some(present)) = (least, self.error_of(&best.hypothesis)) else { return best };
+        let (Some((error, pair)), Some(present)) = (least, self.error_of(&best.hypothesis)) else {
+            return best;
+        };
         if error >= present {
             return best;
         }
@@ -321,14 +414,25 @@ impl Compose<'_, '_> {
     }
 
     /// A composition, or a better one without some effects, that begins with the best that the search found without them.
-    fn without_some(&self, best: Composition, floor: &Floor, progress: &dyn Fn(Stage), doubted: impl Fn(&Applied) -> bool) -> Composition {
+    fn without_some(
+        &self,
+        best: Composition,
+        floor: &Floor,
+        progress: &dyn Fn(Stage),
+        doubted: impl Fn(&Applied) -> bool,
+    ) -> Composition {
         let mut composer = self.composer(true, Some(floor));
         composer.candidates.retain(|a| !doubted(a));
-        let known = |a: &Applied| !a.effect.loses_commands() && composer.candidates.iter().any(|c| c.key() == a.key());
-        let mut fitted = self.found.pairs.iter().chain(self.found.singles.iter().filter(|e| e.fitted));
+        let known = |a: &Applied| {
+            !a.effect.loses_commands() && composer.candidates.iter().any(|c| c.key() == a.key())
+        };
+        let mut fitted =
+            self.found.pairs.iter().chain(self.found.singles.iter().filter(|e| e.fitted));
         let start = fitted.find(|e| e.effects.iter().all(known)).map(|e| e.effects.clone());
         let other = start.and_then(|start| composer.compose(&start, progress));
-        other.filter(|other| !other.hypothesis.effects.is_empty() && composer.prefers(&best, other)).unwrap_or(best)
+        other
+            .filter(|other| !other.hypothesis.effects.is_empty() && composer.prefers(&best, other))
+            .unwrap_or(best)
     }
 
     /// The training nrmse of all outputs down to which something is left above the noise; `None` where no output moves.
@@ -341,19 +445,29 @@ impl Compose<'_, '_> {
     fn judged(&self, judged: Judged, composition: &Composition) -> Option<Composed> {
         let shrunk = composition.recalibration.map(|size| self.likelihood.with_shrinkage(size));
         let shrunk = Compose { likelihood: shrunk.as_ref().unwrap_or(self.likelihood), ..*self };
-        let beside = shrunk.likelihood.with_noise(noise_of(shrunk.likelihood, Some(&composition.hypothesis), self.smallest)?);
+        let beside = shrunk.likelihood.with_noise(noise_of(
+            shrunk.likelihood,
+            Some(&composition.hypothesis),
+            self.smallest,
+        )?);
         let settled = shrunk.settled(&beside, composition.hypothesis.clone())?;
         let (hypothesis, taken_out) = shrunk.by_share(settled, composition.recalibration);
         let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
         let without = shrunk.refitted(&hypothesis, &taken_out);
-        let needless = estimate.as_ref().and_then(|e| shrunk.not_established(&hypothesis, e, &without, composition.recalibration));
+        let needless = estimate.as_ref().and_then(|e| {
+            shrunk.not_established(&hypothesis, e, &without, composition.recalibration)
+        });
         if let Some(needless) = needless {
-            return self.judged(judged, &composition.without(&to_be_fitted(&hypothesis, None, Some(&needless))));
+            return self.judged(
+                judged,
+                &composition.without(&to_be_fitted(&hypothesis, None, Some(&needless))),
+            );
         }
         let stand_ins = hypothesis.effects.iter().map(|a| composition.stand_ins_of(a)).collect();
 
         let mut reached = judged.reached.clone();
-        let (floor, Ruling { verdict, unknown, left_over }) = self.ruled_anew(&mut reached, &hypothesis)?;
+        let (floor, Ruling { verdict, unknown, left_over }) =
+            self.ruled_anew(&mut reached, &hypothesis)?;
         // Of a simulator that can only be called most laws cannot be tried: what explains all of it may stand in for one of them.
         let (verdict, unknown) = match self.likelihood.system.is_black_box() {
             true => (judged.verdict, judged.unknown),
@@ -383,10 +497,22 @@ impl Compose<'_, '_> {
     }
 
     /// The rules of the verdict beside what acts, whose errors join those that were `reached`: they bound the floor, too.
-    fn ruled_anew(&self, reached: &mut Vec<(Errors, Vec<DMatrix<f64>>)>, hypothesis: &Hypothesis) -> Option<(Floor, Ruling)> {
-        let (nothing, best) = (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(hypothesis))?);
+    fn ruled_anew(
+        &self,
+        reached: &mut Vec<(Errors, Vec<DMatrix<f64>>)>,
+        hypothesis: &Hypothesis,
+    ) -> Option<(Floor, Ruling)> {
+        let (nothing, best) =
+            (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(hypothesis))?);
         reached.push(best.noise(self.likelihood));
-        Some(ruled(self.likelihood, [&nothing, &best], reached, self.catalogue, self.scales, [true, false]))
+        Some(ruled(
+            self.likelihood,
+            [&nothing, &best],
+            reached,
+            self.catalogue,
+            self.scales,
+            [true, false],
+        ))
     }
 
     /// The last of the effects behind the first whose interval holds the value at which it does nothing: what the gate let in may be what others lack. Not one
@@ -402,11 +528,20 @@ impl Compose<'_, '_> {
         let with = self.errors_of(hypothesis);
         let plainly_worse = |at: usize| {
             let other = without.get(at).and_then(Option::as_ref).and_then(|e| self.errors_of(e));
-            let falls = with.as_ref().zip(other).map(|(with, other)| [0, 1].map(|of| 1.0 - with[of].over(&other[of])));
-            falls.is_some_and(|falls| falls.iter().all(|fall| *fall >= self.likelihood.criteria.added_plainly))
+            let falls = with
+                .as_ref()
+                .zip(other)
+                .map(|(with, other)| [0, 1].map(|of| 1.0 - with[of].over(&other[of])));
+            falls.is_some_and(|falls| {
+                falls.iter().all(|fall| *fall >= self.likelihood.criteria.added_plainly)
+            })
         };
-        let at_a_bound = |at: usize| hypothesis.free.iter().zip(&estimate.std).any(|((e, _), std)| *e == at && std.is_none());
-        let behind = (1..hypothesis.effects.len()).rev().filter(|&at| !in_block(recalibration, &hypothesis.effects[at]));
+        let at_a_bound = |at: usize| {
+            hypothesis.free.iter().zip(&estimate.std).any(|((e, _), std)| *e == at && std.is_none())
+        };
+        let behind = (1..hypothesis.effects.len())
+            .rev()
+            .filter(|&at| !in_block(recalibration, &hypothesis.effects[at]));
         behind
             .filter(|&at| !estimate.one_apart(hypothesis, at, NORMAL_95))
             .find(|&at| at_a_bound(at) || !plainly_worse(at))
@@ -416,21 +551,31 @@ impl Compose<'_, '_> {
     /// Of what was learnt from, and of held-out data.
     fn errors_of(&self, hypothesis: &Hypothesis) -> Option<[Errors; 2]> {
         let left = residuals(self.likelihood, hypothesis)?;
-        Some([Errors::of(self.likelihood.records, &left, |r| r.train), Errors::of(self.likelihood.records, &left, |r| r.held)])
+        Some([
+            Errors::of(self.likelihood.records, &left, |r| r.train),
+            Errors::of(self.likelihood.records, &left, |r| r.held),
+        ])
     }
 
     /// In the order of what each effect explains beside the others, the block of the model's numbers last; and all the others without each.
-    fn by_share(&self, hypothesis: Hypothesis, recalibration: Option<f64>) -> (Hypothesis, Vec<Hypothesis>) {
-        let (block, singly): (Vec<usize>, Vec<usize>) =
-            (0..hypothesis.effects.len()).partition(|&at| in_block(recalibration, &hypothesis.effects[at]));
+    fn by_share(
+        &self,
+        hypothesis: Hypothesis,
+        recalibration: Option<f64>,
+    ) -> (Hypothesis, Vec<Hypothesis>) {
+        let (block, singly): (Vec<usize>, Vec<usize>) = (0..hypothesis.effects.len())
+            .partition(|&at| in_block(recalibration, &hypothesis.effects[at]));
         let mut parts: Vec<Vec<usize>> = singly.into_iter().map(|at| vec![at]).collect();
         parts.extend((!block.is_empty()).then_some(block));
         let taken_out = Self::taken_out(&hypothesis, &parts);
         let error = |e: &Hypothesis| self.error_of(e).unwrap_or(f64::INFINITY);
         let errors: Vec<f64> = taken_out.iter().map(error).collect();
-        let place = |a: &Applied| hypothesis.effects.iter().position(|e| e.key() == a.key()).unwrap_or(0);
+        let place =
+            |a: &Applied| hypothesis.effects.iter().position(|e| e.key() == a.key()).unwrap_or(0);
         let part = |a: &Applied| parts.iter().position(|p| p.contains(&place(a))).unwrap_or(0);
-        let rank = |a: &Applied| if in_block(recalibration, a) { f64::NEG_INFINITY } else { errors[part(a)] };
+        let rank = |a: &Applied| {
+            if in_block(recalibration, a) { f64::NEG_INFINITY } else { errors[part(a)] }
+        };
         let ordered = hypothesis.clone().ordered(rank);
         let mut sorted: Vec<usize> = ordered.effects.iter().map(part).collect();
         sorted.dedup();
@@ -440,9 +585,18 @@ impl Compose<'_, '_> {
     /// The parameters under the noise of what is left, unless that makes the errors larger: under a colour that is another effect's, slow effects vanish.
     fn settled(&self, beside: &Likelihood<'_>, composed: Hypothesis) -> Option<Hypothesis> {
         let before = self.error_of(&composed)?;
-        let refitted = Hypothesis::refit(beside, composed.clone(), self.scales, cost(beside)?, beside.budget.steps);
+        let refitted = Hypothesis::refit(
+            beside,
+            composed.clone(),
+            self.scales,
+            cost(beside)?,
+            beside.budget.steps,
+        );
         let mut settled = refitted
-            .filter(|e| self.error_of(e).is_some_and(|after| after <= self.likelihood.criteria.settled * before))
+            .filter(|e| {
+                self.error_of(e)
+                    .is_some_and(|after| after <= self.likelihood.criteria.settled * before)
+            })
             .unwrap_or(composed);
         // Compared with all others under their likelihood.
         settled.rescore(self.likelihood, cost(self.likelihood)?);
@@ -456,20 +610,35 @@ impl Compose<'_, '_> {
 
     /// Hypotheses refitted under white weights as large as what is left by all.
     fn refitted(&self, hypothesis: &Hypothesis, without: &[Hypothesis]) -> Vec<Option<Hypothesis>> {
-        let Some(left) = residuals(self.likelihood, hypothesis) else { return vec![None; without.len()] };
-        let rms = Errors::of(self.likelihood.records, &left, |r| r.train).times(hypothesis.noise_over_left(self.likelihood)).rms();
+        let Some(left) = residuals(self.likelihood, hypothesis) else {
+            return vec![None; without.len()];
+        };
+        let rms = Errors::of(self.likelihood.records, &left, |r| r.train)
+            .times(hypothesis.noise_over_left(self.likelihood))
+            .rms();
         let std: Vec<f64> = rms.iter().zip(self.smallest).map(|(r, s)| r.max(*s)).collect();
-        let white = self.likelihood.with_noise(vec![Noise::white(&std); self.likelihood.records.len()]);
-        let one = |e: &Hypothesis| Hypothesis::refit(&white, e.clone(), self.scales, cost(&white)?, white.budget.steps);
+        let white =
+            self.likelihood.with_noise(vec![Noise::white(&std); self.likelihood.records.len()]);
+        let one = |e: &Hypothesis| {
+            Hypothesis::refit(&white, e.clone(), self.scales, cost(&white)?, white.budget.steps)
+        };
         without.par_iter().map(one).collect()
     }
 
     /// Per part, all the others as they are without it.
     fn taken_out(hypothesis: &Hypothesis, parts: &[Vec<usize>]) -> Vec<Hypothesis> {
         let one = |part: &Vec<usize>| {
-            let others: Vec<Applied> =
-                hypothesis.effects.iter().enumerate().filter(|(at, _)| !part.contains(at)).map(|(_, a)| a.clone()).collect();
-            let lost = hypothesis.lost.clone().filter(|_| others.iter().any(|a| a.effect.loses_commands()));
+            let others: Vec<Applied> = hypothesis
+                .effects
+                .iter()
+                .enumerate()
+                .filter(|(at, _)| !part.contains(at))
+                .map(|(_, a)| a.clone())
+                .collect();
+            let lost = hypothesis
+                .lost
+                .clone()
+                .filter(|_| others.iter().any(|a| a.effect.loses_commands()));
             Hypothesis { lost, ..of(others) }
         };
         parts.iter().map(one).collect()

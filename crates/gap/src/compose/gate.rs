@@ -26,16 +26,24 @@ impl Gate {
     pub(super) fn accepts(&self, before: &Standing, after: &Standing, original: &Original) -> bool {
         let limits = &self.criteria;
         let fall = Self::fall(before, after);
-        let logarithms: Vec<f64> = before.blocks.iter().zip(&after.blocks).map(|(b, a)| (b / a).ln()).collect();
+        let logarithms: Vec<f64> =
+            before.blocks.iter().zip(&after.blocks).map(|(b, a)| (b / a).ln()).collect();
         let better = logarithms.iter().filter(|l| **l > 0.0).count() as f64;
-        let mostly = better >= limits.added_blocks * logarithms.len() as f64 && t_of(&logarithms) >= limits.added_t;
+        let mostly = better >= limits.added_blocks * logarithms.len() as f64
+            && t_of(&logarithms) >= limits.added_t;
         let held = 1.0 - after.held.over(&before.held);
-        let taken = [(&before.train, &after.train, &original.train), (&before.held, &after.held, &original.held)];
-        (fall >= limits.added_falls && (mostly || self.better(before, after)) || self.foretells(before, after))
+        let taken = [
+            (&before.train, &after.train, &original.train),
+            (&before.held, &after.held, &original.held),
+        ];
+        (fall >= limits.added_falls && (mostly || self.better(before, after))
+            || self.foretells(before, after))
             && before.train.log_ratio(&after.train) >= limits.added_gains
             && held >= limits.added_held_out.max(limits.added_generalises * fall)
-            && (taken.iter().all(|(before, after, original)| before.over(original) - after.over(original) >= limits.added_matters)
-                || (fall.min(held) >= limits.added_of_rest && taken.iter().all(|(before, after, _)| self.shows(before, after))))
+            && (taken.iter().all(|(before, after, original)| {
+                before.over(original) - after.over(original) >= limits.added_matters
+            }) || (fall.min(held) >= limits.added_of_rest
+                && taken.iter().all(|(before, after, _)| self.shows(before, after))))
     }
 
     /// What takes another's place explains more, and more for every further number.
@@ -60,7 +68,8 @@ impl Gate {
     /// a block tells of a number, and no block foretells the others; held-out data were never fitted.
     fn foretells(&self, before: &Standing, after: &Standing) -> bool {
         let falls = [after.train.over(&before.train), after.held.over(&before.held)];
-        falls.iter().all(|left| 1.0 - left >= self.criteria.added_plainly) && before.better_by_t(after) < self.criteria.dropped_t
+        falls.iter().all(|left| 1.0 - left >= self.criteria.added_plainly)
+            && before.better_by_t(after) < self.criteria.dropped_t
     }
 
     /// What is taken is seen in the outputs, however large the gap is of which it is a part.
@@ -73,7 +82,8 @@ impl Gate {
     pub(super) fn stands_in(&self, before: &Standing, best: &Standing, other: &Standing) -> bool {
         // What foretells may not lower the blocks' error at all.
         let fall = Self::fall(before, best);
-        let enough = Self::fall(before, other) >= fall - (1.0 - self.criteria.stands_in) * fall.abs();
+        let enough =
+            Self::fall(before, other) >= fall - (1.0 - self.criteria.stands_in) * fall.abs();
         let alike = other.error() <= (1.0 + self.criteria.added_equals) * best.error();
         enough && (alike || best.better_by_t(other).abs() < self.criteria.added_t)
     }
@@ -85,8 +95,11 @@ impl Gate {
 
     /// An earlier effect is needless where the blocks are hardly worse without it, unless all of them together are worse and held-out data plainly so.
     pub(super) fn needless(&self, without: &Standing, with: &Standing) -> bool {
-        let asked_for = Self::fall(without, with) > 0.0 && 1.0 - with.held.over(&without.held) >= self.criteria.added_plainly;
-        with.better_by_t(without) < self.criteria.dropped_t && !asked_for && !self.foretells(without, with)
+        let asked_for = Self::fall(without, with) > 0.0
+            && 1.0 - with.held.over(&without.held) >= self.criteria.added_plainly;
+        with.better_by_t(without) < self.criteria.dropped_t
+            && !asked_for
+            && !self.foretells(without, with)
     }
 }
 
@@ -99,7 +112,12 @@ mod tests {
     fn standing(first: f64, held: f64, numbers: usize) -> Standing {
         let mut blocks = vec![1.0; 10];
         blocks[0] = first;
-        Standing::judged(blocks, Errors::of_one(1.0, 100.0), Errors::of_one(held.sqrt(), 100.0), numbers)
+        Standing::judged(
+            blocks,
+            Errors::of_one(1.0, 100.0),
+            Errors::of_one(held.sqrt(), 100.0),
+            numbers,
+        )
     }
 
     fn gate() -> Gate {
@@ -144,7 +162,10 @@ mod tests {
             with.train = Errors::of_one(train.sqrt(), 100.0);
             with
         };
-        let (before, original) = (standing(1.0, 1.0, 1), Original { train: Errors::of_one(1.0, 100.0), held: Errors::of_one(1.0, 100.0) });
+        let (before, original) = (
+            standing(1.0, 1.0, 1),
+            Original { train: Errors::of_one(1.0, 100.0), held: Errors::of_one(1.0, 100.0) },
+        );
         let after = with([2.0, 0.5], 0.7, 0.7);
         assert!(Gate::fall(&before, &after) < 0.0);
         assert!(gate().accepts(&before, &after, &original) && !gate().needless(&before, &after));

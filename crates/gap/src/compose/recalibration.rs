@@ -22,7 +22,11 @@ const FEWEST: usize = 2;
 impl Composer<'_, '_> {
     /// The composition with the model's numbers freed as a block, where the gate lets it in; and the size of the block. `None` for the size: one of the numbers
     /// is as good as the block, and is an effect like any other.
-    pub(super) fn recalibrated(&self, composition: &Composition, original: &Original) -> Option<(Composition, Option<f64>)> {
+    pub(super) fn recalibrated(
+        &self,
+        composition: &Composition,
+        original: &Original,
+    ) -> Option<(Composition, Option<f64>)> {
         if composition.hypothesis.effects.is_empty() {
             return None;
         }
@@ -32,20 +36,27 @@ impl Composer<'_, '_> {
         let shrunk = likelihood.with_shrinkage(size);
         let full = self.fitted(&shrunk, freed)?;
         let block = self.fitted(&shrunk, moved(&full, self.gate.criteria.moved)?)?;
-        let block = if block.better_by_t(&full) >= -self.gate.criteria.dropped_t { block } else { full };
+        let block =
+            if block.better_by_t(&full) >= -self.gate.criteria.dropped_t { block } else { full };
         let (released, after) = self.pruned(&shrunk, composition.without(&block.hypothesis), block);
-        let numbers = |standing: &Standing| standing.hypothesis.effects.iter().filter(|a| a.effect.corrects_model()).count();
+        let numbers = |standing: &Standing| {
+            standing.hypothesis.effects.iter().filter(|a| a.effect.corrects_model()).count()
+        };
         let others = |standing: &Standing| standing.hypothesis.effects.len() - numbers(standing);
         // What takes the place of effects, or of numbers that were found one by one, must predict as well; what comes beside them, better. A block of many
         // numbers takes the shape of an effect of one: then it must predict better, too.
-        let plainer = others(&after) < others(&before) && after.hypothesis.free.len() <= before.hypothesis.free.len();
-        let takes_place = plainer || numbers(&before) >= FEWEST && others(&after) == others(&before);
-        let as_good = after.better_by_t(&before) >= -self.gate.criteria.dropped_t && self.gate.holds_out(&before, &after);
+        let plainer = others(&after) < others(&before)
+            && after.hypothesis.free.len() <= before.hypothesis.free.len();
+        let takes_place =
+            plainer || numbers(&before) >= FEWEST && others(&after) == others(&before);
+        let as_good = after.better_by_t(&before) >= -self.gate.criteria.dropped_t
+            && self.gate.holds_out(&before, &after);
         let better = after.better_by_t(&before) >= self.gate.criteria.added_t
             && self.gate.pays(&before, &after)
             && self.gate.holds_out(&before, &after);
-        let accepted =
-            (takes_place && as_good) || (others(&after) < others(&before) && better) || self.gate.accepts(&before, &after, original);
+        let accepted = (takes_place && as_good)
+            || (others(&after) < others(&before) && better)
+            || self.gate.accepts(&before, &after, original);
         if numbers(&after) < FEWEST || !accepted {
             return None;
         }
@@ -62,22 +73,49 @@ impl Composer<'_, '_> {
         let moved = |at: usize| {
             let (e, i) = hypothesis.free[at];
             let applied = &hypothesis.effects[e];
-            applied.effect.corrects_model().then(|| ((applied.values[i] - applied.parameters[i].nominal).abs() / spread[at], applied.key()))
+            applied.effect.corrects_model().then(|| {
+                (
+                    (applied.values[i] - applied.parameters[i].nominal).abs() / spread[at],
+                    applied.key(),
+                )
+            })
         };
-        let (_, furthest) = (0..spread.len()).filter_map(moved).max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let kept = hypothesis.effects.iter().filter(|a| !a.effect.corrects_model() || a.key() == furthest).cloned();
-        let one = to_be_fitted(&Hypothesis { effects: kept.collect(), ..hypothesis.clone() }, None, None);
+        let (_, furthest) =
+            (0..spread.len()).filter_map(moved).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let kept = hypothesis
+            .effects
+            .iter()
+            .filter(|a| !a.effect.corrects_model() || a.key() == furthest)
+            .cloned();
+        let one =
+            to_be_fitted(&Hypothesis { effects: kept.collect(), ..hypothesis.clone() }, None, None);
         let one = self.fitted(likelihood, one)?;
         let criteria = &self.gate.criteria;
-        let helped = Gate::fall(&one, block) >= criteria.added_falls && block.better_by_t(&one) >= criteria.added_t;
+        let helped = Gate::fall(&one, block) >= criteria.added_falls
+            && block.better_by_t(&one) >= criteria.added_t;
         (!helped && self.gate.holds_out(block, &one)).then_some(one.hypothesis)
     }
 
     /// Without the effects that only stood in for the model's numbers.
-    fn pruned(&self, likelihood: &Likelihood<'_>, mut composition: Composition, mut present: Standing) -> (Composition, Standing) {
-        let effects: Vec<Applied> = present.hypothesis.effects.iter().filter(|a| !a.effect.corrects_model()).cloned().collect();
+    fn pruned(
+        &self,
+        likelihood: &Likelihood<'_>,
+        mut composition: Composition,
+        mut present: Standing,
+    ) -> (Composition, Standing) {
+        let effects: Vec<Applied> = present
+            .hypothesis
+            .effects
+            .iter()
+            .filter(|a| !a.effect.corrects_model())
+            .cloned()
+            .collect();
         for old in effects {
-            let Some(without) = self.fitted(likelihood, to_be_fitted(&present.hypothesis, None, Some(&old))) else { continue };
+            let Some(without) =
+                self.fitted(likelihood, to_be_fitted(&present.hypothesis, None, Some(&old)))
+            else {
+                continue;
+            };
             if self.gate.needless(&without, &present) && self.gate.holds_out(&present, &without) {
                 composition = composition.without(&without.hypothesis);
                 present = without;
@@ -90,7 +128,9 @@ impl Composer<'_, '_> {
     /// composer's likelihood. An effect pays Schwarz's price of each of its numbers, and for having been chosen among all candidates, each as likely as the other.
     pub(super) fn numbers_explain(&self, single: &Hypothesis, nothing: &Standing) -> bool {
         let chosen = 2.0 * (self.candidates.len().max(1) as f64).ln();
-        let evidence = single.gain - Penalties::of(self.likelihood).parameter * single.free.len() as f64 - chosen;
+        let evidence = single.gain
+            - Penalties::of(self.likelihood).parameter * single.free.len() as f64
+            - chosen;
         self.evidence_of_numbers(nothing).is_some_and(|numbers| numbers > evidence)
     }
 
@@ -103,17 +143,40 @@ impl Composer<'_, '_> {
         let of_size = |size: f64| {
             let shrunk = self.likelihood.with_shrinkage(size);
             let block = self.fitted(&shrunk, freed.clone())?;
-            let prior: f64 = block.hypothesis.prior(&shrunk).iter().filter(|p| p.0 > 0.0).map(|p| p.0.ln()).sum();
+            let prior: f64 = block
+                .hypothesis
+                .prior(&shrunk)
+                .iter()
+                .filter(|p| p.0 > 0.0)
+                .map(|p| p.0.ln())
+                .sum();
             Some(block.hypothesis.gain - (block.log_information()? - prior))
         };
-        SIZES.into_iter().filter(|size| *size <= self.gate.criteria.a_little_off).filter_map(of_size).max_by(f64::total_cmp)
+        SIZES
+            .into_iter()
+            .filter(|size| *size <= self.gate.criteria.a_little_off)
+            .filter_map(of_size)
+            .max_by(f64::total_cmp)
     }
 
     /// The effects as they stand, and every other number among candidates at its nominal value.
-    fn freed(&self, likelihood: &Likelihood<'_>, before: &Standing, candidates: &[Applied]) -> Option<Hypothesis> {
+    fn freed(
+        &self,
+        likelihood: &Likelihood<'_>,
+        before: &Standing,
+        candidates: &[Applied],
+    ) -> Option<Hypothesis> {
         let present: Vec<String> = before.hypothesis.effects.iter().map(Applied::key).collect();
-        let number = |a: &&Applied| a.effect.corrects_model() && a.parameters.iter().all(|p| p.nominal != 0.0 && p.nominal.is_finite());
-        let mut others: Vec<Applied> = candidates.iter().filter(number).filter(|a| !present.contains(&a.key())).cloned().collect();
+        let number = |a: &&Applied| {
+            a.effect.corrects_model()
+                && a.parameters.iter().all(|p| p.nominal != 0.0 && p.nominal.is_finite())
+        };
+        let mut others: Vec<Applied> = candidates
+            .iter()
+            .filter(number)
+            .filter(|a| !present.contains(&a.key()))
+            .cloned()
+            .collect();
         if others.is_empty() || others.len() > self.budget().numbers {
             return None;
         }
@@ -121,8 +184,12 @@ impl Composer<'_, '_> {
             applied.values = applied.parameters.iter().map(|p| p.nominal).collect();
         }
         let effects = in_order(before.hypothesis.effects.iter().cloned().chain(others));
-        let place =
-            |e: usize, a: &Applied| (0..a.values.len()).filter(|&i| a.values[i].is_finite()).map(move |i| (e, i)).collect::<Vec<_>>();
+        let place = |e: usize, a: &Applied| {
+            (0..a.values.len())
+                .filter(|&i| a.values[i].is_finite())
+                .map(move |i| (e, i))
+                .collect::<Vec<_>>()
+        };
         let free = effects.iter().enumerate().flat_map(|(e, a)| place(e, a)).collect();
         let freed = Hypothesis { effects, free, gain: 0.0, fitted: false, lost: None };
         likelihood.whitened(&freed).is_some().then_some(freed)
@@ -133,14 +200,22 @@ impl Composer<'_, '_> {
         let slopes = freed.slopes(likelihood, &self.scales)?;
         let error = |size: f64| {
             let prior = freed.prior(&likelihood.with_shrinkage(size));
-            Some(likelihood.left_out(&slopes.residual, &slopes.columns, &prior)?.iter().sum::<f64>())
+            Some(
+                likelihood.left_out(&slopes.residual, &slopes.columns, &prior)?.iter().sum::<f64>(),
+            )
         };
         let tried = SIZES.iter().filter_map(|&size| Some((size, error(size)?)));
         tried.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(size, _)| size)
     }
 
     fn fitted(&self, likelihood: &Likelihood<'_>, hypothesis: Hypothesis) -> Option<Standing> {
-        let refitted = Hypothesis::refit(likelihood, hypothesis, &self.scales, self.cost(likelihood), likelihood.budget.steps)?;
+        let refitted = Hypothesis::refit(
+            likelihood,
+            hypothesis,
+            &self.scales,
+            self.cost(likelihood),
+            likelihood.budget.steps,
+        )?;
         Standing::of(likelihood, refitted, &self.scales)
     }
 }
@@ -154,6 +229,12 @@ fn moved(full: &Standing, least: f64) -> Option<Hypothesis> {
         let far = |at: usize| (a.values[0] - a.parameters[0].nominal).abs() >= least * spread[at];
         !a.effect.corrects_model() || place.is_some_and(far)
     };
-    let effects = hypothesis.effects.iter().enumerate().filter(|(e, a)| stays(*e, a)).map(|(_, a)| a.clone()).collect();
+    let effects = hypothesis
+        .effects
+        .iter()
+        .enumerate()
+        .filter(|(e, a)| stays(*e, a))
+        .map(|(_, a)| a.clone())
+        .collect();
     Some(Hypothesis { effects, free: Vec::new(), gain: 0.0, fitted: false, lost: None })
 }

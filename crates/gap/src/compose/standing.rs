@@ -24,10 +24,18 @@ pub(super) struct Standing {
 
 impl Standing {
     /// `None` where the hypothesis cannot be simulated.
-    pub(super) fn of(likelihood: &Likelihood<'_>, hypothesis: Hypothesis, scales: &Scales) -> Option<Self> {
+    pub(super) fn of(
+        likelihood: &Likelihood<'_>,
+        hypothesis: Hypothesis,
+        scales: &Scales,
+    ) -> Option<Self> {
         let residuals = residuals(likelihood, &hypothesis)?;
         let slopes = hypothesis.slopes(likelihood, scales)?;
-        let blocks = likelihood.left_out(&slopes.residual, &slopes.columns, &hypothesis.prior(likelihood))?;
+        let blocks = likelihood.left_out(
+            &slopes.residual,
+            &slopes.columns,
+            &hypothesis.prior(likelihood),
+        )?;
         let train = Errors::of(likelihood.records, &residuals, |r| r.train);
         let held = Errors::of(likelihood.records, &residuals, |r| r.held);
         let information = information(likelihood, &slopes.columns, &hypothesis.prior(likelihood));
@@ -37,8 +45,21 @@ impl Standing {
     /// With errors that are given, and so many free numbers.
     #[cfg(test)]
     pub(super) fn judged(blocks: Vec<f64>, train: Errors, held: Errors, numbers: usize) -> Self {
-        let hypothesis = Hypothesis { effects: Vec::new(), free: vec![(0, 0); numbers], gain: 0.0, fitted: true, lost: None };
-        Self { hypothesis, residuals: Vec::new(), blocks, train, held, information: DMatrix::zeros(numbers, numbers) }
+        let hypothesis = Hypothesis {
+            effects: Vec::new(),
+            free: vec![(0, 0); numbers],
+            gain: 0.0,
+            fitted: true,
+            lost: None,
+        };
+        Self {
+            hypothesis,
+            residuals: Vec::new(),
+            blocks,
+            train,
+            held,
+            information: DMatrix::zeros(numbers, numbers),
+        }
     }
 
     /// The squared error over all blocks.
@@ -54,12 +75,29 @@ impl Standing {
 
     /// The log of the determinant of the information matrix.
     pub(super) fn log_information(&self) -> Option<f64> {
-        Some(2.0 * self.information.clone().cholesky()?.l().diagonal().iter().map(|d| d.ln()).sum::<f64>())
+        Some(
+            2.0 * self
+                .information
+                .clone()
+                .cholesky()?
+                .l()
+                .diagonal()
+                .iter()
+                .map(|d| d.ln())
+                .sum::<f64>(),
+        )
     }
 
     /// By how much this is better than another, block by block: Student's t of the mean difference.
     pub(super) fn better_by_t(&self, than: &Self) -> f64 {
-        t_of(&than.blocks.iter().zip(&self.blocks).map(|(theirs, own)| theirs - own).collect::<Vec<_>>())
+        t_of(
+            &than
+                .blocks
+                .iter()
+                .zip(&self.blocks)
+                .map(|(theirs, own)| theirs - own)
+                .collect::<Vec<_>>(),
+        )
     }
 }
 

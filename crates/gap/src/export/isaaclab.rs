@@ -104,7 +104,8 @@ fn is_command_delay(range: &Range) -> bool {
 
 /// The actuator of a command's delays, all of them as one span: at the first of them, `None` at the others.
 fn delayed_actuator(range: &Range, ranges: &Ranges, dt: f64) -> Option<(String, Node)> {
-    let mut own = ranges.ranges.iter().filter(|r| r.channel == range.channel && is_command_delay(r));
+    let mut own =
+        ranges.ranges.iter().filter(|r| r.channel == range.channel && is_command_delay(r));
     let [low, high] = span(own.clone())?;
     let arguments = || {
         Node::map([
@@ -142,7 +143,10 @@ fn friction(range: &Range, inertia: f64) -> Node {
         (
             "params",
             Node::map([
-                ("friction_distribution_params", vec![inertia * range.low, inertia * range.high].into()),
+                (
+                    "friction_distribution_params",
+                    vec![inertia * range.low, inertia * range.high].into(),
+                ),
                 ("operation", "abs".into()),
                 ("distribution", "uniform".into()),
             ]),
@@ -153,14 +157,29 @@ fn friction(range: &Range, inertia: f64) -> Node {
 /// Noise at every step, and a bias that is drawn at every reset.
 fn noise(std: Option<f64>, bias: Option<[f64; 2]>) -> Node {
     let each = std.map(|std| {
-        Node::map([("class_type", "GaussianNoiseCfg".into()), ("mean", 0.0.into()), ("std", std.into()), ("operation", "add".into())])
+        Node::map([
+            ("class_type", "GaussianNoiseCfg".into()),
+            ("mean", 0.0.into()),
+            ("std", std.into()),
+            ("operation", "add".into()),
+        ])
     });
     let Some([low, high]) = bias else { return Node::map([("noise", each.into())]) };
     // The bias is added to 0 when it is drawn: `abs` sets it.
-    let drawn =
-        Node::map([("class_type", "UniformNoiseCfg".into()), ("n_min", low.into()), ("n_max", high.into()), ("operation", "abs".into())]);
-    let none =
-        || Node::map([("class_type", "GaussianNoiseCfg".into()), ("mean", 0.0.into()), ("std", 0.0.into()), ("operation", "add".into())]);
+    let drawn = Node::map([
+        ("class_type", "UniformNoiseCfg".into()),
+        ("n_min", low.into()),
+        ("n_max", high.into()),
+        ("operation", "abs".into()),
+    ]);
+    let none = || {
+        Node::map([
+            ("class_type", "GaussianNoiseCfg".into()),
+            ("mean", 0.0.into()),
+            ("std", 0.0.into()),
+            ("operation", "add".into()),
+        ])
+    };
     let model = Node::map([
         ("class_type", "NoiseModelWithAdditiveBiasCfg".into()),
         ("noise_cfg", each.unwrap_or_else(none)),

@@ -50,22 +50,38 @@ impl MuJoCo {
     }
 
     fn place(&self, range: &Range) -> Option<Place> {
-        let plain = |element, field, index| Place { element, field, index, times: None, needs: None };
+        let plain =
+            |element, field, index| Place { element, field, index, times: None, needs: None };
         let history = || {
             let samples = (range.high / self.timestep - 1e-9).ceil().max(0.0) + 1.0;
-            Some(format!("nsample=\"{samples}\" in the XML, or more: the history that the longest delay needs"))
+            Some(format!(
+                "nsample=\"{samples}\" in the XML, or more: the history that the longest delay needs"
+            ))
         };
         let needing = |place: Place, needs: &str| Place { needs: Some(needs.to_owned()), ..place };
         Some(match (range.effect.as_str(), range.parameter.as_str()) {
-            ("input_delay", "delay") => Place { needs: history(), ..plain("actuator", "actuator_delay", None) },
-            ("output_delay", "delay") if range.channel != "*" => Place { needs: history(), ..plain("sensor", "sensor_delay", None) },
-            ("actuator_lag", "time_constant") => {
-                needing(plain("actuator", "actuator_dynprm", Some(0)), "dyntype=\"filterexact\" in the XML, of a general actuator")
+            ("input_delay", "delay") => {
+                Place { needs: history(), ..plain("actuator", "actuator_delay", None) }
             }
+            ("output_delay", "delay") if range.channel != "*" => {
+                Place { needs: history(), ..plain("sensor", "sensor_delay", None) }
+            }
+            ("actuator_lag", "time_constant") => needing(
+                plain("actuator", "actuator_dynprm", Some(0)),
+                "dyntype=\"filterexact\" in the XML, of a general actuator",
+            ),
             ("input_gain", "gain") => plain("actuator", "actuator_gainprm", Some(0)),
-            ("saturation", "lower") => needing(plain("actuator", "actuator_ctrlrange", Some(0)), "ctrllimited=\"true\" in the XML"),
-            ("saturation", "upper") => needing(plain("actuator", "actuator_ctrlrange", Some(1)), "ctrllimited=\"true\" in the XML"),
-            ("coulomb_friction", "level") => Place { times: Some("dof_M0"), ..plain("joint", "dof_frictionloss", None) },
+            ("saturation", "lower") => needing(
+                plain("actuator", "actuator_ctrlrange", Some(0)),
+                "ctrllimited=\"true\" in the XML",
+            ),
+            ("saturation", "upper") => needing(
+                plain("actuator", "actuator_ctrlrange", Some(1)),
+                "ctrllimited=\"true\" in the XML",
+            ),
+            ("coulomb_friction", "level") => {
+                Place { times: Some("dof_M0"), ..plain("joint", "dof_frictionloss", None) }
+            }
             _ => return None,
         })
     }
@@ -74,12 +90,15 @@ impl MuJoCo {
 impl Target for MuJoCo {
     fn export(&self, ranges: &Ranges, source: &Source<'_>) -> Result<Node> {
         if !(self.timestep.is_finite() && self.timestep > 0.0) {
-            return Err(ExportError::NotPositive { option: "timestep", value: self.timestep }.into());
+            return Err(
+                ExportError::NotPositive { option: "timestep", value: self.timestep }.into()
+            );
         }
         let (mut fields, mut by_hand) = (Vec::new(), Vec::new());
         for range in &ranges.ranges {
             let Some(place) = self.place(range) else {
-                let path = range.effect == "parameter_error" && range.channel.split('/').count() == 3;
+                let path =
+                    range.effect == "parameter_error" && range.channel.split('/').count() == 3;
                 if path {
                     fields.push(parameter(range));
                 } else {

@@ -107,13 +107,26 @@ impl Ranges {
         let mut ranges = Vec::new();
         for c in &cause.contributions {
             ranges.extend(c.parameters.iter().filter_map(|p| {
-                let alike = c.class.iter().filter(|other| **other != format!("{}:{}", c.effect, c.channel)).cloned().collect();
-                Some(Range { surrogate: c.surrogate, alike, ..range(&lines, (&c.effect, &c.channel), p, source.widen)? })
+                let alike = c
+                    .class
+                    .iter()
+                    .filter(|other| **other != format!("{}:{}", c.effect, c.channel))
+                    .cloned()
+                    .collect();
+                Some(Range {
+                    surrogate: c.surrogate,
+                    alike,
+                    ..range(&lines, (&c.effect, &c.channel), p, source.widen)?
+                })
             }));
         }
         // Files without contributions.
         for e in cause.effects.iter().filter(|_| cause.contributions.is_empty()) {
-            ranges.extend(e.parameters.iter().filter_map(|p| range(&lines, (&e.effect, &e.channel), p, source.widen)));
+            ranges.extend(
+                e.parameters
+                    .iter()
+                    .filter_map(|p| range(&lines, (&e.effect, &e.channel), p, source.widen)),
+            );
         }
         for p in cause.recalibration.iter().filter(|r| r.accepted).flat_map(|r| &r.parameters) {
             let known = |r: &Range| r.effect == "parameter_error" && r.channel == p.name;
@@ -134,14 +147,21 @@ impl Ranges {
 /// Effects whose numbers are the model's own when nominal, which no table of effects knows.
 const OF_MODEL: [&str; 2] = ["parameter_error", "parameter_jump"];
 
-fn range(lines: &[Line], (effect, channel): (&str, &str), found: &FoundParameter, widen: f64) -> Option<Range> {
+fn range(
+    lines: &[Line],
+    (effect, channel): (&str, &str),
+    found: &FoundParameter,
+    widen: f64,
+) -> Option<Range> {
     let value = found.value?;
     let line = lines.iter().find(|line| line.effect == effect);
     let parameter = line.and_then(|line| line.parameters.iter().find(|p| p.name == found.name));
-    let [low, high] =
-        found.ci95.map_or([value; 2], |[low, high]| [low + (1.0 - widen) * (value - low), high + (widen - 1.0) * (high - value)]);
+    let [low, high] = found.ci95.map_or([value; 2], |[low, high]| {
+        [low + (1.0 - widen) * (value - low), high + (widen - 1.0) * (high - value)]
+    });
     // What makes no sense for any machine is left out of the range, whatever the interval.
-    let (least, most) = parameter.map_or((f64::NEG_INFINITY, f64::INFINITY), |p| (p.lower, p.upper));
+    let (least, most) =
+        parameter.map_or((f64::NEG_INFINITY, f64::INFINITY), |p| (p.lower, p.upper));
     let inside = |v: f64| v.max(least).min(most);
     Some(Range {
         effect: effect.to_owned(),
@@ -150,7 +170,9 @@ fn range(lines: &[Line], (effect, channel): (&str, &str), found: &FoundParameter
         parameter: found.name.clone(),
         unit: found.unit.clone(),
         operation: Operation::of(effect),
-        nominal: parameter.map(|p| p.nominal).filter(|v| v.is_finite() && !OF_MODEL.contains(&effect)),
+        nominal: parameter
+            .map(|p| p.nominal)
+            .filter(|v| v.is_finite() && !OF_MODEL.contains(&effect)),
         value,
         low: inside(low),
         high: inside(high),
@@ -167,9 +189,18 @@ fn noise(source: &Source<'_>) -> Vec<Noise> {
     let outputs = source.diagnosis.gap.outputs.iter();
     let one = |output: &crate::format::diagnosis::GapOutput| {
         let of_deviation = output.floor?;
-        let deviation = source.deviations.iter().find(|(name, _)| *name == output.name).map(|(_, d)| d * of_deviation);
+        let deviation = source
+            .deviations
+            .iter()
+            .find(|(name, _)| *name == output.name)
+            .map(|(_, d)| d * of_deviation);
         let channel = source.model.and_then(|m| m.outputs().iter().find(|c| c.name == output.name));
-        Some(Noise { output: output.name.clone(), of_deviation, std: deviation, unit: channel.and_then(|c| c.unit.clone()) })
+        Some(Noise {
+            output: output.name.clone(),
+            of_deviation,
+            std: deviation,
+            unit: channel.and_then(|c| c.unit.clone()),
+        })
     };
     outputs.filter_map(one).collect()
 }
@@ -213,11 +244,19 @@ impl Range {
     pub(super) fn place(&self) -> String {
         let channel = &self.channel;
         match self.site {
-            Some(Site::Input) => format!("apply it to the command `{channel}` before the simulator gets it"),
-            Some(Site::Output) if channel == "*" => "apply it to what every sensor reads".to_owned(),
+            Some(Site::Input) => {
+                format!("apply it to the command `{channel}` before the simulator gets it")
+            }
+            Some(Site::Output) if channel == "*" => {
+                "apply it to what every sensor reads".to_owned()
+            }
             Some(Site::Output) => format!("apply it to what the sensor `{channel}` reads"),
-            Some(Site::Clock) => "shift the stamps of the sensors against those of the commands".to_owned(),
-            _ if self.effect == "parameter_error" => format!("set the parameter `{channel}` of the simulator"),
+            Some(Site::Clock) => {
+                "shift the stamps of the sensors against those of the commands".to_owned()
+            }
+            _ if self.effect == "parameter_error" => {
+                format!("set the parameter `{channel}` of the simulator")
+            }
             _ => format!("add it to the equations of `{channel}`"),
         }
     }
@@ -251,10 +290,23 @@ mod tests {
             ("parameter_jump", "value", None),
             ("parameter_jump", "later", None),
         ] {
-            let found = FoundParameter { name: parameter.into(), unit: "1".into(), value: Some(2.0), std: None, ci95: None };
+            let found = FoundParameter {
+                name: parameter.into(),
+                unit: "1".into(),
+                value: Some(2.0),
+                std: None,
+                ci95: None,
+            };
             let line = lines.iter().find(|line| line.effect == effect).unwrap();
-            assert!(line.parameters.iter().any(|p| p.name == parameter), "{effect} has no {parameter}");
-            assert_eq!(range(&lines, (effect, "u"), &found, 1.0).unwrap().nominal, nominal, "{effect} {parameter}");
+            assert!(
+                line.parameters.iter().any(|p| p.name == parameter),
+                "{effect} has no {parameter}"
+            );
+            assert_eq!(
+                range(&lines, (effect, "u"), &found, 1.0).unwrap().nominal,
+                nominal,
+                "{effect} {parameter}"
+            );
         }
     }
 }

@@ -70,7 +70,9 @@ pub enum ExportError {
         value: f64,
     },
     /// The model is none of the diagnosis.
-    #[error("the model is `{model}` and the diagnosis is of `{diagnosed}`: give the model that was diagnosed")]
+    #[error(
+        "the model is `{model}` and the diagnosis is of `{diagnosed}`: give the model that was diagnosed"
+    )]
     OtherModel {
         /// The model given.
         model: String,
@@ -78,7 +80,9 @@ pub enum ExportError {
         diagnosed: String,
     },
     /// The equations have no finite slope where a log starts.
-    #[error("the equations of `{model}` cannot be linearised where a log starts: a slope there is not finite")]
+    #[error(
+        "the equations of `{model}` cannot be linearised where a log starts: a slope there is not finite"
+    )]
     NoSlope {
         /// The model.
         model: String,
@@ -93,9 +97,11 @@ impl Remedied for ExportError {
                     .and(Remedy::Model)
                     .and(", such as the model_with_effects.toml that stands beside the diagnosis"),
             ),
-            Self::NeedsOption { target, option, why } => {
-                Some(Message::from(format!("{target} needs ")).and(Remedy::ExportOption { name: option }).and(format!(": {why}")))
-            }
+            Self::NeedsOption { target, option, why } => Some(
+                Message::from(format!("{target} needs "))
+                    .and(Remedy::ExportOption { name: option })
+                    .and(format!(": {why}")),
+            ),
             _ => None,
         }
     }

@@ -18,9 +18,24 @@ pub static TARGETS: [Entry<dyn Target>; 4] = [
         DomainRandomisation,
         dyn Target
     ),
-    entry!("mujoco", "fields of mjModel with their ranges, by the names of actuators, joints and sensors", MuJoCo, dyn Target),
-    entry!("isaaclab", "arguments of Isaac Lab's actuators, events and noise models, delays in physics steps", IsaacLab, dyn Target),
-    entry!("transfer-function", "transfer functions with delay, for Simulink and python-control", Transfer, dyn Target),
+    entry!(
+        "mujoco",
+        "fields of mjModel with their ranges, by the names of actuators, joints and sensors",
+        MuJoCo,
+        dyn Target
+    ),
+    entry!(
+        "isaaclab",
+        "arguments of Isaac Lab's actuators, events and noise models, delays in physics steps",
+        IsaacLab,
+        dyn Target
+    ),
+    entry!(
+        "transfer-function",
+        "transfer functions with delay, for Simulink and python-control",
+        Transfer,
+        dyn Target
+    ),
 ];
 
 /// A diagnosis for the target called `to`, with its options as an object.

@@ -41,7 +41,8 @@ const CANCELS: f64 = 1e-9;
 
 impl Target for Transfer {
     fn export(&self, ranges: &Ranges, source: &Source<'_>) -> Result<Node> {
-        let document = source.model.ok_or(ExportError::NeedsModel { target: "transfer-function" })?;
+        let document =
+            source.model.ok_or(ExportError::NeedsModel { target: "transfer-function" })?;
         if document.name() != source.diagnosis.model {
             let (model, diagnosed) = (document.name().to_owned(), source.diagnosis.model.clone());
             return Err(ExportError::OtherModel { model, diagnosed }.into());
@@ -49,7 +50,11 @@ impl Target for Transfer {
         let system = System::new(document, |_| Ok(0.0))?;
         let (mut effects, mut left_out) = (Vec::new(), Vec::new());
         let mut leave = |effect: &str, channel: &str, why: &str| {
-            left_out.push(Node::map([("effect", effect.into()), ("channel", channel.into()), ("why", why.into())]));
+            left_out.push(Node::map([
+                ("effect", effect.into()),
+                ("channel", channel.into()),
+                ("why", why.into()),
+            ]));
         };
         for entry in document.effects() {
             let sampled_lag = system.is_sampled() && LAGS.contains(&entry.effect.as_str());
@@ -64,11 +69,16 @@ impl Target for Transfer {
                 leave(&entry.effect, &entry.channel, why);
             }
         }
-        let mut named: Vec<(&str, &str)> = ranges.ranges.iter().map(|r| (r.effect.as_str(), r.channel.as_str())).collect();
+        let mut named: Vec<(&str, &str)> =
+            ranges.ranges.iter().map(|r| (r.effect.as_str(), r.channel.as_str())).collect();
         named.dedup();
         for (effect, channel) in named {
             if !document.effects().iter().any(|e| e.effect == effect && e.channel == channel) {
-                leave(effect, channel, "it was found, and the model that was given does not have it");
+                leave(
+                    effect,
+                    channel,
+                    "it was found, and the model that was given does not have it",
+                );
             }
         }
         let plan = Applied::plan(&system, &effects, Chance::Mean)?;
@@ -77,16 +87,39 @@ impl Target for Transfer {
         match &plan.dynamics {
             Dynamics::Sampled(matrices, step) => {
                 sample_time = step.seconds().into();
-                pairs(&state_space(&plan, matrices, Sampled(*step))?, &system, &plan, ranges, &mut functions)?;
+                pairs(
+                    &state_space(&plan, matrices, Sampled(*step))?,
+                    &system,
+                    &plan,
+                    ranges,
+                    &mut functions,
+                )?;
             }
-            Dynamics::Linear(matrices) => pairs(&state_space(&plan, matrices, Continuous)?, &system, &plan, ranges, &mut functions)?,
+            Dynamics::Linear(matrices) => pairs(
+                &state_space(&plan, matrices, Continuous)?,
+                &system,
+                &plan,
+                ranges,
+                &mut functions,
+            )?,
             Dynamics::Equations(equations, parameters) => {
-                let l = equations.linearise(0.0, &system.initial, &vec![0.0; system.inputs.len()], parameters);
+                let l = equations.linearise(
+                    0.0,
+                    &system.initial,
+                    &vec![0.0; system.inputs.len()],
+                    parameters,
+                );
                 if [&l.a, &l.b, &l.c, &l.d].iter().any(|m| m.iter().any(|v| !v.is_finite())) {
                     return Err(ExportError::NoSlope { model: system.name.clone() }.into());
                 }
                 let matrices = Matrices { a: l.a, b: l.b, c: l.c, d: l.d };
-                pairs(&state_space(&plan, &matrices, Continuous)?, &system, &plan, ranges, &mut functions)?;
+                pairs(
+                    &state_space(&plan, &matrices, Continuous)?,
+                    &system,
+                    &plan,
+                    ranges,
+                    &mut functions,
+                )?;
             }
             Dynamics::BlackBox(..) => {}
         }
@@ -102,7 +135,11 @@ impl Target for Transfer {
 }
 
 /// The matrices with the linear terms of a plan.
-fn state_space<T: TimeDomain>(plan: &Plan, matrices: &Matrices, domain: T) -> Result<StateSpace<T>> {
+fn state_space<T: TimeDomain>(
+    plan: &Plan,
+    matrices: &Matrices,
+    domain: T,
+) -> Result<StateSpace<T>> {
     let (mut a, mut b) = (matrices.a.clone(), matrices.b.clone());
     for term in &plan.terms {
         match *term {
@@ -133,20 +170,36 @@ impl Way {
             effect => effect == "clock_offset",
         };
         let mut range_s = [delay_s; 2];
-        for r in ["input_delay", "output_delay", "clock_offset"].into_iter().flat_map(|e| ranges.of(e)).filter(on_way) {
+        for r in ["input_delay", "output_delay", "clock_offset"]
+            .into_iter()
+            .flat_map(|e| ranges.of(e))
+            .filter(on_way)
+        {
             range_s[0] += r.low - r.value;
             range_s[1] += r.high - r.value;
         }
         Self {
             gain: before.curve.map_or(1.0, |c| c.gain) * behind.slope,
-            lags_s: before.lags_s.iter().chain(&behind.lags_s).copied().filter(|t| *t > 0.0).collect(),
+            lags_s: before
+                .lags_s
+                .iter()
+                .chain(&behind.lags_s)
+                .copied()
+                .filter(|t| *t > 0.0)
+                .collect(),
             delay_s,
             range_s,
         }
     }
 }
 
-fn pairs<T: TimeDomain>(sys: &StateSpace<T>, system: &System, plan: &Plan, ranges: &Ranges, functions: &mut Vec<Node>) -> Result<()> {
+fn pairs<T: TimeDomain>(
+    sys: &StateSpace<T>,
+    system: &System,
+    plan: &Plan,
+    ranges: &Ranges,
+    functions: &mut Vec<Node>,
+) -> Result<()> {
     for (output, y) in system.outputs.iter().enumerate() {
         for (input, u) in system.inputs.iter().enumerate() {
             let way = Way::of(plan, system, ranges, output, input);
@@ -155,28 +208,52 @@ fn pairs<T: TimeDomain>(sys: &StateSpace<T>, system: &System, plan: &Plan, range
                 Err(ModelError::ZeroTransfer { .. }) => continue,
                 Err(other) => return Err(other.into()),
             };
-            let poles = bare.poles().iter().copied().chain(way.lags_s.iter().map(|t| Complex::new(-1.0 / t, 0.0))).collect();
+            let poles = bare
+                .poles()
+                .iter()
+                .copied()
+                .chain(way.lags_s.iter().map(|t| Complex::new(-1.0 / t, 0.0)))
+                .collect();
             let gain = way.lags_s.iter().fold(bare.gain() * way.gain, |gain, t| gain / t);
-            let tf = TransferFunction::from_zeros_poles_gain(bare.zeros().to_vec(), poles, gain, T::Delay::default(), bare.domain())?;
+            let tf = TransferFunction::from_zeros_poles_gain(
+                bare.zeros().to_vec(),
+                poles,
+                gain,
+                T::Delay::default(),
+                bare.domain(),
+            )?;
             functions.push(function(&u.name, &y.name, &tf, &way, sys.domain().sample_time_s()));
         }
     }
     Ok(())
 }
 
-fn function<T: TimeDomain>(input: &str, output: &str, tf: &TransferFunction<T>, way: &Way, step_s: Option<f64>) -> Node {
+fn function<T: TimeDomain>(
+    input: &str,
+    output: &str,
+    tf: &TransferFunction<T>,
+    way: &Way,
+    step_s: Option<f64>,
+) -> Node {
     let (numerator, denominator) = (tf.numerator(), tf.denominator());
-    let complex = |list: &[Complex<f64>]| Node::List(list.iter().map(|c| vec![c.re, c.im].into()).collect());
+    let complex =
+        |list: &[Complex<f64>]| Node::List(list.iter().map(|c| vec![c.re, c.im].into()).collect());
     let delay = way.delay_s.max(0.0);
-    let (list, step) =
-        (|v: &[f64]| v.iter().map(|c| format!("{c:?}")).collect::<Vec<_>>(), step_s.map(|s| format!(", {s:?}")).unwrap_or_default());
+    let (list, step) = (
+        |v: &[f64]| v.iter().map(|c| format!("{c:?}")).collect::<Vec<_>>(),
+        step_s.map(|s| format!(", {s:?}")).unwrap_or_default(),
+    );
     let (comma_n, comma_d) = (list(&numerator).join(", "), list(&denominator).join(", "));
     let (blank_n, blank_d) = (list(&numerator).join(" "), list(&denominator).join(" "));
     let control = match step_s {
-        None if delay > 0.0 => format!("control.tf([{comma_n}], [{comma_d}]) * control.tf(*control.pade({delay:?}, 5))"),
+        None if delay > 0.0 => format!(
+            "control.tf([{comma_n}], [{comma_d}]) * control.tf(*control.pade({delay:?}, 5))"
+        ),
         Some(s) if delay > 0.0 => {
             let samples = (delay / s).round();
-            format!("control.tf([{comma_n}], [{comma_d}], {s:?}) * control.tf([1], [1] + [0] * {samples}, {s:?})")
+            format!(
+                "control.tf([{comma_n}], [{comma_d}], {s:?}) * control.tf([1], [1] + [0] * {samples}, {s:?})"
+            )
         }
         _ => format!("control.tf([{comma_n}], [{comma_d}]{step})"),
     };
@@ -192,8 +269,18 @@ fn function<T: TimeDomain>(input: &str, output: &str, tf: &TransferFunction<T>, 
         ("zeros", complex(tf.zeros())),
         ("poles", complex(tf.poles())),
         ("gain", tf.gain().into()),
-        ("delay", Node::map([("value_s", way.delay_s.into()), ("low_s", way.range_s[0].into()), ("high_s", way.range_s[1].into())])),
-        ("matlab", format!("tf([{blank_n}], [{blank_d}]{step}, 'InputDelay', {delay_of_matlab})").into()),
+        (
+            "delay",
+            Node::map([
+                ("value_s", way.delay_s.into()),
+                ("low_s", way.range_s[0].into()),
+                ("high_s", way.range_s[1].into()),
+            ]),
+        ),
+        (
+            "matlab",
+            format!("tf([{blank_n}], [{blank_d}]{step}, 'InputDelay', {delay_of_matlab})").into(),
+        ),
         ("python_control", control.into()),
     ])
 }

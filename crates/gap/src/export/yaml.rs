@@ -27,7 +27,11 @@ fn scalar(node: &Node) -> Option<String> {
         Node::Map(entries) if entries.is_empty() => "{}".to_owned(),
         // Rows of numbers on one line, as people write them.
         Node::List(list) => {
-            let all = list.iter().map(|one| matches!(one, Node::Number(_) | Node::Whole(_) | Node::Null).then(|| scalar(one)).flatten());
+            let all = list.iter().map(|one| {
+                matches!(one, Node::Number(_) | Node::Whole(_) | Node::Null)
+                    .then(|| scalar(one))
+                    .flatten()
+            });
             format!("[{}]", all.collect::<Option<Vec<_>>>()?.join(", "))
         }
         Node::Map(_) => return None,
@@ -116,7 +120,13 @@ mod tests {
             ("steps", Node::Whole(5)),
             ("no", Node::from("no: \"quoted\"\n")),
             ("pair", Node::from(vec![0.5, 1.0])),
-            ("deep", Node::List(vec![Node::map([("a", Node::Null), ("b", Node::map([("c", true.into())]))]), Node::from("x")])),
+            (
+                "deep",
+                Node::List(vec![
+                    Node::map([("a", Node::Null), ("b", Node::map([("c", true.into())]))]),
+                    Node::from("x"),
+                ]),
+            ),
         ]);
         let expected = "small: 1.0e-9\nlarge: -3.0e+20\nwhole: 5.0\nsteps: 5\n\"no\": \"no: \\\"quoted\\\"\\n\"\npair: [0.5, 1.0]\n\
                         deep:\n  - a: null\n    b:\n      c: true\n  - \"x\"\n";

@@ -15,7 +15,9 @@ pub enum Caveat {
         learnt: String,
     },
     /// Two training logs with the same samples.
-    #[error("{second} holds the same samples as {first}: they count twice, and the intervals are too narrow; leave one out")]
+    #[error(
+        "{second} holds the same samples as {first}: they count twice, and the intervals are too narrow; leave one out"
+    )]
     Twice {
         /// The first of them.
         first: String,
@@ -99,7 +101,9 @@ pub enum Caveat {
         times: usize,
     },
     /// A command that never changes in what is learnt from.
-    #[error("`{input}` never changes in what is learnt from: nothing that acts on it can be seen; record a log in which it moves")]
+    #[error(
+        "`{input}` never changes in what is learnt from: nothing that acts on it can be seen; record a log in which it moves"
+    )]
     ConstantInput {
         /// The input.
         input: String,
@@ -111,7 +115,9 @@ pub enum Caveat {
         output: String,
     },
     /// Calls of a simulator failed; the rivals that made them are out of the race.
-    #[error("the simulator failed in {failed} of {calls} calls, and what asked for them was given up; the last time: {why}")]
+    #[error(
+        "the simulator failed in {failed} of {calls} calls, and what asked for them was given up; the last time: {why}"
+    )]
     SimulatorFailed {
         /// Calls that failed.
         failed: usize,
@@ -135,7 +141,9 @@ pub enum Caveat {
         parameter: String,
     },
     /// No output of a simulator depends on a start.
-    #[error("no output of the simulator depends on the start of `{state}`: it counts as exactly known")]
+    #[error(
+        "no output of the simulator depends on the start of `{state}`: it counts as exactly known"
+    )]
     StartMovesNothing {
         /// The state.
         state: String,
@@ -197,7 +205,9 @@ pub enum Caveat {
         times: String,
     },
     /// Something is left beside what was found.
-    #[error("beside what was found {times} times the noise floor is left of `{output}`: the simulator differs in something else, too")]
+    #[error(
+        "beside what was found {times} times the noise floor is left of `{output}`: the simulator differs in something else, too"
+    )]
     Rest {
         /// The residual over the floor.
         times: String,
@@ -216,7 +226,9 @@ pub enum Caveat {
         instead: String,
     },
     /// What was found makes a simulation of held-out data no better.
-    #[error("{effects} explains the logs, but a simulation of held-out data is no better with it: the model that is written leaves it out")]
+    #[error(
+        "{effects} explains the logs, but a simulation of held-out data is no better with it: the model that is written leaves it out"
+    )]
     LeftOut {
         /// What was found.
         effects: String,
@@ -285,7 +297,9 @@ impl Constancy {
         match self {
             Self::NotKnown => String::new(),
             Self::Alike => ", alike in all logs within chance".to_owned(),
-            Self::Differs { values } => format!(": {values}. It is another in every log, so a trim rather than a cause"),
+            Self::Differs { values } => {
+                format!(": {values}. It is another in every log, so a trim rather than a cause")
+            }
         }
     }
 }
@@ -294,6 +308,12 @@ impl Caveat {
     /// It has to be settled before anything else is believed.
     #[must_use]
     pub fn comes_first(&self) -> bool {
-        matches!(self, Self::OtherOperatingPoint { .. } | Self::PoorModel { .. } | Self::LeftTheLog { .. } | Self::WholeTurns { .. })
+        matches!(
+            self,
+            Self::OtherOperatingPoint { .. }
+                | Self::PoorModel { .. }
+                | Self::LeftTheLog { .. }
+                | Self::WholeTurns { .. }
+        )
     }
 }

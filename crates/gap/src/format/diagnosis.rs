@@ -27,7 +27,9 @@ pub enum DiagnosisError {
         source: serde_json::Error,
     },
     /// A number that must be given is NaN or infinite.
-    #[error("{file}: the diagnosis was not written, it could not be read again (a number that must be given is NaN or infinite): {source}")]
+    #[error(
+        "{file}: the diagnosis was not written, it could not be read again (a number that must be given is NaN or infinite): {source}"
+    )]
     Unwritable {
         /// The file.
         file: String,
@@ -111,7 +113,9 @@ impl Prediction {
     #[must_use]
     pub fn words(&self) -> &'static str {
         match self.mode {
-            Mode::Simulation if self.why.starts_with(STARTED_AGAIN) => "simulated from window to window",
+            Mode::Simulation if self.why.starts_with(STARTED_AGAIN) => {
+                "simulated from window to window"
+            }
             Mode::Simulation => "simulated freely",
             Mode::Predictor => "predicted one step ahead",
             Mode::Horizon => "predicted over a horizon",
@@ -343,7 +347,10 @@ impl Diagnosis {
     /// [`crate::error::Error::Io`], or [`DiagnosisError::Unreadable`] with line and column.
     pub fn read(path: &Path) -> Result<Self> {
         let text = read_text(path)?;
-        Ok(serde_json::from_str(&text).map_err(|source| DiagnosisError::Unreadable { file: path.display().to_string(), source })?)
+        Ok(serde_json::from_str(&text).map_err(|source| DiagnosisError::Unreadable {
+            file: path.display().to_string(),
+            source,
+        })?)
     }
 
     /// Writes a diagnosis file as a whole.
@@ -351,7 +358,8 @@ impl Diagnosis {
     /// # Errors
     /// [`crate::error::Error::Io`], or [`DiagnosisError::Unwritable`] where a number that must be given is NaN or infinite.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let refused = |source| DiagnosisError::Unwritable { file: path.display().to_string(), source };
+        let refused =
+            |source| DiagnosisError::Unwritable { file: path.display().to_string(), source };
         let text = serde_json::to_string_pretty(self).map_err(refused)?;
         serde_json::from_str::<Self>(&text).map_err(refused)?;
         Ok(write_atomic(path, |out| writeln!(out, "{text}"))?)

@@ -7,7 +7,9 @@ use deadtime_signal::remedy::{Message, Remedied, Remedy};
 #[non_exhaustive]
 pub enum GapError {
     /// A sampled model and a log of another sample time.
-    #[error("{log}: its sample time is {log_s} s, the sampled model's is {model_s} s; resample the log or convert the model")]
+    #[error(
+        "{log}: its sample time is {log_s} s, the sampled model's is {model_s} s; resample the log or convert the model"
+    )]
     SampleTime {
         /// The log.
         log: String,
@@ -35,7 +37,9 @@ pub enum GapError {
         got: usize,
     },
     /// A longest delay that is none, or that leaves nothing of a log to learn from.
-    #[error("the longest delay is {given_s} s; give 0 s or more and less than half the shortest log, {limit_s} s")]
+    #[error(
+        "the longest delay is {given_s} s; give 0 s or more and less than half the shortest log, {limit_s} s"
+    )]
     LongestDelay {
         /// What was given, seconds.
         given_s: f64,

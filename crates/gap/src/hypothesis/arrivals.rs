@@ -102,7 +102,8 @@ pub(super) fn decode(
     let mut present = lost.clone();
     for (at, record) in likelihood.records.iter().enumerate() {
         if !matches!(present.sequences[at][input], Some(Fates::Late(_))) {
-            present.sequences[at][input] = Some(Fates::Late(vec![late.values[0]; record.time_s.len()]));
+            present.sequences[at][input] =
+                Some(Fates::Late(vec![late.values[0]; record.time_s.len()]));
         }
     }
     let responses = responses(likelihood, others, input)?;
@@ -116,12 +117,15 @@ pub(super) fn decode(
         let effects: Vec<Applied> = others.iter().cloned().chain([here.late.clone()]).collect();
         let active = ActiveEffects { effects: &effects, lost: Some(&here.known.sequences) };
         let linear = |at: usize| linear(likelihood, active, at, input, &responses[at]);
-        let records: Vec<Linear> = (0..likelihood.records.len()).into_par_iter().map(linear).collect::<Option<_>>()?;
+        let records: Vec<Linear> =
+            (0..likelihood.records.len()).into_par_iter().map(linear).collect::<Option<_>>()?;
         let (chosen, waiting) = spread(&records, &here.late, wait_s, step_s, pass == 0)?;
         let solved = solve(&records, &waiting)?;
         let told = told(&records, &waiting)?;
-        let law = waiting_for(solved.mean_s, chosen.spread_s, chosen.ordered, step_s).map_or(chosen, |(law, _)| law);
-        let count = records.iter().filter(|r| r.trained).map(|r| r.sent.len()).sum::<usize>().max(2) as f64;
+        let law = waiting_for(solved.mean_s, chosen.spread_s, chosen.ordered, step_s)
+            .map_or(chosen, |(law, _)| law);
+        let count =
+            records.iter().filter(|r| r.trained).map(|r| r.sent.len()).sum::<usize>().max(2) as f64;
         let std = vec![solved.precision.sqrt().recip(), law.spread_s / (2.0 * told.spread).sqrt()];
         let law = with(&here.late, &[law.delay_s, law.spread_s, here.late.values[2]]);
         // The way there, or a part of it: the response to a delay is another one once the delay is there.
@@ -132,22 +136,31 @@ pub(super) fn decode(
                 let way = record.delays.iter().zip(&solved.delays[at]);
                 let delays: Vec<f64> = way.map(|(now, then)| now + part * (then - now)).collect();
                 let apart: Vec<f64> = delays.iter().map(|d| d - solved.mean_s).collect();
-                improbability += if record.trained { improbable(&apart, record, &waiting) } else { 0.0 };
-                there.sequences[at][input] = Some(Fates::Late(record.of_all(&delays, &likelihood.records[at].time_s)));
+                improbability +=
+                    if record.trained { improbable(&apart, record, &waiting) } else { 0.0 };
+                there.sequences[at][input] =
+                    Some(Fates::Late(record.of_all(&delays, &likelihood.records[at].time_s)));
             }
             there.price = lost.price + solved.freedom + improbability + count.ln();
             there.followed = told.noise;
             there.std[input].clone_from(&std);
             let effects: Vec<Applied> = others.iter().cloned().chain([law.clone()]).collect();
-            let whitened = likelihood.whitened(ActiveEffects { effects: &effects, lost: Some(&there.sequences) })?;
-            Some(Place { cost: likelihood.inner(&whitened, &whitened) + there.price, late: law.clone(), known: there })
+            let whitened = likelihood
+                .whitened(ActiveEffects { effects: &effects, lost: Some(&there.sequences) })?;
+            Some(Place {
+                cost: likelihood.inner(&whitened, &whitened) + there.price,
+                late: law.clone(),
+                known: there,
+            })
         };
         let stood = tried(0.0)?;
         let lowest = stood.cost;
         if (pass > 0 || known_before) && best.as_ref().is_none_or(|b| lowest < b.cost) {
             best = Some(stood);
         }
-        let Some(next) = PARTS.into_iter().filter_map(tried).find(|next| next.cost < lowest) else { break };
+        let Some(next) = PARTS.into_iter().filter_map(tried).find(|next| next.cost < lowest) else {
+            break;
+        };
         wait_s = solved.mean_s;
         let settled = next.cost > (1.0 - SETTLED) * lowest;
         here = next;
@@ -200,7 +213,9 @@ fn told(records: &[Linear], waiting: &Waiting) -> Option<Told> {
 /// The part of the variance of all delays on the training logs that goes with time: along a straight line, or from one level to another.
 fn with_time(likelihood: &Likelihood<'_>, input: usize, found: &Dropouts) -> f64 {
     let mut delays: Vec<(f64, f64)> = Vec::new();
-    for (record, sequence) in likelihood.records.iter().zip(&found.sequences).filter(|(r, _)| r.train.is_some()) {
+    for (record, sequence) in
+        likelihood.records.iter().zip(&found.sequences).filter(|(r, _)| r.train.is_some())
+    {
         if let Some(Fates::Late(all)) = &sequence[input] {
             let u = &record.inputs[input];
             let changes = (1..all.len()).filter(|&k| u[k] != u[k - 1]);
@@ -232,16 +247,25 @@ pub(crate) fn beside_fixed(likelihood: &Likelihood<'_>, singles: &mut [Hypothesi
         .collect();
     singles.par_iter_mut().for_each(|single| {
         let [applied] = single.effects.as_slice() else { return };
-        let Some((_, delay_s)) =
-            fixed.iter().find(|(channel, _)| applied.effect.lateness() == Some(Lateness::Random) && *channel == applied.channel)
+        let Some((_, delay_s)) = fixed.iter().find(|(channel, _)| {
+            applied.effect.lateness() == Some(Lateness::Random) && *channel == applied.channel
+        }) else {
+            return;
+        };
+        let Some(input) = likelihood.system.inputs.iter().position(|p| p.name == applied.channel)
         else {
             return;
         };
-        let Some(input) = likelihood.system.inputs.iter().position(|p| p.name == applied.channel) else { return };
         let mut lost = Dropouts::none(likelihood);
         let begin = with(applied, &[*delay_s, 0.3 * delay_s, 1.0]);
         let Some(late) = decode(likelihood, &[], &begin, input, &mut lost) else { return };
-        let found = Hypothesis { effects: vec![late], free: Vec::new(), gain: 0.0, fitted: true, lost: Some(lost) };
+        let found = Hypothesis {
+            effects: vec![late],
+            free: Vec::new(),
+            gain: 0.0,
+            fitted: true,
+            lost: Some(lost),
+        };
         let Some(there) = likelihood.whitened(&found) else { return };
         let price = found.lost.as_ref().map_or(0.0, |l| l.price);
         let gain = cost - likelihood.inner(&there, &there) - price;
@@ -250,7 +274,11 @@ pub(crate) fn beside_fixed(likelihood: &Likelihood<'_>, singles: &mut [Hypothesi
 }
 
 /// Per record the whitened response to one held sample of one unit, cut off where little is left of it.
-fn responses(likelihood: &Likelihood<'_>, others: &[Applied], input: usize) -> Option<Vec<DMatrix<f64>>> {
+fn responses(
+    likelihood: &Likelihood<'_>,
+    others: &[Applied],
+    input: usize,
+) -> Option<Vec<DMatrix<f64>>> {
     let samples: usize = likelihood.records.iter().map(|r| r.time_s.len()).sum();
     let most = ((WORK / samples.max(1) as f64).sqrt() as usize).max(SHORTEST);
     let one = |at: usize| {
@@ -271,7 +299,13 @@ fn responses(likelihood: &Likelihood<'_>, others: &[Applied], input: usize) -> O
 }
 
 /// The equations of one record about the delays that are at work.
-fn linear(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, at: usize, input: usize, g: &DMatrix<f64>) -> Option<Linear> {
+fn linear(
+    likelihood: &Likelihood<'_>,
+    active: ActiveEffects<'_>,
+    at: usize,
+    input: usize,
+    g: &DMatrix<f64>,
+) -> Option<Linear> {
     let record = &likelihood.records[at];
     let span = record.estimated_from()?;
     let residual = likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?);
@@ -284,14 +318,16 @@ fn linear(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, at: usize, inp
         _ => return None,
     };
     let plan = likelihood.plan(&[], Chance::Mean)?;
-    let through: Vec<f64> = record.inputs[input].iter().map(|v| static_value(&plan.inputs[input], *v)).collect();
+    let through: Vec<f64> =
+        record.inputs[input].iter().map(|v| static_value(&plan.inputs[input], *v)).collect();
     let changes: Vec<f64> = through.windows(2).map(|w| w[1] - w[0]).collect();
     let largest = changes.iter().fold(0.0, |most: f64, c| most.max(c.abs()));
     let (samples, outputs) = e.shape();
     let (step_s, length) = (record.sample_time_s, g.nrows());
     // Rows without a measurement, or outside what is looked at, are exactly 0.
     let there: Vec<bool> = (0..samples).map(|k| e.row(k).iter().any(|v| *v != 0.0)).collect();
-    let (mut sent, mut known, mut starts, mut columns) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut sent, mut known, mut starts, mut columns) =
+        (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let (mut latest_s, mut earliest) = (f64::NEG_INFINITY, 0);
     for (k, change) in (1..).zip(&changes) {
         latest_s = latest_s.max(record.time_s[k] + delays[k]);
@@ -310,7 +346,10 @@ fn linear(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, at: usize, inp
         let mut column = DMatrix::zeros(length + 1, outputs);
         for n in (0..=length).filter(|n| there.get(from + n).copied().unwrap_or(false)) {
             for i in 0..outputs {
-                let (now, before) = (if n < length { g[(n, i)] } else { 0.0 }, if n > 0 { g[(n - 1, i)] } else { 0.0 });
+                let (now, before) = (
+                    if n < length { g[(n, i)] } else { 0.0 },
+                    if n > 0 { g[(n - 1, i)] } else { 0.0 },
+                );
                 column[(n, i)] = -change / step_s * ((1.0 - part) * now + part * before);
             }
         }
@@ -319,7 +358,8 @@ fn linear(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, at: usize, inp
         starts.push(from);
         columns.push(column);
     }
-    let first: Vec<usize> = starts.iter().map(|from| starts.partition_point(|other| other + length < *from)).collect();
+    let first: Vec<usize> =
+        starts.iter().map(|from| starts.partition_point(|other| other + length < *from)).collect();
     // The part of two responses that lies at the same time.
     let product = |i: usize, j: usize| {
         let later = starts[i] - starts[j];
@@ -332,7 +372,9 @@ fn linear(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, at: usize, inp
     };
     let along = (0..sent.len()).map(|i| {
         let rows = (samples - starts[i]).min(length + 1);
-        (0..outputs).map(|o| (0..rows).map(|n| columns[i][(n, o)] * e[(starts[i] + n, o)]).sum::<f64>()).sum()
+        (0..outputs)
+            .map(|o| (0..rows).map(|n| columns[i][(n, o)] * e[(starts[i] + n, o)]).sum::<f64>())
+            .sum()
     });
     let along: Vec<f64> = along.collect();
     let gram = Skyline::new(first, product);
@@ -341,16 +383,36 @@ fn linear(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, at: usize, inp
 }
 
 /// The law with the lowest cost, with the mean wait that is given; spreads from small to large, then neighbours of the best.
-fn spread(records: &[Linear], late: &Applied, wait_s: f64, step_s: f64, first: bool) -> Option<(Late, Waiting)> {
+fn spread(
+    records: &[Linear],
+    late: &Applied,
+    wait_s: f64,
+    step_s: f64,
+    first: bool,
+) -> Option<(Late, Waiting)> {
     let (from, to, count) = SPREADS;
     let lowest = |spreads: Vec<f64>| {
-        let tried = spreads.into_par_iter().filter_map(|s| waiting_for(wait_s, s, is_ordered(late), step_s));
-        let costs: Vec<(f64, (Late, Waiting))> = tried.filter_map(|law| Some((solve(records, &law.1)?.cost, law))).collect();
-        costs.into_iter().filter(|(cost, _)| cost.is_finite()).min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, law)| law)
+        let tried = spreads
+            .into_par_iter()
+            .filter_map(|s| waiting_for(wait_s, s, is_ordered(late), step_s));
+        let costs: Vec<(f64, (Late, Waiting))> =
+            tried.filter_map(|law| Some((solve(records, &law.1)?.cost, law))).collect();
+        costs
+            .into_iter()
+            .filter(|(cost, _)| cost.is_finite())
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, law)| law)
     };
-    let all = || lowest((0..count).map(|i| wait_s * from * (to / from).powf(i as f64 / (count - 1) as f64)).collect());
+    let all = || {
+        lowest(
+            (0..count)
+                .map(|i| wait_s * from * (to / from).powf(i as f64 / (count - 1) as f64))
+                .collect(),
+        )
+    };
     let spread_s = if first { all()?.0.spread_s } else { late.values[1] };
-    lowest([NEIGHBOUR.recip(), 1.0, NEIGHBOUR].into_iter().map(|by| by * spread_s).collect()).or_else(all)
+    lowest([NEIGHBOUR.recip(), 1.0, NEIGHBOUR].into_iter().map(|by| by * spread_s).collect())
+        .or_else(all)
 }
 
 fn is_ordered(late: &Applied) -> bool {
@@ -359,7 +421,15 @@ fn is_ordered(late: &Applied) -> bool {
 
 /// The waits under a law that is known.
 fn waits(late: &Applied, step_s: f64) -> Option<Waiting> {
-    Waiting::of(&Late { delay_s: late.values[0], spread_s: late.values[1], ordered: is_ordered(late), delays: Delays::Mean }, step_s)
+    Waiting::of(
+        &Late {
+            delay_s: late.values[0],
+            spread_s: late.values[1],
+            ordered: is_ordered(late),
+            delays: Delays::Mean,
+        },
+        step_s,
+    )
 }
 
 /// The delays where commands wait so.
@@ -375,13 +445,20 @@ fn solve(records: &[Linear], waiting: &Waiting) -> Option<Solved> {
     let about = waiting.mean_s;
     let own = |r: &Linear| {
         let expected: Vec<f64> = r.delays.iter().map(|d| d - about).collect();
-        let target: Vec<f64> = r.gram.times(&expected).iter().zip(&r.along).map(|(a, b)| a + b).collect();
+        let target: Vec<f64> =
+            r.gram.times(&expected).iter().zip(&r.along).map(|(a, b)| a + b).collect();
         let shift = r.gram.times(&vec![1.0; r.sent.len()]);
         let mut equations = r.gram.clone();
         let logs = add_prior(&mut equations, r, waiting);
         let factor = equations.factor()?;
         let freedom = factor.log_determinant() + logs;
-        Some(Own { by_target: factor.solve(&target), by_shift: factor.solve(&shift), target, shift, freedom })
+        Some(Own {
+            by_target: factor.solve(&target),
+            by_shift: factor.solve(&shift),
+            target,
+            shift,
+            freedom,
+        })
     };
     let all: Vec<Own> = records.iter().map(own).collect::<Option<_>>()?;
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
@@ -397,9 +474,15 @@ fn solve(records: &[Linear], waiting: &Waiting) -> Option<Solved> {
         return None;
     }
     let shift = towards / precision;
-    let apart = |own: &Own| -> Vec<f64> { own.by_target.iter().zip(&own.by_shift).map(|(t, s)| t - shift * s).collect() };
+    let apart = |own: &Own| -> Vec<f64> {
+        own.by_target.iter().zip(&own.by_shift).map(|(t, s)| t - shift * s).collect()
+    };
     let freedom = trained().map(|(own, _)| own.freedom).sum();
-    let delays = all.iter().zip(records).map(|(own, r)| in_order(r, &apart(own), about + shift, waiting)).collect();
+    let delays = all
+        .iter()
+        .zip(records)
+        .map(|(own, r)| in_order(r, &apart(own), about + shift, waiting))
+        .collect();
     Some(Solved { cost: cost - shift * towards, mean_s: about + shift, precision, delays, freedom })
 }
 
@@ -408,7 +491,8 @@ fn in_order(r: &Linear, apart: &[f64], mean_s: f64, waiting: &Waiting) -> Vec<f6
     // Pools of commands that arrive together: the weighted mean of their times, and the weight (pool adjacent violators; Ayer et al. 1955, doi:10.1214/aoms/1177728423).
     let mut pools: Vec<(f64, f64, usize)> = Vec::with_capacity(apart.len());
     for (i, d) in apart.iter().enumerate() {
-        let mut pool = (r.sent_s[i] + (mean_s + d).max(0.0), r.gram.diagonal(i) + waiting.std_s.powi(-2), 1);
+        let mut pool =
+            (r.sent_s[i] + (mean_s + d).max(0.0), r.gram.diagonal(i) + waiting.std_s.powi(-2), 1);
         while let Some(before) = pools.last().copied().filter(|before| before.0 > pool.0) {
             let weight = before.1 + pool.1;
             pool = ((before.0 * before.1 + pool.0 * pool.1) / weight, weight, before.2 + pool.2);
@@ -447,5 +531,10 @@ fn add_prior(equations: &mut Skyline, r: &Linear, waiting: &Waiting) -> f64 {
 /// How far delays are apart from what is expected, in twice a log-probability.
 fn improbable(apart: &[f64], r: &Linear, waiting: &Waiting) -> f64 {
     let before = std::iter::once(&0.0).chain(apart);
-    apart.iter().zip(before).zip(steps(r, waiting)).map(|((d, before), (same, variance))| (d - same * before).powi(2) / variance).sum()
+    apart
+        .iter()
+        .zip(before)
+        .zip(steps(r, waiting))
+        .map(|((d, before), (same, variance))| (d - same * before).powi(2) / variance)
+        .sum()
 }

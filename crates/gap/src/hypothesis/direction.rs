@@ -20,7 +20,11 @@ pub(crate) fn difference(a: &Whitened, b: &Whitened, scale: f64) -> Whitened {
 pub(crate) fn between(applied: &Applied, start: &[f64], share: f64) -> Vec<f64> {
     let move_one = |(value, p): (&f64, &Parameter)| {
         let moved = p.nominal + share * (value - p.nominal);
-        if p.nominal.is_infinite() || !moved.is_finite() { *value } else { moved.clamp(p.lower, p.upper) }
+        if p.nominal.is_infinite() || !moved.is_finite() {
+            *value
+        } else {
+            moved.clamp(p.lower, p.upper)
+        }
     };
     keep_shape(applied, start, start.iter().zip(&applied.parameters).map(move_one).collect())
 }

@@ -32,7 +32,9 @@ pub(crate) fn decoded(
     nominal_cost: f64,
     steps: usize,
 ) -> Option<Hypothesis> {
-    let losing: Vec<usize> = (0..hypothesis.effects.len()).filter(|&e| hypothesis.effects[e].effect.loses_commands()).collect();
+    let losing: Vec<usize> = (0..hypothesis.effects.len())
+        .filter(|&e| hypothesis.effects[e].effect.loses_commands())
+        .collect();
     if losing.is_empty() {
         return Some(hypothesis);
     }
@@ -41,12 +43,23 @@ pub(crate) fn decoded(
         for &e in &losing {
             let channel = hypothesis.effects[e].channel.clone();
             let input = likelihood.system.inputs.iter().position(|p| p.name == channel)?;
-            let others: Vec<Applied> = hypothesis.effects.iter().filter(|a| !a.effect.loses_commands()).cloned().collect();
+            let others: Vec<Applied> =
+                hypothesis.effects.iter().filter(|a| !a.effect.loses_commands()).cloned().collect();
             if hypothesis.effects[e].effect.lateness() == Some(Lateness::Random) {
                 if let Some(known) = &hypothesis.lost {
-                    known.sequences.iter().zip(&mut lost.sequences).for_each(|(from, to)| to[input].clone_from(&from[input]));
+                    known
+                        .sequences
+                        .iter()
+                        .zip(&mut lost.sequences)
+                        .for_each(|(from, to)| to[input].clone_from(&from[input]));
                 }
-                hypothesis.effects[e] = arrivals::decode(likelihood, &others, &hypothesis.effects[e], input, &mut lost)?;
+                hypothesis.effects[e] = arrivals::decode(
+                    likelihood,
+                    &others,
+                    &hypothesis.effects[e],
+                    input,
+                    &mut lost,
+                )?;
                 continue;
             }
             let before = hypothesis.effects[e].values[0];
@@ -61,29 +74,49 @@ pub(crate) fn decoded(
 }
 
 /// Estimates one input's sequences over all records; the probability of a loss, and its mean length, infinite where chance alone makes it.
-fn decode_input(likelihood: &Likelihood<'_>, others: &[Applied], lost: &mut Dropouts, input: usize, probability: f64) -> Option<[f64; 2]> {
+fn decode_input(
+    likelihood: &Likelihood<'_>,
+    others: &[Applied],
+    lost: &mut Dropouts,
+    input: usize,
+    probability: f64,
+) -> Option<[f64; 2]> {
     let (mut decided, mut held) = (0.0_f64, 0.0_f64);
     // Losses whose end does not show.
     let mut cut: Vec<Wait> = Vec::new();
     let decode = |(at, record): (usize, &LogRecord)| {
         let span = record.estimated_from()?;
         let active = ActiveEffects { effects: others, lost: Some(&lost.sequences) };
-        let residual = likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?);
+        let residual =
+            likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?);
         let plan = likelihood.plan(others, Chance::Mean)?;
         let through = |v: f64| static_value(&plan.inputs[input], v);
         let response = response(likelihood, at, others, input)?;
         let (e, g) = (likelihood.whiten_whole(at, &residual), likelihood.filter(at, &response));
-        Some((search(&record.inputs[input], &through, &e, &g, probability, likelihood.budget.sequences), g.norm_squared()))
+        Some((
+            search(
+                &record.inputs[input],
+                &through,
+                &e,
+                &g,
+                probability,
+                likelihood.budget.sequences,
+            ),
+            g.norm_squared(),
+        ))
     };
-    let paths: Vec<(Path, f64)> = likelihood.records.par_iter().enumerate().map(decode).collect::<Option<_>>()?;
+    let paths: Vec<(Path, f64)> =
+        likelihood.records.par_iter().enumerate().map(decode).collect::<Option<_>>()?;
     for (at, (path, energy)) in paths.into_iter().enumerate() {
-        let counts = if likelihood.records[at].train.is_some() { path.decisions.as_slice() } else { &[] };
+        let counts =
+            if likelihood.records[at].train.is_some() { path.decisions.as_slice() } else { &[] };
         let record = &likelihood.records[at];
         let (mut wait, mut sent): (usize, Option<usize>) = (0, None);
         // Samples since a command was seen to arrive.
         let mut rested: Option<usize> = None;
         for decision in counts {
-            lost.price -= 2.0 * if decision.lost { probability.ln() } else { (1.0 - probability).ln() };
+            lost.price -=
+                2.0 * if decision.lost { probability.ln() } else { (1.0 - probability).ln() };
             let shows = decision.difference.powi(2) * energy > likelihood.criteria.decided.powi(2);
             if shows {
                 decided += 1.0;

@@ -52,7 +52,10 @@ impl Dropouts {
 
 impl<'e> From<&'e Hypothesis> for ActiveEffects<'e> {
     fn from(hypothesis: &'e Hypothesis) -> Self {
-        Self { effects: &hypothesis.effects, lost: hypothesis.lost.as_ref().map(|l| l.sequences.as_slice()) }
+        Self {
+            effects: &hypothesis.effects,
+            lost: hypothesis.lost.as_ref().map(|l| l.sequences.as_slice()),
+        }
     }
 }
 
@@ -86,8 +89,14 @@ impl Hypothesis {
         if followed <= 0.0 {
             return 1.0;
         }
-        let there = |r: &LogRecord, i: usize| (0..r.time_s.len()).filter(|&k| r.measured_in(r.train, i, k).is_some()).count();
-        let samples: usize = likelihood.records.iter().flat_map(|r| (0..r.measured.len()).map(move |i| there(r, i))).sum();
+        let there = |r: &LogRecord, i: usize| {
+            (0..r.time_s.len()).filter(|&k| r.measured_in(r.train, i, k).is_some()).count()
+        };
+        let samples: usize = likelihood
+            .records
+            .iter()
+            .flat_map(|r| (0..r.measured.len()).map(move |i| there(r, i)))
+            .sum();
         let samples = samples.max(1) as f64;
         // No more than half of what is there can be followed and anything be said of the rest.
         (samples / (samples - followed.min(0.5 * samples))).sqrt()

@@ -20,7 +20,13 @@ impl Hypothesis {
     ) -> Option<Self> {
         Self::refit(
             likelihood,
-            Self { effects: effects.to_vec(), free: Vec::new(), gain: 0.0, fitted: false, lost: None },
+            Self {
+                effects: effects.to_vec(),
+                free: Vec::new(),
+                gain: 0.0,
+                fitted: false,
+                lost: None,
+            },
             scales,
             nominal_cost,
             iterations,
@@ -28,15 +34,25 @@ impl Hypothesis {
     }
 
     /// The same with commands lost as they are; their probability is no matter of the fit, nor is the step of a lattice, which raw values show.
-    pub(crate) fn refit(likelihood: &Likelihood<'_>, from: Self, scales: &Scales, nominal_cost: f64, iterations: usize) -> Option<Self> {
+    pub(crate) fn refit(
+        likelihood: &Likelihood<'_>,
+        from: Self,
+        scales: &Scales,
+        nominal_cost: f64,
+        iterations: usize,
+    ) -> Option<Self> {
         Self::refit_beside(likelihood, from, scales, nominal_cost, (iterations, &Still::NONE))
     }
 
     /// What a fit is free to change.
     pub(crate) fn parameters_to_fit(&self) -> Vec<(usize, usize)> {
         (self.effects.iter().enumerate())
-            .filter(|(_, a)| (self.lost.is_none() || !a.effect.loses_commands()) && !a.effect.leaves_residual())
-            .flat_map(|(e, a)| (0..a.values.len()).filter(|&i| a.values[i].is_finite()).map(move |i| (e, i)))
+            .filter(|(_, a)| {
+                (self.lost.is_none() || !a.effect.loses_commands()) && !a.effect.leaves_residual()
+            })
+            .flat_map(|(e, a)| {
+                (0..a.values.len()).filter(|&i| a.values[i].is_finite()).map(move |i| (e, i))
+            })
             .collect()
     }
 
@@ -58,10 +74,14 @@ impl Hypothesis {
         }
         // The search takes numbers below a thousandth for small ones: tiny ones, such as a coefficient in SI units, are passed to it in a unit of their own.
         let unit: Vec<f64> = free.iter().map(|&(e, i)| own_unit(effects[e].values[i])).collect();
-        let scaled = |bounds: Vec<f64>| bounds.iter().zip(&unit).map(|(b, u)| b / u).collect::<Vec<f64>>();
-        let in_units = |values: &[f64]| values.iter().zip(&unit).map(|(v, u)| v * u).collect::<Vec<f64>>();
-        let begin: Vec<f64> = free.iter().zip(&unit).map(|(&(e, i), u)| effects[e].values[i] / u).collect();
-        let (lower, upper): (Vec<f64>, Vec<f64>) = free.iter().map(|&(e, i)| effects[e].range(i, scales)).unzip();
+        let scaled =
+            |bounds: Vec<f64>| bounds.iter().zip(&unit).map(|(b, u)| b / u).collect::<Vec<f64>>();
+        let in_units =
+            |values: &[f64]| values.iter().zip(&unit).map(|(v, u)| v * u).collect::<Vec<f64>>();
+        let begin: Vec<f64> =
+            free.iter().zip(&unit).map(|(&(e, i), u)| effects[e].values[i] / u).collect();
+        let (lower, upper): (Vec<f64>, Vec<f64>) =
+            free.iter().map(|&(e, i)| effects[e].range(i, scales)).unzip();
         let search = LevenbergMarquardt {
             max_iterations: iterations,
             gradient_tolerance: 1e-4,
@@ -76,13 +96,21 @@ impl Hypothesis {
             let there = placed(effects, &free, &in_units(values));
             let active = active.with(&there);
             let residual = likelihood.whitened(active)?;
-            let cost = likelihood.inner(&residual, &residual) + prior_cost(likelihood, &there, &free);
+            let cost =
+                likelihood.inner(&residual, &residual) + prior_cost(likelihood, &there, &free);
             // Where the cost does not fall, nobody asks which way it falls.
             if cost >= lowest {
                 let k = free.len();
-                return Some(Normal { cost, gradient: DVector::zeros(k), information: DMatrix::zeros(k, k) });
+                return Some(Normal {
+                    cost,
+                    gradient: DVector::zeros(k),
+                    information: DMatrix::zeros(k, k),
+                });
             }
-            let mut normal = normal(likelihood, &slopes(likelihood, active, residual, &free, scales, (still, &mut steps))?);
+            let mut normal = normal(
+                likelihood,
+                &slopes(likelihood, active, residual, &free, scales, (still, &mut steps))?,
+            );
             add_prior(likelihood, &there, &free, &mut normal);
             lowest = cost;
             Some(in_own_units(normal, &unit))
@@ -105,7 +133,9 @@ impl Hypothesis {
             return;
         }
         let price = self.lost.as_ref().map_or(0.0, |l| l.price);
-        self.gain = likelihood.whitened(&*self).map_or(f64::NEG_INFINITY, |e| nominal_cost - likelihood.inner(&e, &e) - price);
+        self.gain = likelihood
+            .whitened(&*self)
+            .map_or(f64::NEG_INFINITY, |e| nominal_cost - likelihood.inner(&e, &e) - price);
     }
 
     /// A parameter stands at the edge of what was searched.
@@ -132,7 +162,10 @@ fn without_unreached(
         let told = prior_cost(likelihood, &best, &free);
         let mut without = best.clone();
         without[e].values[i] = without[e].parameters[i].nominal;
-        if likelihood.whitened(active.with(&without)).is_some_and(|w| (likelihood.inner(&w, &w) + told - cost).abs() <= 1e-9 * cost) {
+        if likelihood
+            .whitened(active.with(&without))
+            .is_some_and(|w| (likelihood.inner(&w, &w) + told - cost).abs() <= 1e-9 * cost)
+        {
             best = without;
             kept.retain(|&at| at != (e, i));
         }
@@ -143,7 +176,9 @@ fn without_unreached(
 impl Hypothesis {
     /// Per free parameter the precision of its prior, and how far it stands from the prior's mean; 0 where it is free.
     pub(crate) fn prior(&self, likelihood: &Likelihood<'_>) -> Vec<(f64, f64)> {
-        priors(likelihood, &self.effects, &self.free).map(|known| known.map_or((0.0, 0.0), |(off, std)| (std.powi(-2), off))).collect()
+        priors(likelihood, &self.effects, &self.free)
+            .map(|known| known.map_or((0.0, 0.0), |(off, std)| (std.powi(-2), off)))
+            .collect()
     }
 }
 
@@ -153,14 +188,21 @@ fn priors<'p>(
     effects: &'p [Applied],
     free: &'p [(usize, usize)],
 ) -> impl Iterator<Item = Option<(f64, f64)>> + 'p {
-    free.iter().map(|&(e, i)| likelihood.prior_of(&effects[e], i).map(|(mean, std)| (effects[e].values[i] - mean, std)))
+    free.iter().map(|&(e, i)| {
+        likelihood.prior_of(&effects[e], i).map(|(mean, std)| (effects[e].values[i] - mean, std))
+    })
 }
 
 fn prior_cost(likelihood: &Likelihood<'_>, effects: &[Applied], free: &[(usize, usize)]) -> f64 {
     priors(likelihood, effects, free).flatten().map(|(off, std)| (off / std).powi(2)).sum()
 }
 
-fn add_prior(likelihood: &Likelihood<'_>, effects: &[Applied], free: &[(usize, usize)], normal: &mut Normal) {
+fn add_prior(
+    likelihood: &Likelihood<'_>,
+    effects: &[Applied],
+    free: &[(usize, usize)],
+    normal: &mut Normal,
+) {
     for (at, prior) in priors(likelihood, effects, free).enumerate() {
         let Some((off, std)) = prior else { continue };
         normal.cost += (off / std).powi(2);

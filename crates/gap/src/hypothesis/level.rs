@@ -24,9 +24,12 @@ pub(crate) struct Level {
 impl Level {
     pub(crate) fn of(likelihood: &Likelihood<'_>, hypothesis: Option<&Hypothesis>) -> Option<Self> {
         let residuals = residuals(likelihood, hypothesis.map_or(NO_EFFECT, ActiveEffects::from))?;
-        let errors = |span: &dyn Fn(&LogRecord) -> Option<Span>| Errors::of(likelihood.records, &residuals, span);
+        let errors = |span: &dyn Fn(&LogRecord) -> Option<Span>| {
+            Errors::of(likelihood.records, &residuals, span)
+        };
         let (train, held) = (errors(&|r| r.train), errors(&|r| r.held));
-        let white = [white(likelihood, &residuals, |r| r.train), white(likelihood, &residuals, |r| r.held)];
+        let white =
+            [white(likelihood, &residuals, |r| r.train), white(likelihood, &residuals, |r| r.held)];
         Some(Self { hypothesis: hypothesis.cloned(), residuals, train, held, white })
     }
 
@@ -46,13 +49,18 @@ impl Level {
 
     /// Noise decides single samples: its lattice speaks for it.
     pub(crate) fn is_chance(&self) -> bool {
-        self.hypothesis.as_ref().is_some_and(|e| e.effects.iter().any(|a| a.effect.leaves_residual()))
+        self.hypothesis
+            .as_ref()
+            .is_some_and(|e| e.effects.iter().any(|a| a.effect.leaves_residual()))
     }
 
     /// Training errors without the effects whose single samples noise decides: beside a lattice, a little more or less of anything moves many samples.
     pub(crate) fn smooth(&self, likelihood: &Likelihood<'_>) -> Option<Errors> {
-        let Some(hypothesis) = self.hypothesis.as_ref().filter(|_| self.is_chance()) else { return Some(self.train.clone()) };
-        let effects: Vec<Applied> = hypothesis.effects.iter().filter(|a| !a.effect.leaves_residual()).cloned().collect();
+        let Some(hypothesis) = self.hypothesis.as_ref().filter(|_| self.is_chance()) else {
+            return Some(self.train.clone());
+        };
+        let effects: Vec<Applied> =
+            hypothesis.effects.iter().filter(|a| !a.effect.leaves_residual()).cloned().collect();
         let active = ActiveEffects::from(hypothesis).with(&effects);
         Some(Errors::of(likelihood.records, &residuals(likelihood, active)?, |r| r.train))
     }
@@ -63,12 +71,20 @@ impl Level {
 }
 
 /// Mean square of the whitened residuals inside a span.
-fn white(likelihood: &Likelihood<'_>, residuals: &[DMatrix<f64>], span: impl Fn(&LogRecord) -> Option<Span>) -> f64 {
+fn white(
+    likelihood: &Likelihood<'_>,
+    residuals: &[DMatrix<f64>],
+    span: impl Fn(&LogRecord) -> Option<Span>,
+) -> f64 {
     let (mut sum, mut count) = (0.0, 0_usize);
     for ((at, record), residual) in likelihood.records.iter().enumerate().zip(residuals) {
         let Some(inside) = span(record) else { continue };
         sum += likelihood.whiten_in(at, residual, inside).norm_squared();
-        let there = |i: usize| (0..record.time_s.len()).filter(move |&k| record.measured_in(Some(inside), i, k).is_some()).count();
+        let there = |i: usize| {
+            (0..record.time_s.len())
+                .filter(move |&k| record.measured_in(Some(inside), i, k).is_some())
+                .count()
+        };
         count += (0..record.measured.len()).map(there).sum::<usize>();
     }
     sum / count.max(1) as f64

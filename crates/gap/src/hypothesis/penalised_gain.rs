@@ -21,7 +21,8 @@ impl Penalties {
 
     /// Twice the log of the posterior odds against no effect.
     pub(crate) fn gain(&self, hypothesis: &Hypothesis) -> f64 {
-        let (further, effects) = (hypothesis.further_parameters() as f64, hypothesis.effects.len() as f64);
+        let (further, effects) =
+            (hypothesis.further_parameters() as f64, hypothesis.effects.len() as f64);
         hypothesis.gain - further * self.parameter - effects * self.criteria.selection_penalty
     }
 
@@ -38,8 +39,9 @@ impl Penalties {
     /// The best fitted hypothesis; of near equals the one with the fewest parameters, of equals the first in the table.
     pub(crate) fn leader<'h>(&self, hypotheses: &'h [Hypothesis]) -> Option<&'h Hypothesis> {
         let fitted = || hypotheses.iter().filter(|e| e.fitted);
-        let best =
-            |among: &dyn Fn(&Hypothesis) -> bool| fitted().filter(|e| among(e)).map(|e| self.gain(e)).fold(f64::NEG_INFINITY, f64::max);
+        let best = |among: &dyn Fn(&Hypothesis) -> bool| {
+            fitted().filter(|e| among(e)).map(|e| self.gain(e)).fold(f64::NEG_INFINITY, f64::max)
+        };
         let near = |top: f64| move |e: &&Hypothesis| self.gain(e) > top - self.criteria.equals;
         let fewest = fitted().filter(near(best(&|_| true))).map(|e| e.free.len()).min()?;
         let few = |e: &Hypothesis| e.free.len() <= fewest;

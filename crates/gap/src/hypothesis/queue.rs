@@ -41,10 +41,17 @@ impl Waiting {
             .collect();
         let count = DRAWN as f64;
         let mean_s = waits.iter().sum::<f64>() / count;
-        let together = |apart: usize| waits.iter().zip(&waits[apart..]).map(|(a, b)| (a - mean_s) * (b - mean_s)).sum::<f64>() / count;
+        let together = |apart: usize| {
+            waits.iter().zip(&waits[apart..]).map(|(a, b)| (a - mean_s) * (b - mean_s)).sum::<f64>()
+                / count
+        };
         let variance = together(0);
         let alike = (together(1) / variance).clamp(0.0, MOST_ALIKE);
-        (variance > 0.0 && alike.is_finite()).then(|| Self { mean_s, std_s: variance.sqrt(), alike })
+        (variance > 0.0 && alike.is_finite()).then(|| Self {
+            mean_s,
+            std_s: variance.sqrt(),
+            alike,
+        })
     }
 }
 
@@ -52,7 +59,12 @@ impl Waiting {
 const HALVINGS: usize = 14;
 
 /// The law with this spread whose commands wait so long on average, and what they wait; `None` where commands of that spread wait longer whatever their mean.
-pub(super) fn waiting_for(mean_s: f64, spread_s: f64, ordered: bool, step_s: f64) -> Option<(Late, Waiting)> {
+pub(super) fn waiting_for(
+    mean_s: f64,
+    spread_s: f64,
+    ordered: bool,
+    step_s: f64,
+) -> Option<(Late, Waiting)> {
     let law = |delay_s: f64| Late { delay_s, spread_s, ordered, delays: Delays::Mean };
     let (mut low, mut high) = (spread_s / MOST_UNEVEN, mean_s);
     let waits = |delay_s: f64| Waiting::of(&law(delay_s), step_s);
@@ -78,11 +90,27 @@ mod tests {
     #[test]
     fn commands_that_meet_wait_longer_and_alike() {
         let apart = waiting(0.01, true);
-        assert!((apart.mean_s - 0.3).abs() < 1e-3 && (apart.std_s / 0.01 - 1.0).abs() < 0.05 && apart.alike < 0.05, "{apart:?}");
+        assert!(
+            (apart.mean_s - 0.3).abs() < 1e-3
+                && (apart.std_s / 0.01 - 1.0).abs() < 0.05
+                && apart.alike < 0.05,
+            "{apart:?}"
+        );
         let (free, queued) = (waiting(0.2, false), waiting(0.2, true));
-        assert!((free.mean_s - 0.3).abs() < 0.02 && (free.std_s / 0.2 - 1.0).abs() < 0.06 && free.alike < 0.05, "{free:?}");
+        assert!(
+            (free.mean_s - 0.3).abs() < 0.02
+                && (free.std_s / 0.2 - 1.0).abs() < 0.06
+                && free.alike < 0.05,
+            "{free:?}"
+        );
         assert!(queued.mean_s > 0.4 && queued.alike > 0.3, "{queued:?}");
-        assert!(Waiting::of(&Late { delay_s: 0.3, spread_s: 0.0, ordered: true, delays: Delays::Mean }, 0.1).is_none());
+        assert!(
+            Waiting::of(
+                &Late { delay_s: 0.3, spread_s: 0.0, ordered: true, delays: Delays::Mean },
+                0.1
+            )
+            .is_none()
+        );
     }
 
     /// The mean is found again from the waits, and no law waits less than its spread lets it.
@@ -91,7 +119,10 @@ mod tests {
         for spread_s in [0.01, 0.1, 0.2] {
             let there = waiting(spread_s, true);
             let (law, found) = waiting_for(there.mean_s, spread_s, true, 0.1).unwrap();
-            assert!((law.delay_s - 0.3).abs() < 1e-3 && (found.mean_s - there.mean_s).abs() < 1e-3, "{law:?} {found:?}");
+            assert!(
+                (law.delay_s - 0.3).abs() < 1e-3 && (found.mean_s - there.mean_s).abs() < 1e-3,
+                "{law:?} {found:?}"
+            );
         }
         assert!(waiting_for(0.1, 0.5, true, 0.1).is_none());
     }

@@ -8,13 +8,21 @@ use deadtime_model::effect::{Applied, Scales};
 
 impl Hypothesis {
     /// Tries steps of each parameter beside the fit: a cost with kinks has minima that no gradient leaves.
-    pub(crate) fn polished(self, likelihood: &Likelihood<'_>, scales: &Scales, nominal_cost: f64, iterations: usize) -> Self {
+    pub(crate) fn polished(
+        self,
+        likelihood: &Likelihood<'_>,
+        scales: &Scales,
+        nominal_cost: f64,
+        iterations: usize,
+    ) -> Self {
         let mut best = self;
-        let cost_of = |e: &Self| likelihood.whitened(e).map_or(f64::INFINITY, |w| likelihood.inner(&w, &w));
+        let cost_of =
+            |e: &Self| likelihood.whitened(e).map_or(f64::INFINITY, |w| likelihood.inner(&w, &w));
         let (mut cost, mut moved) = (cost_of(&best), false);
         let before = cost;
         for at in best.free.clone() {
-            let (p, value) = (&best.effects[at.0].parameters[at.1], best.effects[at.0].values[at.1]);
+            let (p, value) =
+                (&best.effects[at.0].parameters[at.1], best.effects[at.0].values[at.1]);
             let mut step = p.leap(value, scales);
             let (lower, upper) = p.range(scales);
             for _ in 0..likelihood.budget.polishes {
@@ -45,10 +53,18 @@ impl Hypothesis {
     }
 
     /// A limit that was left out is tried at several places; the hypothesis with it where that explains more than chance.
-    pub(crate) fn with_missing_limits(self, likelihood: &Likelihood<'_>, scales: &Scales, nominal_cost: f64, iterations: usize) -> Self {
+    pub(crate) fn with_missing_limits(
+        self,
+        likelihood: &Likelihood<'_>,
+        scales: &Scales,
+        nominal_cost: f64,
+        iterations: usize,
+    ) -> Self {
         let mut best = self;
         let open: Vec<(usize, usize)> = (best.effects.iter().enumerate())
-            .flat_map(|(e, a)| (0..a.values.len()).filter(|&i| a.values[i].is_infinite()).map(move |i| (e, i)))
+            .flat_map(|(e, a)| {
+                (0..a.values.len()).filter(|&i| a.values[i].is_infinite()).map(move |i| (e, i))
+            })
             .collect();
         for (e, i) in open {
             // Between the other limit and where the signal ends: all starts of the effect know sensible places.
@@ -58,9 +74,15 @@ impl Hypothesis {
             for place in starts.iter().filter_map(|s| s.get(i)).filter(|v| v.is_finite()) {
                 let mut moved = best.effects.clone();
                 moved[e].values[i] = *place;
-                tried.extend(likelihood.whitened(ActiveEffects::from(&best).with(&moved)).map(|w| (likelihood.inner(&w, &w), moved)));
+                tried.extend(
+                    likelihood
+                        .whitened(ActiveEffects::from(&best).with(&moved))
+                        .map(|w| (likelihood.inner(&w, &w), moved)),
+                );
             }
-            let Some((_, effects)) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
+            let Some((_, effects)) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
+                continue;
+            };
             let from = Self { effects, ..best.clone() };
             if let Some(better) = Self::refit(likelihood, from, scales, nominal_cost, iterations)
                 && better.gain > best.gain + 2.0 * Penalties::of(likelihood).parameter

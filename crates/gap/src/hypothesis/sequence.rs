@@ -33,10 +33,22 @@ struct Survivor {
 }
 
 /// The most probable sequence: `e` whitened residuals without losses, `g` the whitened response to one held sample (both samples × outputs).
-pub(crate) fn search(u: &[f64], through: &dyn Fn(f64) -> f64, e: &DMatrix<f64>, g: &DMatrix<f64>, probability: f64, kept: usize) -> Path {
+pub(crate) fn search(
+    u: &[f64],
+    through: &dyn Fn(f64) -> f64,
+    e: &DMatrix<f64>,
+    g: &DMatrix<f64>,
+    probability: f64,
+    kept: usize,
+) -> Path {
     let (length, outputs) = g.shape();
     let mut all: Vec<(Option<usize>, usize, Decision)> = Vec::new();
-    let mut beam = vec![Survivor { cost: 0.0, held: u.first().copied().unwrap_or(0.0), ahead: vec![0.0; length * outputs], last: None }];
+    let mut beam = vec![Survivor {
+        cost: 0.0,
+        held: u.first().copied().unwrap_or(0.0),
+        ahead: vec![0.0; length * outputs],
+        last: None,
+    }];
     let (pass, lose) = (-2.0 * (1.0 - probability).ln(), -2.0 * probability.ln());
     for (k, &command) in u.iter().enumerate() {
         let slot = k % length;
@@ -98,7 +110,13 @@ mod tests {
     const SAMPLES: usize = 12;
 
     /// What a pattern of losses costs, every sample of the deviation summed from its definition; and the commands that are lost in it.
-    fn cost(pattern: u32, u: &[f64], e: &DMatrix<f64>, g: &DMatrix<f64>, probability: f64) -> (f64, Vec<bool>) {
+    fn cost(
+        pattern: u32,
+        u: &[f64],
+        e: &DMatrix<f64>,
+        g: &DMatrix<f64>,
+        probability: f64,
+    ) -> (f64, Vec<bool>) {
         let (mut held, mut cost, mut lost) = (u[0], 0.0, vec![false; SAMPLES]);
         let mut deviation = DMatrix::zeros(SAMPLES, e.ncols());
         for k in 0..SAMPLES {
@@ -126,22 +144,30 @@ mod tests {
         let mut some_lost = 0;
         for _ in 0..20 {
             let u: Vec<f64> = (0..SAMPLES).map(|_| rng.random_range(-1.0..1.0)).collect();
-            let g = DMatrix::from_fn(5, 2, |n, i| 6.0 * (-0.5 * n as f64).exp() * if i == 0 { 1.0 } else { 0.4 });
-            let pattern: u32 = (0..SAMPLES).map(|k| u32::from(rng.random::<f64>() < 0.3) << k).sum();
+            let g = DMatrix::from_fn(5, 2, |n, i| {
+                6.0 * (-0.5 * n as f64).exp() * if i == 0 { 1.0 } else { 0.4 }
+            });
+            let pattern: u32 =
+                (0..SAMPLES).map(|k| u32::from(rng.random::<f64>() < 0.3) << k).sum();
             let noise = DMatrix::from_fn(SAMPLES, 2, |_, _| rng.random_range(-1.0..1.0));
             // The residual of a true pattern is its deviation; what is left of the cost is that pattern's.
-            let (none, silent) = (DMatrix::zeros(SAMPLES, 2), |p: u32, e: &DMatrix<f64>| cost(p, &u, e, &g, 0.3));
+            let (none, silent) =
+                (DMatrix::zeros(SAMPLES, 2), |p: u32, e: &DMatrix<f64>| cost(p, &u, e, &g, 0.3));
             let mut deviation = none.clone();
             for k in 0..SAMPLES {
                 for i in 0..2 {
                     let mut unit = none.clone();
                     unit[(k, i)] = 1.0;
                     // |e − d|² at e = 0 and at a unit vector: 1 − 2d + d² − d².
-                    deviation[(k, i)] = 0.5 * (1.0 + silent(pattern, &none).0 - silent(pattern, &unit).0);
+                    deviation[(k, i)] =
+                        0.5 * (1.0 + silent(pattern, &none).0 - silent(pattern, &unit).0);
                 }
             }
             let e = deviation + noise;
-            let best = (0..1_u32 << SAMPLES).map(|p| silent(p, &e)).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+            let best = (0..1_u32 << SAMPLES)
+                .map(|p| silent(p, &e))
+                .min_by(|a, b| a.0.total_cmp(&b.0))
+                .unwrap();
             let found = search(&u, &|v| v, &e, &g, 0.3, 32);
             assert_eq!(found.lost, best.1);
             some_lost += usize::from(best.1.contains(&true));
@@ -156,7 +182,10 @@ mod tests {
         // The first sample of the response says nothing, the later ones decide.
         let g = DMatrix::from_row_slice(3, 1, &[1e-3, 5.0, 5.0]);
         let e = DMatrix::from_fn(SAMPLES, 1, |k, _| if k == 2 || k == 3 { -5.0 } else { 1e-12 });
-        let best = (0..1_u32 << SAMPLES).map(|p| cost(p, &u, &e, &g, 0.3)).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+        let best = (0..1_u32 << SAMPLES)
+            .map(|p| cost(p, &u, &e, &g, 0.3))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .unwrap();
         assert!(best.1[1]);
         assert_eq!(search(&u, &|v| v, &e, &g, 0.3, 32).lost, best.1);
         assert_ne!(search(&u, &|v| v, &e, &g, 0.3, 1).lost, best.1);

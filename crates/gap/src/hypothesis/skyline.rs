@@ -14,7 +14,11 @@ pub(super) struct Skyline {
 impl Skyline {
     /// From the first column of every row, never before that of the row above, and its entries.
     pub(super) fn new(first: Vec<usize>, entry: impl Fn(usize, usize) -> f64) -> Self {
-        let rows = first.iter().enumerate().map(|(i, &from)| (from..=i).map(|j| entry(i, j)).collect()).collect();
+        let rows = first
+            .iter()
+            .enumerate()
+            .map(|(i, &from)| (from..=i).map(|j| entry(i, j)).collect())
+            .collect();
         Self { first, rows }
     }
 
@@ -52,7 +56,10 @@ impl Skyline {
             let row = &mut rest[0];
             for j in from..i {
                 let begin = from.max(self.first[j]);
-                let (mine, other) = (&row[begin - from..j - from], &above[j][begin - self.first[j]..j - self.first[j]]);
+                let (mine, other) = (
+                    &row[begin - from..j - from],
+                    &above[j][begin - self.first[j]..j - self.first[j]],
+                );
                 let known: f64 = mine.iter().zip(other).map(|(a, b)| a * b).sum();
                 let diagonal = above[j][j - self.first[j]];
                 row[j - from] = (row[j - from] - known) / diagonal;
@@ -105,7 +112,9 @@ mod tests {
     #[test]
     fn solutions_and_determinants_are_those_of_the_full_matrix() {
         let first = vec![0, 0, 1, 1, 3, 3];
-        let entry = |i: usize, j: usize| if i == j { 4.0 + i as f64 } else { 1.0 / (1.0 + (i + 2 * j) as f64) };
+        let entry = |i: usize, j: usize| {
+            if i == j { 4.0 + i as f64 } else { 1.0 / (1.0 + (i + 2 * j) as f64) }
+        };
         let mut sky = Skyline::new(first.clone(), entry);
         sky.add((2, 1), 0.25);
         let full = DMatrix::from_fn(6, 6, |i, j| {
@@ -118,7 +127,8 @@ mod tests {
         assert!(product.norm() < 1e-12);
         let factor = sky.factor().unwrap();
         assert!((factor.log_determinant() - full.determinant().ln()).abs() < 1e-12);
-        let solved = DVector::from_vec(factor.solve(&b)) - full.lu().solve(&DVector::from_column_slice(&b)).unwrap();
+        let solved = DVector::from_vec(factor.solve(&b))
+            - full.lu().solve(&DVector::from_column_slice(&b)).unwrap();
         assert!(solved.norm() < 1e-12);
         assert!(Skyline::new(vec![0, 0], |i, j| if i == j { 1.0 } else { 2.0 }).factor().is_none());
     }

@@ -19,7 +19,14 @@ impl Hypothesis {
     /// Residual and derivatives at the present values.
     pub(crate) fn slopes(&self, likelihood: &Likelihood<'_>, scales: &Scales) -> Option<Slopes> {
         let active = ActiveEffects::from(self);
-        slopes(likelihood, active, likelihood.whitened(active)?, &self.free, scales, (&Still::NONE, &mut vec![None; self.free.len()]))
+        slopes(
+            likelihood,
+            active,
+            likelihood.whitened(active)?,
+            &self.free,
+            scales,
+            (&Still::NONE, &mut vec![None; self.free.len()]),
+        )
     }
 }
 
@@ -31,15 +38,24 @@ impl Still {
     pub(crate) const NONE: Self = Self(Vec::new());
 
     /// Those of a hypothesis, whether it was fitted or not; `None` where it cannot be simulated.
-    pub(crate) fn of(hypothesis: &Hypothesis, likelihood: &Likelihood<'_>, scales: &Scales) -> Option<Self> {
+    pub(crate) fn of(
+        hypothesis: &Hypothesis,
+        likelihood: &Likelihood<'_>,
+        scales: &Scales,
+    ) -> Option<Self> {
         let hypothesis = Hypothesis { free: hypothesis.parameters_to_fit(), ..hypothesis.clone() };
         let columns = hypothesis.slopes(likelihood, scales)?.columns;
-        let place = |((e, i), column): (&(usize, usize), Whitened)| (hypothesis.effects[*e].key(), *i, column);
+        let place = |((e, i), column): (&(usize, usize), Whitened)| {
+            (hypothesis.effects[*e].key(), *i, column)
+        };
         Some(Self(hypothesis.free.iter().zip(columns).map(place).collect()))
     }
 
     fn by(&self, applied: &Applied, parameter: usize) -> Option<&Whitened> {
-        self.0.iter().find(|(key, i, _)| *i == parameter && *key == applied.key()).map(|(.., column)| column)
+        self.0
+            .iter()
+            .find(|(key, i, _)| *i == parameter && *key == applied.key())
+            .map(|(.., column)| column)
     }
 }
 
@@ -58,10 +74,15 @@ pub(crate) fn slopes(
         moved[e].values[i] += h;
         Some(difference(&likelihood.whitened(active.with(&moved))?, &residual, 1.0 / h))
     };
-    let plain = |(e, i): (usize, usize)| column_of((e, i), effects[e].parameters[i].derivative_step(effects[e].values[i], scales));
+    let plain = |(e, i): (usize, usize)| {
+        column_of((e, i), effects[e].parameters[i].derivative_step(effects[e].values[i], scales))
+    };
     if !effects.iter().any(|a| likelihood.calls(a)) {
         let known = |(e, i): (usize, usize)| still.by(&effects[e], i).cloned();
-        let columns = free.par_iter().map(|&at| known(at).or_else(|| plain(at))).collect::<Option<Vec<_>>>()?;
+        let columns = free
+            .par_iter()
+            .map(|&at| known(at).or_else(|| plain(at)))
+            .collect::<Option<Vec<_>>>()?;
         return Some(Slopes { residual, columns });
     }
     let mut columns = Vec::with_capacity(free.len());
@@ -95,7 +116,11 @@ const SHOWS: f64 = 0.3;
 const ABOVE_ROUNDING: f64 = 30.0;
 
 /// The information matrix of parameters whose derivatives these are; `prior`: as [`Hypothesis::prior`].
-pub(crate) fn information(likelihood: &Likelihood<'_>, columns: &[Whitened], prior: &[(f64, f64)]) -> DMatrix<f64> {
+pub(crate) fn information(
+    likelihood: &Likelihood<'_>,
+    columns: &[Whitened],
+    prior: &[(f64, f64)],
+) -> DMatrix<f64> {
     let all: Vec<&Whitened> = columns.iter().collect();
     let mut information = likelihood.inner_of_all(&all);
     for (at, (precision, _)) in prior.iter().enumerate() {

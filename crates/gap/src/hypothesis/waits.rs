@@ -54,7 +54,8 @@ impl Bursts {
     /// A loss goes on by the waits themselves; its probability is where the beginnings are likeliest.
     fn likeliest(waits: &[Wait], cut: &[Wait]) -> Self {
         let begun = waits.iter().filter(|w| w.samples > 0).count() as f64;
-        let further: f64 = waits.iter().chain(cut).map(|w| w.samples.saturating_sub(1) as f64).sum();
+        let further: f64 =
+            waits.iter().chain(cut).map(|w| w.samples.saturating_sub(1) as f64).sum();
         let goes_on = (further + 0.5) / (further + begun + 1.0);
         let burst = (1.0 - goes_on).recip();
         let of = |probability: f64| Losses { probability, burst: Some(burst) };
@@ -63,9 +64,14 @@ impl Bursts {
         let cost = |p: f64| beginnings(waits, &of(p)) + beginnings(cut, &of(p));
         let probability = lowest(cost, [1e-4 * most, (1.0 - 1e-4) * most]);
         let h = 0.02 * probability.min(most - probability);
-        let bend = (cost(probability + h) - 2.0 * cost(probability) + cost(probability - h)) / (2.0 * h * h);
-        let of_length = burst.powi(2) * (goes_on * (1.0 - goes_on) / (further + begun).max(1.0)).sqrt();
-        Self { losses: of(probability), std: [bend.max(f64::MIN_POSITIVE).sqrt().recip().min(0.5), of_length] }
+        let bend = (cost(probability + h) - 2.0 * cost(probability) + cost(probability - h))
+            / (2.0 * h * h);
+        let of_length =
+            burst.powi(2) * (goes_on * (1.0 - goes_on) / (further + begun).max(1.0)).sqrt();
+        Self {
+            losses: of(probability),
+            std: [bend.max(f64::MIN_POSITIVE).sqrt().recip().min(0.5), of_length],
+        }
     }
 }
 
@@ -74,10 +80,12 @@ impl Bursts {
 fn beginnings(waits: &[Wait], losses: &Losses) -> f64 {
     let [begins, goes_on] = losses.begins_and_goes_on();
     let lost = |rested: Option<usize>| {
-        let known = rested.map_or(0.0, |g| (goes_on - begins).powi(i32::try_from(g + 1).unwrap_or(i32::MAX)));
+        let known = rested
+            .map_or(0.0, |g| (goes_on - begins).powi(i32::try_from(g + 1).unwrap_or(i32::MAX)));
         (losses.probability * (1.0 - known)).clamp(IMPROBABLE, 1.0 - IMPROBABLE)
     };
-    let cost = |w: &Wait| if w.samples > 0 { lost(w.rested).ln() } else { (1.0 - lost(w.rested)).ln() };
+    let cost =
+        |w: &Wait| if w.samples > 0 { lost(w.rested).ln() } else { (1.0 - lost(w.rested)).ln() };
     -2.0 * waits.iter().map(cost).sum::<f64>()
 }
 
@@ -133,7 +141,9 @@ pub(crate) fn as_lost_alone(waits: &[Wait]) -> f64 {
 fn in_bursts(waits: &[Wait]) -> f64 {
     let begun = waits.iter().filter(|w| w.samples > 0).count() as f64;
     let further: f64 = waits.iter().map(|w| w.samples.saturating_sub(1) as f64).sum();
-    beginnings(waits, &Bursts::likeliest(waits, &[]).losses) + binary(further, begun) + parameters(2, waits)
+    beginnings(waits, &Bursts::likeliest(waits, &[]).losses)
+        + binary(further, begun)
+        + parameters(2, waits)
 }
 
 /// Twice the negative log-likelihood of so many losses and passes.
@@ -178,7 +188,10 @@ mod tests {
     use rand_distr::StandardNormal;
 
     fn waits(samples: impl IntoIterator<Item = usize>) -> Vec<Wait> {
-        samples.into_iter().map(|samples| Wait { sent_s: 0.0, samples, rested: Some(0), sample_time_s: 0.02 }).collect()
+        samples
+            .into_iter()
+            .map(|samples| Wait { sent_s: 0.0, samples, rested: Some(0), sample_time_s: 0.02 })
+            .collect()
     }
 
     fn drawn(seed: u64, draw: impl Fn(&mut ChaCha8Rng) -> usize) -> Vec<Wait> {
@@ -189,10 +202,16 @@ mod tests {
     /// Sixty waits of each kind, over draws: the kind that made them is the cheaper one.
     #[test]
     fn the_kind_that_made_the_waits_is_the_cheaper_one() {
-        let losses = |p: f64| move |rng: &mut ChaCha8Rng| (0..200).take_while(|_| rng.random::<f64>() < p).count();
-        let bursts = |rng: &mut ChaCha8Rng| if rng.random::<f64>() < 0.8 { 0 } else { 1 + losses(0.75)(rng) };
+        let losses = |p: f64| {
+            move |rng: &mut ChaCha8Rng| (0..200).take_while(|_| rng.random::<f64>() < p).count()
+        };
+        let bursts = |rng: &mut ChaCha8Rng| {
+            if rng.random::<f64>() < 0.8 { 0 } else { 1 + losses(0.75)(rng) }
+        };
         let late = |mean: f64, spread: f64| {
-            move |rng: &mut ChaCha8Rng| (mean + spread * rng.sample::<f64, _>(StandardNormal)).round().max(0.0) as usize
+            move |rng: &mut ChaCha8Rng| {
+                (mean + spread * rng.sample::<f64, _>(StandardNormal)).round().max(0.0) as usize
+            }
         };
         let jumps = |rng: &mut ChaCha8Rng| if rng.random::<f64>() < 0.5 { 5 } else { 15 };
         for seed in 0..20 {
@@ -205,10 +224,22 @@ mod tests {
                 as_late(&few)
             );
             for lost in [drawn(seed, losses(0.5)), drawn(seed, losses(0.8)), drawn(seed, bursts)] {
-                assert!(as_lost(&lost) < as_late(&lost), "seed {seed}: {} as lost, {} as late", as_lost(&lost), as_late(&lost));
+                assert!(
+                    as_lost(&lost) < as_late(&lost),
+                    "seed {seed}: {} as lost, {} as late",
+                    as_lost(&lost),
+                    as_late(&lost)
+                );
             }
-            for late in [drawn(seed, late(5.0, 1.0)), drawn(seed, late(8.0, 3.0)), drawn(seed, jumps)] {
-                assert!(as_late(&late) < as_lost(&late), "seed {seed}: {} as late, {} as lost", as_late(&late), as_lost(&late));
+            for late in
+                [drawn(seed, late(5.0, 1.0)), drawn(seed, late(8.0, 3.0)), drawn(seed, jumps)]
+            {
+                assert!(
+                    as_late(&late) < as_lost(&late),
+                    "seed {seed}: {} as late, {} as lost",
+                    as_late(&late),
+                    as_lost(&late)
+                );
             }
         }
     }
@@ -216,7 +247,12 @@ mod tests {
     #[test]
     fn waits_that_are_all_alike_are_steady() {
         assert!(steady(&waits([5; 20])) && steady(&waits([vec![5; 20], vec![6]].concat())));
-        assert!(!steady(&waits([0; 20])) && !steady(&waits([5, 6, 5, 6])) && !steady(&waits([5, 5])) && !steady(&[]));
+        assert!(
+            !steady(&waits([0; 20]))
+                && !steady(&waits([5, 6, 5, 6]))
+                && !steady(&waits([5, 5]))
+                && !steady(&[])
+        );
     }
 
     #[test]
@@ -250,7 +286,9 @@ mod tests {
     #[test]
     fn the_probability_and_the_length_of_bursts_are_within_their_intervals() {
         for (p, burst, every) in [(0.2, 5.0, 1), (0.2, 5.0, 10), (0.5, 4.0, 3), (0.6, 8.0, 12)] {
-            let found: Vec<Bursts> = (0..200).filter_map(|seed| Bursts::of(&behind_bursts(p, burst, every, seed), &[])).collect();
+            let found: Vec<Bursts> = (0..200)
+                .filter_map(|seed| Bursts::of(&behind_bursts(p, burst, every, seed), &[]))
+                .collect();
             assert!(found.len() >= 195, "{} of 200 at {p}, {burst}, {every}", found.len());
             let held = |of: &dyn Fn(&Bursts) -> [f64; 3]| {
                 let inside = |f: &&Bursts| {
@@ -259,8 +297,14 @@ mod tests {
                 };
                 found.iter().filter(inside).count() as f64 / found.len() as f64
             };
-            let shares = [held(&|f| [f.losses.probability, f.std[0], p]), held(&|f| [f.losses.burst.unwrap(), f.std[1], burst])];
-            assert!(shares.iter().all(|s| (0.88..=0.99).contains(s)), "{shares:?} at {p}, {burst}, {every}");
+            let shares = [
+                held(&|f| [f.losses.probability, f.std[0], p]),
+                held(&|f| [f.losses.burst.unwrap(), f.std[1], burst]),
+            ];
+            assert!(
+                shares.iter().all(|s| (0.88..=0.99).contains(s)),
+                "{shares:?} at {p}, {burst}, {every}"
+            );
         }
     }
 
@@ -268,7 +312,11 @@ mod tests {
     #[test]
     fn chance_alone_is_no_burst() {
         for (p, every) in [(0.2, 1), (0.5, 5), (0.7, 2)] {
-            let found = (0..200).filter(|seed| Bursts::of(&behind_bursts(p, 1.0 / (1.0 - p), every, *seed), &[]).is_some()).count();
+            let found = (0..200)
+                .filter(|seed| {
+                    Bursts::of(&behind_bursts(p, 1.0 / (1.0 - p), every, *seed), &[]).is_some()
+                })
+                .count();
             assert!(found <= 20, "{found} of 200 at {p}, {every}");
         }
     }

@@ -99,7 +99,9 @@ impl Probe<'_> {
             let apart = (other[(k, i)] - self.nominal[(k, i)]).abs();
             if apart <= 3.0 * self.resolution[i] { 0.0 } else { apart / self.spread[i] }
         };
-        (0..other.nrows()).map(|k| (0..other.ncols()).map(|i| one(k, i)).fold(0.0, f64::max)).collect()
+        (0..other.nrows())
+            .map(|k| (0..other.ncols()).map(|i| one(k, i)).fold(0.0, f64::max))
+            .collect()
     }
 
     /// Answers to other inputs, a start or parameters; `None` where the simulator fails.
@@ -110,7 +112,8 @@ impl Probe<'_> {
     /// How far the outputs are from what was measured, root mean square, in units of how far they move: the worst output.
     fn misses(&self) -> f64 {
         let one = |(i, m): (usize, &deadtime_model::simulate::Measured)| {
-            let apart = (0..self.nominal.nrows()).filter_map(|k| Some(m.get(k)? - self.nominal[(k, i)]));
+            let apart =
+                (0..self.nominal.nrows()).filter_map(|k| Some(m.get(k)? - self.nominal[(k, i)]));
             stats::rms(apart).unwrap_or(0.0) / self.spread[i]
         };
         self.record.measured.iter().enumerate().map(one).fold(0.0, f64::max)
@@ -119,8 +122,11 @@ impl Probe<'_> {
     /// The output that the free run misses by far while it goes its own way, and by how many times its motion.
     fn lost(&self) -> Option<(usize, f64)> {
         let one = |(i, m): (usize, &deadtime_model::simulate::Measured)| {
-            let pairs: Vec<(f64, f64)> = (0..self.nominal.nrows()).filter_map(|k| Some((m.get(k)?, self.nominal[(k, i)]))).collect();
-            let missed = stats::rms(pairs.iter().map(|(y, run)| run - y)).unwrap_or(0.0) / self.spread[i];
+            let pairs: Vec<(f64, f64)> = (0..self.nominal.nrows())
+                .filter_map(|k| Some((m.get(k)?, self.nominal[(k, i)])))
+                .collect();
+            let missed =
+                stats::rms(pairs.iter().map(|(y, run)| run - y)).unwrap_or(0.0) / self.spread[i];
             (missed > FAR && explained(&pairs) < TELLS).then_some((i, missed))
         };
         self.record.measured.iter().enumerate().filter_map(one).max_by(|a, b| a.1.total_cmp(&b.1))
@@ -161,7 +167,8 @@ fn explained(pairs: &[(f64, f64)]) -> f64 {
     let means = stats::mean(pairs.iter().map(|p| p.0)).zip(stats::mean(pairs.iter().map(|p| p.1)));
     let Some((a, b)) = means else { return 0.0 };
     let sum = |product: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(product).sum::<f64>();
-    let (aa, bb, ab) = (sum(&|p| (p.0 - a).powi(2)), sum(&|p| (p.1 - b).powi(2)), sum(&|p| (p.0 - a) * (p.1 - b)));
+    let (aa, bb, ab) =
+        (sum(&|p| (p.0 - a).powi(2)), sum(&|p| (p.1 - b).powi(2)), sum(&|p| (p.0 - a) * (p.1 - b)));
     if aa > 0.0 && bb > 0.0 { ab * ab / (aa * bb) } else { 0.0 }
 }
 
@@ -192,38 +199,64 @@ pub(crate) fn probe(
     records: &[LogRecord],
     restarted: Option<(f64, String)>,
 ) -> Result<Option<Probed>> {
-    let (Some(memory), Dynamics::BlackBox(_, parameters)) = (memory, &system.dynamics) else { return Ok(None) };
+    let (Some(memory), Dynamics::BlackBox(_, parameters)) = (memory, &system.dynamics) else {
+        return Ok(None);
+    };
     let plan = Plan::new(system);
     let mut answers = Vec::new();
     for record in records {
         let run = system.simulate(&plan, record.commands(), &record.start, None);
-        answers.push(run.map_err(|e| GapError::Nominal { log: record.name.clone(), why: e.to_string() })?.y);
+        answers.push(
+            run.map_err(|e| GapError::Nominal { log: record.name.clone(), why: e.to_string() })?.y,
+        );
     }
-    let Some(at) = (0..records.len()).max_by_key(|&at| records[at].time_s.len()) else { return Ok(None) };
+    let Some(at) = (0..records.len()).max_by_key(|&at| records[at].time_s.len()) else {
+        return Ok(None);
+    };
     let record = &records[at];
     let nominal = answers.swap_remove(at);
     let moves = |i: usize| {
-        let measured: Vec<f64> = (0..record.time_s.len()).filter_map(|k| record.measured[i].get(k)).collect();
+        let measured: Vec<f64> =
+            (0..record.time_s.len()).filter_map(|k| record.measured[i].get(k)).collect();
         spread(&measured).max(f64::MIN_POSITIVE)
     };
     let spread: Vec<f64> = (0..system.outputs.len()).map(moves).collect();
     let resolution = same_twice(system, memory, record, &nominal, parameters)?;
-    let mut probe = Probe { system, plan, record, nominal, spread, resolution: vec![0.0; system.outputs.len()] };
+    let mut probe = Probe {
+        system,
+        plan,
+        record,
+        nominal,
+        spread,
+        resolution: vec![0.0; system.outputs.len()],
+    };
     let mut found = Probed::default();
     // As fine as a change of the inputs that only rounding could magnify.
-    let finer: Vec<Vec<f64>> = record.inputs.iter().map(|u| u.iter().map(|v| v * (1.0 + FINE)).collect()).collect();
+    let finer: Vec<Vec<f64>> =
+        record.inputs.iter().map(|u| u.iter().map(|v| v * (1.0 + FINE)).collect()).collect();
     let fine = probe.run(&finer, &record.start, &probe.plan);
     for (i, repeated) in resolution.into_iter().enumerate() {
         let moved = fine.as_ref().map_or(0.0, |y| (y.column(i) - probe.nominal.column(i)).amax());
         probe.resolution[i] = repeated.max(moved);
     }
-    if let Some((i, coarse)) = probe.resolution.iter().zip(&probe.spread).map(|(r, s)| r / s).enumerate().max_by(|a, b| a.1.total_cmp(&b.1))
+    if let Some((i, coarse)) = probe
+        .resolution
+        .iter()
+        .zip(&probe.spread)
+        .map(|(r, s)| r / s)
+        .enumerate()
+        .max_by(|a, b| a.1.total_cmp(&b.1))
         && coarse > ROUGH
     {
         if coarse > LOST {
-            return Err(GapError::Unstable { log: record.name.clone(), factor: coarse / FINE }.into());
+            return Err(
+                GapError::Unstable { log: record.name.clone(), factor: coarse / FINE }.into()
+            );
         }
-        found.caveats.push(Caveat::Rough { output: system.outputs[i].name.clone(), percent: format!("{:.2}", 100.0 * coarse) });
+        found.caveats.push(Caveat::Rough {
+            output: system.outputs[i].name.clone(),
+            percent: format!("{:.2}", 100.0 * coarse),
+        });
     }
     let mut responses: Vec<Response> = Vec::new();
     let mut grown: Option<f64> = None;
@@ -259,11 +292,15 @@ pub(crate) fn probe(
         && let Some((i, times)) = probe.lost()
         && (system.states.is_empty() || times > FAR_OFF || grown.is_some_and(|g| g > GROWS))
     {
-        let (output, grown) = (system.outputs[i].name.clone(), grown.filter(|g| *g > GROWS).map(|g| format!("{g:.0}")));
+        let (output, grown) = (
+            system.outputs[i].name.clone(),
+            grown.filter(|g| *g > GROWS).map(|g| format!("{g:.0}")),
+        );
         found.caveats.push(Caveat::LeftTheLog { output, times: format!("{times:.1}"), grown });
     }
     for (at, port) in system.parameters.iter().enumerate() {
-        let still = |share: f64| probe.with_parameter(at, share).is_some_and(|r| largest(&r) == 0.0);
+        let still =
+            |share: f64| probe.with_parameter(at, share).is_some_and(|r| largest(&r) == 0.0);
         if still(TENTH) && still(-TENTH) {
             found.idle_parameters.push(port.name.clone());
             found.caveats.push(Caveat::ParameterMovesNothing { parameter: port.name.clone() });
@@ -281,15 +318,30 @@ pub(crate) fn probe(
 }
 
 /// Per output, how far two answers to the same call are apart.
-fn same_twice(system: &System, memory: &Remembered, record: &LogRecord, first: &DMatrix<f64>, parameters: &[f64]) -> Result<Vec<f64>> {
+fn same_twice(
+    system: &System,
+    memory: &Remembered,
+    record: &LogRecord,
+    first: &DMatrix<f64>,
+    parameters: &[f64],
+) -> Result<Vec<f64>> {
     let u = DMatrix::from_fn(record.time_s.len(), record.inputs.len(), |k, j| record.inputs[j][k]);
     let mut second = DMatrix::zeros(first.nrows(), first.ncols());
-    deadtime_model::simulate::windows(&u, &record.time_s, &record.start, system.states.len(), |rows, u, time_s, x0| {
-        let again = memory.call(u, time_s, x0, parameters);
-        let again = again.map_err(|why| GapError::Nominal { log: record.name.clone(), why: format!("called again it failed: {why}") })?;
-        second.rows_mut(rows.start, rows.len()).copy_from(&again);
-        Ok::<(), GapError>(())
-    })?;
+    deadtime_model::simulate::windows(
+        &u,
+        &record.time_s,
+        &record.start,
+        system.states.len(),
+        |rows, u, time_s, x0| {
+            let again = memory.call(u, time_s, x0, parameters);
+            let again = again.map_err(|why| GapError::Nominal {
+                log: record.name.clone(),
+                why: format!("called again it failed: {why}"),
+            })?;
+            second.rows_mut(rows.start, rows.len()).copy_from(&again);
+            Ok::<(), GapError>(())
+        },
+    )?;
     let mut apart = Vec::new();
     for (i, output) in system.outputs.iter().enumerate() {
         let column: Vec<f64> = first.column(i).iter().copied().collect();
@@ -362,8 +414,14 @@ fn forgetting(record: &LogRecord, responses: &[Response], found: &mut Probed) ->
         found.caveats.push(Caveat::Grows { factor: format!("{growth:.0}") });
         format!("{can}; what a push at the start does grows {growth:.0}-fold over {}", record.name)
     } else if left > LEFT {
-        found.caveats.push(Caveat::NeverForgets { left: percent(left), started: !found.states.is_empty() });
-        format!("{can}; of a push at the start {} is left at the end of {}", percent(left), record.name)
+        found
+            .caveats
+            .push(Caveat::NeverForgets { left: percent(left), started: !found.states.is_empty() });
+        format!(
+            "{can}; of a push at the start {} is left at the end of {}",
+            percent(left),
+            record.name
+        )
     } else if responses.iter().all(|r| largest(r) == 0.0) {
         format!("{can}; no push moves it")
     } else {

@@ -102,7 +102,14 @@ pub(crate) struct Budget {
 
 /// Of a model file.
 pub(crate) const MODEL_FILE: Budget = {
-    let plain = Allowance { first_guesses: usize::MAX, fitted: 25, fitted_from: f64::NEG_INFINITY, leaders: 8, seconds: 6, pairs: 8 };
+    let plain = Allowance {
+        first_guesses: usize::MAX,
+        fitted: 25,
+        fitted_from: f64::NEG_INFINITY,
+        leaders: 8,
+        seconds: 6,
+        pairs: 8,
+    };
     Budget {
         plain,
         called: plain,
@@ -144,7 +151,14 @@ pub(crate) const MODEL_FILE: Budget = {
 
 /// Of a simulator that can only be called, may be rough and takes its time.
 pub(crate) const BLACK_BOX: Budget = Budget {
-    called: Allowance { first_guesses: 10, fitted: 10, fitted_from: 0.2, leaders: 4, seconds: 3, pairs: 4 },
+    called: Allowance {
+        first_guesses: 10,
+        fitted: 10,
+        fitted_from: 0.2,
+        leaders: 4,
+        seconds: 3,
+        pairs: 4,
+    },
     one_by_one: true,
     start_push: 0.2,
     ahead_push: 1e-2,
@@ -157,8 +171,26 @@ const WIDE_FROM: usize = 25;
 
 /// Of a wide model: of each candidate a few first guesses, and fewer that are fitted.
 pub(crate) const WIDE: Budget = {
-    let plain = Allowance { first_guesses: 2, fitted: 10, leaders: 3, seconds: 2, pairs: 3, ..MODEL_FILE.plain };
-    Budget { plain, called: plain, on: 5, polishes: 2, firsts: [1, 2], glances: 1, swapped: 1, losing: 1, rivals: 3, ..MODEL_FILE }
+    let plain = Allowance {
+        first_guesses: 2,
+        fitted: 10,
+        leaders: 3,
+        seconds: 2,
+        pairs: 3,
+        ..MODEL_FILE.plain
+    };
+    Budget {
+        plain,
+        called: plain,
+        on: 5,
+        polishes: 2,
+        firsts: [1, 2],
+        glances: 1,
+        swapped: 1,
+        losing: 1,
+        rivals: 3,
+        ..MODEL_FILE
+    }
 };
 
 impl Budget {

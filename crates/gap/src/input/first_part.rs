@@ -30,12 +30,20 @@ impl<'a> Parts<'a> {
     pub(crate) fn of(logs: &'a [Log], holdout: &'a [Log], rows: usize) -> Result<Self> {
         let total: usize = logs.iter().chain(holdout).map(Log::len).sum();
         if total <= rows {
-            return Ok(Self { logs: logs.into(), holdout: holdout.into(), caveats: Vec::new(), cut: Vec::new() });
+            return Ok(Self {
+                logs: logs.into(),
+                holdout: holdout.into(),
+                caveats: Vec::new(),
+                cut: Vec::new(),
+            });
         }
         let (mut caveats, mut cuts) = (Vec::new(), Vec::new());
         let mut part = |log: &'a Log| -> Result<Log> {
-            let used = (((log.len() as f64) * (rows as f64) / (total as f64)) as usize).max(SHORTEST);
-            let (Some(first), Some(last)) = (log.time_s().first(), log.time_s().get(used.saturating_sub(1))) else {
+            let used =
+                (((log.len() as f64) * (rows as f64) / (total as f64)) as usize).max(SHORTEST);
+            let (Some(first), Some(last)) =
+                (log.time_s().first(), log.time_s().get(used.saturating_sub(1)))
+            else {
                 return Ok(log.clone());
             };
             if used >= log.len() {
@@ -43,7 +51,12 @@ impl<'a> Parts<'a> {
             }
             let cut = log.window(None, Some(last - first))?;
             let until_s = format!("{:.1}", last - first);
-            caveats.push(Caveat::FirstPart { log: log.source().to_owned(), rows: log.len(), used: cut.len(), until_s });
+            caveats.push(Caveat::FirstPart {
+                log: log.source().to_owned(),
+                rows: log.len(),
+                used: cut.len(),
+                until_s,
+            });
             cuts.push((log, cut.len()));
             Ok(cut)
         };
@@ -69,10 +82,17 @@ mod tests {
         let all = Parts::of(&logs, &holdout, 1000).unwrap();
         assert!(all.caveats.is_empty() && matches!(all.logs, Cow::Borrowed(_)));
         let part = Parts::of(&logs, &holdout, 500).unwrap();
-        assert_eq!(part.logs.iter().chain(&*part.holdout).map(Log::len).collect::<Vec<_>>(), [300, 150, 50]);
+        assert_eq!(
+            part.logs.iter().chain(&*part.holdout).map(Log::len).collect::<Vec<_>>(),
+            [300, 150, 50]
+        );
         assert_eq!(part.logs[1].time_s(), &logs[1].time_s()[..150]);
         assert_eq!(part.caveats.len(), 3);
-        assert!(part.caveats[0].to_string().starts_with("a has 600 rows, of which the first 300 were looked at, up to 29.9 s"));
+        assert!(
+            part.caveats[0]
+                .to_string()
+                .starts_with("a has 600 rows, of which the first 300 were looked at, up to 29.9 s")
+        );
         // No log is cut to nothing.
         assert_eq!(Parts::of(&logs, &holdout, 1).unwrap().holdout[0].len(), SHORTEST);
     }

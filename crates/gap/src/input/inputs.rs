@@ -60,22 +60,36 @@ impl Inputs {
     ///
     /// # Errors
     /// [`GapError`] where logs, options and simulator do not fit, and the errors of logs and effects.
-    pub(crate) fn new(subject: Subject<'_>, simulator: &Simulator, logs: &[Log], holdout: &[Log], options: &GapOptions) -> Result<Self> {
+    pub(crate) fn new(
+        subject: Subject<'_>,
+        simulator: &Simulator,
+        logs: &[Log],
+        holdout: &[Log],
+        options: &GapOptions,
+    ) -> Result<Self> {
         let system = &simulator.system;
         if logs.is_empty() {
             return Err(GapError::NoLogs.into());
         }
-        if system.is_black_box() && (options.horizon.is_some() || options.prediction.is_some_and(|mode| mode != Mode::Simulation)) {
+        if system.is_black_box()
+            && (options.horizon.is_some()
+                || options.prediction.is_some_and(|mode| mode != Mode::Simulation))
+        {
             return Err(GapError::NoPredictor.into());
         }
         let model_effects = model_effects(subject, system)?;
         let nuisances = nuisances(subject, system, logs)?;
-        let mut records = logs.iter().chain(holdout).map(|log| LogRecord::new(log, system)).collect::<Result<Vec<_>>>()?;
+        let mut records = logs
+            .iter()
+            .chain(holdout)
+            .map(|log| LogRecord::new(log, system))
+            .collect::<Result<Vec<_>>>()?;
         let horizon = horizon(options, &records)?;
         let restarted = restart(system, &mut records)?;
         let probed = probe(system, simulator.memory.as_ref(), &records, restarted)?;
         let poles = probed.as_ref().map_or_else(|| Poles::of(system, &records), Poles::probed);
-        let longest_delay_s = options.longest_delay_s.unwrap_or_else(|| longest_delay(&records, poles.settling_s));
+        let longest_delay_s =
+            options.longest_delay_s.unwrap_or_else(|| longest_delay(&records, poles.settling_s));
         let limit_s = records.iter().map(|r| 0.5 * r.duration_s()).fold(f64::INFINITY, f64::min);
         if !(0.0..limit_s).contains(&longest_delay_s) {
             return Err(GapError::LongestDelay { given_s: longest_delay_s, limit_s }.into());
@@ -88,7 +102,17 @@ impl Inputs {
             black_box: system.is_black_box(),
         };
         let holdouts = divide.set_spans(&mut records, logs.len());
-        Ok(Self { model_effects, nuisances, records, probed, poles, holdouts, longest_delay_s, limit_s, horizon })
+        Ok(Self {
+            model_effects,
+            nuisances,
+            records,
+            probed,
+            poles,
+            holdouts,
+            longest_delay_s,
+            limit_s,
+            horizon,
+        })
     }
 
     /// All logs are learnt from, and nothing is held back.
@@ -116,7 +140,9 @@ fn horizon(options: &GapOptions, records: &[LogRecord]) -> Result<Option<NonZero
     let most = records.iter().map(|r| r.time_s.len() / HORIZONS).min().unwrap_or(0);
     let asked = options.prediction == Some(Mode::Horizon);
     let Some(given) = options.horizon.or(asked.then_some(0)) else { return Ok(None) };
-    match NonZeroUsize::new(given).filter(|_| given <= most && (asked || options.prediction.is_none())) {
+    match NonZeroUsize::new(given)
+        .filter(|_| given <= most && (asked || options.prediction.is_none()))
+    {
         Some(horizon) => Ok(Some(horizon)),
         None => Err(GapError::Horizon { given, most }.into()),
     }
@@ -127,5 +153,9 @@ fn horizon(options: &GapOptions, records: &[LogRecord]) -> Result<Option<NonZero
 /// # Errors
 /// Those of [`Applied::from_entry`].
 pub(crate) fn model_effects(subject: Subject<'_>, system: &System) -> Result<Vec<Applied>> {
-    Ok(subject.effects().iter().map(|e| Applied::from_entry(system, e)).collect::<std::result::Result<Vec<_>, _>>()?)
+    Ok(subject
+        .effects()
+        .iter()
+        .map(|e| Applied::from_entry(system, e))
+        .collect::<std::result::Result<Vec<_>, _>>()?)
 }

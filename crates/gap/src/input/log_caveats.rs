@@ -20,7 +20,9 @@ pub(crate) fn whole_turns(subject: Subject<'_>, logs: &[Log]) -> Vec<Caveat> {
 /// All caveats of these logs.
 pub(crate) fn log_caveats(system: &System, records: &[LogRecord]) -> Vec<Caveat> {
     let mut found = Vec::new();
-    let same = |a: &LogRecord, b: &LogRecord| a.time_s == b.time_s && a.inputs == b.inputs && a.measured == b.measured;
+    let same = |a: &LogRecord, b: &LogRecord| {
+        a.time_s == b.time_s && a.inputs == b.inputs && a.measured == b.measured
+    };
     for (at, record) in records.iter().enumerate() {
         let Some(twin) = records[..at].iter().find(|r| same(r, record)) else { continue };
         let (first, second) = (twin.name.clone(), record.name.clone());
@@ -29,8 +31,11 @@ pub(crate) fn log_caveats(system: &System, records: &[LogRecord]) -> Vec<Caveat>
             _ => Caveat::Twice { first, second },
         });
     }
-    let inside =
-        |span: Option<Span>, r: &LogRecord| (0..r.time_s.len()).filter(|&k| span.is_some_and(|s| s.holds(r.time_s[k]))).collect::<Vec<_>>();
+    let inside = |span: Option<Span>, r: &LogRecord| {
+        (0..r.time_s.len())
+            .filter(|&k| span.is_some_and(|s| s.holds(r.time_s[k])))
+            .collect::<Vec<_>>()
+    };
     for (j, input) in system.inputs.iter().enumerate() {
         // A level of its own in each log is no movement either: nothing happens after the start.
         #[allow(clippy::float_cmp)]
@@ -44,7 +49,9 @@ pub(crate) fn log_caveats(system: &System, records: &[LogRecord]) -> Vec<Caveat>
     }
     for (i, output) in system.outputs.iter().enumerate() {
         let none = |span: &dyn Fn(&LogRecord) -> Option<Span>| {
-            records.iter().all(|r| inside(span(r), r).into_iter().all(|k| r.measured[i].get(k).is_none()))
+            records
+                .iter()
+                .all(|r| inside(span(r), r).into_iter().all(|k| r.measured[i].get(k).is_none()))
         };
         if none(&|r| r.train) {
             found.push(Caveat::NothingToLearn { output: output.name.clone() });

@@ -21,9 +21,19 @@ pub(crate) struct Nuisance {
 impl Nuisance {
     fn of(entry: &NuisanceEntry, system: &System) -> Result<Self, String> {
         let effect = find(&entry.effect).ok().filter(|effect| effect.is_constant());
-        let Some(effect) = effect else { return Err(format!("{}; take one of: {}", not_constant(&entry.effect), constants().join(", "))) };
+        let Some(effect) = effect else {
+            return Err(format!(
+                "{}; take one of: {}",
+                not_constant(&entry.effect),
+                constants().join(", ")
+            ));
+        };
         let remedy = |e: EffectError| format!("{e}; correct its `channel`, or leave it out");
-        Ok(Self { applied: Applied::nominal(system, effect, &entry.channel).map_err(remedy)?, std: entry.std, declared: true })
+        Ok(Self {
+            applied: Applied::nominal(system, effect, &entry.channel).map_err(remedy)?,
+            std: entry.std,
+            declared: true,
+        })
     }
 
     /// So far from the value at which it does nothing.
@@ -38,7 +48,9 @@ impl Nuisance {
         let channel = &self.applied.channel;
         match self.declared {
             true => format!("a nuisance of the model file on `{channel}`"),
-            false => format!("the operating point of `{channel}` is the mean of the logs, which takes a constant up"),
+            false => format!(
+                "the operating point of `{channel}` is the mean of the logs, which takes a constant up"
+            ),
         }
     }
 
@@ -54,7 +66,9 @@ fn constants() -> Vec<&'static str> {
 
 fn not_constant(name: &str) -> String {
     match find(name) {
-        Ok(_) => format!("`{name}` does more than add a constant of one number, so it is a cause and no nuisance"),
+        Ok(_) => format!(
+            "`{name}` does more than add a constant of one number, so it is a cause and no nuisance"
+        ),
         Err(_) => format!("there is no effect `{name}`"),
     }
 }
@@ -65,13 +79,28 @@ fn not_constant(name: &str) -> String {
 ///
 /// # Errors
 /// [`GapError::Nuisance`]: an effect or channel that there is none, an effect that is no constant.
-pub(crate) fn nuisances(subject: Subject<'_>, system: &System, logs: &[Log]) -> Result<Vec<Nuisance>, GapError> {
-    let wrong = |entry: &NuisanceEntry, why| GapError::Nuisance { model: subject.name().to_owned(), nuisance: entry.key(), why };
-    let declared = subject.nuisances().iter().map(|entry| Nuisance::of(entry, system).map_err(|why| wrong(entry, why)));
+pub(crate) fn nuisances(
+    subject: Subject<'_>,
+    system: &System,
+    logs: &[Log],
+) -> Result<Vec<Nuisance>, GapError> {
+    let wrong = |entry: &NuisanceEntry, why| GapError::Nuisance {
+        model: subject.name().to_owned(),
+        nuisance: entry.key(),
+        why,
+    };
+    let declared = subject
+        .nuisances()
+        .iter()
+        .map(|entry| Nuisance::of(entry, system).map_err(|why| wrong(entry, why)));
     let mut nuisances = declared.collect::<Result<Vec<_>, _>>()?;
     for (channel, std) in subject.unknown_levels(logs) {
         let level = EFFECTS.into_iter().find(|e| e.is_constant() && e.site() == Site::Output);
-        let Some(applied) = level.and_then(|effect| Applied::nominal(system, effect, &channel).ok()) else { continue };
+        let Some(applied) =
+            level.and_then(|effect| Applied::nominal(system, effect, &channel).ok())
+        else {
+            continue;
+        };
         if !nuisances.iter().any(|n| n.is(applied.effect, &channel)) {
             nuisances.push(Nuisance { applied, std, declared: false });
         }

@@ -36,7 +36,8 @@ impl Poles {
                 }
                 if z < 1.0 && z > 0.0 {
                     // 4 time constants, as long as that is less than the log.
-                    settling_s = settling_s.max((4.0 * record.sample_time_s / -z.ln()).min(0.1 * record.duration_s()));
+                    settling_s = settling_s
+                        .max((4.0 * record.sample_time_s / -z.ln()).min(0.1 * record.duration_s()));
                 }
             }
         }
@@ -50,14 +51,29 @@ impl Poles {
 }
 
 /// The model about its start and the mean input, sampled every `ts`: Φ, Γ and C.
-pub(crate) fn sampled(system: &System, record: &LogRecord, ts: SampleTime) -> Option<[DMatrix<f64>; 3]> {
+pub(crate) fn sampled(
+    system: &System,
+    record: &LogRecord,
+    ts: SampleTime,
+) -> Option<[DMatrix<f64>; 3]> {
     let continuous = |matrices: &Matrices| {
-        let sys = StateSpace::continuous(matrices.a.clone(), matrices.b.clone(), matrices.c.clone(), matrices.d.clone()).ok()?;
+        let sys = StateSpace::continuous(
+            matrices.a.clone(),
+            matrices.b.clone(),
+            matrices.c.clone(),
+            matrices.d.clone(),
+        )
+        .ok()?;
         let (phi, gamma, _) = transition(sys.a(), sys.b(), ts.seconds(), Hold::Zero);
-        phi.iter().chain(gamma.iter()).all(|v| v.is_finite()).then(|| [phi, gamma, matrices.c.clone()])
+        phi.iter()
+            .chain(gamma.iter())
+            .all(|v| v.is_finite())
+            .then(|| [phi, gamma, matrices.c.clone()])
     };
     match &system.dynamics {
-        Dynamics::Sampled(matrices, _) => Some([matrices.a.clone(), matrices.b.clone(), matrices.c.clone()]),
+        Dynamics::Sampled(matrices, _) => {
+            Some([matrices.a.clone(), matrices.b.clone(), matrices.c.clone()])
+        }
         Dynamics::Linear(matrices) => continuous(matrices),
         Dynamics::BlackBox(..) => None,
         Dynamics::Equations(equations, parameters) => {

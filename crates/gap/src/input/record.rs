@@ -51,13 +51,23 @@ impl LogRecord {
     pub(crate) fn new(log: &Log, system: &System) -> Result<Self> {
         channels_fit(log, &system.inputs, &system.outputs)?;
         if log.len() < SHORTEST {
-            return Err(GapError::Short { log: log.source().to_owned(), needed: SHORTEST, got: log.len() }.into());
+            return Err(GapError::Short {
+                log: log.source().to_owned(),
+                needed: SHORTEST,
+                got: log.len(),
+            }
+            .into());
         }
         if let deadtime_model::simulate::Dynamics::Sampled(_, ts) = system.dynamics {
             let found = log.even_grid()?;
             if ts.must_equal(found).is_err() {
                 let log = log.source().to_owned();
-                return Err(GapError::SampleTime { log, model_s: ts.seconds(), log_s: found.seconds() }.into());
+                return Err(GapError::SampleTime {
+                    log,
+                    model_s: ts.seconds(),
+                    log_s: found.seconds(),
+                }
+                .into());
             }
         }
         let start = log.time_s().first().copied().unwrap_or(0.0);
@@ -67,17 +77,25 @@ impl LogRecord {
             let present: Vec<bool> = (0..log.len()).map(|k| output.get(k).is_some()).collect();
             Ok(Measured { values, present: present.contains(&false).then_some(present) })
         };
-        let known = |name: &str| system.inputs.iter().chain(&system.outputs).any(|c| c.name == name);
+        let known =
+            |name: &str| system.inputs.iter().chain(&system.outputs).any(|c| c.name == name);
         let further = |c: &Channel| {
             let samples = c.samples();
-            (c.name().to_owned(), (0..log.len()).map(|k| samples.get(k).unwrap_or(f64::NAN)).collect())
+            (
+                c.name().to_owned(),
+                (0..log.len()).map(|k| samples.get(k).unwrap_or(f64::NAN)).collect(),
+            )
         };
         let sample_time_s = log.duration_s() / (log.len() - 1) as f64;
         Ok(Self {
             name: log.source().to_owned(),
             time_s: log.time_s().iter().map(|t| t - start).collect(),
             sample_time_s,
-            inputs: system.inputs.iter().map(|c| Ok(log.input(&c.name)?.to_vec())).collect::<Result<_>>()?,
+            inputs: system
+                .inputs
+                .iter()
+                .map(|c| Ok(log.input(&c.name)?.to_vec()))
+                .collect::<Result<_>>()?,
             measured: system.outputs.iter().map(|c| measured(&c.name)).collect::<Result<_>>()?,
             start: system.initial.clone(),
             states: logged_states(log, system)?,
@@ -92,8 +110,12 @@ impl LogRecord {
     pub(crate) fn restart_after(&mut self, samples: usize, system: &System) {
         let count = self.time_s.len().div_ceil(samples.max(1)).max(1);
         let at = |w: usize| w * self.time_s.len() / count;
-        let state = |w: usize, j: usize| self.states[j].as_ref().map_or(system.initial[j], |x| x[at(w)]);
-        self.start = (0..count).flat_map(|w| (0..self.states.len()).map(move |j| (w, j))).map(|(w, j)| state(w, j)).collect();
+        let state =
+            |w: usize, j: usize| self.states[j].as_ref().map_or(system.initial[j], |x| x[at(w)]);
+        self.start = (0..count)
+            .flat_map(|w| (0..self.states.len()).map(move |j| (w, j)))
+            .map(|(w, j)| state(w, j))
+            .collect();
     }
 
     pub(crate) fn duration_s(&self) -> f64 {
@@ -124,17 +146,25 @@ impl LogRecord {
 fn logged_states(log: &Log, system: &System) -> Result<Vec<Option<Vec<f64>>>> {
     let Some(restart) = &system.restart else { return Ok(Vec::new()) };
     let one = |name: &String| -> Result<Vec<f64>> {
-        let unknown = |found: LogError| GapError::Channel { found: found.into(), channel: name.clone() };
+        let unknown =
+            |found: LogError| GapError::Channel { found: found.into(), channel: name.clone() };
         let samples = log.output(name).map_err(unknown)?;
         let time_s = log.time_s();
-        let there: Vec<(f64, f64)> = (0..log.len()).filter_map(|k| Some((time_s[k], samples.get(k)?))).collect();
+        let there: Vec<(f64, f64)> =
+            (0..log.len()).filter_map(|k| Some((time_s[k], samples.get(k)?))).collect();
         if there.is_empty() {
-            return Err(GapError::NoState { log: log.source().to_owned(), channel: name.clone() }.into());
+            return Err(
+                GapError::NoState { log: log.source().to_owned(), channel: name.clone() }.into()
+            );
         }
         let at = |t: &f64| {
             let after = there.partition_point(|(s, _)| s <= t).min(there.len() - 1);
             let (before, after) = (there[after.saturating_sub(1)], there[after]);
-            let share = if after.0 > before.0 { ((t - before.0) / (after.0 - before.0)).clamp(0.0, 1.0) } else { 0.0 };
+            let share = if after.0 > before.0 {
+                ((t - before.0) / (after.0 - before.0)).clamp(0.0, 1.0)
+            } else {
+                0.0
+            };
             before.1 + share * (after.1 - before.1)
         };
         Ok(time_s.iter().map(at).collect())
@@ -150,7 +180,11 @@ pub(crate) fn channels_fit(log: &Log, inputs: &[Port], outputs: &[Port]) -> Resu
     for channel in inputs.iter().chain(outputs) {
         match log.channel(&channel.name) {
             Err(found @ LogError::UnknownChannel { .. }) => {
-                return Err(GapError::Channel { found: found.into(), channel: channel.name.clone() }.into());
+                return Err(GapError::Channel {
+                    found: found.into(),
+                    channel: channel.name.clone(),
+                }
+                .into());
             }
             other => other?,
         };

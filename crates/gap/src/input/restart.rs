@@ -40,7 +40,8 @@ impl Restarted {
     fn why(self) -> String {
         let Self { every_s, windows, growth } = self;
         match windows {
-            1 => "simulated freely, from what the log says of its states at the first sample".to_owned(),
+            1 => "simulated freely, from what the log says of its states at the first sample"
+                .to_owned(),
             _ => format!(
                 "{STARTED_AGAIN} from what the log says of its states, every {every_s:.3} s ({windows} windows in the longest log); within one a push grows {growth:.1}-fold"
             ),
@@ -54,14 +55,22 @@ impl Restarted {
 /// [`GapError`]: the simulator fails, or a push grows without bounds even in the shortest windows, or there would be more starts than can be fitted.
 pub(crate) fn restart(system: &System, records: &mut [LogRecord]) -> Result<Option<(f64, String)>> {
     let Some(wanted) = &system.restart else { return Ok(None) };
-    let Some(at) = (0..records.len()).max_by_key(|&at| records[at].time_s.len()) else { return Ok(None) };
+    let Some(at) = (0..records.len()).max_by_key(|&at| records[at].time_s.len()) else {
+        return Ok(None);
+    };
     let (samples, sample_time_s) = (records[at].time_s.len(), records[at].sample_time_s);
     let (length, growth) = match wanted.every_s {
         Some(every_s) => {
             let length = (every_s / sample_time_s).round() as usize;
             if length < SHORTEST {
                 let (log, least_s) = (records[at].name.clone(), SHORTEST as f64 * sample_time_s);
-                return Err(GapError::RestartsTooOften { log, given_s: every_s, got: length, least_s }.into());
+                return Err(GapError::RestartsTooOften {
+                    log,
+                    given_s: every_s,
+                    got: length,
+                    least_s,
+                }
+                .into());
             }
             (length.min(samples), grown(system, &mut records[at], length)?)
         }
@@ -72,10 +81,20 @@ pub(crate) fn restart(system: &System, records: &mut [LogRecord]) -> Result<Opti
         record.restart_after(length.max(SHORTEST), system);
         if record.start.len() > MOST {
             let (log, every_s) = (record.name.clone(), length as f64 * record.sample_time_s);
-            return Err(GapError::TooManyStarts { log, every_s, got: record.start.len(), most: MOST }.into());
+            return Err(GapError::TooManyStarts {
+                log,
+                every_s,
+                got: record.start.len(),
+                most: MOST,
+            }
+            .into());
         }
     }
-    let restarted = Restarted { every_s: length as f64 * sample_time_s, windows: samples.div_ceil(length), growth };
+    let restarted = Restarted {
+        every_s: length as f64 * sample_time_s,
+        windows: samples.div_ceil(length),
+        growth,
+    };
     Ok(Some((restarted.every_s, restarted.why())))
 }
 
@@ -103,14 +122,21 @@ fn grown(system: &System, record: &mut LogRecord, length: usize) -> Result<f64> 
     record.restart_after(length, system);
     let plan = Plan::new(system);
     let (states, samples) = (system.states.len(), record.time_s.len());
-    let failed = |e: deadtime_model::simulate::SimulateError| GapError::Nominal { log: record.name.clone(), why: e.to_string() };
+    let failed = |e: deadtime_model::simulate::SimulateError| GapError::Nominal {
+        log: record.name.clone(),
+        why: e.to_string(),
+    };
     let commands = Commands { time_s: &record.time_s, inputs: &record.inputs };
     let nominal = system.simulate(&plan, commands, &record.start, None).map_err(failed)?.y;
-    let moves: Vec<f64> = record.measured.iter().map(|m| spread(&m.values).max(f64::MIN_POSITIVE)).collect();
+    let moves: Vec<f64> =
+        record.measured.iter().map(|m| spread(&m.values).max(f64::MIN_POSITIVE)).collect();
     let windows = record.start.len() / states.max(1);
     let mut growth: f64 = 1.0;
     for j in 0..states {
-        let size = PUSH * record.states[j].as_ref().map_or_else(|| system.initial[j].abs().max(0.1), |x| spread(x));
+        let size = PUSH
+            * record.states[j]
+                .as_ref()
+                .map_or_else(|| system.initial[j].abs().max(0.1), |x| spread(x));
         let mut start = record.start.clone();
         start.iter_mut().skip(j).step_by(states).for_each(|x| *x += size);
         let pushed = system.simulate(&plan, commands, &start, None).map_err(failed)?.y;
@@ -118,13 +144,18 @@ fn grown(system: &System, record: &mut LogRecord, length: usize) -> Result<f64> 
         let mut response = vec![0.0_f64; length];
         for w in 0..windows {
             for (k, row) in (w * samples / windows..(w + 1) * samples / windows).enumerate() {
-                let apart = (0..moves.len()).map(|i| (pushed[(row, i)] - nominal[(row, i)]).abs() / moves[i]).fold(0.0, f64::max);
+                let apart = (0..moves.len())
+                    .map(|i| (pushed[(row, i)] - nominal[(row, i)]).abs() / moves[i])
+                    .fold(0.0, f64::max);
                 response[k] = response[k].max(apart);
             }
         }
         let largest = |of: &[f64]| of.iter().copied().fold(0.0, f64::max);
         let used = samples / windows;
-        let (early, end) = (largest(&response[..(used / 3).max(1)]), largest(&response[used - (used / 10).max(1)..used]));
+        let (early, end) = (
+            largest(&response[..(used / 3).max(1)]),
+            largest(&response[used - (used / 10).max(1)..used]),
+        );
         if early > 0.0 {
             growth = growth.max(end / early);
         }

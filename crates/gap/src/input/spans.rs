@@ -50,10 +50,17 @@ impl Divide {
             } else {
                 let cut = (1.0 - HELD_BACK) * end;
                 record.train = Some(Span { from_s: self.start_s, to_s: cut });
-                record.held = Some(Span { from_s: (cut + self.settling_s).min(0.5 * (cut + end)), to_s: end });
+                record.held = Some(Span {
+                    from_s: (cut + self.settling_s).min(0.5 * (cut + end)),
+                    to_s: end,
+                });
             }
             if let Some(span) = record.held {
-                holdouts.push(Holdout { log: record.name.clone(), from_s: span.from_s, to_s: span.to_s });
+                holdouts.push(Holdout {
+                    log: record.name.clone(),
+                    from_s: span.from_s,
+                    to_s: span.to_s,
+                });
             }
         }
         holdouts

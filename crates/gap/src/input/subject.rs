@@ -42,11 +42,16 @@ impl<'a> Subject<'a> {
     ///
     /// # Errors
     /// [`LogError`] where a log lacks the input of a slope.
-    pub(crate) fn completed<'b>(self, logs: &'b [Log]) -> std::result::Result<Cow<'b, [Log]>, LogError> {
+    pub(crate) fn completed<'b>(
+        self,
+        logs: &'b [Log],
+    ) -> std::result::Result<Cow<'b, [Log]>, LogError> {
         match self {
-            Self::Model(document) if document.asks_of_logs() => {
-                Ok(Cow::Owned(logs.iter().map(|log| document.complete(log.clone())).collect::<std::result::Result<_, _>>()?))
-            }
+            Self::Model(document) if document.asks_of_logs() => Ok(Cow::Owned(
+                logs.iter()
+                    .map(|log| document.complete(log.clone()))
+                    .collect::<std::result::Result<_, _>>()?,
+            )),
             _ => Ok(Cow::Borrowed(logs)),
         }
     }
@@ -94,19 +99,26 @@ impl<'a> Subject<'a> {
         match self {
             Self::Model(document) => system(document, logs),
             Self::Simulator(system) => {
-                logs.iter().try_for_each(|log| channels_fit(log, &system.inputs, &system.outputs))?;
+                logs.iter()
+                    .try_for_each(|log| channels_fit(log, &system.inputs, &system.outputs))?;
                 Ok(system.clone())
             }
         }
     }
 
     /// The model file with further effects, at the operating point at which it was diagnosed: the mean of another log would be another model. `None` where there is no file.
-    pub(crate) fn with(self, found: impl Iterator<Item = EffectEntry>, logs: &[Log]) -> Option<ModelDocument> {
+    pub(crate) fn with(
+        self,
+        found: impl Iterator<Item = EffectEntry>,
+        logs: &[Log],
+    ) -> Option<ModelDocument> {
         let Self::Model(document) = self else { return None };
         let mut model = document.clone();
         if let ModelDocument::Lti(file) = &mut model {
             for channel in file.inputs.iter_mut().chain(&mut file.outputs) {
-                if let (Operating::Mean(_), Ok(mean)) = (channel.operating, mean_over(logs, &channel.name)) {
+                if let (Operating::Mean(_), Ok(mean)) =
+                    (channel.operating, mean_over(logs, &channel.name))
+                {
                     channel.operating = Operating::Value(mean);
                 }
             }
@@ -128,7 +140,11 @@ pub(crate) fn system(document: &ModelDocument, logs: &[Log]) -> Result<System> {
     let subject = Subject::from(document);
     let (inputs, outputs) = (subject.inputs(), subject.outputs());
     logs.iter().try_for_each(|log| channels_fit(log, &inputs, &outputs))?;
-    let asked = document.inputs().iter().chain(document.outputs()).any(|c| matches!(c.operating, Operating::Mean(_)));
+    let asked = document
+        .inputs()
+        .iter()
+        .chain(document.outputs())
+        .any(|c| matches!(c.operating, Operating::Mean(_)));
     Ok(System::new(document, |name| if asked { Ok(mean_over(logs, name)?) } else { Ok(0.0) })?)
 }
 

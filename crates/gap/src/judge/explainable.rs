@@ -56,7 +56,8 @@ pub(crate) fn shares(
     let finite = |moved: DMatrix<f64>| moved.iter().all(|v| v.is_finite()).then_some(moved);
     let signatures = |beside: ActiveEffects<'_>, without: &DMatrix<f64>| -> Vec<DMatrix<f64>> {
         let signature = |applied: &Applied| {
-            let effects: Vec<Applied> = beside.effects.iter().cloned().chain([applied.clone()]).collect();
+            let effects: Vec<Applied> =
+                beside.effects.iter().cloned().chain([applied.clone()]).collect();
             finite(stacked(likelihood, beside.with(&effects), None, &rows)? - without)
         };
         tried.par_iter().filter_map(signature).collect()
@@ -73,43 +74,66 @@ pub(crate) fn shares(
     }
     if likelihood.system.is_black_box() {
         let own = own_directions(active);
-        columns.par_extend(own.par_iter().filter_map(|e| finite(stacked(likelihood, active.with(e), None, &rows)? - &base)));
+        columns.par_extend(
+            own.par_iter()
+                .filter_map(|e| finite(stacked(likelihood, active.with(e), None, &rows)? - &base)),
+        );
         let pushed = perturbations(likelihood, active, catalogue);
-        columns.par_extend(pushed.par_iter().filter_map(|u| finite(stacked(likelihood, active, Some(u), &rows)? - &base)));
+        columns.par_extend(
+            pushed
+                .par_iter()
+                .filter_map(|u| finite(stacked(likelihood, active, Some(u), &rows)? - &base)),
+        );
     }
     (0..outputs)
         .into_par_iter()
         .map(|i| {
-            let there: Vec<usize> =
-                (0..rows.len()).filter(|&r| likelihood.records[rows[r].0].measured[i].get(rows[r].1).is_some()).collect();
-            let left = DVector::from_iterator(there.len(), there.iter().map(|&r| residuals[rows[r].0][(rows[r].1, i)]));
-            let regressors =
-                DMatrix::from_fn(there.len(), columns.len() + 1, |r, c| if c == 0 { 1.0 } else { columns[c - 1][(there[r], i)] });
+            let there: Vec<usize> = (0..rows.len())
+                .filter(|&r| likelihood.records[rows[r].0].measured[i].get(rows[r].1).is_some())
+                .collect();
+            let left = DVector::from_iterator(
+                there.len(),
+                there.iter().map(|&r| residuals[rows[r].0][(rows[r].1, i)]),
+            );
+            let regressors = DMatrix::from_fn(there.len(), columns.len() + 1, |r, c| {
+                if c == 0 { 1.0 } else { columns[c - 1][(there[r], i)] }
+            });
             predicted(&left, regressors)
         })
         .collect()
 }
 
 /// The model's own prediction, later by delays an octave apart, up to the length of a block: a weighted sum of them responds as a machine with a memory of its own.
-fn later(likelihood: &Likelihood<'_>, rows: &[(usize, usize)], scales: &Scales) -> Vec<DMatrix<f64>> {
+fn later(
+    likelihood: &Likelihood<'_>,
+    rows: &[(usize, usize)],
+    scales: &Scales,
+) -> Vec<DMatrix<f64>> {
     let Some(model) = trained(likelihood, NO_EFFECT, None) else { return Vec::new() };
     let spans = likelihood.records.iter().filter_map(|r| r.train);
     let block_s = spans.map(|span| span.to_s - span.from_s).fold(0.0, f64::max) / FOLDS as f64;
     let delays = std::iter::successors(Some(scales.sample_time_s), |delay_s| Some(2.0 * delay_s));
     let delays = delays.take_while(|delay_s| *delay_s > 0.0 && *delay_s <= block_s);
-    let before =
-        |(at, k): (usize, usize), delay_s: f64| (at, k.saturating_sub((delay_s / likelihood.records[at].sample_time_s).round() as usize));
-    delays.map(|delay_s| at_rows(&model, &rows.iter().map(|&row| before(row, delay_s)).collect::<Vec<_>>())).collect()
+    let before = |(at, k): (usize, usize), delay_s: f64| {
+        (at, k.saturating_sub((delay_s / likelihood.records[at].sample_time_s).round() as usize))
+    };
+    delays
+        .map(|delay_s| {
+            at_rows(&model, &rows.iter().map(|&row| before(row, delay_s)).collect::<Vec<_>>())
+        })
+        .collect()
 }
 
 /// What acts with one parameter a little further from nominal.
 fn own_directions(active: ActiveEffects<'_>) -> Vec<Vec<Applied>> {
-    let all =
-        active.effects.iter().enumerate().flat_map(|(e, a)| (0..a.values.len()).map(move |i| (e, i, a.parameters[i].nominal, a.values[i])));
+    let all = active.effects.iter().enumerate().flat_map(|(e, a)| {
+        (0..a.values.len()).map(move |i| (e, i, a.parameters[i].nominal, a.values[i]))
+    });
     all.filter(|(.., nominal, value)| value.is_finite() && value != nominal)
         .map(|(e, i, nominal, value)| {
             let mut moved = active.effects.to_vec();
-            moved[e].values[i] += FURTHER * if nominal.is_finite() { value - nominal } else { value };
+            moved[e].values[i] +=
+                FURTHER * if nominal.is_finite() { value - nominal } else { value };
             moved
         })
         .collect()
@@ -119,7 +143,10 @@ fn own_directions(active: ActiveEffects<'_>) -> Vec<Vec<Applied>> {
 fn rows(likelihood: &Likelihood<'_>) -> Vec<(usize, usize)> {
     let inside = |(at, record): (usize, &LogRecord)| {
         let span = record.train;
-        (0..record.time_s.len()).filter(move |&k| span.is_some_and(|s| s.holds(record.time_s[k]))).map(move |k| (at, k)).collect::<Vec<_>>()
+        (0..record.time_s.len())
+            .filter(move |&k| span.is_some_and(|s| s.holds(record.time_s[k])))
+            .map(move |k| (at, k))
+            .collect::<Vec<_>>()
     };
     let all: Vec<(usize, usize)> = likelihood.records.iter().enumerate().flat_map(inside).collect();
     let every = all.len().div_ceil(ROWS).max(1);
@@ -137,7 +164,11 @@ fn stacked(
 }
 
 /// Predictions of the training records; nothing of the others.
-fn trained(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, commanded: Option<&Commanded>) -> Option<Vec<Option<DMatrix<f64>>>> {
+fn trained(
+    likelihood: &Likelihood<'_>,
+    active: ActiveEffects<'_>,
+    commanded: Option<&Commanded>,
+) -> Option<Vec<Option<DMatrix<f64>>>> {
     let inputs = |at: usize| commanded.map_or(&likelihood.records[at].inputs, |c| &c[at]);
     let one = |at: usize| match likelihood.records[at].train {
         Some(_) => likelihood.predict_trained(at, active, inputs(at)).map(Some),
@@ -148,7 +179,9 @@ fn trained(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, commanded: Op
 
 fn at_rows(predicted: &[Option<DMatrix<f64>>], rows: &[(usize, usize)]) -> DMatrix<f64> {
     let outputs = predicted.iter().flatten().map(DMatrix::ncols).next().unwrap_or(0);
-    DMatrix::from_fn(rows.len(), outputs, |r, i| predicted[rows[r].0].as_ref().map_or(0.0, |y| y[(rows[r].1, i)]))
+    DMatrix::from_fn(rows.len(), outputs, |r, i| {
+        predicted[rows[r].0].as_ref().map_or(0.0, |y| y[(rows[r].1, i)])
+    })
 }
 
 /// The share of the mean square of `left` that blocks predict of each other, at the best ridge.
@@ -164,7 +197,11 @@ fn predicted(left: &DVector<f64>, mut regressors: DMatrix<f64>) -> f64 {
             column /= size;
         }
     }
-    let missed = if width > count { missed_by_rows(left, &regressors) } else { missed_by_columns(left, &regressors) };
+    let missed = if width > count {
+        missed_by_rows(left, &regressors)
+    } else {
+        missed_by_columns(left, &regressors)
+    };
     let best = missed.into_iter().flatten().fold(whole, f64::min);
     1.0 - best / whole
 }
@@ -175,7 +212,10 @@ fn fold(f: usize, count: usize) -> (usize, usize) {
 }
 
 /// By ridge, the square of what is missed of the blocks that are left out in turn; `None` where it cannot be computed.
-fn missed_by_columns(left: &DVector<f64>, regressors: &DMatrix<f64>) -> [Option<f64>; RIDGES.len()] {
+fn missed_by_columns(
+    left: &DVector<f64>,
+    regressors: &DMatrix<f64>,
+) -> [Option<f64>; RIDGES.len()] {
     let (count, width) = regressors.shape();
     let parts: Vec<(DMatrix<f64>, DVector<f64>)> = (0..FOLDS)
         .map(|f| {
@@ -184,7 +224,10 @@ fn missed_by_columns(left: &DVector<f64>, regressors: &DMatrix<f64>) -> [Option<
             (x.tr_mul(&x), x.tr_mul(&left.rows(from, to - from)))
         })
         .collect();
-    let (gram, right) = parts.iter().fold((DMatrix::zeros(width, width), DVector::zeros(width)), |(g, r), p| (g + &p.0, r + &p.1));
+    let (gram, right) =
+        parts.iter().fold((DMatrix::zeros(width, width), DVector::zeros(width)), |(g, r), p| {
+            (g + &p.0, r + &p.1)
+        });
     RIDGES.map(|ridge| {
         let mut missed = 0.0;
         for (f, part) in parts.iter().enumerate() {
@@ -195,7 +238,8 @@ fn missed_by_columns(left: &DVector<f64>, regressors: &DMatrix<f64>) -> [Option<
             }
             let beta = others.cholesky()?.solve(&(&right - &part.1));
             let (from, to) = fold(f, count);
-            missed += (left.rows(from, to - from) - regressors.rows(from, to - from) * beta).norm_squared();
+            missed += (left.rows(from, to - from) - regressors.rows(from, to - from) * beta)
+                .norm_squared();
         }
         Some(missed)
     })
@@ -212,11 +256,15 @@ fn missed_by_rows(left: &DVector<f64>, regressors: &DMatrix<f64>) -> [Option<f64
             let (from, to) = fold(f, count);
             let others: Vec<usize> = (0..from).chain(to..count).collect();
             let weight = ridge * count as f64;
-            let among =
-                DMatrix::from_fn(others.len(), others.len(), |i, j| kernel[(others[i], others[j])] + if i == j { weight } else { 0.0 });
-            let alpha = among.cholesky()?.solve(&DVector::from_iterator(others.len(), others.iter().map(|&i| left[i])));
+            let among = DMatrix::from_fn(others.len(), others.len(), |i, j| {
+                kernel[(others[i], others[j])] + if i == j { weight } else { 0.0 }
+            });
+            let alpha = among
+                .cholesky()?
+                .solve(&DVector::from_iterator(others.len(), others.iter().map(|&i| left[i])));
             for k in from..to {
-                let predicted: f64 = others.iter().zip(alpha.iter()).map(|(&i, a)| kernel[(k, i)] * a).sum();
+                let predicted: f64 =
+                    others.iter().zip(alpha.iter()).map(|(&i, a)| kernel[(k, i)] * a).sum();
                 missed += (left[k] - predicted).powi(2);
             }
         }
@@ -238,10 +286,12 @@ mod tests {
     #[test]
     fn what_a_clipped_output_hides_is_no_noise() {
         beside(&[("actuator_lag", "u", &[0.1])], |likelihood, scales| {
-            let clipped = [with(&nominal(likelihood.system, "sensor_saturation", "angle"), &[-0.01, 0.01])];
+            let clipped =
+                [with(&nominal(likelihood.system, "sensor_saturation", "angle"), &[-0.01, 0.01])];
             let left = residuals(likelihood, &clipped).unwrap();
             let candidates = catalogue(likelihood.system, &[], None, scales).candidates;
-            let related = shares(likelihood, ActiveEffects::from(&clipped), &left, &candidates, scales);
+            let related =
+                shares(likelihood, ActiveEffects::from(&clipped), &left, &candidates, scales);
             assert!(related[0] > 0.95, "{related:?}");
         });
     }
@@ -249,12 +299,15 @@ mod tests {
     /// Beside a friction that sticks no effect has a signature. A slower and later machine is a weighted sum of what the model predicted before.
     #[test]
     fn what_a_friction_that_sticks_hides_is_no_noise() {
-        beside(&[("actuator_lag", "u", &[0.5]), ("output_delay", "*", &[0.3])], |likelihood, scales| {
-            let stuck = [with(&nominal(likelihood.system, "coulomb_friction", "v"), &[1e4])];
-            let left = residuals(likelihood, &stuck).unwrap();
-            let related = shares(likelihood, ActiveEffects::from(&stuck), &left, &[], scales);
-            assert!(related[0] > 0.95, "{related:?}");
-        });
+        beside(
+            &[("actuator_lag", "u", &[0.5]), ("output_delay", "*", &[0.3])],
+            |likelihood, scales| {
+                let stuck = [with(&nominal(likelihood.system, "coulomb_friction", "v"), &[1e4])];
+                let left = residuals(likelihood, &stuck).unwrap();
+                let related = shares(likelihood, ActiveEffects::from(&stuck), &left, &[], scales);
+                assert!(related[0] > 0.95, "{related:?}");
+            },
+        );
     }
 
     #[test]
@@ -262,8 +315,12 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         for (count, width) in [(40, 12), (40, 70)] {
             let regressors = DMatrix::from_fn(count, width, |_, _| rng.random_range(-1.0..1.0));
-            let left = regressors.column(0) + DVector::from_fn(count, |_, _| rng.random_range(-0.3..0.3));
-            for (a, b) in missed_by_columns(&left, &regressors).into_iter().zip(missed_by_rows(&left, &regressors)) {
+            let left =
+                regressors.column(0) + DVector::from_fn(count, |_, _| rng.random_range(-0.3..0.3));
+            for (a, b) in missed_by_columns(&left, &regressors)
+                .into_iter()
+                .zip(missed_by_rows(&left, &regressors))
+            {
                 let (a, b) = (a.unwrap(), b.unwrap());
                 assert!((a - b).abs() < 1e-7 * a, "{count} × {width}: {a} and {b}");
             }

@@ -38,16 +38,19 @@ pub(crate) fn estimate(
 ) -> Floor {
     let (records, criteria) = (likelihood.records, &likelihood.criteria);
     let one = |i: usize| {
-        let samples = records
-            .iter()
-            .zip(residuals)
-            .flat_map(|(r, e)| (0..r.time_s.len()).filter(move |&k| r.measured_in(r.train, i, k).is_some()).map(move |k| e[(k, i)]));
+        let samples = records.iter().zip(residuals).flat_map(|(r, e)| {
+            (0..r.time_s.len())
+                .filter(move |&k| r.measured_in(r.train, i, k).is_some())
+                .map(move |k| e[(k, i)])
+        });
         let square = mean_square(samples);
         let calm = calmest(records, residuals, i, criteria) / square.max(f64::MIN_POSITIVE);
         let slow = slow(records, residuals, i, criteria) / square.max(f64::MIN_POSITIVE);
         // Noise is in every residual: the calmest of any hypothesis holds no less.
-        let lowest =
-            reached.iter().map(|(e, other)| e.rms()[i].min(calmest(records, other, i, criteria).sqrt())).fold(f64::INFINITY, f64::min);
+        let lowest = reached
+            .iter()
+            .map(|(e, other)| e.rms()[i].min(calmest(records, other, i, criteria).sqrt()))
+            .fold(f64::INFINITY, f64::min);
         (square * (1.0 - related[i]).min(calm).min(slow).clamp(0.0, 1.0)).sqrt().min(lowest)
     };
     Floor { floor: (0..related.len()).into_par_iter().map(one).collect() }
@@ -58,9 +61,16 @@ fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// The mean square that noise of the longest memory allowed would have with this residual's innovations; infinite where the residual forgets sooner.
-fn slow(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize, criteria: &Criteria) -> f64 {
-    let (trained, left): (Vec<&LogRecord>, Vec<&DMatrix<f64>>) = records.iter().zip(residuals).filter(|(r, _)| r.train.is_some()).unzip();
-    let noise = Noise::fit(&trained, &left, &vec![0.0; left.first().map_or(0, |r| r.ncols())], criteria);
+fn slow(
+    records: &[LogRecord],
+    residuals: &[DMatrix<f64>],
+    output: usize,
+    criteria: &Criteria,
+) -> f64 {
+    let (trained, left): (Vec<&LogRecord>, Vec<&DMatrix<f64>>) =
+        records.iter().zip(residuals).filter(|(r, _)| r.train.is_some()).unzip();
+    let noise =
+        Noise::fit(&trained, &left, &vec![0.0; left.first().map_or(0, |r| r.ncols())], criteria);
     let slowest = criteria.slowest_noise;
     if noise.memory(output) <= slowest {
         return f64::INFINITY;
@@ -72,15 +82,25 @@ fn slow(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize, criter
 /// Mean square in the calmest quarter of the windows, over what the calmest quarter of stationary noise would have by chance; infinite where the windows
 /// differ no more than those of such noise. The noise is simulated with the autoregression of the calmest quarter: a gap that comes and goes must not
 /// pass for its colour. Windows shorter than the noise's memory tell nothing.
-fn calmest(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize, criteria: &Criteria) -> f64 {
+fn calmest(
+    records: &[LogRecord],
+    residuals: &[DMatrix<f64>],
+    output: usize,
+    criteria: &Criteria,
+) -> f64 {
     let series: Vec<Vec<Option<f64>>> = (records.iter().zip(residuals))
         .filter(|(r, _)| r.train.is_some())
         .map(|(record, residual)| {
-            let inside = (0..record.time_s.len()).filter(|&k| record.train.is_some_and(|s| s.holds(record.time_s[k])));
+            let inside = (0..record.time_s.len())
+                .filter(|&k| record.train.is_some_and(|s| s.holds(record.time_s[k])));
             inside.map(|k| record.measured[output].get(k).map(|_| residual[(k, output)])).collect()
         })
         .collect();
-    criteria.windows.par_iter().map(|&count| calmest_of(&series, count, criteria)).reduce(|| f64::INFINITY, f64::min)
+    criteria
+        .windows
+        .par_iter()
+        .map(|&count| calmest_of(&series, count, criteria))
+        .reduce(|| f64::INFINITY, f64::min)
 }
 
 /// As [`calmest`], with so many windows per record.
@@ -88,7 +108,12 @@ fn calmest_of(series: &[Vec<Option<f64>>], count: usize, criteria: &Criteria) ->
     let mut windows: Vec<Vec<Option<f64>>> = Vec::new();
     for inside in series {
         let size = (inside.len() / count.max(1)).max(criteria.shortest_window);
-        windows.extend(inside.chunks_exact(size).filter(|w| 2 * w.iter().flatten().count() > size).map(<[_]>::to_vec));
+        windows.extend(
+            inside
+                .chunks_exact(size)
+                .filter(|w| 2 * w.iter().flatten().count() > size)
+                .map(<[_]>::to_vec),
+        );
     }
     if windows.len() < criteria.fewest_windows.max(1) {
         return f64::INFINITY;
@@ -97,7 +122,10 @@ fn calmest_of(series: &[Vec<Option<f64>>], count: usize, criteria: &Criteria) ->
     let powers: Vec<f64> = windows.iter().map(|w| power(w)).collect();
     let part = criteria.calm_part;
     let (calm, all) = calm_and_all(&powers, part);
-    let ar = autoregression_of(&windows[..((part * windows.len() as f64).ceil() as usize).min(windows.len())], criteria);
+    let ar = autoregression_of(
+        &windows[..((part * windows.len() as f64).ceil() as usize).min(windows.len())],
+        criteria,
+    );
     let samples: usize = windows.iter().map(Vec::len).sum();
     if (samples / windows.len()) as f64 <= criteria.window_memories * memory_of(&ar) {
         return f64::INFINITY;
@@ -106,7 +134,8 @@ fn calmest_of(series: &[Vec<Option<f64>>], count: usize, criteria: &Criteria) ->
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut ratios: Vec<f64> = (0..draws)
         .map(|_| {
-            let mut powers: Vec<f64> = windows.iter().map(|w| power(&simulated(&ar, w.len(), &mut rng))).collect();
+            let mut powers: Vec<f64> =
+                windows.iter().map(|w| power(&simulated(&ar, w.len(), &mut rng))).collect();
             powers.sort_by(f64::total_cmp);
             let (calm, all) = calm_and_all(&powers, part);
             calm / all
@@ -114,7 +143,10 @@ fn calmest_of(series: &[Vec<Option<f64>>], count: usize, criteria: &Criteria) ->
         .collect();
     ratios.sort_by(f64::total_cmp);
     let usual = ratios.iter().sum::<f64>() / draws as f64;
-    if ratios.get((criteria.calm_by_chance * draws as f64) as usize).is_some_and(|limit| calm / all < *limit) {
+    if ratios
+        .get((criteria.calm_by_chance * draws as f64) as usize)
+        .is_some_and(|limit| calm / all < *limit)
+    {
         calm / usual
     } else {
         f64::INFINITY
@@ -137,7 +169,8 @@ fn simulated(ar: &[f64], samples: usize, rng: &mut ChaCha8Rng) -> Vec<Option<f64
     let settle = if ar.is_empty() { 0 } else { 200 };
     let mut past: Vec<f64> = Vec::with_capacity(samples + settle);
     for k in 0..samples + settle {
-        let next: f64 = ar.iter().zip(past[..k].iter().rev()).map(|(a, r)| a * r).sum::<f64>() + rng.sample::<f64, _>(StandardNormal);
+        let next: f64 = ar.iter().zip(past[..k].iter().rev()).map(|(a, r)| a * r).sum::<f64>()
+            + rng.sample::<f64, _>(StandardNormal);
         past.push(next);
     }
     past.drain(..settle);

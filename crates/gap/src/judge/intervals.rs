@@ -29,41 +29,73 @@ pub(crate) struct Estimate {
 }
 
 /// The nominal parameters whose error could be mistaken for a part of an effect: one column each for a relative error of 1.
-fn nominal_columns(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, residual: &Whitened) -> Vec<(Applied, Whitened)> {
+fn nominal_columns(
+    likelihood: &Likelihood<'_>,
+    hypothesis: &Hypothesis,
+    residual: &Whitened,
+) -> Vec<(Applied, Whitened)> {
     let Some(effect) = EFFECTS.iter().find(|e| e.corrects_model()) else { return Vec::new() };
     let found: Vec<String> = hypothesis.effects.iter().map(Applied::key).collect();
     let step = likelihood.budget.relative_step;
     let column = |channel: String| {
-        let mut applied = Applied::nominal(likelihood.system, *effect, &channel).ok().filter(|a| !found.contains(&a.key()))?;
+        let mut applied = Applied::nominal(likelihood.system, *effect, &channel)
+            .ok()
+            .filter(|a| !found.contains(&a.key()))?;
         let h = step * applied.values[0].abs();
         applied.values[0] += h;
-        let moved: Vec<Applied> = hypothesis.effects.iter().cloned().chain([applied.clone()]).collect();
-        let column = difference(&likelihood.whitened(ActiveEffects::from(hypothesis).with(&moved))?, residual, 1.0 / step);
+        let moved: Vec<Applied> =
+            hypothesis.effects.iter().cloned().chain([applied.clone()]).collect();
+        let column = difference(
+            &likelihood.whitened(ActiveEffects::from(hypothesis).with(&moved))?,
+            residual,
+            1.0 / step,
+        );
         applied.values[0] -= h;
         Some((applied, column))
     };
-    if likelihood.system.is_sampled() { Vec::new() } else { effect.channels(likelihood.system).into_iter().filter_map(column).collect() }
+    if likelihood.system.is_sampled() {
+        Vec::new()
+    } else {
+        effect.channels(likelihood.system).into_iter().filter_map(column).collect()
+    }
 }
 
 /// The standard deviations of a plain fit whose nominal parameters may be off: from one Gauss-Newton step of all together.
-pub(crate) fn estimate(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, scales: &Scales) -> Option<Estimate> {
+pub(crate) fn estimate(
+    likelihood: &Likelihood<'_>,
+    hypothesis: &Hypothesis,
+    scales: &Scales,
+) -> Option<Estimate> {
     let slopes = hypothesis.slopes(likelihood, scales)?;
     let own = slopes.columns.len();
     let prior = hypothesis.prior(likelihood);
     let mut columns = slopes.columns;
-    let (nominal, more): (Vec<Applied>, Vec<Whitened>) = nominal_columns(likelihood, hypothesis, &slopes.residual).into_iter().unzip();
+    let (nominal, more): (Vec<Applied>, Vec<Whitened>) =
+        nominal_columns(likelihood, hypothesis, &slopes.residual).into_iter().unzip();
     columns.extend(more);
     // Scaled to unit length, for conditioning.
     let length: Vec<f64> = columns.iter().map(|c| likelihood.inner(c, c).sqrt()).collect();
-    if length[..own].iter().any(|l| l.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) || !l.is_finite()) {
+    if length[..own]
+        .iter()
+        .any(|l| l.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) || !l.is_finite())
+    {
         return None;
     }
     let all = columns.len();
     let gram = DMatrix::from_fn(all, all, |i, j| {
-        if length[i] * length[j] > 0.0 { likelihood.inner(&columns[i], &columns[j]) / (length[i] * length[j]) } else { 0.0 }
+        if length[i] * length[j] > 0.0 {
+            likelihood.inner(&columns[i], &columns[j]) / (length[i] * length[j])
+        } else {
+            0.0
+        }
     });
-    let gradient =
-        DVector::from_fn(all, |i, _| if length[i] > 0.0 { likelihood.inner(&columns[i], &slopes.residual) / length[i] } else { 0.0 });
+    let gradient = DVector::from_fn(all, |i, _| {
+        if length[i] > 0.0 {
+            likelihood.inner(&columns[i], &slopes.residual) / length[i]
+        } else {
+            0.0
+        }
+    });
     let solve = |size: f64| -> Option<(f64, DMatrix<f64>)> {
         // Nominal parameters have the precision 1/size², in units of their columns' length.
         let mut information = gram.clone();
@@ -99,7 +131,8 @@ pub(crate) fn estimate(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, sca
     let std = hypothesis.free.iter().enumerate().map(|(at, &parameter)| {
         // How far the parameter would move if the nominal ones were free counts as uncertainty of the plain fit.
         let variance = covariance[(at, at)].max(spread[(at, at)]) + step[at] * step[at];
-        let std = Some(variance.sqrt() / length[at]).filter(|s| s.is_finite() && !hypothesis.at_bound(parameter, scales))?;
+        let std = Some(variance.sqrt() / length[at])
+            .filter(|s| s.is_finite() && !hypothesis.at_bound(parameter, scales))?;
         Some(as_far_as_unnoticed(likelihood, hypothesis, parameter, std, cost))
     });
     let std = std.collect();
@@ -108,8 +141,13 @@ pub(crate) fn estimate(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, sca
 
 /// No effect has an interval that holds the value at which it does nothing: as far as these data go, each is more than nominal parameters that are a little
 /// off, and each limit is reached. What has no interval counts as it is.
-pub(crate) fn established(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, scales: &Scales) -> bool {
-    estimate(likelihood, hypothesis, scales).is_none_or(|estimate| estimate.apart(hypothesis, NORMAL_95))
+pub(crate) fn established(
+    likelihood: &Likelihood<'_>,
+    hypothesis: &Hypothesis,
+    scales: &Scales,
+) -> bool {
+    estimate(likelihood, hypothesis, scales)
+        .is_none_or(|estimate| estimate.apart(hypothesis, NORMAL_95))
 }
 
 impl Estimate {
@@ -124,7 +162,8 @@ impl Estimate {
         let own = hypothesis.free.iter().zip(&self.std).filter(|((of, _), _)| *of == e);
         let sizes = own.map(|((_, i), std)| (&applied.parameters[*i], applied.values[*i], std));
         let sizes = sizes.filter(|(p, _, _)| !p.role.is_shape());
-        let mut apart = sizes.map(|(p, value, std)| std.is_none_or(|s| (value - p.nominal).abs() > deviations * s));
+        let mut apart = sizes
+            .map(|(p, value, std)| std.is_none_or(|s| (value - p.nominal).abs() > deviations * s));
         let first = apart.next();
         first.is_none_or(|first| first || apart.any(|a| a))
     }
@@ -133,7 +172,13 @@ impl Estimate {
 /// The standard deviation, doubled for as long as the parameter alone can move to the end of its interval, on either side, and the likelihood hardly notices:
 /// a cost with jumps or kinks (a delay beside a direct path, where uneven samples pass edges of the commands one by one) has no slope that tells its width.
 /// A smooth cost rises by 3.84 or more at the end of a 95 % interval, and nothing changes. Infinite where it is never noticed: a limit that nothing reaches.
-fn as_far_as_unnoticed(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, (e, i): (usize, usize), std: f64, cost: f64) -> f64 {
+fn as_far_as_unnoticed(
+    likelihood: &Likelihood<'_>,
+    hypothesis: &Hypothesis,
+    (e, i): (usize, usize),
+    std: f64,
+    cost: f64,
+) -> f64 {
     let mut reach = std;
     if likelihood.calls(&hypothesis.effects[e]) {
         return reach;
@@ -142,7 +187,9 @@ fn as_far_as_unnoticed(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, (e,
         let mut effects = hypothesis.effects.clone();
         effects[e].values[i] += move_by;
         let there = likelihood.whitened(ActiveEffects::from(hypothesis).with(&effects));
-        there.is_some_and(|there| likelihood.inner(&there, &there) - cost < likelihood.criteria.unnoticed)
+        there.is_some_and(|there| {
+            likelihood.inner(&there, &there) - cost < likelihood.criteria.unnoticed
+        })
     };
     for _ in 0..DOUBLINGS {
         if !unnoticed(NORMAL_95 * reach) && !unnoticed(-NORMAL_95 * reach) {
@@ -174,7 +221,9 @@ fn holds(
         moved
     }));
     let there = likelihood.whitened(ActiveEffects::from(hypothesis).with(&effects));
-    there.is_some_and(|there| likelihood.inner(&there, &there) <= likelihood.inner(residual, residual))
+    there.is_some_and(|there| {
+        likelihood.inner(&there, &there) <= likelihood.inner(residual, residual)
+    })
 }
 
 /// Σ over blocks of time of the scores' outer products, at the residual after the step.
@@ -202,8 +251,13 @@ fn block_scores(
         let size = samples.div_ceil(BLOCKS).max(1);
         for from in (0..samples).step_by(size) {
             let score = DVector::from_fn(all, |i, _| {
-                let inside = (0..record.measured.len()).flat_map(|o| (from..(from + size).min(samples)).map(move |k| o * samples + k));
-                if length[i] > 0.0 { inside.map(|r| reduced[i][at][r] * left[r]).sum::<f64>() / length[i] } else { 0.0 }
+                let inside = (0..record.measured.len())
+                    .flat_map(|o| (from..(from + size).min(samples)).map(move |k| o * samples + k));
+                if length[i] > 0.0 {
+                    inside.map(|r| reduced[i][at][r] * left[r]).sum::<f64>() / length[i]
+                } else {
+                    0.0
+                }
             });
             sum += &score * score.transpose();
         }
@@ -237,8 +291,15 @@ D = [[0.0]]
         let system = System::new(&document, |_| Ok(0.0)).unwrap();
         let mut stops = Applied::nominal(&system, find("saturation").unwrap(), "u").unwrap();
         stops.values[1] = 0.7;
-        let hypothesis = Hypothesis { effects: vec![stops], free: vec![(0, 1)], gain: 0.0, fitted: true, lost: None };
-        let apart = |std: Option<f64>| Estimate { std: vec![std] }.one_apart(&hypothesis, 0, NORMAL_95);
+        let hypothesis = Hypothesis {
+            effects: vec![stops],
+            free: vec![(0, 1)],
+            gain: 0.0,
+            fitted: true,
+            lost: None,
+        };
+        let apart =
+            |std: Option<f64>| Estimate { std: vec![std] }.one_apart(&hypothesis, 0, NORMAL_95);
         assert!(apart(Some(0.1)) && apart(None) && !apart(Some(f64::INFINITY)));
     }
 }

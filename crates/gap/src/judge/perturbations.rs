@@ -20,29 +20,46 @@ const PUSH: f64 = 0.1;
 const SHAPES: [fn(f64) -> f64; 4] = [f64::signum, |v| v * v.abs(), |v| v * v * v, |v| v];
 
 /// The commands with one push each; none where the simulator fails.
-pub(crate) fn perturbations(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, catalogue: &[Applied]) -> Vec<Commanded> {
+pub(crate) fn perturbations(
+    likelihood: &Likelihood<'_>,
+    active: ActiveEffects<'_>,
+    catalogue: &[Applied],
+) -> Vec<Commanded> {
     let records = likelihood.records;
     let predicted: Option<Vec<_>> = (0..records.len())
-        .map(|at| if records[at].train.is_some() { likelihood.predict(at, active).map(Some) } else { Some(None) })
+        .map(|at| {
+            if records[at].train.is_some() {
+                likelihood.predict(at, active).map(Some)
+            } else {
+                Some(None)
+            }
+        })
         .collect();
     let Some(predicted) = predicted else { return Vec::new() };
     // What each output does, and its rate, about its mean: per record.
     let motions = (0..likelihood.system.outputs.len()).flat_map(|i| {
-        let along = predicted.iter().map(|y| y.as_ref().map_or_else(Vec::new, |y| y.column(i).iter().copied().collect::<Vec<f64>>()));
+        let along = predicted.iter().map(|y| {
+            y.as_ref().map_or_else(Vec::new, |y| y.column(i).iter().copied().collect::<Vec<f64>>())
+        });
         let along: Vec<Vec<f64>> = along.collect();
-        let rate = |y: &Vec<f64>| (0..y.len()).map(|k| y[(k + 1).min(y.len() - 1)] - y[k]).collect::<Vec<f64>>();
+        let rate = |y: &Vec<f64>| {
+            (0..y.len()).map(|k| y[(k + 1).min(y.len() - 1)] - y[k]).collect::<Vec<f64>>()
+        };
         let rates = along.iter().map(rate).collect();
         [along, rates]
     });
     let motions: Vec<Vec<Vec<f64>>> = motions.collect();
-    let moving = |name: &str| catalogue.iter().any(|a| a.effect.site() == Site::Input && a.channel == name);
-    let inputs = (0..likelihood.system.inputs.len()).filter(|&j| moving(&likelihood.system.inputs[j].name));
+    let moving =
+        |name: &str| catalogue.iter().any(|a| a.effect.site() == Site::Input && a.channel == name);
+    let inputs =
+        (0..likelihood.system.inputs.len()).filter(|&j| moving(&likelihood.system.inputs[j].name));
     let mut all = Vec::new();
     for j in inputs {
         let size = PUSH * std(records.iter().map(|r| r.inputs[j].as_slice()));
         for motion in &motions {
             for shape in SHAPES {
-                let push: Vec<Vec<f64>> = motion.iter().map(|m| m.iter().map(|v| shape(*v)).collect()).collect();
+                let push: Vec<Vec<f64>> =
+                    motion.iter().map(|m| m.iter().map(|v| shape(*v)).collect()).collect();
                 let spread = std(push.iter().map(Vec::as_slice));
                 if size <= 0.0 || spread <= 0.0 || !spread.is_finite() {
                     continue;

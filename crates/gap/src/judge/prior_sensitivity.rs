@@ -43,11 +43,18 @@ pub(crate) fn prior_sensitivities(
     .cloned()
     .collect();
     let Some(nominal) = likelihood.whitened(NO_EFFECT) else { return Vec::new() };
-    let residuals: Vec<Option<Whitened>> = rivals.par_iter().map(|e| likelihood.whitened(e)).collect();
+    let residuals: Vec<Option<Whitened>> =
+        rivals.par_iter().map(|e| likelihood.whitened(e)).collect();
     let prior = likelihood.prior().to_vec();
-    let signatures = if best.is_none() { signatures(likelihood, &nominal, catalogue, scales) } else { Vec::new() };
+    let signatures = if best.is_none() {
+        signatures(likelihood, &nominal, catalogue, scales)
+    } else {
+        Vec::new()
+    };
     let mut sensitivities = Vec::new();
-    for (state, port) in likelihood.system.states.iter().enumerate().filter(|(j, _)| prior[*j] > 0.0) {
+    for (state, port) in
+        likelihood.system.states.iter().enumerate().filter(|(j, _)| prior[*j] > 0.0)
+    {
         for factor in [likelihood.criteria.prior_factor.recip(), likelihood.criteria.prior_factor] {
             let mut other = prior.clone();
             other[state] *= factor;
@@ -56,18 +63,31 @@ pub(crate) fn prior_sensitivities(
             let mut again = rivals.clone();
             for (e, residual) in again.iter_mut().zip(&residuals) {
                 let price = e.lost.as_ref().map_or(0.0, |l| l.price);
-                e.gain = residual.as_ref().map_or(f64::NEG_INFINITY, |w| cost - likelihood.inner(w, w) - price);
+                e.gain = residual
+                    .as_ref()
+                    .map_or(f64::NEG_INFINITY, |w| cost - likelihood.inner(w, w) - price);
             }
             let lead = penalties.leader(&again).filter(|e| penalties.gain(e) > 0.0);
             let as_before = match (lead, best) {
                 (_, None) => {
                     // Something that was just below the search-wide bar and now is just above it is no other verdict.
-                    let promise = |s: &Whitened| likelihood.inner(s, &nominal).powi(2) / likelihood.inner(s, s).max(f64::MIN_POSITIVE);
-                    let most = signatures.iter().map(|(a, s)| (promise(s), a)).max_by(|a, b| a.0.total_cmp(&b.0));
-                    if let Some((_, applied)) =
-                        most.filter(|(promise, _)| *promise > likelihood.criteria.newly_visible * likelihood.criteria.selection_penalty)
-                    {
-                        sensitivities.push(PriorSensitivity { state: port.name.clone(), instead: vec![applied.clone()] });
+                    let promise = |s: &Whitened| {
+                        likelihood.inner(s, &nominal).powi(2)
+                            / likelihood.inner(s, s).max(f64::MIN_POSITIVE)
+                    };
+                    let most = signatures
+                        .iter()
+                        .map(|(a, s)| (promise(s), a))
+                        .max_by(|a, b| a.0.total_cmp(&b.0));
+                    if let Some((_, applied)) = most.filter(|(promise, _)| {
+                        *promise
+                            > likelihood.criteria.newly_visible
+                                * likelihood.criteria.selection_penalty
+                    }) {
+                        sensitivities.push(PriorSensitivity {
+                            state: port.name.clone(),
+                            instead: vec![applied.clone()],
+                        });
                         break;
                     }
                     true
@@ -75,12 +95,16 @@ pub(crate) fn prior_sensitivities(
                 (None, Some(_)) => false,
                 (Some(lead), Some(best)) => {
                     let own = again.iter().find(|e| e.key() == best.key());
-                    own.is_some_and(|own| penalties.gain(own) > penalties.gain(lead) - penalties.slack(lead.gain))
+                    own.is_some_and(|own| {
+                        penalties.gain(own) > penalties.gain(lead) - penalties.slack(lead.gain)
+                    })
                 }
             };
             if !as_before {
-                sensitivities
-                    .push(PriorSensitivity { state: port.name.clone(), instead: lead.map(|e| e.effects.clone()).unwrap_or_default() });
+                sensitivities.push(PriorSensitivity {
+                    state: port.name.clone(),
+                    instead: lead.map(|e| e.effects.clone()).unwrap_or_default(),
+                });
                 break;
             }
         }
@@ -89,9 +113,18 @@ pub(crate) fn prior_sensitivities(
 }
 
 /// How every candidate of one parameter moves the residual, small.
-fn signatures(likelihood: &Likelihood<'_>, nominal: &Whitened, catalogue: &[Applied], scales: &Scales) -> Vec<(Applied, Whitened)> {
+fn signatures(
+    likelihood: &Likelihood<'_>,
+    nominal: &Whitened,
+    catalogue: &[Applied],
+    scales: &Scales,
+) -> Vec<(Applied, Whitened)> {
     let one = |applied: &Applied| {
-        let start = likelihood.first_guesses(applied, scales).into_iter().next().filter(|s| s.len() == 1)?;
+        let start = likelihood
+            .first_guesses(applied, scales)
+            .into_iter()
+            .next()
+            .filter(|s| s.len() == 1)?;
         let there = likelihood.whitened(&[with(applied, &between(applied, &start, NEAR))])?;
         Some((applied.clone(), difference(nominal, &there, 1.0)))
     };

@@ -55,13 +55,22 @@ pub(super) fn rule(levels: &Levels, criteria: &Criteria) -> Ruling {
     let mut unknown: f64 = 0.0;
     let mut left_over = None;
     if let Some(i) = decisive
-        && let (Some(before), Some(after), Some(floor)) = (train.before[i], train.after[i], train.floor[i])
+        && let (Some(before), Some(after), Some(floor)) =
+            (train.before[i], train.after[i], train.floor[i])
     {
         let above = after / floor.max(1e-9);
-        let share = if before > floor { (before * before - after * after) / (before * before - floor * floor) } else { 1.0 };
-        let limit = if *effects > 0 || *beaten { criteria.above_floor } else { criteria.above_floor_alone };
+        let share = if before > floor {
+            (before * before - after * after) / (before * before - floor * floor)
+        } else {
+            1.0
+        };
+        let limit =
+            if *effects > 0 || *beaten { criteria.above_floor } else { criteria.above_floor_alone };
         left_over = Some((i, above)).filter(|(_, above)| *above > limit && !chance);
-        if above > limit && share < [criteria.one_explains, criteria.two_explain][(*effects).clamp(1, 2) - 1] && !chance {
+        if above > limit
+            && share < [criteria.one_explains, criteria.two_explain][(*effects).clamp(1, 2) - 1]
+            && !chance
+        {
             unknown = 1.0 - 0.5 * (limit - above).exp();
         }
     }
@@ -87,11 +96,17 @@ fn decisive(train: &Sizes, effects: usize) -> Option<usize> {
 /// What does not hold on data that it was not fitted to explains nothing. A single effect answers for the decisive output, a pair for all of them; what
 /// matters only beside noise of its colour is asked by that measure.
 fn generalises(levels: &Levels, decisive: Option<usize>, criteria: &Criteria) -> bool {
-    let held = |each: &[Option<f64>]| if levels.effects == 1 { decisive.and_then(|i| each[i]) } else { overall(each) }.unwrap_or(0.0);
+    let held = |each: &[Option<f64>]| {
+        if levels.effects == 1 { decisive.and_then(|i| each[i]) } else { overall(each) }
+            .unwrap_or(0.0)
+    };
     let Sizes { before, after, floor } = &levels.held;
-    let [before, after, floor] = levels.whitened.unwrap_or_else(|| [held(before), held(after), held(floor)]);
-    let needed = [criteria.one_generalises, criteria.two_generalise][levels.effects.clamp(1, 2) - 1];
-    let missed = before * before - after * after < needed * (before * before - floor * floor).max(0.0);
+    let [before, after, floor] =
+        levels.whitened.unwrap_or_else(|| [held(before), held(after), held(floor)]);
+    let needed =
+        [criteria.one_generalises, criteria.two_generalise][levels.effects.clamp(1, 2) - 1];
+    let missed =
+        before * before - after * after < needed * (before * before - floor * floor).max(0.0);
     !missed
 }
 
@@ -113,14 +128,16 @@ mod tests {
 
     #[test]
     fn an_effect_that_reaches_the_floor_is_the_verdict() {
-        let ruling = rule(&one_effect(sizes(0.5, 0.1, 0.1), sizes(0.5, 0.12, 0.1)), &Criteria::default());
+        let ruling =
+            rule(&one_effect(sizes(0.5, 0.1, 0.1), sizes(0.5, 0.12, 0.1)), &Criteria::default());
         assert_eq!(ruling, Ruling { verdict: GapVerdict::Effects, unknown: 0.0, left_over: None });
     }
 
     /// 0.2 is twice the floor; of 0.25 − 0.01 it leaves 0.03, which is 87.5 % explained: less than 93 %.
     #[test]
     fn an_effect_that_leaves_twice_the_floor_and_explains_too_little_is_unknown() {
-        let ruling = rule(&one_effect(sizes(0.5, 0.2, 0.1), sizes(0.5, 0.2, 0.1)), &Criteria::default());
+        let ruling =
+            rule(&one_effect(sizes(0.5, 0.2, 0.1), sizes(0.5, 0.2, 0.1)), &Criteria::default());
         assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Unknown, Some((0, 2.0))));
         assert!((ruling.unknown - (1.0 - 0.5 * (-0.5_f64).exp())).abs() < 1e-12);
     }
@@ -128,21 +145,28 @@ mod tests {
     /// The same twice the floor of a ten times larger gap: 99.9 % explained. It is named, and what is left is told.
     #[test]
     fn an_effect_that_explains_nearly_all_of_a_large_gap_is_named_whatever_is_left() {
-        let ruling = rule(&one_effect(sizes(5.0, 0.2, 0.1), sizes(5.0, 0.2, 0.1)), &Criteria::default());
+        let ruling =
+            rule(&one_effect(sizes(5.0, 0.2, 0.1), sizes(5.0, 0.2, 0.1)), &Criteria::default());
         assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Effects, Some((0, 2.0))));
     }
 
     /// 1.6 times the floor: between the limits for a gap that nothing beats and for one that something beats.
     #[test]
     fn without_an_effect_the_limit_depends_on_whether_anything_beats_the_search() {
-        let levels = |beaten| Levels { train: sizes(0.16, 0.16, 0.1), held: sizes(0.16, 0.16, 0.1), beaten, ..Levels::default() };
+        let levels = |beaten| Levels {
+            train: sizes(0.16, 0.16, 0.1),
+            held: sizes(0.16, 0.16, 0.1),
+            beaten,
+            ..Levels::default()
+        };
         assert_eq!(verdict(&levels(false)), GapVerdict::None);
         assert_eq!(verdict(&levels(true)), GapVerdict::Unknown);
     }
 
     #[test]
     fn an_effect_that_fails_on_held_out_data_is_unknown_even_at_the_floor() {
-        let ruling = rule(&one_effect(sizes(0.5, 0.1, 0.1), sizes(0.5, 0.4, 0.1)), &Criteria::default());
+        let ruling =
+            rule(&one_effect(sizes(0.5, 0.1, 0.1), sizes(0.5, 0.4, 0.1)), &Criteria::default());
         assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Unknown, None));
         assert!((ruling.unknown - 0.9).abs() < 1e-12);
     }
@@ -157,8 +181,12 @@ mod tests {
 
     #[test]
     fn what_noise_decides_sample_by_sample_is_excused() {
-        let lattice = Levels { chance: true, ..one_effect(sizes(0.5, 0.4, 0.1), sizes(0.5, 0.5, 0.1)) };
-        assert_eq!(rule(&lattice, &Criteria::default()), Ruling { verdict: GapVerdict::Effects, unknown: 0.0, left_over: None });
+        let lattice =
+            Levels { chance: true, ..one_effect(sizes(0.5, 0.4, 0.1), sizes(0.5, 0.5, 0.1)) };
+        assert_eq!(
+            rule(&lattice, &Criteria::default()),
+            Ruling { verdict: GapVerdict::Effects, unknown: 0.0, left_over: None }
+        );
     }
 
     /// A single effect answers for the output that gains most, not for another that was off before.
@@ -172,7 +200,10 @@ mod tests {
 
     #[test]
     fn an_output_that_stands_still_decides_nothing() {
-        let levels = Levels { train: Sizes { before: vec![None], after: vec![None], floor: vec![None] }, ..Levels::default() };
+        let levels = Levels {
+            train: Sizes { before: vec![None], after: vec![None], floor: vec![None] },
+            ..Levels::default()
+        };
         assert_eq!(verdict(&levels), GapVerdict::None);
     }
 }

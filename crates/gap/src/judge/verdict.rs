@@ -39,20 +39,33 @@ pub(crate) struct Judged {
 
 /// `after` lowers the whitened error by more than a factor, on data that it was not fitted to as well: what noise with a long memory hides from the rms.
 fn stands_out(before: &Level, after: &Level, factor: f64) -> bool {
-    !after.is_chance() && before.white.iter().zip(after.white).all(|(b, a)| *b > factor * factor * a)
+    !after.is_chance()
+        && before.white.iter().zip(after.white).all(|(b, a)| *b > factor * factor * a)
 }
 
 /// The factor by which a hypothesis must lower the error of the one before it.
 fn needed(before: &Level, after: &Level, criteria: &Criteria) -> f64 {
     let parameters = |level: &Level| level.hypothesis.as_ref().map_or(0, |e| e.free.len());
-    let steps: f64 = [criteria.first_matters, criteria.second_matters][before.size().min(1)..after.size().min(2)].iter().product();
-    let further = if after.size() > 1 { parameters(after).saturating_sub(parameters(before) + after.size() - before.size()) } else { 0 };
+    let steps: f64 = [criteria.first_matters, criteria.second_matters]
+        [before.size().min(1)..after.size().min(2)]
+        .iter()
+        .product();
+    let further = if after.size() > 1 {
+        parameters(after).saturating_sub(parameters(before) + after.size() - before.size())
+    } else {
+        0
+    };
     let flexible = criteria.flexible.powf(further as f64);
     steps * flexible
 }
 
 /// Decides between no effect, the leaders of the search and something that is in no catalogue; `None` where the model cannot be simulated.
-pub(crate) fn judge(likelihood: &Likelihood<'_>, found: &SearchResult, catalogue: &[Applied], scales: &Scales) -> Option<Judged> {
+pub(crate) fn judge(
+    likelihood: &Likelihood<'_>,
+    found: &SearchResult,
+    catalogue: &[Applied],
+    scales: &Scales,
+) -> Option<Judged> {
     let (criteria, penalties) = (likelihood.criteria, Penalties::of(likelihood));
     let nothing = Level::of(likelihood, None)?;
     let mut best = Level::of(likelihood, None)?;
@@ -60,7 +73,10 @@ pub(crate) fn judge(likelihood: &Likelihood<'_>, found: &SearchResult, catalogue
     let (mut beaten, mut hidden, mut inexact) = (false, false, 0.0);
     let mut reached = vec![nothing.noise(likelihood)];
     for (size, hypotheses) in [&found.singles, &found.pairs].into_iter().enumerate() {
-        let Some(next) = penalties.leader(hypotheses).and_then(|e| Level::of(likelihood, Some(e))) else { continue };
+        let Some(next) = penalties.leader(hypotheses).and_then(|e| Level::of(likelihood, Some(e)))
+        else {
+            continue;
+        };
         reached.push(next.noise(likelihood));
         let better = next.penalised_gain(&penalties) > best.penalised_gain(&penalties);
         // A lattice needs not lower the error to be seen.
@@ -71,9 +87,14 @@ pub(crate) fn judge(likelihood: &Likelihood<'_>, found: &SearchResult, catalogue
         let clear = before.largest_fall(&after, held) > factor.max(criteria.clear);
         let matters = lattice || before.largest_fall(&after, held) > factor;
         // Two effects that do not matter clearly are named only where each is more than a nominal model that is a little off.
-        let established = |e: &Hypothesis| e.effects.len() < 2 || clear || intervals::established(likelihood, e, scales);
+        let established = |e: &Hypothesis| {
+            e.effects.len() < 2 || clear || intervals::established(likelihood, e, scales)
+        };
         beaten |= better;
-        if better && (matters || stands_out(&best, &next, factor)) && next.hypothesis.as_ref().is_none_or(established) {
+        if better
+            && (matters || stands_out(&best, &next, factor))
+            && next.hypothesis.as_ref().is_none_or(established)
+        {
             hidden = !matters;
             best = next;
         } else if better && best.size() > 0 {
@@ -83,7 +104,13 @@ pub(crate) fn judge(likelihood: &Likelihood<'_>, found: &SearchResult, catalogue
     let (floor, Ruling { verdict, unknown, left_over }) =
         ruled(likelihood, [&nothing, &best], &reached, catalogue, scales, [beaten, hidden]);
     // What one of several explains alone orders them.
-    let alone = |a: &Applied| found.singles.iter().find(|s| s.effects.iter().all(|e| e.key() == a.key())).map_or(0.0, |s| s.gain);
+    let alone = |a: &Applied| {
+        found
+            .singles
+            .iter()
+            .find(|s| s.effects.iter().all(|e| e.key() == a.key()))
+            .map_or(0.0, |s| s.gain)
+    };
     let best = best.hypothesis.map(|e| e.ordered(alone));
     Some(Judged {
         verdict,
@@ -111,12 +138,16 @@ pub(crate) fn ruled(
     let active = best.hypothesis.as_ref().map_or(NO_EFFECT, ActiveEffects::from);
     let explainable = explainable::shares(likelihood, active, &best.residuals, catalogue, scales);
     let floor = floor::estimate(likelihood, &best.noise(likelihood).1, reached, &explainable);
-    let sizes =
-        |before: &Errors, after: &Errors| Sizes { before: before.nrmse(), after: after.nrmse(), floor: before.relative(&floor.floor) };
+    let sizes = |before: &Errors, after: &Errors| Sizes {
+        before: before.nrmse(),
+        after: after.nrmse(),
+        floor: before.relative(&floor.floor),
+    };
     let levels = Levels {
         train: sizes(&nothing.train, &best.train),
         held: sizes(&nothing.held, &best.held),
-        whitened: hidden.then(|| [nothing.white[1].sqrt(), best.white[1].sqrt(), best.white[0].sqrt()]),
+        whitened: hidden
+            .then(|| [nothing.white[1].sqrt(), best.white[1].sqrt(), best.white[0].sqrt()]),
         effects: best.size(),
         chance: best.is_chance(),
         beaten,

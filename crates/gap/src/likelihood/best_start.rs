@@ -24,7 +24,14 @@ impl Likelihood<'_> {
         if (free.is_empty() && self.declared.is_empty()) || self.system.is_black_box() {
             return self.predict_from_posterior(record, active, span);
         }
-        Start { likelihood: self, record, active, rows: spread_rows(&self.records[record], span), free }.best()
+        Start {
+            likelihood: self,
+            record,
+            active,
+            rows: spread_rows(&self.records[record], span),
+            free,
+        }
+        .best()
     }
 }
 
@@ -32,8 +39,9 @@ impl Likelihood<'_> {
 fn spread_rows(record: &LogRecord, span: Span) -> Vec<(usize, usize, f64)> {
     let mut rows = Vec::new();
     for output in 0..record.measured.len() {
-        let inside: Vec<(usize, f64)> =
-            (0..record.time_s.len()).filter_map(|k| Some((k, record.measured_in(Some(span), output, k)?))).collect();
+        let inside: Vec<(usize, f64)> = (0..record.time_s.len())
+            .filter_map(|k| Some((k, record.measured_in(Some(span), output, k)?)))
+            .collect();
         let values: Vec<f64> = inside.iter().map(|(_, y)| *y).collect();
         let spread = stats::deviation(&values).unwrap_or(0.0);
         rows.extend(inside.into_iter().filter(|_| spread > 0.0).map(|(k, _)| (k, output, spread)));
@@ -68,15 +76,23 @@ impl Start<'_, '_> {
 
     /// Prior standard deviations.
     fn prior(&self) -> impl Iterator<Item = f64> {
-        self.free.iter().map(|&j| self.likelihood.prior[j]).chain(self.likelihood.declared.iter().map(|n| n.std))
+        self.free
+            .iter()
+            .map(|&j| self.likelihood.prior[j])
+            .chain(self.likelihood.declared.iter().map(|n| n.std))
     }
 
     /// The outputs from a start, and what they leave of each row over its output's spread.
     fn run(&self, deviation: &DVector<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
         let (likelihood, log) = (self.likelihood, &self.likelihood.records[self.record]);
         let (plan, start) = self.at(deviation)?;
-        let run = likelihood.system.simulate(&plan, log.commands(), &start, likelihood.correction(self.record)).ok()?;
-        let left = self.rows.iter().map(|&(k, i, spread)| log.measured[i].get(k).map_or(0.0, |y| (y - run.y[(k, i)]) / spread));
+        let run = likelihood
+            .system
+            .simulate(&plan, log.commands(), &start, likelihood.correction(self.record))
+            .ok()?;
+        let left = self.rows.iter().map(|&(k, i, spread)| {
+            log.measured[i].get(k).map_or(0.0, |y| (y - run.y[(k, i)]) / spread)
+        });
         let left = DVector::from_iterator(self.rows.len(), left);
         Some((run.y, left)).filter(|(_, left)| left.iter().all(|v| v.is_finite()))
     }
@@ -84,9 +100,13 @@ impl Start<'_, '_> {
     /// ∂(outputs over their spreads)/∂deviation.
     fn slopes(&self, deviation: &DVector<f64>) -> Option<DMatrix<f64>> {
         let (likelihood, log) = (self.likelihood, &self.likelihood.records[self.record]);
-        let scale: Vec<f64> = likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();
+        let scale: Vec<f64> =
+            likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();
         let (plan, start) = self.at(deviation)?;
-        let of_states = likelihood.system.sensitivity(&plan, log.commands(), &start, &scale, likelihood.correction(self.record)).ok()?;
+        let of_states = likelihood
+            .system
+            .sensitivity(&plan, log.commands(), &start, &scale, likelihood.correction(self.record))
+            .ok()?;
         let samples = log.time_s.len();
         let mut slopes = DMatrix::zeros(self.rows.len(), deviation.len());
         for (mut column, &state) in slopes.column_iter_mut().zip(&self.free) {
@@ -114,10 +134,18 @@ impl Start<'_, '_> {
         let (mut y, mut left) = self.run(&deviation)?;
         for _ in 0..START_STEPS {
             let variance = left.norm_squared() / count;
-            let Some(slopes) = self.slopes(&deviation).filter(|s| variance > 0.0 && s.iter().all(|v| v.is_finite())) else { break };
-            let cost = |left: &DVector<f64>, at: &DVector<f64>| left.norm_squared() / variance + at.component_mul(at).dot(&precision);
+            let Some(slopes) = self
+                .slopes(&deviation)
+                .filter(|s| variance > 0.0 && s.iter().all(|v| v.is_finite()))
+            else {
+                break;
+            };
+            let cost = |left: &DVector<f64>, at: &DVector<f64>| {
+                left.norm_squared() / variance + at.component_mul(at).dot(&precision)
+            };
             let towards = slopes.tr_mul(&left) / variance - deviation.component_mul(&precision);
-            let information = slopes.tr_mul(&slopes) / variance + DMatrix::from_diagonal(&precision);
+            let information =
+                slopes.tr_mul(&slopes) / variance + DMatrix::from_diagonal(&precision);
             let Some(step) = information.cholesky().map(|c| c.solve(&towards)) else { break };
             let now = cost(&left, &deviation);
             if step.dot(&towards) < START_GAIN * now {
@@ -125,7 +153,9 @@ impl Start<'_, '_> {
             }
             let better = [1.0, 0.3, 0.1].into_iter().find_map(|part| {
                 let there = &deviation + part * &step;
-                self.run(&there).filter(|(_, left)| cost(left, &there) < now).map(|(y, left)| (there, y, left))
+                self.run(&there)
+                    .filter(|(_, left)| cost(left, &there) < now)
+                    .map(|(y, left)| (there, y, left))
             });
             let Some(better) = better else { break };
             (deviation, y, left) = better;

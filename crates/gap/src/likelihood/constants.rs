@@ -25,22 +25,36 @@ pub(crate) struct Constants {
 impl Likelihood<'_> {
     /// What is at work with the constants of a log, so far from the values at which they do nothing.
     pub(super) fn with_constants(&self, effects: &[Applied], deviations: &[f64]) -> Vec<Applied> {
-        let own = self.declared.iter().zip(deviations).filter(|(_, by)| **by != 0.0).map(|(nuisance, by)| nuisance.at(*by));
+        let own = self
+            .declared
+            .iter()
+            .zip(deviations)
+            .filter(|(_, by)| **by != 0.0)
+            .map(|(nuisance, by)| nuisance.at(*by));
         effects.iter().cloned().chain(own).collect()
     }
 
     /// The outputs of a real run with constants at these deviations.
-    fn run_with(&self, record: usize, active: ActiveEffects<'_>, deviations: &[f64]) -> Option<DMatrix<f64>> {
+    fn run_with(
+        &self,
+        record: usize,
+        active: ActiveEffects<'_>,
+        deviations: &[f64],
+    ) -> Option<DMatrix<f64>> {
         self.run(record, active.with(&self.with_constants(active.effects, deviations)))
     }
 
     /// The responses about the constants that fit the model as it came best, and what a run with those is beside a run without any and the straight responses; `None`
     /// without constants, and where they cannot be found.
-    pub(super) fn about_own_constants(&self, record: usize) -> Option<(Vec<DMatrix<f64>>, DMatrix<f64>)> {
+    pub(super) fn about_own_constants(
+        &self,
+        record: usize,
+    ) -> Option<(Vec<DMatrix<f64>>, DMatrix<f64>)> {
         self.declared.first()?;
         let own = self.constants_of(record, NO_EFFECT)?.deviations;
         let responses = self.declared_responses(record, NO_EFFECT, own.as_slice())?;
-        let mut bend = self.run_with(record, NO_EFFECT, own.as_slice())? - self.run(record, NO_EFFECT)?;
+        let mut bend =
+            self.run_with(record, NO_EFFECT, own.as_slice())? - self.run(record, NO_EFFECT)?;
         for (response, by) in responses.iter().zip(own.iter()) {
             bend -= response * *by;
         }
@@ -48,10 +62,19 @@ impl Likelihood<'_> {
     }
 
     /// Responses of the outputs per unit of each constant, straight between half a standard deviation to either side of these deviations.
-    pub(super) fn declared_responses(&self, record: usize, active: ActiveEffects<'_>, deviations: &[f64]) -> Option<Vec<DMatrix<f64>>> {
+    pub(super) fn declared_responses(
+        &self,
+        record: usize,
+        active: ActiveEffects<'_>,
+        deviations: &[f64],
+    ) -> Option<Vec<DMatrix<f64>>> {
         let response = |(at, std): (usize, f64)| {
             let moved = |by: f64| {
-                let there: Vec<f64> = deviations.iter().enumerate().map(|(i, d)| if i == at { d + by } else { *d }).collect();
+                let there: Vec<f64> = deviations
+                    .iter()
+                    .enumerate()
+                    .map(|(i, d)| if i == at { d + by } else { *d })
+                    .collect();
                 self.run_with(record, active, &there)
             };
             let response = (moved(0.5 * std)? - moved(-0.5 * std)?) / std;
@@ -61,9 +84,14 @@ impl Likelihood<'_> {
     }
 
     /// The most probable constants of a log beside its start, by real simulations with what is at work; `None` where one fails.
-    pub(crate) fn constants_of<'e>(&self, record: usize, active: impl Into<ActiveEffects<'e>>) -> Option<Constants> {
+    pub(crate) fn constants_of<'e>(
+        &self,
+        record: usize,
+        active: impl Into<ActiveEffects<'e>>,
+    ) -> Option<Constants> {
         let active = active.into();
-        let (log, noise, own) = (&self.records[record], &self.noise[record], self.nuisances[record].raw());
+        let (log, noise, own) =
+            (&self.records[record], &self.noise[record], self.nuisances[record].raw());
         let (span, first, count) = (log.estimated_from()?, own.starts.len(), self.declared.len());
         let mut deviations = DVector::zeros(count);
         for _ in 0..STEPS {
@@ -71,12 +99,14 @@ impl Likelihood<'_> {
             let responses = Responses { declared, ..own.clone() };
             let w = responses.whitened(log, Some(span), noise);
             let factor = (w.tr_mul(&w) + responses.precision(&self.prior)).cholesky()?;
-            let left = self.residual(record, &self.run_with(record, active, deviations.as_slice())?);
+            let left =
+                self.residual(record, &self.run_with(record, active, deviations.as_slice())?);
             let left = DVector::from_column_slice(noise.whiten(log, Some(span), &left).as_slice());
             let gain = factor.solve(&w.transpose()).rows(first, count).into_owned();
             let there = &gain * (left + w.columns(first, count) * &deviations);
             let covariance = factor.inverse().view((first, first), (count, count)).into_owned();
-            let moves = (0..count).any(|i| (there[i] - deviations[i]).abs() > SETTLED * covariance[(i, i)].sqrt());
+            let moves = (0..count)
+                .any(|i| (there[i] - deviations[i]).abs() > SETTLED * covariance[(i, i)].sqrt());
             deviations = there;
             if !moves {
                 return Some(Constants { deviations, covariance, gain });

@@ -16,13 +16,24 @@ pub(crate) struct Errors {
 
 impl Errors {
     /// Of residuals inside the spans.
-    pub(crate) fn of(records: &[LogRecord], residuals: &[DMatrix<f64>], span: impl Fn(&LogRecord) -> Option<Span>) -> Self {
+    pub(crate) fn of(
+        records: &[LogRecord],
+        residuals: &[DMatrix<f64>],
+        span: impl Fn(&LogRecord) -> Option<Span>,
+    ) -> Self {
         let outputs = records.first().map_or(0, |r| r.measured.len());
-        let mut errors = Self { squares: vec![0.0; outputs], deviations: vec![0.0; outputs], count: vec![0.0; outputs] };
+        let mut errors = Self {
+            squares: vec![0.0; outputs],
+            deviations: vec![0.0; outputs],
+            count: vec![0.0; outputs],
+        };
         for i in 0..outputs {
             for (record, residual) in records.iter().zip(residuals) {
-                let inside: Vec<(f64, f64)> =
-                    (0..record.time_s.len()).filter_map(|k| Some((record.measured_in(span(record), i, k)?, residual[(k, i)]))).collect();
+                let inside: Vec<(f64, f64)> = (0..record.time_s.len())
+                    .filter_map(|k| {
+                        Some((record.measured_in(span(record), i, k)?, residual[(k, i)]))
+                    })
+                    .collect();
                 let count = inside.len() as f64;
                 let mean = stats::mean(inside.iter().map(|v| v.0)).unwrap_or(0.0);
                 errors.squares[i] += inside.iter().map(|v| v.1 * v.1).sum::<f64>();
@@ -52,30 +63,54 @@ impl Errors {
 
     /// Twice the log-likelihood that white noise of unknown size gains from one to the other, over all outputs.
     pub(crate) fn log_ratio(&self, after: &Self) -> f64 {
-        let ratio = |((b, a), n): ((&f64, &f64), &f64)| if *b > 0.0 && *a > 0.0 { n * (b / a).ln() } else { 0.0 };
+        let ratio = |((b, a), n): ((&f64, &f64), &f64)| {
+            if *b > 0.0 && *a > 0.0 { n * (b / a).ln() } else { 0.0 }
+        };
         self.squares.iter().zip(&after.squares).zip(&self.count).map(ratio).sum()
     }
 
     /// Mean squared error over that of others, every output counting alike.
     pub(crate) fn over(&self, others: &Self) -> f64 {
-        let parts: Vec<f64> = self.rms().iter().zip(others.rms()).filter(|(_, o)| *o > 0.0).map(|(e, o)| (e / o).powi(2)).collect();
+        let parts: Vec<f64> = self
+            .rms()
+            .iter()
+            .zip(others.rms())
+            .filter(|(_, o)| *o > 0.0)
+            .map(|(e, o)| (e / o).powi(2))
+            .collect();
         parts.iter().sum::<f64>() / parts.len().max(1) as f64
     }
 
     /// The largest factor by which the rms of an output falls from these to others. `held`, the same two on held-out data: the geometric mean of both factors.
     pub(crate) fn largest_fall(&self, after: &Self, held: Option<[&Self; 2]>) -> f64 {
         let falls = |before: &Self, after: &Self| -> Vec<Option<f64>> {
-            before.nrmse().iter().zip(after.nrmse()).map(|(b, a)| b.zip(a).map(|(b, a)| b / a)).collect()
+            before
+                .nrmse()
+                .iter()
+                .zip(after.nrmse())
+                .map(|(b, a)| b.zip(a).map(|(b, a)| b / a))
+                .collect()
         };
         let elsewhere = held.map(|[before, after]| falls(before, after));
         // An output without a held-out sample has only the one.
-        let together = |(i, fall): (usize, f64)| elsewhere.as_ref().and_then(|e| e[i]).map_or(fall, |there| (fall * there).sqrt());
-        falls(self, after).into_iter().enumerate().filter_map(|(i, fall)| Some((i, fall?))).map(together).fold(0.0, f64::max)
+        let together = |(i, fall): (usize, f64)| {
+            elsewhere.as_ref().and_then(|e| e[i]).map_or(fall, |there| (fall * there).sqrt())
+        };
+        falls(self, after)
+            .into_iter()
+            .enumerate()
+            .filter_map(|(i, fall)| Some((i, fall?)))
+            .map(together)
+            .fold(0.0, f64::max)
     }
 
     /// Per output; `None` where it stands still.
     pub(crate) fn nrmse(&self) -> Vec<Option<f64>> {
-        self.squares.iter().zip(&self.deviations).map(|(e, d)| (*d > 0.0).then(|| (e / d).sqrt())).collect()
+        self.squares
+            .iter()
+            .zip(&self.deviations)
+            .map(|(e, d)| (*d > 0.0).then(|| (e / d).sqrt()))
+            .collect()
     }
 
     /// A standard deviation of each output's error as nrmse.

@@ -17,7 +17,9 @@ use crate::input::criteria::Criteria;
 use crate::input::nuisance::Nuisance;
 use crate::input::record::{LogRecord, Span};
 use deadtime_model::effect::{Applied, Chance, Scales, Site};
-use deadtime_model::simulate::{Commands, Correction, Plan, SimulateError, System, Term, Tolerance, Wanted};
+use deadtime_model::simulate::{
+    Commands, Correction, Plan, SimulateError, System, Term, Tolerance, Wanted,
+};
 use deadtime_signal::stop::Stop;
 
 /// What a likelihood is made of.
@@ -71,7 +73,13 @@ pub(crate) struct Likelihood<'a> {
 }
 
 /// Far below the noise of any sensor; a rival on its way to infinity gives up early.
-const TOLERANCE: Tolerance = Tolerance { relative: 1e-6, absolute: 1e-9, steps: 2000, budget: usize::MAX, past_samples: true };
+const TOLERANCE: Tolerance = Tolerance {
+    relative: 1e-6,
+    absolute: 1e-9,
+    steps: 2000,
+    budget: usize::MAX,
+    past_samples: true,
+};
 /// A rival that needs more integration steps than so many per sample and this multiple of the nominal model's is given up.
 const STEPS_PER_SAMPLE: usize = 10;
 const STEPS_OF_NOMINAL: usize = 4;
@@ -88,7 +96,18 @@ impl<'a> Likelihood<'a> {
     /// # Errors
     /// [`GapError::Nominal`] where the nominal model cannot be simulated, [`crate::error::Error::Stopped`].
     pub(crate) fn new(terms: Terms<'a>) -> crate::error::Result<Self> {
-        let Terms { system, records, predictor, model_effects, nuisances, prior, noise_std, resolution, criteria, stop } = terms;
+        let Terms {
+            system,
+            records,
+            predictor,
+            model_effects,
+            nuisances,
+            prior,
+            noise_std,
+            resolution,
+            criteria,
+            stop,
+        } = terms;
         let budget = Budget::of(system);
         let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
         let prior_states = prior.len().max(1);
@@ -119,32 +138,64 @@ impl<'a> Likelihood<'a> {
         };
         for (at, record) in records.iter().enumerate() {
             likelihood.stop.check()?;
-            let scale: Vec<f64> = likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();
-            let failed = |e: SimulateError| GapError::Nominal { log: record.name.clone(), why: e.to_string() };
-            let all = system.sensitivity(&plan, record.commands(), &record.start, &scale, likelihood.correction(at)).map_err(failed)?;
-            let run = |plan: &Plan| system.simulate(plan, record.commands(), &record.start, likelihood.correction(at));
+            let scale: Vec<f64> =
+                likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();
+            let failed = |e: SimulateError| GapError::Nominal {
+                log: record.name.clone(),
+                why: e.to_string(),
+            };
+            let all = system
+                .sensitivity(
+                    &plan,
+                    record.commands(),
+                    &record.start,
+                    &scale,
+                    likelihood.correction(at),
+                )
+                .map_err(failed)?;
+            let run = |plan: &Plan| {
+                system.simulate(plan, record.commands(), &record.start, likelihood.correction(at))
+            };
             let steps = match run(&plan).map_err(failed)?.steps {
                 // A linear model that is too stiff to be integrated is simulated all the same.
                 0 => run(&integrated).map_or(0, |run| run.steps),
                 steps => steps,
             };
-            likelihood.step_limits.push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
+            likelihood
+                .step_limits
+                .push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
             let shape = (record.time_s.len(), system.outputs.len());
             // Of a simulator that is started again every start is a nuisance of its own, window by window.
-            let starts: Vec<usize> = (0..all.ncols()).filter(|c| free.contains(&(c % prior_states))).collect();
-            let column = |j: &usize| DMatrix::from_column_slice(shape.0, shape.1, all.column(*j).as_slice());
-            let mut raw = Responses { starts: starts.iter().map(column).collect(), ..Responses::default() };
+            let starts: Vec<usize> =
+                (0..all.ncols()).filter(|c| free.contains(&(c % prior_states))).collect();
+            let column =
+                |j: &usize| DMatrix::from_column_slice(shape.0, shape.1, all.column(*j).as_slice());
+            let mut raw =
+                Responses { starts: starts.iter().map(column).collect(), ..Responses::default() };
             if let Some(predicted) = likelihood.predict(at, NO_EFFECT) {
-                raw.feedback = feedback::regressors(record, &likelihood.residual(at, &predicted), &likelihood.criteria);
+                raw.feedback = feedback::regressors(
+                    record,
+                    &likelihood.residual(at, &predicted),
+                    &likelihood.criteria,
+                );
             }
             let alone = likelihood.declared_responses(at, NO_EFFECT, &vec![0.0; nuisances.len()]);
             let why = "what it does with a nuisance at half a standard deviation to either side is not finite; lower its `std`";
-            raw.declared = alone.ok_or_else(|| GapError::Nominal { log: record.name.clone(), why: why.to_owned() })?;
+            raw.declared = alone.ok_or_else(|| GapError::Nominal {
+                log: record.name.clone(),
+                why: why.to_owned(),
+            })?;
             raw.declared_std = nuisances.iter().map(|n| n.std).collect();
-            likelihood.nuisances.push(Nuisances::new(raw, record, &likelihood.noise[at], &likelihood.prior));
+            likelihood.nuisances.push(Nuisances::new(
+                raw,
+                record,
+                &likelihood.noise[at],
+                &likelihood.prior,
+            ));
             if let Some((declared, bend)) = likelihood.about_own_constants(at) {
                 let raw = Responses { declared, ..likelihood.nuisances[at].raw().clone() };
-                likelihood.nuisances[at] = Nuisances::new(raw, record, &likelihood.noise[at], &likelihood.prior);
+                likelihood.nuisances[at] =
+                    Nuisances::new(raw, record, &likelihood.noise[at], &likelihood.prior);
                 likelihood.bends.resize(at, None);
                 likelihood.bends.push(Some(bend));
             }
@@ -155,13 +206,16 @@ impl<'a> Likelihood<'a> {
     /// Under another noise model; one per record.
     pub(crate) fn with_noise(&self, noise: Vec<Noise>) -> Self {
         let whitened = self.nuisances.iter().zip(self.records).zip(&noise);
-        let nuisances = whitened.map(|((nuisances, record), noise)| nuisances.with_noise(record, noise, &self.prior)).collect();
+        let nuisances = whitened
+            .map(|((nuisances, record), noise)| nuisances.with_noise(record, noise, &self.prior))
+            .collect();
         Self { noise, nuisances, ..self.clone() }
     }
 
     /// With other prior standard deviations of the start; those that are 0 stay so.
     pub(crate) fn with_prior(&self, prior: Vec<f64>) -> Self {
-        let nuisances = self.nuisances.iter().map(|nuisances| nuisances.with_prior(&prior)).collect();
+        let nuisances =
+            self.nuisances.iter().map(|nuisances| nuisances.with_prior(&prior)).collect();
         Self { prior, nuisances, ..self.clone() }
     }
 
@@ -197,8 +251,14 @@ impl<'a> Likelihood<'a> {
     /// The length of a whitened residual that rounding in a black box makes.
     pub(crate) fn rounding(&self) -> f64 {
         let noise = self.noise_std();
-        let parts = self.resolution.iter().zip(&noise).map(|(r, s)| (r / s.max(f64::MIN_POSITIVE)).powi(2));
-        let samples = self.records.iter().filter(|r| r.train.is_some()).map(|r| r.time_s.len()).sum::<usize>() as f64;
+        let parts =
+            self.resolution.iter().zip(&noise).map(|(r, s)| (r / s.max(f64::MIN_POSITIVE)).powi(2));
+        let samples = self
+            .records
+            .iter()
+            .filter(|r| r.train.is_some())
+            .map(|r| r.time_s.len())
+            .sum::<usize>() as f64;
         (parts.sum::<f64>() * samples).sqrt()
     }
 
@@ -226,24 +286,42 @@ impl<'a> Likelihood<'a> {
     }
 
     /// Predicted outputs of one record from the nominal start, samples × outputs.
-    pub(crate) fn predict<'e>(&self, record: usize, active: impl Into<ActiveEffects<'e>>) -> Option<DMatrix<f64>> {
+    pub(crate) fn predict<'e>(
+        &self,
+        record: usize,
+        active: impl Into<ActiveEffects<'e>>,
+    ) -> Option<DMatrix<f64>> {
         self.predict_samples(record, active.into(), &self.records[record].inputs, usize::MAX)
     }
 
     /// The same with other commands than those of the log, and as far as parameters are fitted to it: samples after the training span are 0.
-    pub(crate) fn predict_trained(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>]) -> Option<DMatrix<f64>> {
+    pub(crate) fn predict_trained(
+        &self,
+        record: usize,
+        active: ActiveEffects<'_>,
+        inputs: &[Vec<f64>],
+    ) -> Option<DMatrix<f64>> {
         self.predict_samples(record, active, inputs, self.records[record].trained_samples())
     }
 
     /// The plan of a run over one record.
-    pub(super) fn plan_on(&self, record: usize, active: ActiveEffects<'_>, samples: usize) -> Option<Plan> {
+    pub(super) fn plan_on(
+        &self,
+        record: usize,
+        active: ActiveEffects<'_>,
+        samples: usize,
+    ) -> Option<Plan> {
         if self.stop.is_set() {
             return None;
         }
         let ActiveEffects { effects, lost } = active;
         let known = lost.and_then(|l| l.get(record));
-        let mut plan = self.plan(effects, known.map_or(Chance::Mean, |sequences| Chance::Known(sequences)))?;
-        plan.tolerance = Tolerance { budget: self.step_limits.get(record).copied().unwrap_or(usize::MAX), ..TOLERANCE };
+        let mut plan =
+            self.plan(effects, known.map_or(Chance::Mean, |sequences| Chance::Known(sequences)))?;
+        plan.tolerance = Tolerance {
+            budget: self.step_limits.get(record).copied().unwrap_or(usize::MAX),
+            ..TOLERANCE
+        };
         plan.wanted = Wanted { samples, states: false };
         Some(plan)
     }
@@ -253,7 +331,13 @@ impl<'a> Likelihood<'a> {
         self.run_samples(record, active, &self.records[record].inputs, usize::MAX)
     }
 
-    fn predict_samples(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
+    fn predict_samples(
+        &self,
+        record: usize,
+        active: ActiveEffects<'_>,
+        inputs: &[Vec<f64>],
+        samples: usize,
+    ) -> Option<DMatrix<f64>> {
         let y = self.run_samples(record, active, inputs, samples)?;
         Some(match self.bends.get(record) {
             Some(Some(bend)) => y + bend,
@@ -261,7 +345,13 @@ impl<'a> Likelihood<'a> {
         })
     }
 
-    fn run_samples(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
+    fn run_samples(
+        &self,
+        record: usize,
+        active: ActiveEffects<'_>,
+        inputs: &[Vec<f64>],
+        samples: usize,
+    ) -> Option<DMatrix<f64>> {
         let log = &self.records[record];
         let simulate = || {
             let plan = self.plan_on(record, active, samples)?;
@@ -272,18 +362,27 @@ impl<'a> Likelihood<'a> {
             return simulate();
         }
         // A run that a stop broke off says nothing.
-        self.simulated.of(Key::new(record, samples.min(log.time_s.len()), active.effects), simulate, || !self.stop.is_set())
+        self.simulated.of(
+            Key::new(record, samples.min(log.time_s.len()), active.effects),
+            simulate,
+            || !self.stop.is_set(),
+        )
     }
 
     /// measured − predicted, 0 where there is no measurement.
     pub(crate) fn residual(&self, record: usize, predicted: &DMatrix<f64>) -> DMatrix<f64> {
         let (samples, outputs) = predicted.shape();
         let mut residual = Vec::with_capacity(samples * outputs);
-        for (predicted, measured) in predicted.as_slice().chunks_exact(samples.max(1)).zip(&self.records[record].measured) {
+        for (predicted, measured) in
+            predicted.as_slice().chunks_exact(samples.max(1)).zip(&self.records[record].measured)
+        {
             let both = measured.values.iter().zip(predicted);
             match &measured.present {
                 None => residual.extend(both.map(|(y, predicted)| y - predicted)),
-                Some(present) => residual.extend(both.zip(present).map(|((y, predicted), there)| if *there { y - predicted } else { 0.0 })),
+                Some(present) => residual.extend(
+                    both.zip(present)
+                        .map(|((y, predicted), there)| if *there { y - predicted } else { 0.0 }),
+                ),
             }
         }
         DMatrix::from_vec(samples, outputs, residual)
@@ -352,7 +451,11 @@ impl<'a> Likelihood<'a> {
         products
     }
 
-    fn product(&self, (a, left): (&Whitened, &Projected), (b, right): (&Whitened, &Projected)) -> f64 {
+    fn product(
+        &self,
+        (a, left): (&Whitened, &Projected),
+        (b, right): (&Whitened, &Projected),
+    ) -> f64 {
         let mut sum = 0.0;
         for ((a, b), (left, right)) in a.iter().zip(b).zip(left.iter().zip(right)) {
             sum += a.dot(b);
@@ -385,12 +488,21 @@ impl<'a> Likelihood<'a> {
     }
 
     /// The same of the training span given its own samples; samples after it are of no use.
-    pub(crate) fn predict_trained_from_posterior<'e>(&self, record: usize, active: impl Into<ActiveEffects<'e>>) -> Option<DMatrix<f64>> {
+    pub(crate) fn predict_trained_from_posterior<'e>(
+        &self,
+        record: usize,
+        active: impl Into<ActiveEffects<'e>>,
+    ) -> Option<DMatrix<f64>> {
         let y = self.predict_trained(record, active.into(), &self.records[record].inputs)?;
         self.moved_to_posterior(record, y, self.records[record].train?)
     }
 
-    fn moved_to_posterior(&self, record: usize, mut y: DMatrix<f64>, span: Span) -> Option<DMatrix<f64>> {
+    fn moved_to_posterior(
+        &self,
+        record: usize,
+        mut y: DMatrix<f64>,
+        span: Span,
+    ) -> Option<DMatrix<f64>> {
         let nuisances = &self.nuisances[record];
         if nuisances.is_empty() {
             return Some(y);
@@ -398,8 +510,11 @@ impl<'a> Likelihood<'a> {
         let (noise, log) = (&self.noise[record], &self.records[record]);
         let whitened = noise.whiten(log, Some(span), &self.residual(record, &y));
         let e = DVector::from_column_slice(whitened.as_slice());
-        let deviation =
-            if log.train == Some(span) { nuisances.posterior(&e)? } else { nuisances.posterior_in(span, &e, log, noise, &self.prior)? };
+        let deviation = if log.train == Some(span) {
+            nuisances.posterior(&e)?
+        } else {
+            nuisances.posterior_in(span, &e, log, noise, &self.prior)?
+        };
         nuisances.add_to(&mut y, &deviation);
         Some(y)
     }
@@ -413,13 +528,16 @@ impl<'a> Likelihood<'a> {
     /// How many samples of each output's noise count as one.
     pub(crate) fn memory(&self) -> Vec<f64> {
         let trained = self.records.iter().zip(&self.noise).find(|(r, _)| r.train.is_some());
-        (0..self.system.outputs.len()).map(|i| trained.map_or(1.0, |(_, noise)| noise.memory(i))).collect()
+        (0..self.system.outputs.len())
+            .map(|i| trained.map_or(1.0, |(_, noise)| noise.memory(i)))
+            .collect()
     }
 
     /// Samples with weight.
     pub(crate) fn weight(&self) -> f64 {
         let here = |record: &LogRecord| {
-            let inside = (0..record.time_s.len()).flat_map(|k| (0..record.measured.len()).map(move |i| (i, k)));
+            let inside = (0..record.time_s.len())
+                .flat_map(|k| (0..record.measured.len()).map(move |i| (i, k)));
             inside.filter(|&(i, k)| record.measured_in(record.train, i, k).is_some()).count()
         };
 

@@ -56,8 +56,14 @@ impl Responses {
     }
 
     /// Whitened over a span, as columns.
-    pub(super) fn whitened(&self, record: &LogRecord, span: Option<Span>, noise: &Noise) -> DMatrix<f64> {
-        let mut whitened = DMatrix::zeros(record.time_s.len() * record.measured.len(), self.count());
+    pub(super) fn whitened(
+        &self,
+        record: &LogRecord,
+        span: Option<Span>,
+        noise: &Noise,
+    ) -> DMatrix<f64> {
+        let mut whitened =
+            DMatrix::zeros(record.time_s.len() * record.measured.len(), self.count());
         for (mut column, raw) in whitened.column_iter_mut().zip(self.all()) {
             column.copy_from_slice(noise.whiten(record, span, raw).as_slice());
         }
@@ -79,11 +85,13 @@ pub(super) type Common = (DVector<f64>, DVector<f64>);
 
 impl Nuisances {
     pub(super) fn new(raw: Responses, record: &LogRecord, noise: &Noise, prior: &[f64]) -> Self {
-        Self { raw: Arc::new(raw), whitened: Arc::new(DMatrix::zeros(0, 0)), factor: None }.with_noise(record, noise, prior)
+        Self { raw: Arc::new(raw), whitened: Arc::new(DMatrix::zeros(0, 0)), factor: None }
+            .with_noise(record, noise, prior)
     }
 
     pub(super) fn with_noise(&self, record: &LogRecord, noise: &Noise, prior: &[f64]) -> Self {
-        Self { whitened: Arc::new(self.raw.whitened(record, record.train, noise)), ..self.clone() }.with_prior(prior)
+        Self { whitened: Arc::new(self.raw.whitened(record, record.train, noise)), ..self.clone() }
+            .with_prior(prior)
     }
 
     pub(super) fn with_prior(&self, prior: &[f64]) -> Self {

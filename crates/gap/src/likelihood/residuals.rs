@@ -7,7 +7,10 @@ use super::active_effects::ActiveEffects;
 use super::gaussian::Likelihood;
 
 /// Residuals from the posterior start of each record, by the same rule for every hypothesis: of a held-out log its own samples, else the training span.
-pub(crate) fn residuals<'e>(likelihood: &Likelihood<'_>, active: impl Into<ActiveEffects<'e>>) -> Option<Vec<DMatrix<f64>>> {
+pub(crate) fn residuals<'e>(
+    likelihood: &Likelihood<'_>,
+    active: impl Into<ActiveEffects<'e>>,
+) -> Option<Vec<DMatrix<f64>>> {
     let active = active.into();
     (0..likelihood.records.len())
         .into_par_iter()
@@ -20,7 +23,10 @@ pub(crate) fn residuals<'e>(likelihood: &Likelihood<'_>, active: impl Into<Activ
 }
 
 /// Residuals of runs from the start of each record that fits best, of a held-out log by its own samples, else by the training span: what whoever runs the model gets.
-pub(crate) fn simulated<'e>(likelihood: &Likelihood<'_>, active: impl Into<ActiveEffects<'e>>) -> Option<Vec<DMatrix<f64>>> {
+pub(crate) fn simulated<'e>(
+    likelihood: &Likelihood<'_>,
+    active: impl Into<ActiveEffects<'e>>,
+) -> Option<Vec<DMatrix<f64>>> {
     let active = active.into();
     (0..likelihood.records.len())
         .into_par_iter()
@@ -33,7 +39,10 @@ pub(crate) fn simulated<'e>(likelihood: &Likelihood<'_>, active: impl Into<Activ
 }
 
 /// Residuals of the training spans alone from their posterior starts; of anything else nothing that means something.
-pub(crate) fn trained<'e>(likelihood: &Likelihood<'_>, active: impl Into<ActiveEffects<'e>>) -> Option<Vec<DMatrix<f64>>> {
+pub(crate) fn trained<'e>(
+    likelihood: &Likelihood<'_>,
+    active: impl Into<ActiveEffects<'e>>,
+) -> Option<Vec<DMatrix<f64>>> {
     let active = active.into();
     (0..likelihood.records.len())
         .map(|at| {

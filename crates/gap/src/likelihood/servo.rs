@@ -48,7 +48,11 @@ fn log(system: &System, effects: &[Applied], seed: u64) -> Log {
     let y = system.simulate(&plan, commands, &[0.0, 0.0], None).unwrap().y;
     let mut channels = vec![Channel::new("u", None, u.clone())];
     for (i, (name, noise)) in [("angle", 0.01), ("rate", 0.02)].into_iter().enumerate() {
-        channels.push(Channel::new(name, None, y.column(i).iter().map(|v| v + noise * rng.sample::<f64, _>(StandardNormal)).collect()));
+        channels.push(Channel::new(
+            name,
+            None,
+            y.column(i).iter().map(|v| v + noise * rng.sample::<f64, _>(StandardNormal)).collect(),
+        ));
     }
     Log::new(format!("{seed}.csv"), time_s, channels).unwrap()
 }
@@ -66,15 +70,21 @@ pub(crate) fn beside(truth: &[(&str, &str, &[f64])], judge: impl FnOnce(&Likelih
     let document = ModelDocument::read(&path).unwrap();
     let subject = Subject::from(&document);
     let machine = System::new(&document, |_| Ok(0.0)).unwrap();
-    let truth: Vec<Applied> =
-        truth.iter().map(|(effect, channel, values)| Applied { values: values.to_vec(), ..nominal(&machine, effect, channel) }).collect();
+    let truth: Vec<Applied> = truth
+        .iter()
+        .map(|(effect, channel, values)| Applied {
+            values: values.to_vec(),
+            ..nominal(&machine, effect, channel)
+        })
+        .collect();
     let logs = [log(&machine, &truth, 1), log(&machine, &truth, 2)];
 
     let options = GapOptions::default();
     let simulator = Simulator::of(subject, &logs, &Stop::default()).unwrap();
     let inputs = Inputs::new(subject, &simulator, &logs, &[], &options).unwrap();
     let system = &simulator.system;
-    let predictor = Predictor::of(system, &inputs.records, &inputs.poles, None, None, &options.criteria);
+    let predictor =
+        Predictor::of(system, &inputs.records, &inputs.poles, None, None, &options.criteria);
     let motion = Motion::of(system, &[], &inputs.records, &predictor, None).unwrap();
     let noise_std = motion.innovations(&inputs.records, &options.criteria);
     let likelihood = Likelihood::new(Terms {
@@ -90,6 +100,11 @@ pub(crate) fn beside(truth: &[(&str, &str, &[f64])], judge: impl FnOnce(&Likelih
         stop: Stop::default(),
     })
     .unwrap();
-    let scales = motion.scales(system, &inputs.records, &residuals(&likelihood, NO_EFFECT).unwrap(), inputs.longest_delay_s);
+    let scales = motion.scales(
+        system,
+        &inputs.records,
+        &residuals(&likelihood, NO_EFFECT).unwrap(),
+        inputs.longest_delay_s,
+    );
     judge(&likelihood, &scales);
 }

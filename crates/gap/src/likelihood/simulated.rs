@@ -22,7 +22,14 @@ pub(super) struct Key {
 impl Key {
     pub(super) fn new(record: usize, samples: usize, effects: &[Applied]) -> Self {
         let bits = |a: &Applied| a.values.iter().map(|v| v.to_bits()).collect();
-        Self { record, samples, effects: effects.iter().map(|a| (a.effect.name(), a.channel.clone(), bits(a))).collect() }
+        Self {
+            record,
+            samples,
+            effects: effects
+                .iter()
+                .map(|a| (a.effect.name(), a.channel.clone(), bits(a)))
+                .collect(),
+        }
     }
 }
 
@@ -48,16 +55,24 @@ const GENERATION: usize = 64 << 20;
 
 impl Simulated {
     /// The outputs of a run, made where they are not known. `keep`: whether what was made may be kept.
-    pub(super) fn of(&self, key: Key, make: impl FnOnce() -> Outputs, keep: impl FnOnce() -> bool) -> Outputs {
+    pub(super) fn of(
+        &self,
+        key: Key,
+        make: impl FnOnce() -> Outputs,
+        keep: impl FnOnce() -> bool,
+    ) -> Outputs {
         let known = |g: &Generations| g.young.get(&key).or_else(|| g.old.get(&key)).cloned();
-        if let Some(outputs) = known(&self.generations.lock().unwrap_or_else(PoisonError::into_inner)) {
+        if let Some(outputs) =
+            known(&self.generations.lock().unwrap_or_else(PoisonError::into_inner))
+        {
             return outputs;
         }
         let outputs = make();
         if keep() {
             let mut generations = self.generations.lock().unwrap_or_else(PoisonError::into_inner);
             // Failed runs hold a key, too.
-            generations.held += size_of::<(Key, Outputs)>() + outputs.as_ref().map_or(0, |y| y.len() * size_of::<f64>());
+            generations.held += size_of::<(Key, Outputs)>()
+                + outputs.as_ref().map_or(0, |y| y.len() * size_of::<f64>());
             generations.young.insert(key, outputs.clone());
             if generations.held > GENERATION {
                 generations.held = 0;

@@ -14,7 +14,11 @@ pub(crate) struct Beside {
 }
 
 impl Beside {
-    pub(crate) fn new(likelihood: &Likelihood<'_>, first: &Hypothesis, scales: &Scales) -> Option<Self> {
+    pub(crate) fn new(
+        likelihood: &Likelihood<'_>,
+        first: &Hypothesis,
+        scales: &Scales,
+    ) -> Option<Self> {
         let slopes = first.slopes(likelihood, scales)?;
         let mut own: Vec<Whitened> = Vec::new();
         for mut column in slopes.columns {

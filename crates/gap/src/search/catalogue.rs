@@ -13,7 +13,12 @@ pub(crate) struct Catalogue {
 }
 
 /// All candidates of a system, with the reasons for those that cannot act.
-pub(crate) fn catalogue(system: &System, nuisances: &[Nuisance], probed: Option<&Probed>, scales: &Scales) -> Catalogue {
+pub(crate) fn catalogue(
+    system: &System,
+    nuisances: &[Nuisance],
+    probed: Option<&Probed>,
+    scales: &Scales,
+) -> Catalogue {
     let (mut all, mut left_out) = (Vec::new(), Vec::new());
     for effect in EFFECTS {
         if effect.is_declared() && effect.channels(system).is_empty() {
@@ -24,7 +29,10 @@ pub(crate) fn catalogue(system: &System, nuisances: &[Nuisance], probed: Option<
             continue;
         }
         if effect.needs_equations() && system.is_black_box() {
-            left_out.push(not_tried(effect, "the simulator is a black box: its equations cannot be changed".to_owned()));
+            left_out.push(not_tried(
+                effect,
+                "the simulator is a black box: its equations cannot be changed".to_owned(),
+            ));
             continue;
         }
         // Beside laws that cannot be tried, friction above all, what may take many shapes makes up causes.
@@ -37,7 +45,10 @@ pub(crate) fn catalogue(system: &System, nuisances: &[Nuisance], probed: Option<
         }
         let mut channels = effect.channels(system);
         if channels.is_empty() && effect.site() == Site::Dynamics && system.is_black_box() {
-            left_out.push(not_tried(effect, "the simulator is a black box, and no parameter of it is named".to_owned()));
+            left_out.push(not_tried(
+                effect,
+                "the simulator is a black box, and no parameter of it is named".to_owned(),
+            ));
         } else if channels.is_empty() {
             left_out.push(not_tried(effect, "the model has no channel for it".to_owned()));
         }
@@ -48,12 +59,21 @@ pub(crate) fn catalogue(system: &System, nuisances: &[Nuisance], probed: Option<
         });
         for channel in channels.extract_if(.., |channel| idle.contains(channel)) {
             let what = if effect.site() == Site::Input { "input" } else { "parameter" };
-            left_out.push(not_tried(effect, format!("no output of the simulator depends on the {what} `{channel}`")));
+            left_out.push(not_tried(
+                effect,
+                format!("no output of the simulator depends on the {what} `{channel}`"),
+            ));
         }
         for nuisance in nuisances {
-            left_out.extend(channels.extract_if(.., |c| nuisance.is(effect, c)).map(|_| not_tried(effect, nuisance.why_not_tried())));
+            left_out.extend(
+                channels
+                    .extract_if(.., |c| nuisance.is(effect, c))
+                    .map(|_| not_tried(effect, nuisance.why_not_tried())),
+            );
         }
-        let on = |channel: &String| Some(Applied::nominal(system, effect, channel).ok()?.shown_by(system, scales));
+        let on = |channel: &String| {
+            Some(Applied::nominal(system, effect, channel).ok()?.shown_by(system, scales))
+        };
         all.extend(channels.iter().filter_map(on));
     }
     Catalogue { candidates: all, left_out }
@@ -68,7 +88,11 @@ pub(crate) fn numbers(system: &System) -> Vec<Applied> {
             Some(Applied { effect, channel, parameters, values })
         })
     };
-    EFFECTS.into_iter().filter(|e| e.corrects_model() && !system.is_black_box()).flat_map(of).collect()
+    EFFECTS
+        .into_iter()
+        .filter(|e| e.corrects_model() && !system.is_black_box())
+        .flat_map(of)
+        .collect()
 }
 
 fn not_tried(effect: &dyn Effect, why: String) -> NotTried {

@@ -47,7 +47,11 @@ pub(crate) fn search<'a>(
     progress(Stage::Screening(catalogue.len()));
     let pool = screen(&likelihood, catalogue, scales, &nominal);
     progress(Stage::Fitting);
-    let mut found = SearchResult { singles: fit_first(&likelihood, &pool, scales, &nominal), pairs: Vec::new(), held_back: Vec::new() };
+    let mut found = SearchResult {
+        singles: fit_first(&likelihood, &pool, scales, &nominal),
+        pairs: Vec::new(),
+        held_back: Vec::new(),
+    };
     progress(Stage::Pairing);
     found.pairs = pairs(&likelihood, &found.singles, remedies, &pool, scales, &nominal);
     members_alone(&likelihood, &mut found, scales, &nominal);
@@ -57,10 +61,16 @@ pub(crate) fn search<'a>(
     for round in 0..budget.rounds {
         progress(Stage::Refitting(round));
         let penalties = Penalties::of(&likelihood);
-        let leading =
-            |all: &[Hypothesis]| all.iter().filter(|e| e.fitted).max_by(|a, b| penalties.gain(a).total_cmp(&penalties.gain(b))).cloned();
+        let leading = |all: &[Hypothesis]| {
+            all.iter()
+                .filter(|e| e.fitted)
+                .max_by(|a, b| penalties.gain(a).total_cmp(&penalties.gain(b)))
+                .cloned()
+        };
         let single = leading(&found.singles);
-        let pair = leading(&found.pairs).filter(|pair| single.as_ref().is_none_or(|s| penalties.gain(pair) > penalties.gain(s)));
+        let pair = leading(&found.pairs).filter(|pair| {
+            single.as_ref().is_none_or(|s| penalties.gain(pair) > penalties.gain(s))
+        });
         let largest = pair.or(single);
         let Some(noise) = noise_of(&likelihood, largest.as_ref(), smallest) else { break };
         likelihood = likelihood.with_noise(noise);
@@ -71,19 +81,34 @@ pub(crate) fn search<'a>(
             hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
             let steps = if round + 1 < budget.rounds { budget.steps } else { budget.steps / 2 };
             let best = hypotheses.first().map_or(0.0, |e| e.gain);
-            let leaders = frugal(&likelihood, hypotheses.iter().take(budget.plain.leaders).map(|e| e.effects.as_slice()));
-            hypotheses.par_iter_mut().zip(leaders).filter(|(e, leads)| *leads && e.gain.is_finite()).for_each(|(e, _)| {
-                // A sequence that explains much less than the best hypothesis is not worth another search.
-                let late = e.effects.iter().any(|a| a.effect.lateness() == Some(Lateness::Random));
-                let again = e.lost.is_none() || e.gain > if late { budget.again_late } else { budget.again } * best;
-                let sequences = if again { decoded(&likelihood, e.clone(), scales, cost, steps) } else { Some(e.clone()) };
-                if let Some(better) = sequences.and_then(|e| Hypothesis::refit(&likelihood, e, scales, cost, steps)) {
-                    *e = better.with_missing_limits(&likelihood, scales, cost, steps);
-                    if round == 0 {
-                        *e = e.clone().polished(&likelihood, scales, cost, steps);
+            let leaders = frugal(
+                &likelihood,
+                hypotheses.iter().take(budget.plain.leaders).map(|e| e.effects.as_slice()),
+            );
+            hypotheses
+                .par_iter_mut()
+                .zip(leaders)
+                .filter(|(e, leads)| *leads && e.gain.is_finite())
+                .for_each(|(e, _)| {
+                    // A sequence that explains much less than the best hypothesis is not worth another search.
+                    let late =
+                        e.effects.iter().any(|a| a.effect.lateness() == Some(Lateness::Random));
+                    let again = e.lost.is_none()
+                        || e.gain > if late { budget.again_late } else { budget.again } * best;
+                    let sequences = if again {
+                        decoded(&likelihood, e.clone(), scales, cost, steps)
+                    } else {
+                        Some(e.clone())
+                    };
+                    if let Some(better) = sequences
+                        .and_then(|e| Hypothesis::refit(&likelihood, e, scales, cost, steps))
+                    {
+                        *e = better.with_missing_limits(&likelihood, scales, cost, steps);
+                        if round == 0 {
+                            *e = e.clone().polished(&likelihood, scales, cost, steps);
+                        }
                     }
-                }
-            });
+                });
             give_up_what_breaks(&likelihood, hypotheses, budget.plain.leaders);
             hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         }
@@ -105,22 +130,37 @@ fn give_up_what_breaks(likelihood: &Likelihood<'_>, hypotheses: &mut [Hypothesis
 }
 
 /// The noise of the residuals that one hypothesis leaves, or the model as it is, per record; records of one sample time share it.
-pub(crate) fn noise_of(likelihood: &Likelihood<'_>, hypothesis: Option<&Hypothesis>, smallest: &[f64]) -> Option<Vec<Noise>> {
+pub(crate) fn noise_of(
+    likelihood: &Likelihood<'_>,
+    hypothesis: Option<&Hypothesis>,
+    smallest: &[f64],
+) -> Option<Vec<Noise>> {
     let residuals = residuals(likelihood, hypothesis.map_or(NO_EFFECT, ActiveEffects::from))?;
     let larger = hypothesis.map_or(1.0, |e| e.noise_over_left(likelihood));
     Some(noise_in(likelihood, &residuals, larger, smallest))
 }
 
 /// The noise of residuals, so many times as large, per record; records of one sample time share it.
-pub(crate) fn noise_in(likelihood: &Likelihood<'_>, residuals: &[DMatrix<f64>], larger: f64, smallest: &[f64]) -> Vec<Noise> {
+pub(crate) fn noise_in(
+    likelihood: &Likelihood<'_>,
+    residuals: &[DMatrix<f64>],
+    larger: f64,
+    smallest: &[f64],
+) -> Vec<Noise> {
     let same = |a: f64, b: f64| (a - b).abs() <= 0.02 * b;
     let noise = |ts: f64| {
         let members: Vec<usize> = (0..residuals.len())
-            .filter(|&i| likelihood.records[i].train.is_some() && same(likelihood.records[i].sample_time_s, ts))
+            .filter(|&i| {
+                likelihood.records[i].train.is_some()
+                    && same(likelihood.records[i].sample_time_s, ts)
+            })
             .collect();
         // A held-out record of another sample time: all training records, as a stand-in.
-        let members =
-            if members.is_empty() { (0..residuals.len()).filter(|&i| likelihood.records[i].train.is_some()).collect() } else { members };
+        let members = if members.is_empty() {
+            (0..residuals.len()).filter(|&i| likelihood.records[i].train.is_some()).collect()
+        } else {
+            members
+        };
         let records: Vec<_> = members.iter().map(|&i| &likelihood.records[i]).collect();
         let residuals: Vec<_> = members.iter().map(|&i| &residuals[i]).collect();
         Noise::fit(&records, &residuals, smallest, &likelihood.criteria).times(larger)
@@ -129,14 +169,29 @@ pub(crate) fn noise_in(likelihood: &Likelihood<'_>, residuals: &[DMatrix<f64>], 
 }
 
 /// Members of the best pair of a black box as hypotheses of their own, from where they stand in it: one that few calls were spent on may lead alone.
-fn members_alone(likelihood: &Likelihood<'_>, found: &mut SearchResult, scales: &Scales, nominal: &Whitened) {
+fn members_alone(
+    likelihood: &Likelihood<'_>,
+    found: &mut SearchResult,
+    scales: &Scales,
+    nominal: &Whitened,
+) {
     let cost = likelihood.inner(nominal, nominal);
     let Some(pair) = found.pairs.first().filter(|_| likelihood.budget.one_by_one) else { return };
-    let members: Vec<Hypothesis> = (0..pair.effects.len()).map(|place| pair.only(place)).filter(|e| !e.loses_commands()).collect();
-    let better: Vec<Hypothesis> =
-        members.into_par_iter().filter_map(|e| Hypothesis::refit(likelihood, e, scales, cost, likelihood.budget.steps)).collect();
+    let members: Vec<Hypothesis> = (0..pair.effects.len())
+        .map(|place| pair.only(place))
+        .filter(|e| !e.loses_commands())
+        .collect();
+    let better: Vec<Hypothesis> = members
+        .into_par_iter()
+        .filter_map(|e| Hypothesis::refit(likelihood, e, scales, cost, likelihood.budget.steps))
+        .collect();
     for alone in better {
-        if let Some(single) = found.singles.iter_mut().find(|s| s.key() == alone.key()).filter(|s| !s.fitted || s.gain < alone.gain) {
+        if let Some(single) = found
+            .singles
+            .iter_mut()
+            .find(|s| s.key() == alone.key())
+            .filter(|s| !s.fitted || s.gain < alone.gain)
+        {
             *single = alone;
         }
     }

@@ -17,17 +17,26 @@ use deadtime_model::effect::Applied;
 /// Lets no elaborate form gain more than its plain one unless that matters; returns the keys of those that were held back.
 ///
 /// Nor does the plain form beside something else gain more, where the elaborate form alone explains as well: what did not matter as one effect is no second one.
-pub(super) fn held_back(likelihood: &Likelihood<'_>, singles: &mut [Hypothesis], pairs: &mut [Hypothesis]) -> Vec<String> {
+pub(super) fn held_back(
+    likelihood: &Likelihood<'_>,
+    singles: &mut [Hypothesis],
+    pairs: &mut [Hypothesis],
+) -> Vec<String> {
     let Some(original) = Level::of(likelihood, None) else { return Vec::new() };
     let penalties = Penalties::of(likelihood);
-    let fitted: Vec<Hypothesis> = singles.iter().chain(pairs.iter()).filter(|e| e.fitted).cloned().collect();
+    let fitted: Vec<Hypothesis> =
+        singles.iter().chain(pairs.iter()).filter(|e| e.fitted).cloned().collect();
     // The keys of those held back, what they gained, and their plain forms.
     let mut held: Vec<(String, f64, &Hypothesis)> = Vec::new();
     for hypothesis in singles.iter_mut().chain(pairs.iter_mut()).filter(|e| e.fitted) {
         let plainer = plainer_keys(hypothesis);
-        let best = fitted.iter().filter(|e| plainer.contains(&e.key())).max_by(|a, b| a.gain.total_cmp(&b.gain));
+        let best = fitted
+            .iter()
+            .filter(|e| plainer.contains(&e.key()))
+            .max_by(|a, b| a.gain.total_cmp(&b.gain));
         let Some(plain) = best.filter(|plain| hypothesis.gain > plain.gain) else { continue };
-        let levels = Level::of(likelihood, Some(plain)).zip(Level::of(likelihood, Some(hypothesis)));
+        let levels =
+            Level::of(likelihood, Some(plain)).zip(Level::of(likelihood, Some(hypothesis)));
         if levels.is_some_and(|(before, after)| !is_more(likelihood, &original, &before, &after)) {
             held.push((hypothesis.key(), penalties.gain(hypothesis), plain));
             hypothesis.gain = plain.gain;
@@ -36,9 +45,12 @@ pub(super) fn held_back(likelihood: &Likelihood<'_>, singles: &mut [Hypothesis],
     let mut keys: Vec<String> = held.iter().map(|(key, ..)| key.clone()).collect();
     for pair in pairs.iter_mut().filter(|e| e.fitted) {
         let has = |plain: &Hypothesis| {
-            plain.effects.len() < pair.effects.len() && plain.effects.iter().all(|p| pair.effects.iter().any(|a| a.key() == p.key()))
+            plain.effects.len() < pair.effects.len()
+                && plain.effects.iter().all(|p| pair.effects.iter().any(|a| a.key() == p.key()))
         };
-        if let Some((_, _, plain)) = held.iter().find(|(_, gained, plain)| has(plain) && penalties.gain(pair) <= *gained) {
+        if let Some((_, _, plain)) =
+            held.iter().find(|(_, gained, plain)| has(plain) && penalties.gain(pair) <= *gained)
+        {
             pair.gain = plain.gain.min(pair.gain);
             keys.push(pair.key());
         }
@@ -53,7 +65,8 @@ pub(super) fn held_back(likelihood: &Likelihood<'_>, singles: &mut [Hypothesis],
 fn plainer_keys(hypothesis: &Hypothesis) -> Vec<String> {
     let keys: Vec<String> = hypothesis.effects.iter().map(Applied::key).collect();
     let instead = |(at, plain): (usize, String)| {
-        let mut others: Vec<String> = keys.iter().enumerate().filter(|(i, _)| *i != at).map(|(_, k)| k.clone()).collect();
+        let mut others: Vec<String> =
+            keys.iter().enumerate().filter(|(i, _)| *i != at).map(|(_, k)| k.clone()).collect();
         if !others.contains(&plain) {
             others.push(plain);
         }
@@ -62,7 +75,9 @@ fn plainer_keys(hypothesis: &Hypothesis) -> Vec<String> {
     };
     let elaborate = hypothesis.effects.iter().enumerate();
     // The plain form may also act on all outputs; it does where there is but one.
-    let forms = |(at, a): (usize, &Applied)| a.effect.elaborates().map(|plain| [&a.channel, "*"].map(|c| (at, format!("{plain}:{c}"))));
+    let forms = |(at, a): (usize, &Applied)| {
+        a.effect.elaborates().map(|plain| [&a.channel, "*"].map(|c| (at, format!("{plain}:{c}"))))
+    };
     elaborate.filter_map(forms).flatten().map(instead).collect()
 }
 
@@ -70,12 +85,16 @@ fn plainer_keys(hypothesis: &Hypothesis) -> Vec<String> {
 /// data are quiet without it, it must not do worse there.
 fn is_more(likelihood: &Likelihood<'_>, original: &Level, before: &Level, after: &Level) -> bool {
     let criteria = &likelihood.criteria;
-    let takes = |[before, after, original]: [&Errors; 3]| before.over(original) - after.over(original) >= criteria.added_matters;
+    let takes = |[before, after, original]: [&Errors; 3]| {
+        before.over(original) - after.over(original) >= criteria.added_matters
+    };
     let learnt = takes([&before.train, &after.train, &original.train]);
     let ([noise, _], [_, held]) = (after.white, before.white);
     if held <= criteria.quiet * noise && after.held.over(&before.held) <= 1.0 {
         return learnt || before.train.largest_fall(&after.train, None) > criteria.clear;
     }
     let held = takes([&before.held, &after.held, &original.held]);
-    (learnt && held) || before.train.largest_fall(&after.train, Some([&before.held, &after.held])) > criteria.clear
+    (learnt && held)
+        || before.train.largest_fall(&after.train, Some([&before.held, &after.held]))
+            > criteria.clear
 }

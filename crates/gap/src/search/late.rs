@@ -13,14 +13,21 @@ const HIDDEN: f64 = 3.5;
 
 /// Adds to every hypothesis that loses commands the one whose commands are late, with the same trajectory; both pay for the waits of commands alike.
 pub(crate) fn beside_lost(likelihood: &Likelihood<'_>, hypotheses: &mut Vec<Hypothesis>) {
-    let twins: Vec<Hypothesis> = hypotheses.iter_mut().filter(|e| e.fitted).filter_map(|e| priced_with_twin(likelihood, e)).collect();
+    let twins: Vec<Hypothesis> = hypotheses
+        .iter_mut()
+        .filter(|e| e.fitted)
+        .filter_map(|e| priced_with_twin(likelihood, e))
+        .collect();
     let nominal = likelihood.whitened(NO_EFFECT).map_or(0.0, |w| likelihood.inner(&w, &w));
     for twin in twins {
         // The same law may have been decoded by itself. Where commands show one by one their waits are known, and price both reasons alike; where they hide each
         // other, delays explain much more than losses do.
         let explained = |e: &Hypothesis| e.gain + e.lost.as_ref().map_or(0.0, |l| l.price);
         let much = |e: &Hypothesis| nominal - explained(&twin) > HIDDEN * (nominal - explained(e));
-        if hypotheses.iter().any(|e| e.key() == twin.key() && e.lost.is_some() && e.gain >= twin.gain && much(e)) {
+        if hypotheses
+            .iter()
+            .any(|e| e.key() == twin.key() && e.lost.is_some() && e.gain >= twin.gain && much(e))
+        {
             continue;
         }
         hypotheses.retain(|e| e.key() != twin.key());
@@ -29,12 +36,17 @@ pub(crate) fn beside_lost(likelihood: &Likelihood<'_>, hypotheses: &mut Vec<Hypo
     hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
 }
 
-fn priced_with_twin(likelihood: &Likelihood<'_>, hypothesis: &mut Hypothesis) -> Option<Hypothesis> {
-    let place = hypothesis.effects.iter().position(|a| a.effect.lateness() == Some(Lateness::Lost))?;
+fn priced_with_twin(
+    likelihood: &Likelihood<'_>,
+    hypothesis: &mut Hypothesis,
+) -> Option<Hypothesis> {
+    let place =
+        hypothesis.effects.iter().position(|a| a.effect.lateness() == Some(Lateness::Lost))?;
     let channel = hypothesis.effects[place].channel.clone();
     let input = likelihood.system.inputs.iter().position(|p| p.name == channel)?;
     let own = hypothesis.lost.as_ref()?.waits.get(input)?.clone();
-    let late = Applied::nominal(likelihood.system, Lateness::Random.effect().ok()?, &channel).ok()?;
+    let late =
+        Applied::nominal(likelihood.system, Lateness::Random.effect().ok()?, &channel).ok()?;
     let [delay_s, spread_s] = waits::delay_and_spread(&own);
     if waits::steady(&own) {
         // All waited alike: a delay, and nothing that chance decides.
@@ -49,12 +61,26 @@ fn priced_with_twin(likelihood: &Likelihood<'_>, hypothesis: &mut Hypothesis) ->
     if let Some(Dropouts { std, .. }) = &mut twin.lost {
         // A mean, and a standard deviation, which so many waits tell better by √2.
         let of_mean = spread_s / (own.len() as f64).sqrt();
-        std[input] = if own.len() > 1 { vec![of_mean, of_mean * std::f64::consts::FRAC_1_SQRT_2] } else { Vec::new() };
+        std[input] = if own.len() > 1 {
+            vec![of_mean, of_mean * std::f64::consts::FRAC_1_SQRT_2]
+        } else {
+            Vec::new()
+        };
     }
     twin.effects.sort_by_key(|a| deadtime_model::effect::row(a.effect));
     // None of a hidden sequence's numbers is free; those of the others keep their places.
-    let places: Vec<usize> = hypothesis.effects.iter().enumerate().filter(|(at, _)| *at != place).map(|(at, _)| at).collect();
-    let moved = |at: usize| twin.effects.iter().position(|a| places.contains(&at) && a.key() == hypothesis.effects[at].key());
+    let places: Vec<usize> = hypothesis
+        .effects
+        .iter()
+        .enumerate()
+        .filter(|(at, _)| *at != place)
+        .map(|(at, _)| at)
+        .collect();
+    let moved = |at: usize| {
+        twin.effects
+            .iter()
+            .position(|a| places.contains(&at) && a.key() == hypothesis.effects[at].key())
+    };
     twin.free = hypothesis.free.iter().filter_map(|&(at, i)| Some((moved(at)?, i))).collect();
     Some(twin)
 }

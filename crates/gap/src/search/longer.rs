@@ -37,19 +37,30 @@ pub(crate) fn shift_beyond(
     let tried: Vec<(f64, Vec<f64>)> = (-most..=most)
         .into_par_iter()
         .map(|i| f64::from(i) * step_s)
-        .map(|shift_s| (shift_s, (0..outputs).map(|output| unlike(records, residuals, output, shift_s)).collect()))
+        .map(|shift_s| {
+            (
+                shift_s,
+                (0..outputs).map(|output| unlike(records, residuals, output, shift_s)).collect(),
+            )
+        })
         .collect();
     let beyond = |left: &dyn Fn(&[f64]) -> f64| {
         let least = |further: bool| {
             let those = tried.iter().filter(|(shift_s, _)| (shift_s.abs() > longest_s) == further);
-            those.map(|(shift_s, unlike)| (left(unlike), shift_s.abs())).min_by(|a, b| a.0.total_cmp(&b.0))
+            those
+                .map(|(shift_s, unlike)| (left(unlike), shift_s.abs()))
+                .min_by(|a, b| a.0.total_cmp(&b.0))
         };
         let ((within, _), (further, shift_s)) = (least(false)?, least(true)?);
-        (further < (1.0 - criteria.much) * within && further < 1.0 - criteria.moved_explains).then_some(shift_s)
+        (further < (1.0 - criteria.much) * within && further < 1.0 - criteria.moved_explains)
+            .then_some(shift_s)
     };
     // A clock moves all outputs, a sensor one.
     let all = beyond(&|unlike| unlike.iter().sum::<f64>() / outputs as f64);
-    (0..outputs).filter_map(|output| beyond(&|unlike| unlike[output])).chain(all).max_by(f64::total_cmp)
+    (0..outputs)
+        .filter_map(|output| beyond(&|unlike| unlike[output]))
+        .chain(all)
+        .max_by(f64::total_cmp)
 }
 
 /// The part of one output's variance over the training samples that the shifted prediction leaves, with a gain and a constant of its own: one less the squared
@@ -57,21 +68,36 @@ pub(crate) fn shift_beyond(
 fn unlike(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize, shift_s: f64) -> f64 {
     let (mut count, mut sums, mut squares) = (0.0, [0.0; 2], [0.0; 3]);
     // Large constants would drown small motions.
-    let origin = records.first().and_then(|r| r.measured[output].values.first()).copied().unwrap_or(0.0);
+    let origin =
+        records.first().and_then(|r| r.measured[output].values.first()).copied().unwrap_or(0.0);
     for (record, residual) in records.iter().zip(residuals) {
         let Some(span) = record.train else { continue };
         let measured = &record.measured[output];
         let shift = (shift_s / record.sample_time_s).round() as isize;
-        let inside = |k: usize| record.time_s.get(k).is_some_and(|t| span.holds(*t)) && measured.get(k).is_some();
+        let inside = |k: usize| {
+            record.time_s.get(k).is_some_and(|t| span.holds(*t)) && measured.get(k).is_some()
+        };
         for k in (0..record.time_s.len()).step_by(record.time_s.len().div_ceil(ROWS).max(1)) {
-            let Some(before) = k.checked_add_signed(-shift).filter(|&before| inside(k) && inside(before)) else { continue };
-            let (y, predicted) = (measured.values[k] - origin, measured.values[before] - origin - residual[(before, output)]);
+            let Some(before) =
+                k.checked_add_signed(-shift).filter(|&before| inside(k) && inside(before))
+            else {
+                continue;
+            };
+            let (y, predicted) = (
+                measured.values[k] - origin,
+                measured.values[before] - origin - residual[(before, output)],
+            );
             count += 1.0;
             sums = [sums[0] + y, sums[1] + predicted];
-            squares = [squares[0] + y * y, squares[1] + y * predicted, squares[2] + predicted * predicted];
+            squares = [
+                squares[0] + y * y,
+                squares[1] + y * predicted,
+                squares[2] + predicted * predicted,
+            ];
         }
     }
-    let [yy, yp, pp] = [(0, 0), (0, 1), (1, 1)].map(|(i, j)| sums[i] * sums[j] / f64::max(count, 1.0));
+    let [yy, yp, pp] =
+        [(0, 0), (0, 1), (1, 1)].map(|(i, j)| sums[i] * sums[j] / f64::max(count, 1.0));
     let (yy, yp, pp) = (squares[0] - yy, squares[1] - yp, squares[2] - pp);
     if yp > 0.0 && yy > 0.0 && pp > 0.0 { (1.0 - yp * yp / (yy * pp)).max(0.0) } else { 1.0 }
 }
@@ -79,9 +105,19 @@ fn unlike(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize, shif
 impl SearchResult {
     /// A delay that explains a good part of the gap stands at the longest that was looked for. Under noise of the gap's colour half a delay gains little, whatever
     /// it takes from the error.
-    pub(crate) fn wants_longer_delays(&self, likelihood: &Likelihood<'_>, scales: &Scales, criteria: &Criteria) -> bool {
+    pub(crate) fn wants_longer_delays(
+        &self,
+        likelihood: &Likelihood<'_>,
+        scales: &Scales,
+        criteria: &Criteria,
+    ) -> bool {
         // A hidden sequence gains much by what it is free to do.
-        let best = self.singles.iter().filter(|e| e.fitted && e.lost.is_none()).map(|e| e.gain).fold(0.0, f64::max);
+        let best = self
+            .singles
+            .iter()
+            .filter(|e| e.fitted && e.lost.is_none())
+            .map(|e| e.gain)
+            .fold(0.0, f64::max);
         let at_edge = |e: &Hypothesis| {
             e.free.iter().any(|&(at, i)| {
                 let p = &e.effects[at].parameters[i];
@@ -91,8 +127,14 @@ impl SearchResult {
             })
         };
         let nothing = Level::of(likelihood, None);
-        let takes = |e: &Hypothesis| Some(1.0 - Level::of(likelihood, Some(e))?.train.over(&nothing.as_ref()?.train));
-        let much = |e: &Hypothesis| e.gain > criteria.much * best || takes(e).is_some_and(|share| share > criteria.much);
-        self.singles.iter().any(|e| e.fitted && e.gain > criteria.selection_penalty && at_edge(e) && much(e))
+        let takes = |e: &Hypothesis| {
+            Some(1.0 - Level::of(likelihood, Some(e))?.train.over(&nothing.as_ref()?.train))
+        };
+        let much = |e: &Hypothesis| {
+            e.gain > criteria.much * best || takes(e).is_some_and(|share| share > criteria.much)
+        };
+        self.singles
+            .iter()
+            .any(|e| e.fitted && e.gain > criteria.selection_penalty && at_edge(e) && much(e))
     }
 }

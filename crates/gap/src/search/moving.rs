@@ -39,15 +39,28 @@ const PHASES: usize = 6;
 const KEPT: usize = 3;
 
 /// What a scan suggests for every candidate that changes with time.
-pub(crate) fn scanned(likelihood: &Likelihood<'_>, candidates: &[Applied], scales: &Scales) -> Vec<Scanned> {
+pub(crate) fn scanned(
+    likelihood: &Likelihood<'_>,
+    candidates: &[Applied],
+    scales: &Scales,
+) -> Vec<Scanned> {
     let Some(nominal) = likelihood.whitened(NO_EFFECT) else { return Vec::new() };
     let late = candidates.iter().filter(|a| a.effect.lateness() == Some(Lateness::Fixed));
-    let mut all: Vec<Scanned> = late.flat_map(|delay| of_delay(likelihood, scales, &nominal, delay).unwrap_or_default()).collect();
-    let steps: Vec<&Applied> = candidates.iter().filter(|a| a.effect.changes() == Some(Change::Jump) && !moves_a_delay(a.effect)).collect();
+    let mut all: Vec<Scanned> = late
+        .flat_map(|delay| of_delay(likelihood, scales, &nominal, delay).unwrap_or_default())
+        .collect();
+    let steps: Vec<&Applied> = candidates
+        .iter()
+        .filter(|a| a.effect.changes() == Some(Change::Jump) && !moves_a_delay(a.effect))
+        .collect();
     let of_step = |step: &&Applied| of_step(likelihood, scales, &nominal, step);
     // One simulation a candidate; where each is a call, one after the other.
     let calls = steps.iter().any(|step| likelihood.calls(step));
-    all.extend(if calls { steps.iter().filter_map(of_step).collect::<Vec<_>>() } else { steps.par_iter().filter_map(of_step).collect() });
+    all.extend(if calls {
+        steps.iter().filter_map(of_step).collect::<Vec<_>>()
+    } else {
+        steps.par_iter().filter_map(of_step).collect()
+    });
     all
 }
 
@@ -57,11 +70,17 @@ pub(crate) fn typical(system: &System, candidates: &[Applied], scales: &Scales) 
     let guess = |a: &Applied| {
         let (changes, delays) = (a.effect.changes(), moves_a_delay(a.effect));
         Some(match (changes, a.effect.lateness()) {
-            (Some(Change::Jump), _) if delays => vec![0.5 * few_s, 0.5 * scales.duration_s, 1.5 * few_s],
-            (Some(Change::Drift), _) if delays => vec![0.5 * few_s, few_s / scales.duration_s.max(f64::MIN_POSITIVE)],
+            (Some(Change::Jump), _) if delays => {
+                vec![0.5 * few_s, 0.5 * scales.duration_s, 1.5 * few_s]
+            }
+            (Some(Change::Drift), _) if delays => {
+                vec![0.5 * few_s, few_s / scales.duration_s.max(f64::MIN_POSITIVE)]
+            }
             (Some(Change::Jump), _) => {
                 let plain = plain(system, a)?;
-                let [value] = *plain.starts(system, scales).first()?.as_slice() else { return None };
+                let [value] = *plain.starts(system, scales).first()?.as_slice() else {
+                    return None;
+                };
                 vec![*plain.values.first()?, 0.5 * scales.duration_s, value]
             }
             (None, Some(Lateness::SlowerLoop)) => vec![few_s, 0.0],
@@ -78,7 +97,8 @@ fn found(effect: &dyn Effect, channel: &str, starts: Vec<Vec<f64>>) -> Scanned {
 /// What changes with time is a fixed delay.
 fn moves_a_delay(effect: &dyn Effect) -> bool {
     let plain = effect.elaborates().and_then(|plain| find(plain).ok());
-    effect.changes().is_some() && plain.is_some_and(|plain| plain.lateness() == Some(Lateness::Fixed))
+    effect.changes().is_some()
+        && plain.is_some_and(|plain| plain.lateness() == Some(Lateness::Fixed))
 }
 
 /// What a candidate is where nothing changes with time.
@@ -87,7 +107,12 @@ fn plain(system: &System, a: &Applied) -> Option<Applied> {
 }
 
 /// The lowest cost with one value of a number before a time and another behind it, where that is worth more than one value throughout.
-fn of_step(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, step: &Applied) -> Option<Scanned> {
+fn of_step(
+    likelihood: &Likelihood<'_>,
+    scales: &Scales,
+    nominal: &Whitened,
+    step: &Applied,
+) -> Option<Scanned> {
     let plain = plain(likelihood.system, step)?;
     let start = plain.starts(likelihood.system, scales).into_iter().next()?;
     let near = likelihood.whitened(&[with(&plain, &between(&plain, &start, NEAR))])?;
@@ -99,7 +124,10 @@ fn of_step(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, ste
     let whole = (along.iter().sum::<f64>(), length.iter().sum::<f64>());
     let (mut before, mut best) = ((0.0, 0.0), (f64::NEG_INFINITY, 0, [0.0; 2]));
     for bin in 0..BINS {
-        if (MARGIN..1.0 - MARGIN).contains(&(bin as f64 / BINS as f64)) && before.1 > 0.0 && whole.1 - before.1 > 0.0 {
+        if (MARGIN..1.0 - MARGIN).contains(&(bin as f64 / BINS as f64))
+            && before.1 > 0.0
+            && whole.1 - before.1 > 0.0
+        {
             let behind = (whole.0 - before.0, whole.1 - before.1);
             let sum = fall(before.0, before.1) + fall(behind.0, behind.1);
             if sum > best.0 {
@@ -111,20 +139,30 @@ fn of_step(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, ste
     let (sum, bin, shares) = best;
     // Beside a larger fault of another kind a step takes a little of anything, and what it takes would count as noise explained.
     let one = fall(whole.0, whole.1);
-    if sum - one <= likelihood.criteria.selection_penalty.max(STEPS * (likelihood.inner(nominal, nominal) - one)) {
+    if sum - one
+        <= likelihood
+            .criteria
+            .selection_penalty
+            .max(STEPS * (likelihood.inner(nominal, nominal) - one))
+    {
         return None;
     }
     let at = |share: f64| between(&plain, &start, share).first().copied();
     let guess = vec![at(shares[0])?, bin as f64 * bin_s, at(shares[1])?];
     // Where each try is a call the first guess must do.
-    let guess = if likelihood.calls(step) { guess } else { sharpened(likelihood, step, guess, bin_s) };
+    let guess =
+        if likelihood.calls(step) { guess } else { sharpened(likelihood, step, guess, bin_s) };
     Some(found(step.effect, &step.channel, vec![guess]))
 }
 
 /// The time of a jump once more, by the jump itself: a plant that remembers shows it late, and beside the right time there are minima where the command rests.
 fn sharpened(likelihood: &Likelihood<'_>, jump: &Applied, guess: Vec<f64>, bin_s: f64) -> Vec<f64> {
     let moved = |bins: i32| {
-        guess.iter().enumerate().map(|(i, v)| if i == 1 { (v + f64::from(bins) * bin_s).max(0.0) } else { *v }).collect::<Vec<f64>>()
+        guess
+            .iter()
+            .enumerate()
+            .map(|(i, v)| if i == 1 { (v + f64::from(bins) * bin_s).max(0.0) } else { *v })
+            .collect::<Vec<f64>>()
     };
     let cost = |values: Vec<f64>| {
         let there = likelihood.whitened(&[with(jump, &values)])?;
@@ -144,17 +182,34 @@ struct Grid {
 }
 
 /// What the delay of an input seems to do; nothing where it seems to stand still.
-fn of_delay(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, delay: &Applied) -> Option<Vec<Scanned>> {
+fn of_delay(
+    likelihood: &Likelihood<'_>,
+    scales: &Scales,
+    nominal: &Whitened,
+    delay: &Applied,
+) -> Option<Vec<Scanned>> {
     let guesses = likelihood.first_guesses(delay, scales);
     let (short, long) = guesses.split_at(SHORT.min(guesses.len()));
     let every = long.len().div_ceil(LONG).max(1);
     // The last one stands for all that are longer.
-    let chosen: Vec<f64> = short.iter().chain(long.iter().rev().step_by(every).rev()).filter_map(|g| g.first().copied()).collect();
-    let errors = |delay_s: &f64| Some((*delay_s, likelihood.whitened(&[with(delay, &[*delay_s])])?));
-    let errors: Vec<(f64, Whitened)> =
-        if likelihood.calls(delay) { chosen.iter().filter_map(errors).collect() } else { chosen.par_iter().filter_map(errors).collect() };
+    let chosen: Vec<f64> = short
+        .iter()
+        .chain(long.iter().rev().step_by(every).rev())
+        .filter_map(|g| g.first().copied())
+        .collect();
+    let errors =
+        |delay_s: &f64| Some((*delay_s, likelihood.whitened(&[with(delay, &[*delay_s])])?));
+    let errors: Vec<(f64, Whitened)> = if likelihood.calls(delay) {
+        chosen.iter().filter_map(errors).collect()
+    } else {
+        chosen.par_iter().filter_map(errors).collect()
+    };
     let bin_s = scales.duration_s / BINS as f64;
-    let mut grid = Grid { delays_s: vec![0.0], squares: vec![products(likelihood, nominal, nominal, bin_s)], bin_s };
+    let mut grid = Grid {
+        delays_s: vec![0.0],
+        squares: vec![products(likelihood, nominal, nominal, bin_s)],
+        bin_s,
+    };
     for (delay_s, whitened) in &errors {
         grid.delays_s.push(*delay_s);
         grid.squares.push(products(likelihood, whitened, whitened, bin_s));
@@ -165,18 +220,35 @@ fn of_delay(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, de
     let worth = |(cost, start): (f64, Vec<f64>)| (sums[best] - cost > least).then_some(start);
     let is_late = grid.delays_s[best] > 0.0 && sums[0] - sums[best] > least;
     // Drifts of a sample over the logs, which the grid may be too coarse to show.
-    let turns = [-1.0, 1.0].map(|sign| vec![grid.delays_s[best], sign * scales.sample_time_s / scales.duration_s]);
-    let starts = |effect: &'static dyn Effect| match (effect.changes().filter(|_| moves_a_delay(effect)), effect.lateness()) {
+    let turns = [-1.0, 1.0]
+        .map(|sign| vec![grid.delays_s[best], sign * scales.sample_time_s / scales.duration_s]);
+    let starts = |effect: &'static dyn Effect| match (
+        effect.changes().filter(|_| moves_a_delay(effect)),
+        effect.lateness(),
+    ) {
         (Some(Change::Jump), _) => grid.jump().and_then(worth).into_iter().collect(),
-        (Some(Change::Drift), _) => grid.drift().and_then(worth).into_iter().chain(turns.clone().into_iter().filter(|_| is_late)).collect(),
+        (Some(Change::Drift), _) => grid
+            .drift()
+            .and_then(worth)
+            .into_iter()
+            .chain(turns.clone().into_iter().filter(|_| is_late))
+            .collect(),
         // A slower loop is late on average: where no fixed delay helps it is none.
-        (None, Some(Lateness::SlowerLoop)) if is_late => match Applied::nominal(likelihood.system, effect, &delay.channel) {
-            Ok(applied) => slower(likelihood, scales, nominal, &applied, grid.delays_s[best]),
-            Err(_) => Vec::new(),
-        },
+        (None, Some(Lateness::SlowerLoop)) if is_late => {
+            match Applied::nominal(likelihood.system, effect, &delay.channel) {
+                Ok(applied) => slower(likelihood, scales, nominal, &applied, grid.delays_s[best]),
+                Err(_) => Vec::new(),
+            }
+        }
         _ => Vec::new(),
     };
-    Some(EFFECTS.iter().map(|effect| found(*effect, &delay.channel, starts(*effect))).filter(|s| !s.starts.is_empty()).collect())
+    Some(
+        EFFECTS
+            .iter()
+            .map(|effect| found(*effect, &delay.channel, starts(*effect)))
+            .filter(|s| !s.starts.is_empty())
+            .collect(),
+    )
 }
 
 /// Products of two whitened residuals summed by stretch of time, all training records together.
@@ -201,12 +273,17 @@ impl Grid {
         for bin in 0..BINS {
             let place = bin as f64 / BINS as f64;
             if (MARGIN..1.0 - MARGIN).contains(&place) {
-                let lowest = |cost: &dyn Fn(usize) -> f64| (0..before.len()).min_by(|&a, &b| cost(a).total_cmp(&cost(b)));
+                let lowest = |cost: &dyn Fn(usize) -> f64| {
+                    (0..before.len()).min_by(|&a, &b| cost(a).total_cmp(&cost(b)))
+                };
                 let (behind, first) = (|d: usize| whole[d] - before[d], lowest(&|d| before[d])?);
                 let second = lowest(&behind)?;
                 let cost = before[first] + behind(second);
                 if first != second && best.as_ref().is_none_or(|(lowest, _)| cost < *lowest) {
-                    best = Some((cost, vec![self.delays_s[first], bin as f64 * self.bin_s, self.delays_s[second]]));
+                    best = Some((
+                        cost,
+                        vec![self.delays_s[first], bin as f64 * self.bin_s, self.delays_s[second]],
+                    ));
                 }
             }
             for (sum, squares) in before.iter_mut().zip(&self.squares) {
@@ -219,9 +296,14 @@ impl Grid {
     /// The lowest cost along a straight line from one delay to another, and the delay at the start with its rate.
     fn drift(&self) -> Option<(f64, Vec<f64>)> {
         let nearest = |delay_s: f64| {
-            let above = self.delays_s.partition_point(|d| *d < delay_s).min(self.delays_s.len() - 1);
+            let above =
+                self.delays_s.partition_point(|d| *d < delay_s).min(self.delays_s.len() - 1);
             let below = above.saturating_sub(1);
-            if delay_s - self.delays_s[below] < self.delays_s[above] - delay_s { below } else { above }
+            if delay_s - self.delays_s[below] < self.delays_s[above] - delay_s {
+                below
+            } else {
+                above
+            }
         };
         let last_s = self.bin_s * BINS as f64;
         let along = |(from, to): (f64, f64)| {
@@ -229,18 +311,29 @@ impl Grid {
             let cost = (0..BINS).map(|bin| self.squares[nearest(at(bin))][bin]).sum::<f64>();
             (cost, vec![from, (to - from) / last_s])
         };
-        let ends = self.delays_s.iter().flat_map(|&from| self.delays_s.iter().map(move |&to| (from, to))).filter(|(from, to)| from != to);
+        let ends = self
+            .delays_s
+            .iter()
+            .flat_map(|&from| self.delays_s.iter().map(move |&to| (from, to)))
+            .filter(|(from, to)| from != to);
         ends.map(along).min_by(|a, b| a.0.total_cmp(&b.0))
     }
 }
 
 /// The best periods and phases of a slower loop that is as late on average as a fixed delay.
-fn slower(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, applied: &Applied, delay_s: f64) -> Vec<Vec<f64>> {
+fn slower(
+    likelihood: &Likelihood<'_>,
+    scales: &Scales,
+    nominal: &Whitened,
+    applied: &Applied,
+    delay_s: f64,
+) -> Vec<Vec<f64>> {
     let cost = likelihood.inner(nominal, nominal);
     let step_s = scales.sample_time_s;
     let [shortest, longest] = PERIODS.map(|times| (times * delay_s / step_s).round() as usize);
     let periods: Vec<usize> = (shortest.max(2)..=longest.max(4)).collect();
-    let (tried, phases) = if likelihood.calls(applied) { (TRIED / 4, PHASES / 3) } else { (TRIED, PHASES) };
+    let (tried, phases) =
+        if likelihood.calls(applied) { (TRIED / 4, PHASES / 3) } else { (TRIED, PHASES) };
     let every = periods.len().div_ceil(tried).max(1);
     let guesses: Vec<Vec<f64>> = (periods.into_iter().step_by(every))
         .flat_map(|samples| {
@@ -252,8 +345,11 @@ fn slower(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, appl
         let there = likelihood.whitened(&[with(applied, guess)])?;
         Some((cost - likelihood.inner(&there, &there), guess.clone()))
     };
-    let mut gains: Vec<(f64, Vec<f64>)> =
-        if likelihood.calls(applied) { guesses.iter().filter_map(gain).collect() } else { guesses.par_iter().filter_map(gain).collect() };
+    let mut gains: Vec<(f64, Vec<f64>)> = if likelihood.calls(applied) {
+        guesses.iter().filter_map(gain).collect()
+    } else {
+        guesses.par_iter().filter_map(gain).collect()
+    };
     gains.retain(|(gain, _)| *gain > likelihood.criteria.selection_penalty);
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
     gains.into_iter().take(KEPT).map(|(_, guess)| guess).collect()

@@ -23,29 +23,46 @@ pub(crate) struct Screened {
 
 /// No bound is in the way from nominal to a share of a start.
 fn unbounded(applied: &Applied, start: &[f64], share: f64) -> bool {
-    let free =
-        |(value, p): (&f64, &Parameter)| p.role.is_shape() || (p.lower..=p.upper).contains(&(p.nominal + share * (value - p.nominal)));
+    let free = |(value, p): (&f64, &Parameter)| {
+        p.role.is_shape()
+            || (p.lower..=p.upper).contains(&(p.nominal + share * (value - p.nominal)))
+    };
     start.iter().zip(&applied.parameters).all(free)
 }
 
 /// Two signatures are one but for rounding.
 fn same(a: &Whitened, b: &Whitened) -> bool {
-    let (apart, size) = a.iter().zip(b).fold((0.0, 0.0), |(apart, size), (a, b)| (apart + (a - b).norm_squared(), size + a.norm_squared()));
+    let (apart, size) = a.iter().zip(b).fold((0.0, 0.0), |(apart, size), (a, b)| {
+        (apart + (a - b).norm_squared(), size + a.norm_squared())
+    });
     apart <= PROPORTIONAL * PROPORTIONAL * size
 }
 
 /// Screens all candidates: the fall of the cost along each start's signature, or at the start itself where that is more.
-pub(crate) fn screen(likelihood: &Likelihood<'_>, catalogue: Vec<Applied>, scales: &Scales, nominal: &Whitened) -> Vec<Screened> {
+pub(crate) fn screen(
+    likelihood: &Likelihood<'_>,
+    catalogue: Vec<Applied>,
+    scales: &Scales,
+    nominal: &Whitened,
+) -> Vec<Screened> {
     let cost = likelihood.inner(nominal, nominal);
-    let mut candidates: Vec<Screened> =
-        catalogue.into_par_iter().map(|applied| screened(likelihood, applied, scales, nominal, cost)).collect();
+    let mut candidates: Vec<Screened> = catalogue
+        .into_par_iter()
+        .map(|applied| screened(likelihood, applied, scales, nominal, cost))
+        .collect();
     // Stable: of equals the first of the table leads.
     candidates.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     candidates
 }
 
 /// One candidate at each of its starts and along each start's signature, the best values first.
-fn screened(likelihood: &Likelihood<'_>, applied: Applied, scales: &Scales, nominal: &Whitened, cost: f64) -> Screened {
+fn screened(
+    likelihood: &Likelihood<'_>,
+    applied: Applied,
+    scales: &Scales,
+    nominal: &Whitened,
+    cost: f64,
+) -> Screened {
     let mut tried: Vec<(f64, Vec<f64>)> = Vec::new();
     let mut starts = likelihood.first_guesses(&applied, scales);
     starts.extend(applied.effect.scan(scales));
@@ -69,12 +86,14 @@ fn screened(likelihood: &Likelihood<'_>, applied: Applied, scales: &Scales, nomi
             _ => {
                 let Some(near) = evaluate(&between(&applied, start, NEAR)) else { continue };
                 let signature = difference(nominal, &near, 1.0 / NEAR);
-                proportional = whole.as_ref().is_some_and(|whole| same(whole, &signature)) && unbounded(&applied, start, NEAR);
+                proportional = whole.as_ref().is_some_and(|whole| same(whole, &signature))
+                    && unbounded(&applied, start, NEAR);
                 always &= proportional;
                 signature
             }
         };
-        let (along, length) = (likelihood.inner(&signature, nominal), likelihood.inner(&signature, &signature));
+        let (along, length) =
+            (likelihood.inner(&signature, nominal), likelihood.inner(&signature, &signature));
         let share = along / length;
         if !share.is_finite() {
             continue;
@@ -97,5 +116,10 @@ fn screened(likelihood: &Likelihood<'_>, applied: Applied, scales: &Scales, nomi
     tried.retain(|(gain, _)| gain.is_finite());
     tried.sort_by(|a, b| b.0.total_cmp(&a.0));
     let gain = tried.first().map_or(f64::NEG_INFINITY, |t| t.0);
-    Screened { applied, starts: tried.into_iter().map(|t| t.1).collect(), gain, proportional: proportional && always }
+    Screened {
+        applied,
+        starts: tried.into_iter().map(|t| t.1).collect(),
+        gain,
+        proportional: proportional && always,
+    }
 }

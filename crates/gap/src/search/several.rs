@@ -12,14 +12,20 @@ use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, Lateness, Scales, row};
 
 /// The first effects that pairs are built on: the best, and the best of one parameter, each kind of effect once.
-fn firsts<'h>(singles: &'h [Hypothesis], penalties: &Penalties, [any, plain]: [usize; 2]) -> Vec<&'h Hypothesis> {
+fn firsts<'h>(
+    singles: &'h [Hypothesis],
+    penalties: &Penalties,
+    [any, plain]: [usize; 2],
+) -> Vec<&'h Hypothesis> {
     let mut order: Vec<&Hypothesis> = singles.iter().filter(|e| e.fitted).collect();
     order.sort_by(|a, b| penalties.gain(b).total_cmp(&penalties.gain(a)));
     let mut chosen: Vec<&Hypothesis> = Vec::new();
     for (count, plain) in [(any, false), (plain, true)] {
         let full = chosen.len() + count;
         for single in &order {
-            let known = chosen.iter().any(|c| c.effects[0].effect.name() == single.effects[0].effect.name());
+            let known = chosen
+                .iter()
+                .any(|c| c.effects[0].effect.name() == single.effects[0].effect.name());
             if chosen.len() < full && !known && (!plain || single.free.len() == 1) {
                 chosen.push(single);
             }
@@ -39,22 +45,28 @@ pub(crate) fn pairs(
     nominal: &Whitened,
 ) -> Vec<Hypothesis> {
     let penalties = Penalties::of(likelihood);
-    let as_first = |r: &Applied| Hypothesis { free: vec![(0, 0)], ..Hypothesis::screened(r.clone(), 0.0) };
+    let as_first =
+        |r: &Applied| Hypothesis { free: vec![(0, 0)], ..Hypothesis::screened(r.clone(), 0.0) };
     let asked_for: Vec<Hypothesis> = remedies.iter().map(as_first).collect();
     let leading = firsts(singles, &penalties, likelihood.budget.firsts).into_iter().cloned();
-    let firsts: Vec<Hypothesis> = leading.filter(|single| asked_for.iter().all(|r| r.key() != single.key())).collect();
+    let firsts: Vec<Hypothesis> =
+        leading.filter(|single| asked_for.iter().all(|r| r.key() != single.key())).collect();
     // A hidden sequence takes a little of everything: what is left beside it does not speak for the others.
     let plain = firsts.iter().find(|first| !first.loses_commands());
     let mut asked = firsts.first().filter(|best| best.loses_commands()).into_iter().chain(plain);
-    if asked_for.is_empty() && !asked.any(|first| something_beside(likelihood, first, pool, scales, nominal)) {
+    if asked_for.is_empty()
+        && !asked.any(|first| something_beside(likelihood, first, pool, scales, nominal))
+    {
         return Vec::new();
     }
     let firsts = [asked_for, firsts].concat();
     let mut pairs = with_seconds(likelihood, &firsts, pool, scales, nominal, &[]);
     // Forward and backward: what only a second effect made visible takes the first place.
     let mut kept: Vec<Hypothesis> = Vec::new();
-    for (pair, place) in
-        pairs.iter().take(likelihood.budget.swapped).flat_map(|pair| (0..pair.effects.len()).map(move |place| (pair, place)))
+    for (pair, place) in pairs
+        .iter()
+        .take(likelihood.budget.swapped)
+        .flat_map(|pair| (0..pair.effects.len()).map(move |place| (pair, place)))
     {
         let single = pair.only(place);
         if !single.loses_commands() && firsts.iter().chain(&kept).all(|f| f.key() != single.key()) {
@@ -68,7 +80,13 @@ pub(crate) fn pairs(
 }
 
 /// Something of the catalogue promises to take a part of what a single leaves.
-fn something_beside(likelihood: &Likelihood<'_>, single: &Hypothesis, pool: &[Screened], scales: &Scales, nominal: &Whitened) -> bool {
+fn something_beside(
+    likelihood: &Likelihood<'_>,
+    single: &Hypothesis,
+    pool: &[Screened],
+    scales: &Scales,
+    nominal: &Whitened,
+) -> bool {
     let Some(beside) = Beside::new(likelihood, single, scales) else { return false };
     let promises = |screened: &Screened| {
         // A lattice in raw values need not promise anything.
@@ -78,11 +96,19 @@ fn something_beside(likelihood: &Likelihood<'_>, single: &Hypothesis, pool: &[Sc
         let every = starts.len().div_ceil(likelihood.budget.glances).max(1);
         let glance = |start: Vec<f64>| {
             // The start itself is known already where anything else is a call.
-            let share = if has_limit(&screened.applied) || likelihood.calls(&screened.applied) { 1.0 } else { 0.5 };
-            let there = likelihood.whitened(&[with(&screened.applied, &between(&screened.applied, &start, share))]);
+            let share = if has_limit(&screened.applied) || likelihood.calls(&screened.applied) {
+                1.0
+            } else {
+                0.5
+            };
+            let there = likelihood
+                .whitened(&[with(&screened.applied, &between(&screened.applied, &start, share))]);
             there.is_some_and(|there| {
                 beside.promise(likelihood, &difference(nominal, &there, 1.0))
-                    > likelihood.criteria.selection_penalty.max(likelihood.criteria.promising * beside.cost)
+                    > likelihood
+                        .criteria
+                        .selection_penalty
+                        .max(likelihood.criteria.promising * beside.cost)
             })
         };
         !own && (traced || starts.into_iter().step_by(every).any(glance))
@@ -99,7 +125,8 @@ fn with_seconds(
     nominal: &Whitened,
     known: &[Hypothesis],
 ) -> Vec<Hypothesis> {
-    let beside: Vec<Beside> = firsts.par_iter().filter_map(|first| Beside::new(likelihood, first, scales)).collect();
+    let beside: Vec<Beside> =
+        firsts.par_iter().filter_map(|first| Beside::new(likelihood, first, scales)).collect();
     if beside.is_empty() {
         return Vec::new();
     }
@@ -112,7 +139,13 @@ fn with_seconds(
 type Promise = (f64, Applied);
 
 /// The promises of every candidate of the pool beside every first.
-fn promises(likelihood: &Likelihood<'_>, beside: &[Beside], pool: &[Screened], scales: &Scales, nominal: &Whitened) -> Vec<Vec<Promise>> {
+fn promises(
+    likelihood: &Likelihood<'_>,
+    beside: &[Beside],
+    pool: &[Screened],
+    scales: &Scales,
+    nominal: &Whitened,
+) -> Vec<Vec<Promise>> {
     let of = |screened: &Screened| {
         let applied = &screened.applied;
         let starts = likelihood.first_guesses(applied, scales);
@@ -122,13 +155,18 @@ fn promises(likelihood: &Likelihood<'_>, beside: &[Beside], pool: &[Screened], s
         for start in starts {
             for share in if whole { &[1.0][..] } else { &[NEAR, 1.0] } {
                 let moved = with(applied, &between(applied, &start, *share));
-                let Some(there) = likelihood.whitened(std::slice::from_ref(&moved)) else { continue };
+                let Some(there) = likelihood.whitened(std::slice::from_ref(&moved)) else {
+                    continue;
+                };
                 let signature = difference(nominal, &there, 1.0);
                 for (best, beside) in best.iter_mut().zip(beside) {
                     // What a remedy turns round, it turns round in the others' signatures, too.
                     let together = || {
-                        let effects: Vec<Applied> = beside.first.effects.iter().cloned().chain([moved.clone()]).collect();
-                        likelihood.whitened(&effects).map(|there| difference(&beside.residual, &there, 1.0))
+                        let effects: Vec<Applied> =
+                            beside.first.effects.iter().cloned().chain([moved.clone()]).collect();
+                        likelihood
+                            .whitened(&effects)
+                            .map(|there| difference(&beside.residual, &there, 1.0))
                     };
                     let joint = if beside.first.fitted { None } else { together() };
                     let promise = beside.promise(likelihood, joint.as_ref().unwrap_or(&signature));
@@ -151,22 +189,32 @@ fn wanted(
     pool: &[Screened],
     known: &[Hypothesis],
 ) -> Vec<Vec<Applied>> {
-    let traces: Vec<String> =
-        (pool.iter()).filter(|s| s.applied.effect.leaves_residual() && !s.starts.is_empty()).map(|s| s.applied.key()).collect();
+    let traces: Vec<String> = (pool.iter())
+        .filter(|s| s.applied.effect.leaves_residual() && !s.starts.is_empty())
+        .map(|s| s.applied.key())
+        .collect();
     let keys = |effects: &[Applied]| effects.iter().map(Applied::key).collect::<Vec<_>>();
     let mut wanted: Vec<Vec<Applied>> = Vec::new();
     for (at, beside) in beside.iter().enumerate() {
-        let least = likelihood.criteria.selection_penalty.max(likelihood.criteria.promising * beside.cost);
-        let mut seconds: Vec<&Promise> = promises.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > least).collect();
+        let least =
+            likelihood.criteria.selection_penalty.max(likelihood.criteria.promising * beside.cost);
+        let mut seconds: Vec<&Promise> =
+            promises.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > least).collect();
         seconds.sort_by(|a, b| b.0.total_cmp(&a.0));
         let (losing, seconds): (Vec<_>, Vec<_>) = seconds
             .into_iter()
             .filter(|(_, s)| beside.first.effects.iter().all(|f| f.key() != s.key()))
             .partition(|(_, s)| s.effect.loses_commands());
         // A lattice in the raw values is there whatever it promises.
-        let traced = promises.iter().map(|p| &p[at]).filter(|(_, s)| s.effect.leaves_residual() && traces.contains(&s.key()));
-        let special =
-            losing.into_iter().chain(traced).take(if at < likelihood.budget.losing { likelihood.budget.plain.seconds } else { 0 });
+        let traced = promises
+            .iter()
+            .map(|p| &p[at])
+            .filter(|(_, s)| s.effect.leaves_residual() && traces.contains(&s.key()));
+        let special = losing.into_iter().chain(traced).take(if at < likelihood.budget.losing {
+            likelihood.budget.plain.seconds
+        } else {
+            0
+        });
         // Each kind has places of its own: what costs calls starts from coarser guesses, and promises less than it keeps.
         let (mut called, mut others) = (0, 0);
         let seconds = seconds.into_iter().filter(|(_, second)| {
@@ -175,8 +223,11 @@ fn wanted(
             *count <= likelihood.allowance(second).seconds
         });
         for (_, second) in seconds.chain(special) {
-            let mut pair: Vec<Applied> = beside.first.effects.iter().chain([second]).cloned().collect();
-            if pair.iter().filter(|a| a.effect.loses_commands()).count() > 1 || pair[0].key() == pair[1].key() {
+            let mut pair: Vec<Applied> =
+                beside.first.effects.iter().chain([second]).cloned().collect();
+            if pair.iter().filter(|a| a.effect.loses_commands()).count() > 1
+                || pair[0].key() == pair[1].key()
+            {
                 continue;
             }
             // Delays of single commands take a little of all that a second effect could explain.
@@ -184,7 +235,11 @@ fn wanted(
                 continue;
             }
             pair.sort_by_key(|a| row(a.effect));
-            if wanted.iter().chain(known.iter().map(|k| &k.effects)).all(|known| keys(known) != keys(&pair)) {
+            if wanted
+                .iter()
+                .chain(known.iter().map(|k| &k.effects))
+                .all(|known| keys(known) != keys(&pair))
+            {
                 wanted.push(pair);
             }
         }
@@ -193,28 +248,47 @@ fn wanted(
 }
 
 /// Pairs after a few steps each, the best of them to the end; those that lose commands with their sequences.
-fn fitted(likelihood: &Likelihood<'_>, wanted: Vec<Vec<Applied>>, scales: &Scales, cost: f64) -> Vec<Hypothesis> {
+fn fitted(
+    likelihood: &Likelihood<'_>,
+    wanted: Vec<Vec<Applied>>,
+    scales: &Scales,
+    cost: f64,
+) -> Vec<Hypothesis> {
     let budget = likelihood.budget;
     // Lost commands are told from a lag by their sequence only.
-    let (losing, plain): (Vec<_>, Vec<_>) = wanted.into_iter().partition(|pair| pair.iter().any(|a| a.effect.loses_commands()));
-    let mut pairs: Vec<Hypothesis> =
-        plain.par_iter().filter_map(|pair| Hypothesis::fit(likelihood, pair, scales, cost, budget.trial_steps)).collect();
+    let (losing, plain): (Vec<_>, Vec<_>) =
+        wanted.into_iter().partition(|pair| pair.iter().any(|a| a.effect.loses_commands()));
+    let mut pairs: Vec<Hypothesis> = plain
+        .par_iter()
+        .filter_map(|pair| Hypothesis::fit(likelihood, pair, scales, cost, budget.trial_steps))
+        .collect();
     pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let (mut called, mut others) = (0, 0);
     pairs.retain(|pair| {
         let calls = pair.effects.iter().any(|a| likelihood.calls(a));
-        let (count, most) = if calls { (&mut called, budget.called.pairs) } else { (&mut others, budget.plain.pairs) };
+        let (count, most) = if calls {
+            (&mut called, budget.called.pairs)
+        } else {
+            (&mut others, budget.plain.pairs)
+        };
         *count += 1;
         *count <= most
     });
     pairs.par_iter_mut().for_each(|pair| {
-        if let Some(better) = Hypothesis::fit(likelihood, &pair.effects, scales, cost, budget.steps) {
+        if let Some(better) = Hypothesis::fit(likelihood, &pair.effects, scales, cost, budget.steps)
+        {
             *pair = better;
         }
     });
     // These come fitted to the end, each with its sequence.
     let decode = |pair: &Vec<Applied>| {
-        let begin = Hypothesis { effects: pair.clone(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
+        let begin = Hypothesis {
+            effects: pair.clone(),
+            free: Vec::new(),
+            gain: 0.0,
+            fitted: false,
+            lost: None,
+        };
         decoded(likelihood, begin, scales, cost, budget.steps)
     };
     pairs.extend(losing.par_iter().filter_map(decode).collect::<Vec<_>>());
@@ -233,20 +307,41 @@ mod tests {
     /// The sequence of losses must outlive the last fit of a pair: with the mean of all sequences in its place, most of what the pair explains is gone.
     #[test]
     fn a_pair_keeps_the_lost_commands_that_were_found_for_it() {
-        beside(&[("dropped_commands", "u", &[0.3, f64::INFINITY]), ("sensor_bias", "angle", &[0.3])], |likelihood, scales| {
-            let candidates = [("dropped_commands", "u"), ("sensor_bias", "angle"), ("input_delay", "u")];
-            let candidates = candidates.map(|(effect, channel)| nominal(likelihood.system, effect, channel)).to_vec();
-            let whitened = likelihood.whitened(NO_EFFECT).unwrap();
-            let pool = screen(likelihood, candidates, scales, &whitened);
-            let singles = fit_first(likelihood, &pool, scales, &whitened);
-            let pairs = pairs(likelihood, &singles, &[], &pool, scales, &whitened);
+        beside(
+            &[("dropped_commands", "u", &[0.3, f64::INFINITY]), ("sensor_bias", "angle", &[0.3])],
+            |likelihood, scales| {
+                let candidates =
+                    [("dropped_commands", "u"), ("sensor_bias", "angle"), ("input_delay", "u")];
+                let candidates = candidates
+                    .map(|(effect, channel)| nominal(likelihood.system, effect, channel))
+                    .to_vec();
+                let whitened = likelihood.whitened(NO_EFFECT).unwrap();
+                let pool = screen(likelihood, candidates, scales, &whitened);
+                let singles = fit_first(likelihood, &pool, scales, &whitened);
+                let pairs = pairs(likelihood, &singles, &[], &pool, scales, &whitened);
 
-            let pair = pairs.iter().find(|p| p.key() == "dropped_commands:u + sensor_bias:angle").unwrap();
-            let cost = likelihood.inner(&whitened, &whitened);
-            let by_mean = Hypothesis::fit(likelihood, &pair.effects, scales, cost, likelihood.budget.steps).unwrap();
-            assert!(pair.lost.is_some());
-            assert!(pair.gain > by_mean.gain + 1000.0, "{} with its sequence, {} without", pair.gain, by_mean.gain);
-            assert_eq!(pairs[0].key(), pair.key());
-        });
+                let pair = pairs
+                    .iter()
+                    .find(|p| p.key() == "dropped_commands:u + sensor_bias:angle")
+                    .unwrap();
+                let cost = likelihood.inner(&whitened, &whitened);
+                let by_mean = Hypothesis::fit(
+                    likelihood,
+                    &pair.effects,
+                    scales,
+                    cost,
+                    likelihood.budget.steps,
+                )
+                .unwrap();
+                assert!(pair.lost.is_some());
+                assert!(
+                    pair.gain > by_mean.gain + 1000.0,
+                    "{} with its sequence, {} without",
+                    pair.gain,
+                    by_mean.gain
+                );
+                assert_eq!(pairs[0].key(), pair.key());
+            },
+        );
     }
 }

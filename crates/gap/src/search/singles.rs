@@ -12,7 +12,10 @@ use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, Scales, Site};
 
 /// Which of a list of hypotheses are worth their price: all that cost no call, and so many of the others as the budget holds.
-pub(crate) fn frugal<'e>(likelihood: &Likelihood<'_>, all: impl Iterator<Item = &'e [Applied]>) -> Vec<bool> {
+pub(crate) fn frugal<'e>(
+    likelihood: &Likelihood<'_>,
+    all: impl Iterator<Item = &'e [Applied]>,
+) -> Vec<bool> {
     let mut called = 0;
     all.map(|effects| {
         let calls = effects.iter().any(|a| likelihood.calls(a));
@@ -34,40 +37,59 @@ fn worth_a_fit(likelihood: &Likelihood<'_>, pool: &[Screened]) -> Vec<bool> {
         };
         *count += 1;
         let allowance = likelihood.allowance(&screened.applied);
-        *count <= allowance.fitted && screened.gain > allowance.fitted_from * likelihood.criteria.selection_penalty
+        *count <= allowance.fitted
+            && screened.gain > allowance.fitted_from * likelihood.criteria.selection_penalty
     };
     pool.iter().map(worth).collect()
 }
 
 /// Fits the most promising of the pool, each from its best starts, the best of them to the end; the others stay as screened.
-pub(crate) fn fit_first(likelihood: &Likelihood<'_>, pool: &[Screened], scales: &Scales, nominal: &Whitened) -> Vec<Hypothesis> {
+pub(crate) fn fit_first(
+    likelihood: &Likelihood<'_>,
+    pool: &[Screened],
+    scales: &Scales,
+    nominal: &Whitened,
+) -> Vec<Hypothesis> {
     let cost = likelihood.inner(nominal, nominal);
     let fitted = worth_a_fit(likelihood, pool);
     let mut singles: Vec<Hypothesis> = pool
         .par_iter()
         .enumerate()
         .map(|(at, screened)| {
-            let values = screened.starts.first().map_or(screened.applied.values.as_slice(), Vec::as_slice);
+            let values =
+                screened.starts.first().map_or(screened.applied.values.as_slice(), Vec::as_slice);
             let as_screened = Hypothesis::screened(with(&screened.applied, values), screened.gain);
-            let starts = screened.starts.iter().take(if fitted[at] { likelihood.budget.starts } else { 0 });
+            let starts =
+                screened.starts.iter().take(if fitted[at] { likelihood.budget.starts } else { 0 });
             let fits = starts.filter_map(|start| {
-                Hypothesis::fit(likelihood, &[with(&screened.applied, start)], scales, cost, likelihood.budget.trial_steps)
+                Hypothesis::fit(
+                    likelihood,
+                    &[with(&screened.applied, start)],
+                    scales,
+                    cost,
+                    likelihood.budget.trial_steps,
+                )
             });
             fits.max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap_or(as_screened)
         })
         .collect();
     singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    let on = frugal(likelihood, singles.iter().take(likelihood.budget.on).map(|e| e.effects.as_slice()));
-    singles.par_iter_mut().zip(on).filter(|(e, on)| *on && e.gain.is_finite()).for_each(|(single, _)| {
-        let better = if single.loses_commands() && single.gain > likelihood.criteria.selection_penalty {
-            decoded(likelihood, single.clone(), scales, cost, likelihood.budget.steps)
-        } else {
-            Hypothesis::refit(likelihood, single.clone(), scales, cost, likelihood.budget.steps)
-        };
-        if let Some(better) = better {
-            *single = better;
-        }
-    });
+    let on =
+        frugal(likelihood, singles.iter().take(likelihood.budget.on).map(|e| e.effects.as_slice()));
+    singles.par_iter_mut().zip(on).filter(|(e, on)| *on && e.gain.is_finite()).for_each(
+        |(single, _)| {
+            let better = if single.loses_commands()
+                && single.gain > likelihood.criteria.selection_penalty
+            {
+                decoded(likelihood, single.clone(), scales, cost, likelihood.budget.steps)
+            } else {
+                Hypothesis::refit(likelihood, single.clone(), scales, cost, likelihood.budget.steps)
+            };
+            if let Some(better) = better {
+                *single = better;
+            }
+        },
+    );
     if !likelihood.system.is_black_box() {
         beside_fixed(likelihood, &mut singles, cost);
     }

@@ -35,18 +35,34 @@ const TO_A_SAMPLE: f64 = 3.0;
 const HALVINGS: i32 = 4;
 
 /// Fits a slower loop where the commands that were decoded as lost or late arrive on its lattice; in the place of one that was fitted worse.
-pub(crate) fn from_arrivals(likelihood: &Likelihood<'_>, singles: &mut [Hypothesis], scales: &Scales, cost: f64) {
+pub(crate) fn from_arrivals(
+    likelihood: &Likelihood<'_>,
+    singles: &mut [Hypothesis],
+    scales: &Scales,
+    cost: f64,
+) {
     let decoded: Vec<(String, Arrivals)> = singles
         .iter()
         .filter_map(|single| {
             let (applied, lost) = (single.effects.first()?, single.lost.as_ref()?);
             let input = likelihood.system.inputs.iter().position(|p| p.name == applied.channel)?;
             let late = Arrivals::of_late(likelihood, input, &lost.sequences);
-            Some((applied.channel.clone(), if late.times_s.is_empty() { Arrivals::of_lost(lost.waits.get(input)?) } else { late }))
+            Some((
+                applied.channel.clone(),
+                if late.times_s.is_empty() {
+                    Arrivals::of_lost(lost.waits.get(input)?)
+                } else {
+                    late
+                },
+            ))
         })
         .collect();
     for (channel, arrivals) in decoded {
-        let Some(nominal) = Lateness::SlowerLoop.effect().ok().and_then(|e| Applied::nominal(likelihood.system, e, &channel).ok()) else {
+        let Some(nominal) = Lateness::SlowerLoop
+            .effect()
+            .ok()
+            .and_then(|e| Applied::nominal(likelihood.system, e, &channel).ok())
+        else {
             continue;
         };
         let Some(single) = singles.iter_mut().find(|s| s.key() == nominal.key()) else { continue };
@@ -55,7 +71,8 @@ pub(crate) fn from_arrivals(likelihood: &Likelihood<'_>, singles: &mut [Hypothes
             let begin = nearby(likelihood, &nominal, &guess, scales);
             Hypothesis::fit(likelihood, &[begin], scales, cost, likelihood.budget.steps)
         };
-        let fits: Vec<Hypothesis> = lattices(&arrivals, longest_s, scales.duration_s).into_iter().filter_map(fit).collect();
+        let fits: Vec<Hypothesis> =
+            lattices(&arrivals, longest_s, scales.duration_s).into_iter().filter_map(fit).collect();
         for better in fits {
             if !single.fitted || better.gain > single.gain {
                 *single = better;
@@ -76,13 +93,20 @@ struct Arrivals {
 impl Arrivals {
     fn of_lost(waits: &[Wait]) -> Self {
         // A command that is there at a sample came within the one before it, on average at its middle.
-        let times_s = waits.iter().map(|w| w.sent_s + (w.samples as f64 - 0.5) * w.sample_time_s).collect();
-        Self { times_s, sample_time_s: waits.iter().map(|w| w.sample_time_s).fold(0.0, f64::max), coherent: COHERENT }
+        let times_s =
+            waits.iter().map(|w| w.sent_s + (w.samples as f64 - 0.5) * w.sample_time_s).collect();
+        Self {
+            times_s,
+            sample_time_s: waits.iter().map(|w| w.sample_time_s).fold(0.0, f64::max),
+            coherent: COHERENT,
+        }
     }
 
     fn of_late(likelihood: &Likelihood<'_>, input: usize, sequences: &[LostCommands]) -> Self {
         let mut late = Self { times_s: Vec::new(), sample_time_s: 0.0, coherent: SMEARED };
-        for (record, sequence) in likelihood.records.iter().zip(sequences).filter(|(r, _)| r.train.is_some()) {
+        for (record, sequence) in
+            likelihood.records.iter().zip(sequences).filter(|(r, _)| r.train.is_some())
+        {
             if let Some(Fates::Late(delays)) = &sequence[input] {
                 let u = &record.inputs[input];
                 let changed = (1..delays.len()).filter(|&k| u[k] != u[k - 1]);
@@ -104,7 +128,10 @@ fn lattices(arrivals: &Arrivals, longest_s: f64, duration_s: f64) -> Vec<Vec<f64
     let fine_hz = (1.0 / (FINE * duration_s)).max((to_hz - from_hz) / FREQUENCIES);
     let count = ((to_hz - from_hz) / fine_hz) as usize;
     let coherence = |hz: f64| {
-        let (sin, cos) = times_s.iter().map(|t| (TAU * hz * t).sin_cos()).fold((0.0, 0.0), |sum, v| (sum.0 + v.0, sum.1 + v.1));
+        let (sin, cos) = times_s
+            .iter()
+            .map(|t| (TAU * hz * t).sin_cos())
+            .fold((0.0, 0.0), |sum, v| (sum.0 + v.0, sum.1 + v.1));
         (sin.hypot(cos) / times_s.len() as f64, sin.atan2(cos))
     };
     let all: Vec<(f64, f64, f64)> = (0..=count)
@@ -115,7 +142,9 @@ fn lattices(arrivals: &Arrivals, longest_s: f64, duration_s: f64) -> Vec<Vec<f64
             (hz, coherence, angle)
         })
         .collect();
-    let peaks = (0..all.len()).filter(|&n| (n == 0 || all[n].1 >= all[n - 1].1) && (n + 1 == all.len() || all[n].1 > all[n + 1].1));
+    let peaks = (0..all.len()).filter(|&n| {
+        (n == 0 || all[n].1 >= all[n - 1].1) && (n + 1 == all.len() || all[n].1 > all[n + 1].1)
+    });
     let highest = all.iter().map(|a| a.1).fold(0.0, f64::max);
     if highest < arrivals.coherent {
         return Vec::new();
@@ -126,22 +155,37 @@ fn lattices(arrivals: &Arrivals, longest_s: f64, duration_s: f64) -> Vec<Vec<f64
 }
 
 /// The best of periods and phases close to a guess: of a grid over some samples at both ends of the logs, then of finer and finer steps around the best.
-fn nearby(likelihood: &Likelihood<'_>, nominal: &Applied, guess: &[f64], scales: &Scales) -> Applied {
+fn nearby(
+    likelihood: &Likelihood<'_>,
+    nominal: &Applied,
+    guess: &[f64],
+    scales: &Scales,
+) -> Applied {
     let turns = (scales.duration_s / guess[0]).max(1.0);
     // Moved by so much at the start of the logs and at their end.
-    let moved = |[first_s, last_s]: [f64; 2]| vec![guess[0] + (last_s - first_s) / turns, guess[1] + first_s];
+    let moved = |[first_s, last_s]: [f64; 2]| {
+        vec![guess[0] + (last_s - first_s) / turns, guess[1] + first_s]
+    };
     let best_of = |[first_s, last_s]: [f64; 2], step_s: f64, steps: i32| {
-        let places = (-steps..=steps).flat_map(|first| (-steps..=steps).map(move |last| (first, last)));
-        let places: Vec<[f64; 2]> = places.map(|(f, l)| [first_s + f64::from(f) * step_s, last_s + f64::from(l) * step_s]).collect();
+        let places =
+            (-steps..=steps).flat_map(|first| (-steps..=steps).map(move |last| (first, last)));
+        let places: Vec<[f64; 2]> = places
+            .map(|(f, l)| [first_s + f64::from(f) * step_s, last_s + f64::from(l) * step_s])
+            .collect();
         let costed = |place: &[f64; 2]| {
             let there = likelihood.whitened(&[with(nominal, &moved(*place))])?;
             Some((likelihood.inner(&there, &there), *place))
         };
-        places.par_iter().filter_map(costed).min_by(|a, b| a.0.total_cmp(&b.0)).map_or([first_s, last_s], |(_, place)| place)
+        places
+            .par_iter()
+            .filter_map(costed)
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map_or([first_s, last_s], |(_, place)| place)
     };
     let step_s = scales.sample_time_s / TO_A_SAMPLE;
     let coarse = best_of([0.0; 2], step_s, STEPS);
-    let fine = (1..=HALVINGS).fold(coarse, |place, times| best_of(place, step_s / 2.0_f64.powi(times), 1));
+    let fine =
+        (1..=HALVINGS).fold(coarse, |place, times| best_of(place, step_s / 2.0_f64.powi(times), 1));
     with(nominal, &moved(fine))
 }
 
@@ -163,12 +207,18 @@ mod tests {
             let found = lattices(&Arrivals::of_lost(&waits), 0.6, 35.0);
             let near = |guess: &Vec<f64>| {
                 let turns = (30.0 / period).round();
-                let off = |t: f64| ((t - guess[1]) / guess[0] - ((t - guess[1]) / guess[0]).round()).abs() * guess[0];
-                off(phase) < 0.02 && off(phase + turns * period) < 0.02 && (guess[0] / period - 1.0).abs() < 0.01
+                let off = |t: f64| {
+                    ((t - guess[1]) / guess[0] - ((t - guess[1]) / guess[0]).round()).abs()
+                        * guess[0]
+                };
+                off(phase) < 0.02
+                    && off(phase + turns * period) < 0.02
+                    && (guess[0] / period - 1.0).abs() < 0.01
             };
             assert!(found.iter().any(near), "{period}, {phase}: {found:?}");
         }
-        let fixed: Vec<Wait> = (0..50).map(|k| wait(sent(k), sent(k) + 0.1 + 0.05 * ((k * k) % 7) as f64)).collect();
+        let fixed: Vec<Wait> =
+            (0..50).map(|k| wait(sent(k), sent(k) + 0.1 + 0.05 * ((k * k) % 7) as f64)).collect();
         assert!(lattices(&Arrivals::of_lost(&fixed[..5]), 0.6, 35.0).is_empty());
     }
 }

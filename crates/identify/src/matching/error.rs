@@ -34,7 +34,9 @@ pub enum MatchingError {
         structured: Vec<String>,
     },
     /// One channel in two units.
-    #[error("`{name}` is in {identified} in the identified model and in {structured} in the structured one: bring both to one unit")]
+    #[error(
+        "`{name}` is in {identified} in the identified model and in {structured} in the structured one: bring both to one unit"
+    )]
     Unit {
         /// The channel.
         name: String,

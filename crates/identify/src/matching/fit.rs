@@ -55,7 +55,14 @@ pub struct Matching {
 
 impl Default for Matching {
     fn default() -> Self {
-        Self { free: Vec::new(), norm: NORMS[0].name.to_owned(), band: None, starts: 8, units: Vec::new(), at: Vec::new() }
+        Self {
+            free: Vec::new(),
+            norm: NORMS[0].name.to_owned(),
+            band: None,
+            starts: 8,
+            units: Vec::new(),
+            at: Vec::new(),
+        }
     }
 }
 
@@ -187,15 +194,23 @@ impl Matching {
         let band = grid::band(&structure.target, target.lowest_rad_s, self.band)?;
         let omegas = grid::frequencies(&structure.target, band);
         let no_response = || MatchingError::NoResponse { model: file.name.clone() };
-        let mut problem =
-            Problem { structure: &structure, at: points(&structure, &omegas).ok_or_else(no_response)?, omegas, sizes: Vec::new() };
+        let mut problem = Problem {
+            structure: &structure,
+            at: points(&structure, &omegas).ok_or_else(no_response)?,
+            omegas,
+            sizes: Vec::new(),
+        };
         problem.sizes = sizes(&problem).ok_or_else(no_response)?;
         let zero = vec![0.0; problem.sizes.len()];
         let (mut found, mut alike) = problem.best(norm, self.starts).ok_or_else(no_response)?;
         let gain = |problem: &Problem<'_>, z: &[f64]| largest_gain(problem, z, band);
         if norm.name == "hinf" {
             for _ in 0..ADDED {
-                let (Some(peak), Some(seen)) = (gain(&problem, &found.z).ok(), grid_gain(&problem, &found.z)) else { break };
+                let (Some(peak), Some(seen)) =
+                    (gain(&problem, &found.z).ok(), grid_gain(&problem, &found.z))
+                else {
+                    break;
+                };
                 if !peak.exact || peak.gain <= seen.gain * 1.0005 {
                     break;
                 }
@@ -206,8 +221,11 @@ impl Matching {
                 alike = alike.max(1);
             }
         }
-        let own = |z: &[f64]| Some(problem::normal(&problem.parts(norm, z)?, *norm.powers.last()?).cost.sqrt());
-        let difference = [own(&zero).ok_or_else(no_response)?, own(&found.z).ok_or_else(no_response)?];
+        let own = |z: &[f64]| {
+            Some(problem::normal(&problem.parts(norm, z)?, *norm.powers.last()?).cost.sqrt())
+        };
+        let difference =
+            [own(&zero).ok_or_else(no_response)?, own(&found.z).ok_or_else(no_response)?];
         let matched = structure.system(&problem.values(&found.z))?;
         let mut answer = Matched {
             format: "deadtime/match@1",
@@ -270,16 +288,25 @@ pub(super) fn points(structure: &Structure<'_>, omegas: &[f64]) -> Option<Vec<At
     let target = structure::finite_responses(&structure.target, omegas)?;
     let deviations = deviations(structure, omegas, &target)?;
     let (p, m) = target.first()?.shape();
-    let peak = DMatrix::from_fn(p, m, |i, j| target.iter().map(|g| g[(i, j)].norm()).fold(0.0, f64::max));
+    let peak =
+        DMatrix::from_fn(p, m, |i, j| target.iter().map(|g| g[(i, j)].norm()).fold(0.0, f64::max));
     let whole = peak.max();
     let widths = grid::widths(omegas, |w| w);
     let logs = grid::widths(omegas, f64::ln);
     let band: f64 = logs.iter().sum();
     let weight = |k: usize, i: usize, j: usize| {
-        let floor = FLOOR * if peak[(i, j)] > 0.0 { peak[(i, j)] } else { whole }.max(f64::MIN_POSITIVE);
+        let floor =
+            FLOOR * if peak[(i, j)] > 0.0 { peak[(i, j)] } else { whole }.max(f64::MIN_POSITIVE);
         match deviations.as_slice() {
             [] => 1.0 / target[k][(i, j)].norm().max(floor),
-            list => 1.0 / list.iter().map(|d| d[k][(i, j)].norm_sqr()).sum::<f64>().sqrt().max(1e-6 * floor),
+            list => {
+                1.0 / list
+                    .iter()
+                    .map(|d| d[k][(i, j)].norm_sqr())
+                    .sum::<f64>()
+                    .sqrt()
+                    .max(1e-6 * floor)
+            }
         }
     };
     let step_s = structure.target.sample_time_s().unwrap_or(1.0);
@@ -297,7 +324,11 @@ pub(super) fn points(structure: &Structure<'_>, omegas: &[f64]) -> Option<Vec<At
 }
 
 /// What each deviation of one standard deviation does to the response, `[deviation][frequency]`.
-pub(super) fn deviations(structure: &Structure<'_>, omegas: &[f64], target: &[Response]) -> Option<Vec<Vec<Response>>> {
+pub(super) fn deviations(
+    structure: &Structure<'_>,
+    omegas: &[f64],
+    target: &[Response],
+) -> Option<Vec<Vec<Response>>> {
     let of = |moved: &System| {
         let moved = structure::finite_responses(moved, omegas)?;
         Some(target.iter().zip(&moved).map(|(g, h)| Target::slope(g, h)).collect())
@@ -326,7 +357,11 @@ pub(super) fn sizes(problem: &Problem<'_>) -> Option<Vec<f64>> {
         sizes: first.clone(),
     };
     let parts = trial.parts(&NORMS[0], &vec![0.0; first.len()])?;
-    let whole: f64 = trial.at.iter().map(|at| (NORMS[0].difference)(at, &(&at.target * Complex::new(0.0, 0.0))).norm_squared()).sum();
+    let whole: f64 = trial
+        .at
+        .iter()
+        .map(|at| (NORMS[0].difference)(at, &(&at.target * Complex::new(0.0, 0.0))).norm_squared())
+        .sum();
     let moved = problem::normal(&parts, 2.0).information.diagonal();
     let of = |(j, size): (usize, &f64)| {
         let unknown = nominal[j] == 0.0 && matches!(problem.structure.free[j], Free::Parameter(_));
@@ -348,7 +383,10 @@ pub(super) fn largest_gain(problem: &Problem<'_>, z: &[f64], band: [f64; 2]) -> 
     let sys = problem.structure.system(&problem.values(z))?;
     let (found, exact) = match problem.structure.target.farthest(&sys, band) {
         Some(peak) => (peak, true),
-        None => (grid_gain(problem, z).unwrap_or(Peak { gain: f64::INFINITY, omega_rad_s: f64::NAN }), false),
+        None => (
+            grid_gain(problem, z).unwrap_or(Peak { gain: f64::INFINITY, omega_rad_s: f64::NAN }),
+            false,
+        ),
     };
     Ok(Gain { gain: found.gain, omega_rad_s: found.omega_rad_s, exact })
 }
@@ -375,7 +413,9 @@ pub(super) fn misfit(problem: &Problem<'_>, z: &[f64], target: &Target) -> Optio
 /// The responses of both models, pair by pair.
 pub(super) fn compared(problem: &Problem<'_>, z: &[f64], target: &Target) -> Option<Vec<Compared>> {
     let structure = problem.structure;
-    let of = |values: &[f64]| structure::finite_responses(&structure.system(values).ok()?, &problem.omegas);
+    let of = |values: &[f64]| {
+        structure::finite_responses(&structure.system(values).ok()?, &problem.omegas)
+    };
     let (nominal, found) = (of(&structure.nominal)?, of(&problem.values(z))?);
     let identified: Vec<Response> = problem.at.iter().map(|at| at.target.clone()).collect();
     let deviations = deviations(structure, &problem.omegas, &identified)?;
@@ -387,7 +427,9 @@ pub(super) fn compared(problem: &Problem<'_>, z: &[f64], target: &Target) -> Opt
             let std = |k: usize| {
                 let g: Complex<f64> = identified[k][(i, j)];
                 let along = deviations.iter().map(|d| g.conj() * d[k][(i, j)] / g.norm());
-                let [gain, across] = along.fold([0.0, 0.0], |[a, b], v| [a + v.re * v.re, b + v.im * v.im]).map(f64::sqrt);
+                let [gain, across] = along
+                    .fold([0.0, 0.0], |[a, b], v| [a + v.re * v.re, b + v.im * v.im])
+                    .map(f64::sqrt);
                 [gain, across / g.norm()]
             };
             let point = |(k, &omega_rad_s): (usize, &f64)| ComparedPoint {
@@ -397,14 +439,23 @@ pub(super) fn compared(problem: &Problem<'_>, z: &[f64], target: &Target) -> Opt
                 nominal: parts(nominal[k][(i, j)]),
                 found: parts(found[k][(i, j)]),
             };
-            all.push(Compared { input: input.name.clone(), output, points: problem.omegas.iter().enumerate().map(point).collect() });
+            all.push(Compared {
+                input: input.name.clone(),
+                output,
+                points: problem.omegas.iter().enumerate().map(point).collect(),
+            });
         }
     }
     Some(all)
 }
 
 /// Standard deviations from the identified model's, what cannot be had, and whether each value can be taken for the quantity.
-pub(super) fn know(problem: &Problem<'_>, norm: &Norm, found: &Descent, answer: &mut Matched) -> Option<()> {
+pub(super) fn know(
+    problem: &Problem<'_>,
+    norm: &Norm,
+    found: &Descent,
+    answer: &mut Matched,
+) -> Option<()> {
     let (structure, count) = (problem.structure, found.z.len());
     let parts = problem.parts(norm, &found.z)?;
     let information = problem::normal(&parts, 2.0).information;
@@ -419,7 +470,8 @@ pub(super) fn know(problem: &Problem<'_>, norm: &Norm, found: &Descent, answer: 
             // To first order the minimum moves by H⁻¹Jᵀ of what the difference moves by.
             let mut pull = DVector::zeros(count);
             for ((at, (psi, slopes)), d) in problem.at.iter().zip(&parts).zip(deviation) {
-                let moved = (norm.difference)(at, &(&at.target + d)) - (norm.difference)(at, &at.target);
+                let moved =
+                    (norm.difference)(at, &(&at.target + d)) - (norm.difference)(at, &at.target);
                 debug_assert_eq!(psi.shape(), moved.shape());
                 slopes.iter().enumerate().for_each(|(a, slope)| pull[a] += slope.dotc(&moved).re);
             }
@@ -435,7 +487,8 @@ pub(super) fn know(problem: &Problem<'_>, norm: &Norm, found: &Descent, answer: 
         let again = |draw: u64| {
             let mut random = ChaCha8Rng::seed_from_u64(1);
             random.set_stream(draw);
-            let sizes: Vec<f64> = deviations.iter().map(|_| random.sample(StandardNormal)).collect();
+            let sizes: Vec<f64> =
+                deviations.iter().map(|_| random.sample(StandardNormal)).collect();
             let mut drawn = Problem {
                 structure,
                 omegas: problem.omegas.clone(),
@@ -443,11 +496,22 @@ pub(super) fn know(problem: &Problem<'_>, norm: &Norm, found: &Descent, answer: 
                 sizes: problem.sizes.clone(),
             };
             for (k, at) in drawn.at.iter_mut().enumerate() {
-                deviations.iter().zip(&sizes).for_each(|(d, size)| at.target += &d[k] * Complex::new(*size, 0.0));
+                deviations
+                    .iter()
+                    .zip(&sizes)
+                    .for_each(|(d, size)| at.target += &d[k] * Complex::new(*size, 0.0));
             }
-            drawn.descend(norm, &norm.powers[norm.powers.len().saturating_sub(AGAIN)..], &found.z).map(|d| d.z)
+            drawn
+                .descend(norm, &norm.powers[norm.powers.len().saturating_sub(AGAIN)..], &found.z)
+                .map(|d| d.z)
         };
-        let ends: Vec<Vec<f64>> = (0..DRAWS).into_par_iter().map(again).collect::<Vec<_>>().into_iter().flatten().collect();
+        let ends: Vec<Vec<f64>> = (0..DRAWS)
+            .into_par_iter()
+            .map(again)
+            .collect::<Vec<_>>()
+            .into_iter()
+            .flatten()
+            .collect();
         for end in &ends {
             let step = DVector::from_iterator(count, end.iter().zip(&found.z).map(|(a, b)| a - b));
             covariance += &step * step.transpose() / ends.len() as f64;
@@ -455,14 +519,20 @@ pub(super) fn know(problem: &Problem<'_>, norm: &Norm, found: &Descent, answer: 
     }
     for at in 0..count {
         // The identified model's dead times are whole samples, and its covariance takes them for exact: half a sample either way is as good.
-        let late = structure.identified_delay_s(at).filter(|(delay_s, _)| *delay_s > 0.0).map_or(0.0, |(_, step_s)| step_s);
+        let late = structure
+            .identified_delay_s(at)
+            .filter(|(delay_s, _)| *delay_s > 0.0)
+            .map_or(0.0, |(_, step_s)| step_s);
         covariance[(at, at)] += (late * late / 12.0) / (problem.sizes[at] * problem.sizes[at]);
     }
     let values = problem.values(&found.z);
     let names: Vec<String> = (0..count).map(|at| structure.name(at)).collect();
     // Without uncertainty all that is told is what nothing can resolve: the rest is taken to be known.
-    let scaled =
-        if deviations.is_empty() { &information / (RESOLVED * most).max(f64::MIN_POSITIVE) } else { inverse(&covariance, &eigen, most) };
+    let scaled = if deviations.is_empty() {
+        &information / (RESOLVED * most).max(f64::MIN_POSITIVE)
+    } else {
+        inverse(&covariance, &eigen, most)
+    };
     for k in (0..count).filter(|k| !resolved(*k)) {
         // The parameters' own size.
         let direction = eigen.eigenvectors.column(k);
@@ -470,7 +540,13 @@ pub(super) fn know(problem: &Problem<'_>, norm: &Norm, found: &Descent, answer: 
     }
     // A delay that was found is its own size; for the search it was what the highest frequency sees.
     let sizes: Vec<f64> = (0..count)
-        .map(|at| if matches!(structure.free[at], Free::Delay(_)) { problem.sizes[at].max(values[at]) } else { problem.sizes[at] })
+        .map(|at| {
+            if matches!(structure.free[at], Free::Delay(_)) {
+                problem.sizes[at].max(values[at])
+            } else {
+                problem.sizes[at]
+            }
+        })
         .collect();
     let ratio = |at: usize| problem.sizes[at] / sizes[at];
     let known = Known {
@@ -490,8 +566,10 @@ pub(super) fn know(problem: &Problem<'_>, norm: &Norm, found: &Descent, answer: 
         traded
     };
     for at in 0..count {
-        let std = (!deviations.is_empty()).then(|| problem.sizes[at] * covariance[(at, at)].max(0.0).sqrt());
-        let lost = traded[at] || answer.unseen.iter().any(|u| u.parts.iter().any(|(name, _)| *name == names[at]));
+        let std = (!deviations.is_empty())
+            .then(|| problem.sizes[at] * covariance[(at, at)].max(0.0).sqrt());
+        let lost = traded[at]
+            || answer.unseen.iter().any(|u| u.parts.iter().any(|(name, _)| *name == names[at]));
         let (value, nominal) = (values[at], structure.nominal[at]);
         answer.parameters.push(MatchedParameter {
             name: names[at].clone(),
@@ -507,14 +585,21 @@ pub(super) fn know(problem: &Problem<'_>, norm: &Norm, found: &Descent, answer: 
 }
 
 /// The inverse of a covariance; directions that the information does not resolve have none, and what is known exactly is known so far that all else stays resolved.
-pub(super) fn inverse(covariance: &DMatrix<f64>, information: &SymmetricEigen<f64, nalgebra::Dyn>, most: f64) -> DMatrix<f64> {
+pub(super) fn inverse(
+    covariance: &DMatrix<f64>,
+    information: &SymmetricEigen<f64, nalgebra::Dyn>,
+    most: f64,
+) -> DMatrix<f64> {
     let count = covariance.nrows();
     let mut whole = covariance.clone();
-    let least = (10.0 * RESOLVED * SymmetricEigen::new(whole.clone()).eigenvalues.max()).max(f64::MIN_POSITIVE);
+    let least = (10.0 * RESOLVED * SymmetricEigen::new(whole.clone()).eigenvalues.max())
+        .max(f64::MIN_POSITIVE);
     for k in (0..count).filter(|k| information.eigenvalues[*k] <= RESOLVED * most) {
         let direction = information.eigenvectors.column(k);
         whole += direction * direction.transpose() / RESOLVED;
     }
     let eigen = SymmetricEigen::new(whole);
-    &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(|v| 1.0 / v.max(least))) * eigen.eigenvectors.transpose()
+    &eigen.eigenvectors
+        * DMatrix::from_diagonal(&eigen.eigenvalues.map(|v| 1.0 / v.max(least)))
+        * eigen.eigenvectors.transpose()
 }

@@ -15,10 +15,16 @@ const BELOW_NYQUIST: f64 = 0.99;
 const WIDE: f64 = 1e3;
 
 /// The band asked for, or what the model shows.
-pub(super) fn band(target: &System, lowest_rad_s: Option<f64>, asked: Option<[f64; 2]>) -> Result<[f64; 2], MatchingError> {
+pub(super) fn band(
+    target: &System,
+    lowest_rad_s: Option<f64>,
+    asked: Option<[f64; 2]>,
+) -> Result<[f64; 2], MatchingError> {
     let nyquist = target.sample_time_s().map(|ts| std::f64::consts::PI / ts);
     if let Some([low, high]) = asked {
-        let wrong = |value: f64, rule: &str| Err(MatchingError::Option { option: "band", value, rule: rule.to_owned() });
+        let wrong = |value: f64, rule: &str| {
+            Err(MatchingError::Option { option: "band", value, rule: rule.to_owned() })
+        };
         if !(low.is_finite() && low > 0.0) {
             return wrong(low, "it must begin above 0 rad/s");
         }
@@ -26,14 +32,24 @@ pub(super) fn band(target: &System, lowest_rad_s: Option<f64>, asked: Option<[f6
             return wrong(high, "it must end above its beginning, in rad/s");
         }
         return match nyquist {
-            Some(nyquist) if high > nyquist => wrong(high, &format!("the identified model ends at its Nyquist frequency, {nyquist} rad/s")),
+            Some(nyquist) if high > nyquist => wrong(
+                high,
+                &format!("the identified model ends at its Nyquist frequency, {nyquist} rad/s"),
+            ),
             _ => Ok([low, high]),
         };
     }
-    let rates: Vec<f64> = target.poles_s().iter().map(|p| p.norm()).filter(|r| r.is_finite() && *r > 1e-9).collect();
-    let (slowest, fastest) = rates.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), r| (low.min(*r), high.max(*r)));
-    let high = nyquist.map(|n| BELOW_NYQUIST * n).unwrap_or(if fastest > 0.0 { BEYOND * fastest } else { WIDE.sqrt() });
-    let low = lowest_rad_s.unwrap_or(if slowest.is_finite() { slowest / BEYOND } else { high / WIDE });
+    let rates: Vec<f64> =
+        target.poles_s().iter().map(|p| p.norm()).filter(|r| r.is_finite() && *r > 1e-9).collect();
+    let (slowest, fastest) =
+        rates.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), r| (low.min(*r), high.max(*r)));
+    let high = nyquist.map(|n| BELOW_NYQUIST * n).unwrap_or(if fastest > 0.0 {
+        BEYOND * fastest
+    } else {
+        WIDE.sqrt()
+    });
+    let low =
+        lowest_rad_s.unwrap_or(if slowest.is_finite() { slowest / BEYOND } else { high / WIDE });
     Ok([low.min(high / 10.0), high])
 }
 

@@ -54,8 +54,13 @@ impl Problem<'_> {
         let responses = self.structure.responses(&self.values(z), &self.sizes, &self.omegas)?;
         let part = |(at, (g, slopes)): (&At, (Response, Vec<Response>))| {
             let slope = |dg: &Response| {
-                let step = Complex::new(STEP * (g.norm() / dg.norm().max(f64::MIN_POSITIVE)).clamp(1e-6, 1e6), 0.0);
-                ((norm.difference)(at, &(&g + dg * step)) - (norm.difference)(at, &(&g - dg * step))) / (step + step)
+                let step = Complex::new(
+                    STEP * (g.norm() / dg.norm().max(f64::MIN_POSITIVE)).clamp(1e-6, 1e6),
+                    0.0,
+                );
+                ((norm.difference)(at, &(&g + dg * step))
+                    - (norm.difference)(at, &(&g - dg * step)))
+                    / (step + step)
             };
             ((norm.difference)(at, &g), slopes.iter().map(slope).collect())
         };
@@ -64,7 +69,10 @@ impl Problem<'_> {
 
     /// The norm of the identified model itself: what the structured one would leave if it had no response.
     fn whole(&self, norm: &Norm) -> f64 {
-        self.at.iter().map(|at| (norm.difference)(at, &(&at.target * Complex::new(0.0, 0.0))).norm_squared()).sum()
+        self.at
+            .iter()
+            .map(|at| (norm.difference)(at, &(&at.target * Complex::new(0.0, 0.0))).norm_squared())
+            .sum()
     }
 
     /// One search after another, of each of the norm's powers (or the last of them) from where the one before ended.
@@ -93,7 +101,9 @@ impl Problem<'_> {
             }
             let still = fit.normal.slope(&vec![true; z.len()]) < 1e-4;
             let none = fit.normal.cost <= NONE * NONE * whole;
-            let converged = none || fit.stopped.converged() || fit.stopped == deadtime_signal::fit::Stopped::Stalled && still;
+            let converged = none
+                || fit.stopped.converged()
+                || fit.stopped == deadtime_signal::fit::Stopped::Stalled && still;
             found = Some(Descent { z: fit.parameters, value: fit.normal.cost.sqrt(), converged });
         }
         found
@@ -105,10 +115,20 @@ impl Problem<'_> {
         let from = |k: usize| {
             let start = self.start(k);
             let first = &NORMS[0];
-            let warm = if norm.name == first.name { None } else { self.descend(first, first.powers, &start).map(|d| d.z) };
+            let warm = if norm.name == first.name {
+                None
+            } else {
+                self.descend(first, first.powers, &start).map(|d| d.z)
+            };
             self.descend(norm, norm.powers, &warm.unwrap_or(start))
         };
-        let ends: Vec<Descent> = (0..starts.max(1)).into_par_iter().map(from).collect::<Vec<_>>().into_iter().flatten().collect();
+        let ends: Vec<Descent> = (0..starts.max(1))
+            .into_par_iter()
+            .map(from)
+            .collect::<Vec<_>>()
+            .into_iter()
+            .flatten()
+            .collect();
         let best = ends.iter().min_by(|a, b| a.value.total_cmp(&b.value))?.clone();
         let floor = NONE * self.whole(norm).sqrt();
         let alike = ends.iter().filter(|e| e.value <= best.value * 1.001 + floor).count();
@@ -130,7 +150,8 @@ impl Problem<'_> {
         let delay = |(at, z): (usize, &f64)| match self.structure.identified_delay_s(at) {
             Some((delay_s, step_s)) => {
                 let drawn: f64 = random.sample(StandardNormal);
-                ((delay_s + drawn * step_s.max(self.sizes[at])).abs() - self.structure.nominal[at]) / self.sizes[at]
+                ((delay_s + drawn * step_s.max(self.sizes[at])).abs() - self.structure.nominal[at])
+                    / self.sizes[at]
             }
             None => *z,
         };
@@ -143,7 +164,11 @@ impl Problem<'_> {
 /// dσ_i = Re(u_i* dΨ v_i); what else of U* dΨ V is not 0 bends σ.
 pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
     let count = parts.first().map_or(0, |p| p.1.len());
-    let mut all = Normal { cost: 0.0, gradient: DVector::zeros(count), information: DMatrix::zeros(count, count) };
+    let mut all = Normal {
+        cost: 0.0,
+        gradient: DVector::zeros(count),
+        information: DMatrix::zeros(count, count),
+    };
     if power == 2.0 {
         for (psi, slopes) in parts {
             all.cost += psi.norm_squared();
@@ -162,7 +187,11 @@ pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
     if !(top > 0.0 && top.is_finite()) {
         return normal(parts, 2.0);
     }
-    let sum: f64 = decomposed.iter().flat_map(|s| s.singular_values.iter()).map(|s| (s / top).powf(power)).sum();
+    let sum: f64 = decomposed
+        .iter()
+        .flat_map(|s| s.singular_values.iter())
+        .map(|s| (s / top).powf(power))
+        .sum();
     let value = top * sum.powf(1.0 / power);
     let mut first = DVector::zeros(count);
     for ((_, slopes), svd) in parts.iter().zip(&decomposed) {
@@ -182,7 +211,11 @@ pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
                 for i in 0..shares.len() {
                     for l in 0..shares.len() {
                         let (x, y) = (m[(i, l)], other[(i, l)]);
-                        let bends = if i == l { (power - 1.0) * x.re * y.re + x.im * y.im } else { (x.conj() * y).re };
+                        let bends = if i == l {
+                            (power - 1.0) * x.re * y.re + x.im * y.im
+                        } else {
+                            (x.conj() * y).re
+                        };
                         all.information[(a, b)] += weight(i).max(weight(l)) * bends;
                     }
                 }

@@ -43,13 +43,24 @@ pub(super) struct Structure<'a> {
 }
 
 impl<'a> Structure<'a> {
-    pub(super) fn new(options: &Matching, file: &'a EquationsFile, target: &Target) -> Result<Self> {
-        let unsupported = |what, remedy| MatchingError::Unsupported { model: file.name.clone(), what, remedy };
+    pub(super) fn new(
+        options: &Matching,
+        file: &'a EquationsFile,
+        target: &Target,
+    ) -> Result<Self> {
+        let unsupported =
+            |what, remedy| MatchingError::Unsupported { model: file.name.clone(), what, remedy };
         if !file.effects.is_empty() {
-            return Err(unsupported("effects", "write them into its equations, or take them out").into());
+            return Err(
+                unsupported("effects", "write them into its equations, or take them out").into()
+            );
         }
         if file.inputs.iter().any(|c| c.derivative_of.is_some()) {
-            return Err(unsupported("inputs that are slopes of others", "write the slope into its equations as a state").into());
+            return Err(unsupported(
+                "inputs that are slopes of others",
+                "write the slope into its equations as a state",
+            )
+            .into());
         }
         let equations = file.equations()?;
         let (outputs, inputs, notes) = channels(options, file, target)?;
@@ -64,7 +75,8 @@ impl<'a> Structure<'a> {
             })
             .collect();
         let own = |list: &[Shared]| list.iter().map(|c| (c.structured, c.unit)).collect::<Vec<_>>();
-        let theirs = |list: &[Shared]| list.iter().map(|c| (c.identified, c.unit)).collect::<Vec<_>>();
+        let theirs =
+            |list: &[Shared]| list.iter().map(|c| (c.identified, c.unit)).collect::<Vec<_>>();
         let selected = |sys: &System| sys.selected(&theirs(&outputs), &theirs(&inputs));
         let mut structure = Self {
             file,
@@ -76,7 +88,11 @@ impl<'a> Structure<'a> {
             free,
             nominal,
             target: selected(&target.system)?,
-            deviations: target.deviations.iter().map(selected).collect::<std::result::Result<_, ModelError>>()?,
+            deviations: target
+                .deviations
+                .iter()
+                .map(selected)
+                .collect::<std::result::Result<_, ModelError>>()?,
             notes,
         };
         structure.note_unrest();
@@ -103,7 +119,10 @@ impl<'a> Structure<'a> {
         let shared = self.inputs.iter().position(|(own, _)| *own == j)?;
         Some(match &self.target {
             System::Continuous(sys) => (sys.input_delay()[shared], 0.0),
-            System::Sampled(sys) => (sys.sample_time().to_seconds(sys.input_delay()[shared] as f64), sys.sample_time().seconds()),
+            System::Sampled(sys) => (
+                sys.sample_time().to_seconds(sys.input_delay()[shared] as f64),
+                sys.sample_time().seconds(),
+            ),
         })
     }
 
@@ -140,7 +159,8 @@ impl<'a> Structure<'a> {
             }
         }
         let about = self.equations.linearise(0.0, &self.x, &self.u, &p);
-        let whole = StateSpace::continuous(about.a, about.b, about.c, about.d)?.with_input_delay(delays)?;
+        let whole =
+            StateSpace::continuous(about.a, about.b, about.c, about.d)?.with_input_delay(delays)?;
         match System::Continuous(whole).selected(&self.outputs, &self.inputs)? {
             System::Continuous(sys) => self.target.in_time_of(sys),
             sampled @ System::Sampled(_) => Ok(sampled),
@@ -148,7 +168,12 @@ impl<'a> Structure<'a> {
     }
 
     /// Responses at these frequencies and their derivatives by each value times its size. `None` where the model or one of them is not finite.
-    pub(super) fn responses(&self, values: &[f64], sizes: &[f64], omegas: &[f64]) -> Option<Vec<(Response, Vec<Response>)>> {
+    pub(super) fn responses(
+        &self,
+        values: &[f64],
+        sizes: &[f64],
+        omegas: &[f64],
+    ) -> Option<Vec<(Response, Vec<Response>)>> {
         let sys = self.system(values).ok()?;
         let beside = |at: usize, step: f64| {
             let mut moved = values.to_vec();
@@ -167,18 +192,32 @@ impl<'a> Structure<'a> {
                 // Matrices have other sizes on the other side of a whole number of samples.
                 Free::Delay(_) => {
                     changes.push(None);
-                    ends.push(Some([beside(at, STEP)?, beside(at, -STEP).or_else(|| beside(at, 0.0))?]));
+                    ends.push(Some([
+                        beside(at, STEP)?,
+                        beside(at, -STEP).or_else(|| beside(at, 0.0))?,
+                    ]));
                 }
             }
         }
         let at = |&omega: &f64| {
             let (response, slopes) = sys.slopes(&changes, omega)?;
-            let width = |at: usize| if values[at] - STEP * sizes[at] < 0.0 { STEP } else { 2.0 * STEP };
+            let width =
+                |at: usize| if values[at] - STEP * sizes[at] < 0.0 { STEP } else { 2.0 * STEP };
             let by_ends = |at: usize| {
-                ends[at].as_ref().map(|[up, down]| (up.response(omega) - down.response(omega)) / nalgebra::Complex::new(width(at), 0.0))
+                ends[at].as_ref().map(|[up, down]| {
+                    (up.response(omega) - down.response(omega))
+                        / nalgebra::Complex::new(width(at), 0.0)
+                })
             };
-            let slopes = slopes.into_iter().enumerate().map(|(at, s)| s.or_else(|| by_ends(at))).collect::<Option<Vec<_>>>()?;
-            slopes.iter().all(|s| s.iter().all(|v| v.re.is_finite() && v.im.is_finite())).then_some((response, slopes))
+            let slopes = slopes
+                .into_iter()
+                .enumerate()
+                .map(|(at, s)| s.or_else(|| by_ends(at)))
+                .collect::<Option<Vec<_>>>()?;
+            slopes
+                .iter()
+                .all(|s| s.iter().all(|v| v.re.is_finite() && v.im.is_finite()))
+                .then_some((response, slopes))
         };
         omegas.iter().map(at).collect()
     }
@@ -195,8 +234,21 @@ impl<'a> Structure<'a> {
             return;
         }
         let mut dx = vec![0.0; self.x.len()];
-        self.equations.derivatives(0.0, &self.x, &self.u, &p, &mut self.equations.workspace(), &mut dx);
-        let moving = self.file.states.iter().zip(&dx).filter(|(_, v)| v.abs() > 1e-6).map(|((name, _), v)| format!("d{name}/dt = {v:.3e}"));
+        self.equations.derivatives(
+            0.0,
+            &self.x,
+            &self.u,
+            &p,
+            &mut self.equations.workspace(),
+            &mut dx,
+        );
+        let moving = self
+            .file
+            .states
+            .iter()
+            .zip(&dx)
+            .filter(|(_, v)| v.abs() > 1e-6)
+            .map(|((name, _), v)| format!("d{name}/dt = {v:.3e}"));
         let moving: Vec<String> = moving.collect();
         if !moving.is_empty() {
             self.notes.push(format!(
@@ -214,50 +266,88 @@ struct Shared {
     unit: f64,
 }
 
-fn channels(options: &Matching, file: &EquationsFile, target: &Target) -> Result<(Vec<Shared>, Vec<Shared>, Vec<String>)> {
-    let names = |list: &[deadtime_model::Channel]| list.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
-    let unit = |name: &str| options.units.iter().find(|(n, _)| n == name).map_or(1.0, |(_, unit)| *unit);
+fn channels(
+    options: &Matching,
+    file: &EquationsFile,
+    target: &Target,
+) -> Result<(Vec<Shared>, Vec<Shared>, Vec<String>)> {
+    let names =
+        |list: &[deadtime_model::Channel]| list.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
+    let unit =
+        |name: &str| options.units.iter().find(|(n, _)| n == name).map_or(1.0, |(_, unit)| *unit);
     for (name, value) in &options.units {
         if !target.inputs.iter().chain(&target.outputs).any(|c| c.name == *name) {
             let known = [names(&target.inputs), names(&target.outputs)].concat();
             return Err(MatchingError::NoName { option: "units", name: name.clone(), known }.into());
         }
         if !(value.is_finite() && *value > 0.0) {
-            return Err(MatchingError::Option { option: "units", value: *value, rule: "a unit must be above 0".to_owned() }.into());
+            return Err(MatchingError::Option {
+                option: "units",
+                value: *value,
+                rule: "a unit must be above 0".to_owned(),
+            }
+            .into());
         }
     }
-    let shared =
-        |own: &[deadtime_model::Channel], theirs: &[deadtime_model::Channel]| -> std::result::Result<Vec<Option<Shared>>, MatchingError> {
-            let one = |(identified, channel): (usize, &deadtime_model::Channel)| {
-                let Some(structured) = own.iter().position(|c| c.name == channel.name) else { return Ok(None) };
-                if let (Some(a), Some(b)) = (&channel.unit, &own[structured].unit)
-                    && a != b
-                {
-                    return Err(MatchingError::Unit { name: channel.name.clone(), identified: a.clone(), structured: b.clone() });
-                }
-                Ok(Some(Shared { structured, identified, unit: unit(&channel.name) }))
+    let shared = |own: &[deadtime_model::Channel],
+                  theirs: &[deadtime_model::Channel]|
+     -> std::result::Result<Vec<Option<Shared>>, MatchingError> {
+        let one = |(identified, channel): (usize, &deadtime_model::Channel)| {
+            let Some(structured) = own.iter().position(|c| c.name == channel.name) else {
+                return Ok(None);
             };
-            theirs.iter().enumerate().map(one).collect()
+            if let (Some(a), Some(b)) = (&channel.unit, &own[structured].unit)
+                && a != b
+            {
+                return Err(MatchingError::Unit {
+                    name: channel.name.clone(),
+                    identified: a.clone(),
+                    structured: b.clone(),
+                });
+            }
+            Ok(Some(Shared { structured, identified, unit: unit(&channel.name) }))
         };
+        theirs.iter().enumerate().map(one).collect()
+    };
     let inputs = shared(&file.inputs, &target.inputs)?;
     if let Some(at) = inputs.iter().position(Option::is_none) {
-        return Err(MatchingError::NoInput { name: target.inputs[at].name.clone(), known: names(&file.inputs) }.into());
+        return Err(MatchingError::NoInput {
+            name: target.inputs[at].name.clone(),
+            known: names(&file.inputs),
+        }
+        .into());
     }
     let outputs = shared(&file.outputs, &target.outputs)?;
-    let missing: Vec<String> = outputs.iter().zip(&target.outputs).filter(|(s, _)| s.is_none()).map(|(_, c)| c.name.clone()).collect();
+    let missing: Vec<String> = outputs
+        .iter()
+        .zip(&target.outputs)
+        .filter(|(s, _)| s.is_none())
+        .map(|(_, c)| c.name.clone())
+        .collect();
     let mut notes = Vec::new();
     if !missing.is_empty() {
-        notes.push(format!("the structured model has no output {}: left out of the match", missing.join(", ")));
+        notes.push(format!(
+            "the structured model has no output {}: left out of the match",
+            missing.join(", ")
+        ));
     }
     let outputs: Vec<Shared> = outputs.into_iter().flatten().collect();
     if outputs.is_empty() || inputs.is_empty() {
-        return Err(MatchingError::NoOutput { identified: names(&target.outputs), structured: names(&file.outputs) }.into());
+        return Err(MatchingError::NoOutput {
+            identified: names(&target.outputs),
+            structured: names(&file.outputs),
+        }
+        .into());
     }
     Ok((outputs, inputs.into_iter().flatten().collect(), notes))
 }
 
 /// States start where the file's do, inputs stand at the identified model's operating point; `at` says otherwise.
-fn point(options: &Matching, file: &EquationsFile, target: &Target) -> Result<(Vec<f64>, Vec<f64>)> {
+fn point(
+    options: &Matching,
+    file: &EquationsFile,
+    target: &Target,
+) -> Result<(Vec<f64>, Vec<f64>)> {
     let mut x: Vec<f64> = file.states.iter().map(|(_, s)| s.initial).collect();
     let operating = |name: &str| {
         target.inputs.iter().find(|c| c.name == name).map_or(0.0, |c| match c.operating {
@@ -271,13 +361,25 @@ fn point(options: &Matching, file: &EquationsFile, target: &Target) -> Result<(V
         let input = file.inputs.iter().position(|c| c.name == *name);
         match (state, input) {
             _ if !value.is_finite() => {
-                return Err(MatchingError::Option { option: "at", value: *value, rule: "it must be finite".to_owned() }.into());
+                return Err(MatchingError::Option {
+                    option: "at",
+                    value: *value,
+                    rule: "it must be finite".to_owned(),
+                }
+                .into());
             }
             (Some(i), _) => x[i] = *value,
             (None, Some(j)) => u[j] = *value,
             (None, None) => {
-                let known = file.states.iter().map(|(n, _)| n.clone()).chain(file.inputs.iter().map(|c| c.name.clone())).collect();
-                return Err(MatchingError::NoName { option: "at", name: name.clone(), known }.into());
+                let known = file
+                    .states
+                    .iter()
+                    .map(|(n, _)| n.clone())
+                    .chain(file.inputs.iter().map(|c| c.name.clone()))
+                    .collect();
+                return Err(
+                    MatchingError::NoName { option: "at", name: name.clone(), known }.into()
+                );
             }
         }
     }
@@ -292,7 +394,8 @@ fn free(options: &Matching, file: &EquationsFile) -> Result<Vec<Free>> {
             continue;
         }
         let parameter = file.parameters.iter().position(|(n, _)| n == name).map(Free::Parameter);
-        let delay = || file.inputs.iter().position(|c| delay_name(&c.name) == *name).map(Free::Delay);
+        let delay =
+            || file.inputs.iter().position(|c| delay_name(&c.name) == *name).map(Free::Delay);
         found.push(parameter.or_else(delay).ok_or_else(|| MatchingError::NoParameter {
             name: name.clone(),
             parameters: file.parameters.iter().map(|(n, _)| n.clone()).collect(),

@@ -3,7 +3,9 @@
 use nalgebra::{Complex, DMatrix};
 
 use deadtime_model::c2d::{Conversion, ZeroOrderHold};
-use deadtime_model::{Continuous, ModelError, NuGap, Peak, Sampled, StateSpace, TimeDomain, nu_gap};
+use deadtime_model::{
+    Continuous, ModelError, NuGap, Peak, Sampled, StateSpace, TimeDomain, nu_gap,
+};
 
 pub(super) type Response = DMatrix<Complex<f64>>;
 pub(super) type Matrices = [DMatrix<f64>; 4];
@@ -64,7 +66,11 @@ impl System {
         let mut matrices = self.matrices();
         let needed = matrices.iter().map(DMatrix::len).sum();
         if change.len() != needed {
-            return Err(ModelError::Count { what: "numbers of a deviation", needed, got: change.len() });
+            return Err(ModelError::Count {
+                what: "numbers of a deviation",
+                needed,
+                got: change.len(),
+            });
         }
         let mut values = change.iter();
         for m in &mut matrices {
@@ -78,19 +84,29 @@ impl System {
 
     fn with(&self, [a, b, c, d]: Matrices) -> Result<Self, ModelError> {
         Ok(match self {
-            Self::Continuous(sys) => Self::Continuous(StateSpace::continuous(a, b, c, d)?.with_input_delay(sys.input_delay().to_vec())?),
-            Self::Sampled(sys) => {
-                Self::Sampled(StateSpace::sampled(a, b, c, d, sys.sample_time())?.with_input_delay(sys.input_delay().to_vec())?)
-            }
+            Self::Continuous(sys) => Self::Continuous(
+                StateSpace::continuous(a, b, c, d)?.with_input_delay(sys.input_delay().to_vec())?,
+            ),
+            Self::Sampled(sys) => Self::Sampled(
+                StateSpace::sampled(a, b, c, d, sys.sample_time())?
+                    .with_input_delay(sys.input_delay().to_vec())?,
+            ),
         })
     }
 
     /// Outputs and inputs of these numbers, in these units.
-    pub(super) fn selected(&self, outputs: &[(usize, f64)], inputs: &[(usize, f64)]) -> Result<Self, ModelError> {
+    pub(super) fn selected(
+        &self,
+        outputs: &[(usize, f64)],
+        inputs: &[(usize, f64)],
+    ) -> Result<Self, ModelError> {
         let [a, b, c, d] = self.matrices();
         let b = DMatrix::from_fn(a.nrows(), inputs.len(), |i, j| b[(i, inputs[j].0)] * inputs[j].1);
-        let c = DMatrix::from_fn(outputs.len(), a.nrows(), |i, j| c[(outputs[i].0, j)] / outputs[i].1);
-        let d = DMatrix::from_fn(outputs.len(), inputs.len(), |i, j| d[(outputs[i].0, inputs[j].0)] * inputs[j].1 / outputs[i].1);
+        let c =
+            DMatrix::from_fn(outputs.len(), a.nrows(), |i, j| c[(outputs[i].0, j)] / outputs[i].1);
+        let d = DMatrix::from_fn(outputs.len(), inputs.len(), |i, j| {
+            d[(outputs[i].0, inputs[j].0)] * inputs[j].1 / outputs[i].1
+        });
         Ok(match self {
             Self::Continuous(sys) => {
                 let delays = inputs.iter().map(|(j, _)| sys.input_delay()[*j]).collect();
@@ -98,28 +114,41 @@ impl System {
             }
             Self::Sampled(sys) => {
                 let delays = inputs.iter().map(|(j, _)| sys.input_delay()[*j]).collect();
-                Self::Sampled(StateSpace::sampled(a, b, c, d, sys.sample_time())?.with_input_delay(delays)?)
+                Self::Sampled(
+                    StateSpace::sampled(a, b, c, d, sys.sample_time())?.with_input_delay(delays)?,
+                )
             }
         })
     }
 
     /// A continuous model in the time of this one: itself, or sampled behind a zero-order hold.
-    pub(super) fn in_time_of(&self, continuous: StateSpace<Continuous>) -> Result<Self, ModelError> {
+    pub(super) fn in_time_of(
+        &self,
+        continuous: StateSpace<Continuous>,
+    ) -> Result<Self, ModelError> {
         Ok(match self {
             Self::Continuous(_) => Self::Continuous(continuous),
-            Self::Sampled(sys) => Self::Sampled(ZeroOrderHold {}.c2d(&continuous, sys.sample_time())?),
+            Self::Sampled(sys) => {
+                Self::Sampled(ZeroOrderHold {}.c2d(&continuous, sys.sample_time())?)
+            }
         })
     }
 
     /// The response and how it changes with these changes of the matrices; `None` on a pole.
-    pub(super) fn slopes(&self, changes: &[Option<Matrices>], omega: f64) -> Option<(Response, Vec<Option<Response>>)> {
+    pub(super) fn slopes(
+        &self,
+        changes: &[Option<Matrices>],
+        omega: f64,
+    ) -> Option<(Response, Vec<Option<Response>>)> {
         each!(self, sys => slopes(sys, changes, omega))
     }
 
     /// The largest gain of the difference over a band, exact; `None` where continuous delays differ, which is no rational model.
     pub(super) fn farthest(&self, other: &Self, band: [f64; 2]) -> Option<Peak> {
         match behind_common_delays(self, other)? {
-            (Self::Continuous(one), Self::Continuous(two)) => difference(&one, &two)?.norm_linf(band),
+            (Self::Continuous(one), Self::Continuous(two)) => {
+                difference(&one, &two)?.norm_linf(band)
+            }
             (Self::Sampled(one), Self::Sampled(two)) => difference(&one, &two)?.norm_linf(band),
             _ => None,
         }
@@ -138,12 +167,19 @@ impl System {
 /// Both without the delays that they share; sampled ones have the rest as states.
 fn behind_common_delays(one: &System, two: &System) -> Option<(System, System)> {
     match (one, two) {
-        (System::Continuous(a), System::Continuous(b)) if a.input_delay() == b.input_delay() => Some((one.clone(), two.clone())),
+        (System::Continuous(a), System::Continuous(b)) if a.input_delay() == b.input_delay() => {
+            Some((one.clone(), two.clone()))
+        }
         (System::Sampled(a), System::Sampled(b)) => {
-            let shared: Vec<usize> = a.input_delay().iter().zip(b.input_delay()).map(|(x, y)| *x.min(y)).collect();
+            let shared: Vec<usize> =
+                a.input_delay().iter().zip(b.input_delay()).map(|(x, y)| *x.min(y)).collect();
             let without = |sys: &StateSpace<Sampled>| {
                 let left = sys.input_delay().iter().zip(&shared).map(|(d, s)| d - s).collect();
-                sys.clone().with_input_delay(left).and_then(|sys| sys.with_delays_as_states()).ok().map(System::Sampled)
+                sys.clone()
+                    .with_input_delay(left)
+                    .and_then(|sys| sys.with_delays_as_states())
+                    .ok()
+                    .map(System::Sampled)
             };
             Some((without(a)?, without(b)?))
         }
@@ -157,7 +193,8 @@ fn difference<T: TimeDomain>(one: &StateSpace<T>, two: &StateSpace<T>) -> Option
         return None;
     }
     let (m, p) = (one.inputs(), one.outputs());
-    let (mut a, mut b, mut c) = (DMatrix::zeros(n1 + n2, n1 + n2), DMatrix::zeros(n1 + n2, m), DMatrix::zeros(p, n1 + n2));
+    let (mut a, mut b, mut c) =
+        (DMatrix::zeros(n1 + n2, n1 + n2), DMatrix::zeros(n1 + n2, m), DMatrix::zeros(p, n1 + n2));
     a.view_mut((0, 0), (n1, n1)).copy_from(one.a());
     a.view_mut((n1, n1), (n2, n2)).copy_from(two.a());
     b.rows_mut(0, n1).copy_from(one.b());
@@ -168,7 +205,11 @@ fn difference<T: TimeDomain>(one: &StateSpace<T>, two: &StateSpace<T>) -> Option
 }
 
 /// d(C R B + D) = dC R B + C R dA R B + C R dB + dD with R = (pI − A)⁻¹.
-fn slopes<T: TimeDomain>(sys: &StateSpace<T>, changes: &[Option<Matrices>], omega: f64) -> Option<(Response, Vec<Option<Response>>)> {
+fn slopes<T: TimeDomain>(
+    sys: &StateSpace<T>,
+    changes: &[Option<Matrices>],
+    omega: f64,
+) -> Option<(Response, Vec<Option<Response>>)> {
     let complex = |m: &DMatrix<f64>| m.map(|v| Complex::new(v, 0.0));
     let n = sys.order();
     let late = |mut g: Response| {
@@ -178,13 +219,19 @@ fn slopes<T: TimeDomain>(sys: &StateSpace<T>, changes: &[Option<Matrices>], omeg
         g
     };
     if n == 0 {
-        return Some((late(complex(sys.d())), changes.iter().map(|c| c.as_ref().map(|c| late(complex(&c[3])))).collect()));
+        return Some((
+            late(complex(sys.d())),
+            changes.iter().map(|c| c.as_ref().map(|c| late(complex(&c[3])))).collect(),
+        ));
     }
-    let resolvent = DMatrix::from_diagonal_element(n, n, sys.domain().point(omega)) - complex(sys.a());
+    let resolvent =
+        DMatrix::from_diagonal_element(n, n, sys.domain().point(omega)) - complex(sys.a());
     let x = resolvent.clone().lu().solve(&complex(sys.b()))?;
     let y = resolvent.transpose().lu().solve(&complex(sys.c()).transpose())?.transpose();
     let response = late(complex(sys.d()) + complex(sys.c()) * &x);
     let finite = response.iter().all(|v| v.re.is_finite() && v.im.is_finite());
-    let slope = |[da, db, dc, dd]: &Matrices| late(complex(dd) + complex(dc) * &x + &y * (complex(da) * &x) + &y * complex(db));
+    let slope = |[da, db, dc, dd]: &Matrices| {
+        late(complex(dd) + complex(dc) * &x + &y * (complex(da) * &x) + &y * complex(db))
+    };
     finite.then(|| (response, changes.iter().map(|c| c.as_ref().map(slope)).collect()))
 }

@@ -76,7 +76,9 @@ impl Target {
     pub fn read(path: &Path) -> Result<Self> {
         if path.extension().is_some_and(|e| e == "json") {
             let text = deadtime_signal::file::read_text(path)?;
-            let format = serde_json::from_str::<serde_json::Value>(&text).ok().and_then(|v| Some(v.get("format")?.as_str()?.to_owned()));
+            let format = serde_json::from_str::<serde_json::Value>(&text)
+                .ok()
+                .and_then(|v| Some(v.get("format")?.as_str()?.to_owned()));
             if format.as_deref() == Some("deadtime/identify@1") {
                 return Self::from_identify(&text, path);
             }
@@ -96,8 +98,10 @@ impl Target {
     /// [`MatchingError::NotIdentified`] for another text.
     pub fn from_identify(text: &str, source: &Path) -> Result<Self> {
         let not = |found: String| MatchingError::NotIdentified { path: source.to_owned(), found };
-        let data: Data = serde_json::from_str(text).map_err(|e| not(format!("a file of deadtime/identify@1 in which {e}")))?;
-        let name = source.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+        let data: Data = serde_json::from_str(text)
+            .map_err(|e| not(format!("a file of deadtime/identify@1 in which {e}")))?;
+        let name =
+            source.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
         Self::from_data(name, data, &not)
     }
 
@@ -110,16 +114,31 @@ impl Target {
             let (model, remedy) = (file.name.clone(), "take them out");
             return Err(MatchingError::Unsupported { model, what: "effects", remedy }.into());
         }
-        let system = if file.is_sampled() { System::Sampled(file.sampled()?) } else { System::Continuous(file.continuous()?) };
+        let system = if file.is_sampled() {
+            System::Sampled(file.sampled()?)
+        } else {
+            System::Continuous(file.continuous()?)
+        };
         let (inputs, outputs) = (file.inputs.clone(), file.outputs.clone());
-        Ok(Self { name: file.name.clone(), inputs, outputs, system, deviations: Vec::new(), lowest_rad_s: None })
+        Ok(Self {
+            name: file.name.clone(),
+            inputs,
+            outputs,
+            system,
+            deviations: Vec::new(),
+            lowest_rad_s: None,
+        })
     }
 
     /// From what was identified, with its uncertainty, behind these input delays (samples).
     ///
     /// # Errors
     /// [`ModelError::Count`] for another number of delays.
-    pub fn from_identified(name: &str, found: &crate::subspace::identifier::Identified, delays: &[usize]) -> Result<Self> {
+    pub fn from_identified(
+        name: &str,
+        found: &crate::subspace::identifier::Identified,
+        delays: &[usize],
+    ) -> Result<Self> {
         let file = found.file(name, delays, false)?;
         let mut target = Self::from_file(&file)?;
         target.with_uncertainty(&found.deviations(), found.rows)?;
@@ -129,26 +148,37 @@ impl Target {
     fn from_data(name: String, data: Data, not: &dyn Fn(String) -> MatchingError) -> Result<Self> {
         let wrong = |what: &str| not(format!("a file of deadtime/identify@1 in which {what}"));
         let channels = |named: Vec<Named>, means: Vec<f64>| -> Option<Vec<Channel>> {
-            let channel =
-                |(n, mean): (Named, f64)| Channel { operating: Operating::Value(mean), ..Channel::plain(&n.name, n.unit.as_deref()) };
-            (named.len() == means.len()).then(|| named.into_iter().zip(means).map(channel).collect())
+            let channel = |(n, mean): (Named, f64)| Channel {
+                operating: Operating::Value(mean),
+                ..Channel::plain(&n.name, n.unit.as_deref())
+            };
+            (named.len() == means.len())
+                .then(|| named.into_iter().zip(means).map(channel).collect())
         };
-        let inputs = channels(data.inputs, data.model.operating.inputs).ok_or_else(|| wrong("inputs and their means differ in number"))?;
-        let outputs =
-            channels(data.outputs, data.model.operating.outputs).ok_or_else(|| wrong("outputs and their means differ in number"))?;
+        let inputs = channels(data.inputs, data.model.operating.inputs)
+            .ok_or_else(|| wrong("inputs and their means differ in number"))?;
+        let outputs = channels(data.outputs, data.model.operating.outputs)
+            .ok_or_else(|| wrong("outputs and their means differ in number"))?;
         let n = data.model.a.len();
         let matrix = |rows: &[Vec<f64>], columns: usize| {
             let fits = rows.iter().all(|r| r.len() == columns);
-            fits.then(|| DMatrix::from_row_iterator(rows.len(), columns, rows.iter().flatten().copied()))
-                .ok_or_else(|| wrong("the rows of a matrix differ in length"))
+            fits.then(|| {
+                DMatrix::from_row_iterator(rows.len(), columns, rows.iter().flatten().copied())
+            })
+            .ok_or_else(|| wrong("the rows of a matrix differ in length"))
         };
         let ts = SampleTime::new(data.sample_time_s)?;
         let (a, b) = (matrix(&data.model.a, n)?, matrix(&data.model.b, inputs.len())?);
         let (c, d) = (matrix(&data.model.c, n)?, matrix(&data.model.d, inputs.len())?);
-        let delays =
-            data.input_delay_s.iter().map(|&s| Ok(ts.samples(s)?.whole)).collect::<std::result::Result<Vec<usize>, ModelError>>()?;
-        let system = System::Sampled(StateSpace::sampled(a, b, c, d, ts)?.with_input_delay(delays)?);
-        let mut target = Self { name, inputs, outputs, system, deviations: Vec::new(), lowest_rad_s: None };
+        let delays = data
+            .input_delay_s
+            .iter()
+            .map(|&s| Ok(ts.samples(s)?.whole))
+            .collect::<std::result::Result<Vec<usize>, ModelError>>()?;
+        let system =
+            System::Sampled(StateSpace::sampled(a, b, c, d, ts)?.with_input_delay(delays)?);
+        let mut target =
+            Self { name, inputs, outputs, system, deviations: Vec::new(), lowest_rad_s: None };
         target.with_uncertainty(&data.model.deviations, data.rows)?;
         Ok(target)
     }
@@ -156,9 +186,14 @@ impl Target {
     /// Two periods within the rows are the lowest frequency.
     fn with_uncertainty(&mut self, deviations: &[Vec<f64>], rows: usize) -> Result<()> {
         if let System::Sampled(sys) = &self.system {
-            self.lowest_rad_s = Some(2.0 * std::f64::consts::TAU / (rows.max(8) as f64 * sys.sample_time().seconds()));
+            self.lowest_rad_s = Some(
+                2.0 * std::f64::consts::TAU / (rows.max(8) as f64 * sys.sample_time().seconds()),
+            );
         }
-        self.deviations = deviations.iter().map(|d| self.system.moved(d, STEP)).collect::<std::result::Result<_, ModelError>>()?;
+        self.deviations = deviations
+            .iter()
+            .map(|d| self.system.moved(d, STEP))
+            .collect::<std::result::Result<_, ModelError>>()?;
         Ok(())
     }
 

@@ -25,7 +25,8 @@ impl WithSimd for SecondOrder<'_, '_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Option<Normal> {
         // Fused where the processor can, which it can wherever it has vectors of four: the recursion waits for half as long.
-        let fused = |a: f64, b: f64, c: f64| if S::F64_LANES >= 4 { a.mul_add(b, c) } else { a * b + c };
+        let fused =
+            |a: f64, b: f64, c: f64| if S::F64_LANES >= 4 { a.mul_add(b, c) } else { a * b + c };
         let Self { records, nk, f1, f2, power, limit, exact: wanted } = self;
         let (mut gram, mut right) = (0.0, 0.0);
         for work in records.iter_mut() {
@@ -46,7 +47,8 @@ impl WithSimd for SecondOrder<'_, '_> {
         if power - b * right > limit + 1e-9 * power {
             return None;
         }
-        let (mut cost, mut gradient, mut information, mut cross, mut bend) = (0.0, [0.0; 2], [0.0; 3], [0.0; 2], [0.0; 3]);
+        let (mut cost, mut gradient, mut information, mut cross, mut bend) =
+            (0.0, [0.0; 2], [0.0; 3], [0.0; 2], [0.0; 3]);
         for work in records.iter() {
             let (before, delayed) = work.y.split_at(nk.min(work.y.len()));
             cost += dot(before, before);
@@ -77,10 +79,15 @@ impl WithSimd for SecondOrder<'_, '_> {
         }
         // Half the second derivatives after b and F, b eliminated; where they bend downwards, the product of first derivatives alone.
         let mixed = |i: usize| gradient[i] / b - cross[i];
-        let exact = |i: usize, j: usize| information[i + j] - 2.0 * bend[i + j] - mixed(i) * mixed(j) / ridged;
+        let exact = |i: usize, j: usize| {
+            information[i + j] - 2.0 * bend[i + j] - mixed(i) * mixed(j) / ridged
+        };
         let projected = |i: usize, j: usize| information[i + j] - cross[i] * cross[j] / ridged;
-        let upwards = wanted && exact(0, 0) > 0.0 && exact(0, 0) * exact(1, 1) - exact(0, 1).powi(2) > CURVED * exact(0, 0) * exact(1, 1);
-        let information = if upwards { DMatrix::from_fn(2, 2, exact) } else { DMatrix::from_fn(2, 2, projected) };
+        let upwards = wanted
+            && exact(0, 0) > 0.0
+            && exact(0, 0) * exact(1, 1) - exact(0, 1).powi(2) > CURVED * exact(0, 0) * exact(1, 1);
+        let information =
+            if upwards { DMatrix::from_fn(2, 2, exact) } else { DMatrix::from_fn(2, 2, projected) };
         Some(Normal { cost, gradient: DVector::from_column_slice(&gradient), information })
     }
 }

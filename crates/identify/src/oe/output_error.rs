@@ -73,9 +73,13 @@ impl OutputError {
         let scale = information.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
         let unit = DMatrix::from_diagonal(&scale) * information * DMatrix::from_diagonal(&scale);
         let inverse = unit.cholesky()?.inverse();
-        let all = DMatrix::from_diagonal(&scale) * inverse * DMatrix::from_diagonal(&scale) * (cost / freedom);
+        let all = DMatrix::from_diagonal(&scale)
+            * inverse
+            * DMatrix::from_diagonal(&scale)
+            * (cost / freedom);
         let starts = all.nrows() - self.nb - self.nf;
-        let of: Vec<usize> = (0..self.nb).chain(self.nb + starts..self.nb + starts + self.nf).collect();
+        let of: Vec<usize> =
+            (0..self.nb).chain(self.nb + starts..self.nb + starts + self.nf).collect();
         Some(DMatrix::from_fn(of.len(), of.len(), |i, j| all[(of[i], of[j])]))
     }
 
@@ -84,27 +88,43 @@ impl OutputError {
     pub fn refine(&self, records: &[Record], nk: usize, start: &[f64]) -> Option<OeFit> {
         let mut problem = Problem::new(*self, records);
         problem.nk = nk;
-        let search = LevenbergMarquardt { cost_floor: 1e-28 * problem.power, ..LevenbergMarquardt::default() };
+        let search = LevenbergMarquardt {
+            cost_floor: 1e-28 * problem.power,
+            ..LevenbergMarquardt::default()
+        };
         let fit = search.minimise(start, |f| problem.evaluate(f, f64::INFINITY));
         if fit.stopped == Stopped::Undefined {
             return None;
         }
         problem.cost(&fit.parameters)?;
         let b = problem.linear.iter().take(self.nb).copied().collect();
-        Some(OeFit { loss: fit.normal.cost / count(records), b, f: fit.parameters, stopped: fit.stopped })
+        Some(OeFit {
+            loss: fit.normal.cost / count(records),
+            b,
+            f: fit.parameters,
+            stopped: fit.stopped,
+        })
     }
 }
 
 /// Mean square of the measured output samples.
 pub fn power(records: &[Record]) -> f64 {
-    let measured =
-        |r: &Record| r.y.iter().enumerate().filter(|(t, _)| r.present.as_ref().is_none_or(|p| p[*t])).map(|(_, y)| y * y).sum::<f64>();
+    let measured = |r: &Record| {
+        r.y.iter()
+            .enumerate()
+            .filter(|(t, _)| r.present.as_ref().is_none_or(|p| p[*t]))
+            .map(|(_, y)| y * y)
+            .sum::<f64>()
+    };
     records.iter().map(measured).sum::<f64>() / count(records).max(1.0)
 }
 
 /// Measured output samples.
 pub(super) fn count(records: &[Record]) -> f64 {
-    let samples: usize = records.iter().map(|r| r.present.as_ref().map_or(r.len(), |p| p.iter().filter(|&&p| p).count())).sum();
+    let samples: usize = records
+        .iter()
+        .map(|r| r.present.as_ref().map_or(r.len(), |p| p.iter().filter(|&&p| p).count()))
+        .sum();
 
     samples as f64
 }

@@ -64,7 +64,10 @@ impl<'a> Problem<'a> {
             Work {
                 u: &r.u[..n],
                 y: &r.y[..n],
-                weight: r.present.as_ref().map(|p| p.iter().map(|&p| f64::from(u8::from(p))).collect()),
+                weight: r
+                    .present
+                    .as_ref()
+                    .map(|p| p.iter().map(|&p| f64::from(u8::from(p))).collect()),
                 uf: vec![0.0; n],
                 model: vec![0.0; n],
                 wf: vec![0.0; n],
@@ -188,7 +191,10 @@ impl<'a> Problem<'a> {
     /// The losses of all delays for filtered signals out of one correlation, good enough to rank starts; `None` but for one numerator coefficient, a start at
     /// rest and no sample missing.
     pub(super) fn quick_costs(&self, max_delay: usize) -> Option<Vec<f64>> {
-        if self.orders.nb != 1 || self.orders.initial != Initial::Zero || self.records.iter().any(|r| r.weight.is_some()) {
+        if self.orders.nb != 1
+            || self.orders.initial != Initial::Zero
+            || self.records.iter().any(|r| r.weight.is_some())
+        {
             return None;
         }
         let delays = max_delay + 1;
@@ -204,13 +210,20 @@ impl<'a> Problem<'a> {
                 energy -= work.uf[n - 1 - nk].powi(2);
             }
         }
-        Some(right.iter().zip(&gram).map(|(r, g)| if *g > 0.0 { power - r * r / g } else { power }).collect())
+        Some(
+            right
+                .iter()
+                .zip(&gram)
+                .map(|(r, g)| if *g > 0.0 { power - r * r / g } else { power })
+                .collect(),
+        )
     }
 
     /// One numerator coefficient, two poles, a start at rest and no sample missing: [`Self::evaluate`] then knows the second derivatives.
     pub(super) fn is_second_order(&self) -> bool {
         let OutputError { nb, nf, initial } = self.orders;
-        (nb, nf, initial) == (1, 2, Initial::Zero) && self.records.iter().all(|r| r.weight.is_none())
+        (nb, nf, initial) == (1, 2, Initial::Zero)
+            && self.records.iter().all(|r| r.weight.is_none())
     }
 
     /// Cost, gradient and information at F (second derivatives where [`Self::is_second_order`]); may be `None` where the cost is not below `limit`.
@@ -289,7 +302,15 @@ impl<'a> Problem<'a> {
     /// [`Self::evaluate`] for one numerator coefficient, two poles, a start at rest and no sample missing.
     fn evaluate_second_order(&mut self, f1: f64, f2: f64, limit: f64) -> Option<Normal> {
         let arch = self.arch;
-        arch.dispatch(SecondOrder { records: &mut self.records, nk: self.nk, f1, f2, power: self.power, limit, exact: self.exact })
+        arch.dispatch(SecondOrder {
+            records: &mut self.records,
+            nk: self.nk,
+            f1,
+            f2,
+            power: self.power,
+            limit,
+            exact: self.exact,
+        })
     }
 
     /// The loss alone.
@@ -320,8 +341,13 @@ impl<'a> Problem<'a> {
                 rows += end - first;
                 let (uf, wf, nk) = (&work.uf, &work.wf, self.nk);
                 // −y(t − 1) … −y(t − nf), u(t − nk) …
-                let column =
-                    |c: usize| if c < nf { &wf[first - 1 - c..end - 1 - c] } else { &uf[first - nk - (c - nf)..end - nk - (c - nf)] };
+                let column = |c: usize| {
+                    if c < nf {
+                        &wf[first - 1 - c..end - 1 - c]
+                    } else {
+                        &uf[first - nk - (c - nf)..end - nk - (c - nf)]
+                    }
+                };
                 let sign = |c: usize| if c < nf { -1.0 } else { 1.0 };
                 for i in 0..columns {
                     right[i] += sign(i) * dot(column(i), &wf[first..]);
@@ -354,7 +380,8 @@ mod tests {
         let u: Vec<f64> = (0..120).map(|k| f64::from((k * 7919 % 13) as u8) - 6.0).collect();
         let mut y = vec![0.0; 120];
         filter(&u, &[-1.2, 0.5], &mut y);
-        let noisy: Vec<f64> = y.iter().enumerate().map(|(k, v)| v + ((k * 31 % 17) as f64 - 8.0) * 0.05).collect();
+        let noisy: Vec<f64> =
+            y.iter().enumerate().map(|(k, v)| v + ((k * 31 % 17) as f64 - 8.0) * 0.05).collect();
         let present = Some((0..120).map(|t| t % 11 != 3).collect());
         for initial in [Initial::Zero, Initial::Estimated] {
             for present in [None, present.clone()] {
@@ -371,7 +398,11 @@ mod tests {
                     shifted[i] -= 2.0 * h;
                     let down = problem.cost(&shifted).unwrap();
                     let numeric = (up - down) / (2.0 * h) / 2.0;
-                    assert!((normal.gradient[i] - numeric).abs() < 1e-6 * numeric.abs().max(1.0), "{} {numeric}", normal.gradient[i]);
+                    assert!(
+                        (normal.gradient[i] - numeric).abs() < 1e-6 * numeric.abs().max(1.0),
+                        "{} {numeric}",
+                        normal.gradient[i]
+                    );
                 }
             }
         }
@@ -382,17 +413,26 @@ mod tests {
         let u: Vec<f64> = (0..200).map(|k| f64::from((k * 7919 % 13) as u8) - 6.0).collect();
         let mut y = vec![0.0; 200];
         filter(&u, &[-1.2, 0.5], &mut y);
-        let noisy: Vec<f64> = y.iter().enumerate().map(|(k, v)| v + ((k * 31 % 17) as f64 - 8.0) * 0.3).collect();
+        let noisy: Vec<f64> =
+            y.iter().enumerate().map(|(k, v)| v + ((k * 31 % 17) as f64 - 8.0) * 0.3).collect();
         // Weights that are all 1 lead through the general evaluation.
-        let records = [Record::new(u.clone(), noisy.clone()), Record::new(u[..90].to_vec(), noisy[..90].to_vec())];
-        let weighted = records.clone().map(|r| Record { present: Some(vec![true; r.len()].into()), ..r });
+        let records = [
+            Record::new(u.clone(), noisy.clone()),
+            Record::new(u[..90].to_vec(), noisy[..90].to_vec()),
+        ];
+        let weighted =
+            records.clone().map(|r| Record { present: Some(vec![true; r.len()].into()), ..r });
         let orders = OutputError { nb: 1, nf: 2, initial: Initial::Zero };
-        let (mut quick, mut general) = (Problem::new(orders, &records), Problem::new(orders, &weighted));
+        let (mut quick, mut general) =
+            (Problem::new(orders, &records), Problem::new(orders, &weighted));
         let mut upwards = 0;
         for nk in [0, 3, 120] {
             (quick.nk, general.nk) = (nk, nk);
             let at = [-0.9, 0.3];
-            let (a, b) = (quick.evaluate(&at, f64::INFINITY).unwrap(), general.evaluate(&at, f64::INFINITY).unwrap());
+            let (a, b) = (
+                quick.evaluate(&at, f64::INFINITY).unwrap(),
+                general.evaluate(&at, f64::INFINITY).unwrap(),
+            );
             assert!((a.cost - b.cost).abs() < 1e-12 * b.cost);
             assert!((&a.gradient - &b.gradient).amax() < 1e-10 * b.gradient.amax());
             // Half the second derivatives of the loss, from differences of the gradient.

@@ -47,10 +47,16 @@ fn table(nf: usize) -> Vec<Vec<f64>> {
 const TIGHT: f64 = 1e-9;
 
 /// Searches from one more start; keeps what is lower than the best so far.
-fn improve(problem: &mut Problem<'_>, search: &LevenbergMarquardt, best: &mut Option<Fit>, start: &[f64]) {
+fn improve(
+    problem: &mut Problem<'_>,
+    search: &LevenbergMarquardt,
+    best: &mut Option<Fit>,
+    start: &[f64],
+) {
     let known = best.as_ref().filter(|fit| fit.stopped.converged());
     // A second start is worth a search only where it does not lead to the same minimum at once.
-    if known.is_some_and(|fit| fit.parameters.iter().zip(start).all(|(a, b)| (a - b).abs() <= 1e-6)) {
+    if known.is_some_and(|fit| fit.parameters.iter().zip(start).all(|(a, b)| (a - b).abs() <= 1e-6))
+    {
         return;
     }
     let (mut returned, mut lowest) = (false, f64::INFINITY);
@@ -70,21 +76,34 @@ fn improve(problem: &mut Problem<'_>, search: &LevenbergMarquardt, best: &mut Op
 }
 
 /// Second derivatives stop at the edge of stability; the product of first ones still creeps along it.
-fn creep(problem: &mut Problem<'_>, search: &LevenbergMarquardt, best: &mut [Option<Fit>], seeds: &[Vec<Vec<f64>>]) {
+fn creep(
+    problem: &mut Problem<'_>,
+    search: &LevenbergMarquardt,
+    best: &mut [Option<Fit>],
+    seeds: &[Vec<Vec<f64>>],
+) {
     problem.exact = false;
     for (nk, best) in best.iter_mut().enumerate() {
         problem.nk = nk;
         let Some(stuck) = best.as_ref().filter(|fit| !fit.stopped.converged()) else { continue };
         let starts = std::iter::once(stuck.parameters.clone()).chain(seeds[nk].iter().cloned());
-        let crept: Vec<Fit> = starts.map(|start| search.minimise(&start, |f| problem.evaluate(f, f64::INFINITY))).collect();
-        let defined = best.take().into_iter().chain(crept).filter(|f| f.stopped != Stopped::Undefined);
+        let crept: Vec<Fit> = starts
+            .map(|start| search.minimise(&start, |f| problem.evaluate(f, f64::INFINITY)))
+            .collect();
+        let defined =
+            best.take().into_iter().chain(crept).filter(|f| f.stopped != Stopped::Undefined);
         *best = defined.min_by(|a, b| a.normal.cost.total_cmp(&b.normal.cost));
     }
     problem.exact = true;
 }
 
 /// The search only finds the valley; the minimum in it is Newton's, and where curvature does not let it, that of a search with tight tolerances.
-fn settle(problem: &mut Problem<'_>, search: &LevenbergMarquardt, mut fit: Fit, exact: bool) -> Fit {
+fn settle(
+    problem: &mut Problem<'_>,
+    search: &LevenbergMarquardt,
+    mut fit: Fit,
+    exact: bool,
+) -> Fit {
     if fit.stopped == Stopped::Cost {
         return fit;
     }
@@ -96,7 +115,8 @@ fn settle(problem: &mut Problem<'_>, search: &LevenbergMarquardt, mut fit: Fit, 
     if fit.normal.slope(&vec![true; fit.parameters.len()]) <= TIGHT {
         return fit;
     }
-    let tight = LevenbergMarquardt { gradient_tolerance: TIGHT, step_tolerance: TIGHT, ..search.clone() };
+    let tight =
+        LevenbergMarquardt { gradient_tolerance: TIGHT, step_tolerance: TIGHT, ..search.clone() };
     let found = tight.minimise(&fit.parameters, &mut evaluate);
     polish(found, &mut evaluate)
 }
@@ -112,7 +132,12 @@ impl OutputError {
 
     /// [`Self::scan`] that breaks off once it is wished; what it gives then says nothing.
     #[must_use]
-    pub fn scan_until(&self, records: &[Record], max_delay: usize, stop: &Stop) -> Vec<Option<OeFit>> {
+    pub fn scan_until(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        stop: &Stop,
+    ) -> Vec<Option<OeFit>> {
         let mut problem = Problem::new(*self, records);
         let exact = problem.is_second_order();
         let search = LevenbergMarquardt {
@@ -133,10 +158,18 @@ impl OutputError {
                 let nk = if upwards { step } else { max_delay - step };
                 problem.nk = nk;
                 if sweep == 0 {
-                    seeds[nk].iter().for_each(|start| improve(&mut problem, &search, &mut best[nk], start));
+                    seeds[nk]
+                        .iter()
+                        .for_each(|start| improve(&mut problem, &search, &mut best[nk], start));
                 }
-                let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1).filter(|&n| n <= max_delay) };
-                if let Some(start) = neighbour.and_then(|n| best[n].as_ref()).map(|fit| fit.parameters.clone()) {
+                let neighbour = if upwards {
+                    nk.checked_sub(1)
+                } else {
+                    Some(nk + 1).filter(|&n| n <= max_delay)
+                };
+                if let Some(start) =
+                    neighbour.and_then(|n| best[n].as_ref()).map(|fit| fit.parameters.clone())
+                {
                     improve(&mut problem, &search, &mut best[nk], &start);
                 }
             }
@@ -151,21 +184,39 @@ impl OutputError {
             let fit = settle(&mut problem, &search, fit, exact);
             problem.cost(&fit.parameters)?;
             let b = problem.linear.iter().take(self.nb).copied().collect();
-            Some(OeFit { loss: fit.normal.cost / samples, b, f: fit.parameters, stopped: fit.stopped })
+            Some(OeFit {
+                loss: fit.normal.cost / samples,
+                b,
+                f: fit.parameters,
+                stopped: fit.stopped,
+            })
         };
         best.into_iter().enumerate().map(settled).collect()
     }
 
     /// Σ e²/samples for each of the given denominators and nk = 0 … `max_delay`, the numerator the best; good to rounding of the output's power, NaN where there is none.
     #[must_use]
-    pub fn losses(&self, records: &[Record], max_delay: usize, denominators: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    pub fn losses(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        denominators: &[Vec<f64>],
+    ) -> Vec<Vec<f64>> {
         let mut problem = Problem::new(*self, records);
         let samples = count(records);
-        denominators.iter().map(|f| problem.costs(f, max_delay).iter().map(|cost| cost / samples).collect()).collect()
+        denominators
+            .iter()
+            .map(|f| problem.costs(f, max_delay).iter().map(|cost| cost / samples).collect())
+            .collect()
     }
 
     /// Starting denominators for every delay: the best of the table, and Steiglitz-McBride.
-    fn seeds(&self, problem: &mut Problem<'_>, max_delay: usize, stop: &Stop) -> Vec<Vec<Vec<f64>>> {
+    fn seeds(
+        &self,
+        problem: &mut Problem<'_>,
+        max_delay: usize,
+        stop: &Stop,
+    ) -> Vec<Vec<Vec<f64>>> {
         let mut ranked: Vec<Vec<(f64, Vec<f64>)>> = vec![Vec::new(); max_delay + 1];
         for f in table(self.nf) {
             if self.nf == 0 || !is_stable(&f) || stop.is_set() {

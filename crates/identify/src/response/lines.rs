@@ -57,13 +57,17 @@ impl Line {
     pub fn point(&self, output: usize, input: usize) -> Option<Point> {
         let value = *self.g.get((output, input))?;
         let noise = self.noise.get((output, output))?.re.max(0.0);
-        let (own, power) = (self.weight.get((input, input))?.re, self.inverse_power.get((input, input))?.re);
+        let (own, power) =
+            (self.weight.get((input, input))?.re, self.inverse_power.get((input, input))?.re);
         let std = (0.5 * noise * own).sqrt().max(ROUNDING * value.norm());
         let explained = value.norm_sqr();
-        let coherence = if explained > 0.0 { explained / (explained + noise * power.max(0.0)) } else { 0.0 };
-        let quantile = StudentsT::new(0.0, 1.0, self.freedom.max(1.0)).map_or(NORMAL_95, |t| t.inverse_cdf(0.975));
+        let coherence =
+            if explained > 0.0 { explained / (explained + noise * power.max(0.0)) } else { 0.0 };
+        let quantile = StudentsT::new(0.0, 1.0, self.freedom.max(1.0))
+            .map_or(NORMAL_95, |t| t.inverse_cdf(0.975));
         let point = Point { omega_rad_s: self.omega_rad_s, value, std, coherence, quantile };
-        (value.re.is_finite() && value.im.is_finite() && std.is_finite() && coherence.is_finite()).then_some(point)
+        (value.re.is_finite() && value.im.is_finite() && std.is_finite() && coherence.is_finite())
+            .then_some(point)
     }
 }
 

@@ -54,9 +54,16 @@ impl Spectra {
         let one = |row: Vec<f64>| {
             // Only the line at 0 knows the mean; without it large means do not cost digits.
             let mean = row.iter().sum::<f64>() / n.max(1) as f64;
-            fourier.spectrum(row.into_iter().map(|v| (v - mean) * scale)).into_iter().skip(1).take(last).collect()
+            fourier
+                .spectrum(row.into_iter().map(|v| (v - mean) * scale))
+                .into_iter()
+                .skip(1)
+                .take(last)
+                .collect()
         };
-        let rows = |m: &DMatrix<f64>| m.row_iter().map(|r| r.iter().copied().collect::<Vec<f64>>()).collect::<Vec<_>>();
+        let rows = |m: &DMatrix<f64>| {
+            m.row_iter().map(|r| r.iter().copied().collect::<Vec<f64>>()).collect::<Vec<_>>()
+        };
         Self { samples: n, channels: rows(&s.u).into_iter().chain(rows(&s.y)).map(one).collect() }
     }
 
@@ -79,15 +86,24 @@ impl ResponseMethod for LocalPolynomial {
         let m = recordings.inputs.len();
         // Lines of the grid stand `step` lines of the longest record apart.
         let step = longest.div_ceil(self.lines).max(1);
-        let Some(half) = (step.div_ceil(2)..=longest.saturating_sub(1) / 2).find(|n| self.left(&records, samples, *n, m) >= self.freedom)
+        let Some(half) = (step.div_ceil(2)..=longest.saturating_sub(1) / 2)
+            .find(|n| self.left(&records, samples, *n, m) >= self.freedom)
         else {
             let needed = 2 * ((self.order + 1) * (m + 1) + self.freedom) + 3;
             return Err(IdentifyError::TooShort { method: "lpm", needed, got: samples });
         };
-        let peaks: Vec<f64> =
-            (0..m).map(|i| records.iter().flat_map(|r| r.channels[i].iter()).map(|v| v.norm()).fold(0.0, f64::max)).collect();
+        let peaks: Vec<f64> = (0..m)
+            .map(|i| {
+                records
+                    .iter()
+                    .flat_map(|r| r.channels[i].iter())
+                    .map(|v| v.norm())
+                    .fold(0.0, f64::max)
+            })
+            .collect();
         let grid: Vec<usize> = (1..=longest).step_by(step).collect();
-        let window = Window { lpm: self, records: &records, samples, half, inputs: m, peaks: &peaks };
+        let window =
+            Window { lpm: self, records: &records, samples, half, inputs: m, peaks: &peaks };
         let ts = recordings.sample_time.seconds();
         let lines: Vec<Line> = grid.par_iter().filter_map(|&k| window.at(k, ts)).collect();
         if lines.is_empty() {
@@ -108,10 +124,16 @@ impl ResponseMethod for LocalPolynomial {
 
 impl LocalPolynomial {
     fn check(&self) -> Result<(), IdentifyError> {
-        let option = |option, value: usize, rule| Err(IdentifyError::Option { option, value: value as f64, rule });
+        let option = |option, value: usize, rule| {
+            Err(IdentifyError::Option { option, value: value as f64, rule })
+        };
         match self {
-            Self { order: 7.., .. } => option("order", self.order, "polynomials of an order from 0 to 6 are fitted"),
-            Self { freedom: 0, .. } => option("freedom", 0, "at least 1 degree of freedom is needed for the noise"),
+            Self { order: 7.., .. } => {
+                option("order", self.order, "polynomials of an order from 0 to 6 are fitted")
+            }
+            Self { freedom: 0, .. } => {
+                option("freedom", 0, "at least 1 degree of freedom is needed for the noise")
+            }
             Self { lines: 0, .. } => option("lines", 0, "at least 1 frequency is needed"),
             _ => Ok(()),
         }
@@ -146,8 +168,10 @@ impl Window<'_> {
         let (m, terms) = (self.inputs, self.lpm.order + 1);
         let channels = self.records.first()?.channels.len();
         // Lines per sample of the window's middle, and half its width.
-        let (middle, reach) = (k as f64 / self.samples as f64, self.half as f64 / self.samples as f64);
-        let used: Vec<&Spectra> = self.records.iter().filter(|r| width(r, self.samples, self.half) > terms).collect();
+        let (middle, reach) =
+            (k as f64 / self.samples as f64, self.half as f64 / self.samples as f64);
+        let used: Vec<&Spectra> =
+            self.records.iter().filter(|r| width(r, self.samples, self.half) > terms).collect();
         let rows: Vec<(usize, &Spectra, usize)> = used
             .iter()
             .enumerate()
@@ -176,7 +200,8 @@ impl Window<'_> {
             }
         });
         let silent = (0..m).any(|i| {
-            let most = rows.iter().map(|(_, r, line)| r.channels[i][line - 1].norm()).fold(0.0, f64::max);
+            let most =
+                rows.iter().map(|(_, r, line)| r.channels[i][line - 1].norm()).fold(0.0, f64::max);
             most <= SILENT * self.peaks[i]
         });
         if silent {
@@ -216,6 +241,13 @@ impl Window<'_> {
         });
         let mean = (u.transpose() * u.conjugate()) / Complex::from(rows.len() as f64);
         let inverse_power = mean.try_inverse()?;
-        Some(Line { omega_rad_s: std::f64::consts::TAU * middle / ts, g, noise, weight, inverse_power, freedom: 2.0 * freedom as f64 })
+        Some(Line {
+            omega_rad_s: std::f64::consts::TAU * middle / ts,
+            g,
+            noise,
+            weight,
+            inverse_power,
+            freedom: 2.0 * freedom as f64,
+        })
     }
 }

@@ -19,7 +19,12 @@ pub const RESPONSES: &[Entry<dyn ResponseMethod>] = &[
         LocalPolynomial,
         dyn ResponseMethod
     ),
-    entry!("welch", "averaged spectra of windowed segments, with coherence", Welch, dyn ResponseMethod),
+    entry!(
+        "welch",
+        "averaged spectra of windowed segments, with coherence",
+        Welch,
+        dyn ResponseMethod
+    ),
 ];
 
 /// Frequency responses from the named inputs to the named outputs by the method of this name.
@@ -45,7 +50,11 @@ pub fn frequency_responses(
         return Ok(of(line.name, recordings, seen, Vec::new()));
     }
     if references.len() != inputs.len() {
-        return Err(IdentifyError::References { references: references.len(), inputs: inputs.len() }.into());
+        return Err(IdentifyError::References {
+            references: references.len(),
+            inputs: inputs.len(),
+        }
+        .into());
     }
     let both: Vec<String> = outputs.iter().chain(inputs).cloned().collect();
     let recordings = Recordings::from_logs(logs, references, &both)?;

@@ -20,7 +20,10 @@ pub(super) fn divided(seen: Seen, outputs: usize) -> Result<Seen, IdentifyError>
     }
     let mut notes = seen.notes;
     if lines.len() < all {
-        notes.push(format!("{} frequencies are left out: the references do not move the inputs there beyond noise", all - lines.len()));
+        notes.push(format!(
+            "{} frequencies are left out: the references do not move the inputs there beyond noise",
+            all - lines.len()
+        ));
     }
     Ok(Seen { lines, notes })
 }
@@ -28,11 +31,16 @@ pub(super) fn divided(seen: Seen, outputs: usize) -> Result<Seen, IdentifyError>
 fn at(line: Line, outputs: usize) -> Option<Line> {
     let m = line.g.nrows().checked_sub(outputs)?;
     let (y, u) = (line.g.rows(0, outputs).into_owned(), line.g.rows(outputs, m).into_owned());
-    let back = u.clone().try_inverse().filter(|b| b.iter().all(|v| v.re.is_finite() && v.im.is_finite()))?;
+    let back = u
+        .clone()
+        .try_inverse()
+        .filter(|b| b.iter().all(|v| v.re.is_finite() && v.im.is_finite()))?;
     // Where noise hides the inputs' own responses, the division would be by noise: no first-order variance holds.
     let moved = (0..m).all(|i| {
         let power: f64 = u.row(i).iter().map(|v| v.norm_sqr()).sum();
-        let noise: f64 = (0..m).map(|r| line.noise[(outputs + i, outputs + i)].re * line.weight[(r, r)].re).sum();
+        let noise: f64 = (0..m)
+            .map(|r| line.noise[(outputs + i, outputs + i)].re * line.weight[(r, r)].re)
+            .sum();
         power > LEAST_RATIO * noise
     });
     if !moved {

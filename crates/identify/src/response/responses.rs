@@ -43,17 +43,33 @@ impl Responses {
     }
 }
 
-pub(super) fn of(method: &'static str, recordings: Recordings, seen: Seen, references: Vec<Named>) -> Responses {
+pub(super) fn of(
+    method: &'static str,
+    recordings: Recordings,
+    seen: Seen,
+    references: Vec<Named>,
+) -> Responses {
     let samples = recordings.samples();
     let Recordings { sample_time, inputs, outputs, .. } = recordings;
-    Responses { method, sample_time, inputs, outputs, references, samples, lines: seen.lines, notes: seen.notes }
+    Responses {
+        method,
+        sample_time,
+        inputs,
+        outputs,
+        references,
+        samples,
+        lines: seen.lines,
+        notes: seen.notes,
+    }
 }
 
 /// Why no line has an answer: inputs that repeat each other, or that do not move.
 pub(super) fn unexcited(recordings: &Recordings) -> IdentifyError {
     let names: Vec<&str> = recordings.inputs.iter().map(|n| n.name.as_str()).collect();
     match names.split_last() {
-        Some((last, others)) if !others.is_empty() => IdentifyError::Collinear { channel: (*last).to_owned(), others: others.join(", ") },
+        Some((last, others)) if !others.is_empty() => {
+            IdentifyError::Collinear { channel: (*last).to_owned(), others: others.join(", ") }
+        }
         _ => IdentifyError::NotExcited { inputs: names.join(", ") },
     }
 }

@@ -49,30 +49,49 @@ impl ResponseMethod for Welch {
         let longest = recordings.stretches.iter().map(|s| s.len()).max().unwrap_or(0);
         let segment = self.segment.unwrap_or(longest / SEGMENTS);
         if self.segment.is_some_and(|s| s < SHORTEST) {
-            return Err(IdentifyError::Option { option: "segment", value: segment as f64, rule: "a segment has at least 8 samples" });
+            return Err(IdentifyError::Option {
+                option: "segment",
+                value: segment as f64,
+                rule: "a segment has at least 8 samples",
+            });
         }
         if !(0.0..1.0).contains(&self.overlap) {
-            return Err(IdentifyError::Option { option: "overlap", value: self.overlap, rule: "it is at least 0 and below 1" });
+            return Err(IdentifyError::Option {
+                option: "overlap",
+                value: self.overlap,
+                rule: "it is at least 0 and below 1",
+            });
         }
         let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
-        let rows = |m: &DMatrix<f64>| m.row_iter().map(|r| r.iter().copied().collect::<Vec<f64>>()).collect::<Vec<_>>();
-        let records: Vec<Vec<Vec<f64>>> = recordings.stretches.iter().map(|s| [rows(&s.u), rows(&s.y)].concat()).collect();
+        let rows = |m: &DMatrix<f64>| {
+            m.row_iter().map(|r| r.iter().copied().collect::<Vec<f64>>()).collect::<Vec<_>>()
+        };
+        let records: Vec<Vec<Vec<f64>>> =
+            recordings.stretches.iter().map(|s| [rows(&s.u), rows(&s.y)].concat()).collect();
         let spectra = SpectralMatrix::welch(&records, segment.max(SHORTEST), self.overlap);
         let averages = spectra.averages;
         if averages < m as f64 + 1.0 || segment < SHORTEST {
             let needed = segment.max(SHORTEST) * (m + 2);
-            return Err(IdentifyError::TooShort { method: "welch", needed, got: recordings.samples() });
+            return Err(IdentifyError::TooShort {
+                method: "welch",
+                needed,
+                got: recordings.samples(),
+            });
         }
-        let peaks: Vec<f64> = (0..m).map(|i| spectra.lines.iter().skip(1).map(|s| s[(i, i)].re).fold(0.0, f64::max)).collect();
+        let peaks: Vec<f64> = (0..m)
+            .map(|i| spectra.lines.iter().skip(1).map(|s| s[(i, i)].re).fold(0.0, f64::max))
+            .collect();
         let ts = recordings.sample_time.seconds();
         let at = |k: usize| -> Option<Line> {
             let s = spectra.lines.get(k)?;
-            let (uu, yu) = (s.view((0, 0), (m, m)).into_owned(), s.view((m, 0), (l, m)).into_owned());
+            let (uu, yu) =
+                (s.view((0, 0), (m, m)).into_owned(), s.view((m, 0), (l, m)).into_owned());
             let power: Vec<f64> = uu.diagonal().iter().map(|v| v.re).collect();
             if power.iter().zip(&peaks).any(|(p, peak)| *p <= SILENT * peak) {
                 return None;
             }
-            let coherences = DMatrix::from_fn(m, m, |i, j| uu[(i, j)] / (power[i] * power[j]).sqrt());
+            let coherences =
+                DMatrix::from_fn(m, m, |i, j| uu[(i, j)] / (power[i] * power[j]).sqrt());
             if coherences.determinant().re <= REPEATED {
                 return None;
             }
@@ -82,7 +101,14 @@ impl ResponseMethod for Welch {
             let noise = left * Complex::from(averages / (averages - m as f64));
             let weight = &inverse / Complex::from(averages);
             let omega_rad_s = std::f64::consts::TAU * k as f64 / (spectra.segment as f64 * ts);
-            Some(Line { omega_rad_s, g, noise, weight, inverse_power: inverse, freedom: 2.0 * (averages - m as f64) })
+            Some(Line {
+                omega_rad_s,
+                g,
+                noise,
+                weight,
+                inverse_power: inverse,
+                freedom: 2.0 * (averages - m as f64),
+            })
         };
         // Neither 0, which the means are taken from, nor the Nyquist frequency, where spectra are real.
         let all = 1..=spectra.segment.saturating_sub(1) / 2;

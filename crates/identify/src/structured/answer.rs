@@ -77,7 +77,12 @@ pub struct StructuredFit {
 /// V = A⁻¹ (M + κΛ) A⁻¹, A = N + Λ; N the information, Λ the shrinkage, M = C/(C−1) Σ sₖsₖᵀ the clusters' scores, κ = tr(A⁻¹M)/tr(A⁻¹N), so that
 /// a parameter that only the shrinkage holds gets the shrinkage's own spread, never a tight interval. What the logs do not resolve at all ([`RESOLVED`]) is as uncertain as
 /// the parameters are large.
-pub(super) fn covariance(problem: &Problem<'_>, clusters: &[Normal], z: &[f64], prior: &[f64]) -> (DMatrix<f64>, DMatrix<f64>) {
+pub(super) fn covariance(
+    problem: &Problem<'_>,
+    clusters: &[Normal],
+    z: &[f64],
+    prior: &[f64],
+) -> (DMatrix<f64>, DMatrix<f64>) {
     let size = z.len();
     let nothing = vec![0.0; size];
     let bare = problem.normal(clusters, z, &nothing);
@@ -95,7 +100,9 @@ pub(super) fn covariance(problem: &Problem<'_>, clusters: &[Normal], z: &[f64], 
     let Some(inverse) = with.cholesky().map(|c| c.inverse()) else {
         return (DMatrix::from_diagonal_element(size, size, f64::INFINITY), bare.information);
     };
-    let kappa = ((&inverse * &meat).trace() / (&inverse * &bare.information).trace().max(f64::MIN_POSITIVE)).max(f64::MIN_POSITIVE);
+    let kappa = ((&inverse * &meat).trace()
+        / (&inverse * &bare.information).trace().max(f64::MIN_POSITIVE))
+    .max(f64::MIN_POSITIVE);
     let mut middle = meat;
     for i in 0..size {
         middle[(i, i)] += kappa * prior[i];
@@ -121,13 +128,22 @@ pub(super) fn values(problem: &Problem<'_>, fitted: &Fitted) -> Vec<[f64; 2]> {
     problem.free.iter().enumerate().map(value).collect()
 }
 
-pub(super) fn answer(problem: &Problem<'_>, fitted: &Fitted, one_step: Option<&[[f64; 2]]>) -> StructuredFit {
+pub(super) fn answer(
+    problem: &Problem<'_>,
+    fitted: &Fitted,
+    one_step: Option<&[[f64; 2]]>,
+) -> StructuredFit {
     let symbols = problem.simulator.equations.parameters();
     let shared = problem.free.len();
     let known = Known {
         names: problem.free.iter().map(|&(i, _)| symbols[i].name.as_str()).collect(),
         sizes: problem.free.iter().map(|&(_, size)| size).collect(),
-        values: problem.free.iter().zip(&fitted.z).map(|(&(i, size), z)| problem.nominal[i] + size * z).collect(),
+        values: problem
+            .free
+            .iter()
+            .zip(&fitted.z)
+            .map(|(&(i, size), z)| problem.nominal[i] + size * z)
+            .collect(),
         information: fitted.information.view((0, 0), (shared, shared)).into_owned(),
         covariance: fitted.covariance.view((0, 0), (shared, shared)).into_owned(),
         source: "the logs do",
@@ -141,7 +157,8 @@ pub(super) fn answer(problem: &Problem<'_>, fitted: &Fitted, one_step: Option<&[
             let (i, _) = problem.free[j];
             let one_step = one_step.map(|list| list[j]);
             let nominal = problem.nominal[i];
-            let lost = traded[j] || unseen.iter().any(|u| u.parts.iter().any(|(name, _)| *name == symbols[i].name));
+            let lost = traded[j]
+                || unseen.iter().any(|u| u.parts.iter().any(|(name, _)| *name == symbols[i].name));
             FreeParameter {
                 name: symbols[i].name.clone(),
                 unit: symbols[i].unit.clone(),
@@ -159,7 +176,11 @@ pub(super) fn answer(problem: &Problem<'_>, fitted: &Fitted, one_step: Option<&[
         .flat_map(|r| (0..own).map(move |j| (r, j)))
         .map(|(r, j)| {
             let (i, size) = problem.own[j];
-            (symbols[i].name.clone(), problem.records[r].source.clone(), size * fitted.z[problem.free.len() + r * own + j])
+            (
+                symbols[i].name.clone(),
+                problem.records[r].source.clone(),
+                size * fitted.z[problem.free.len() + r * own + j],
+            )
         })
         .collect();
     StructuredFit {
@@ -176,7 +197,8 @@ pub(super) fn answer(problem: &Problem<'_>, fitted: &Fitted, one_step: Option<&[
         clusters: fitted.clusters.len(),
         shrinkage: fitted.prior.first().copied().unwrap_or(fitted.shrinkage),
         converged: fitted.fit.stopped.converged()
-            || fitted.fit.stopped == Stopped::Stalled && fitted.fit.normal.slope(&vec![true; fitted.z.len()]) < 1e-3,
+            || fitted.fit.stopped == Stopped::Stalled
+                && fitted.fit.normal.slope(&vec![true; fitted.z.len()]) < 1e-3,
         iterations: fitted.fit.iterations,
         training: [Vec::new(), Vec::new()],
         held_out: None,

@@ -26,7 +26,9 @@ pub enum StructuredError {
         remedy: &'static str,
     },
     /// The horizon is no length.
-    #[error("a horizon of {horizon} steps with windows {stride} steps apart: both must be at least 1")]
+    #[error(
+        "a horizon of {horizon} steps with windows {stride} steps apart: both must be at least 1"
+    )]
     Horizon {
         /// Steps of a window.
         horizon: usize,
@@ -46,7 +48,9 @@ pub enum StructuredError {
         rows: usize,
     },
     /// Logs of different sample times.
-    #[error("{file} has a sample time of {found_s} s, the first log {first_s} s: resample them alike")]
+    #[error(
+        "{file} has a sample time of {found_s} s, the first log {first_s} s: resample them alike"
+    )]
     SampleTime {
         /// The log.
         file: String,
@@ -56,7 +60,9 @@ pub enum StructuredError {
         first_s: f64,
     },
     /// The model cannot be simulated over a window even at its nominal parameters.
-    #[error("{file}: the nominal model leaves the finite numbers in the window that starts at {time_s} s; check units and the start")]
+    #[error(
+        "{file}: the nominal model leaves the finite numbers in the window that starts at {time_s} s; check units and the start"
+    )]
     Diverges {
         /// The log.
         file: String,

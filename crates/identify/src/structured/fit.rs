@@ -103,41 +103,77 @@ pub(super) struct Prepared<'a> {
 
 impl<'a> Prepared<'a> {
     fn new(file: &'a EquationsFile, logs: &[Log]) -> Result<Self> {
-        let unsupported = |what, remedy| StructuredError::Unsupported { model: file.name.clone(), what, remedy };
+        let unsupported =
+            |what, remedy| StructuredError::Unsupported { model: file.name.clone(), what, remedy };
         if !file.effects.is_empty() {
-            return Err(unsupported("effects", "write them into its equations, or take them out").into());
+            return Err(
+                unsupported("effects", "write them into its equations, or take them out").into()
+            );
         }
         let mut step_s = None;
         for log in logs {
             let found_s = log.even_grid()?.seconds();
             let first_s = *step_s.get_or_insert(found_s);
             if (found_s - first_s).abs() > 1e-6 * first_s {
-                return Err(StructuredError::SampleTime { file: log.source().to_owned(), found_s, first_s }.into());
+                return Err(StructuredError::SampleTime {
+                    file: log.source().to_owned(),
+                    found_s,
+                    first_s,
+                }
+                .into());
             }
         }
         let step_s = step_s.unwrap_or(1.0);
         if file.input_delay_s.iter().any(|d| (d / step_s - (d / step_s).round()).abs() > 1e-6) {
-            return Err(unsupported("an input delay that is no whole number of samples", "round it, or resample the logs").into());
+            return Err(unsupported(
+                "an input delay that is no whole number of samples",
+                "round it, or resample the logs",
+            )
+            .into());
         }
         // A state starts from the log where every log has it.
         let logged = file
             .states
             .iter()
-            .map(|(name, _)| !file.starts.iter().any(|(s, _)| s == name) && logs.iter().all(|log| log.output(name).is_ok()))
+            .map(|(name, _)| {
+                !file.starts.iter().any(|(s, _)| s == name)
+                    && logs.iter().all(|log| log.output(name).is_ok())
+            })
             .collect();
-        let at = |(name, _): &(String, String)| file.states.iter().position(|(state, _)| state == name);
-        let starts = file.start_equations()?.map(|equations| (equations, file.starts.iter().filter_map(at).collect()));
-        Ok(Self { file, equations: file.equations()?, starts, groups: Group::all(file), logged, step_s })
+        let at =
+            |(name, _): &(String, String)| file.states.iter().position(|(state, _)| state == name);
+        let starts = file
+            .start_equations()?
+            .map(|equations| (equations, file.starts.iter().filter_map(at).collect()));
+        Ok(Self {
+            file,
+            equations: file.equations()?,
+            starts,
+            groups: Group::all(file),
+            logged,
+            step_s,
+        })
     }
 
     fn records(&self, logs: &[Log], layout: Layout) -> Result<Vec<Record>> {
-        logs.iter().map(|log| record::record(self.file, &self.groups, &self.logged, log, self.step_s, layout)).collect()
+        logs.iter()
+            .map(|log| {
+                record::record(self.file, &self.groups, &self.logged, log, self.step_s, layout)
+            })
+            .collect()
     }
 
-    fn problem<'b>(&'b self, records: &'b [Record], horizon: usize, free: Vec<(usize, f64)>, own: Vec<(usize, f64)>) -> Problem<'b> {
+    fn problem<'b>(
+        &'b self,
+        records: &'b [Record],
+        horizon: usize,
+        free: Vec<(usize, f64)>,
+        own: Vec<(usize, f64)>,
+    ) -> Problem<'b> {
         let states = self.equations.state_variables();
         let said = |i: &usize| self.starts.as_ref().is_some_and(|(_, list)| list.contains(i));
-        let unknown = |i: &usize| !self.logged[*i] && !said(i) && states[*i].initial_std != Some(0.0);
+        let unknown =
+            |i: &usize| !self.logged[*i] && !said(i) && states[*i].initial_std != Some(0.0);
         let starts: Vec<usize> = (0..states.len()).filter(unknown).collect();
         let std = starts.iter().map(|&i| states[i].initial_std.unwrap_or(f64::INFINITY)).collect();
         Problem {
@@ -167,7 +203,10 @@ pub(super) fn clusters(records: &[Record]) -> Vec<Cluster> {
     let of = |(record, r): (usize, &Record)| {
         let parts = r.windows.len().div_ceil(size);
         let each = r.windows.len().div_ceil(parts.max(1)).max(1);
-        r.windows.chunks(each).map(|starts| Cluster { record, starts: starts.to_vec() }).collect::<Vec<_>>()
+        r.windows
+            .chunks(each)
+            .map(|starts| Cluster { record, starts: starts.to_vec() })
+            .collect::<Vec<_>>()
     };
     records.iter().enumerate().flat_map(of).collect()
 }
@@ -176,7 +215,12 @@ pub(super) fn clusters(records: &[Record]) -> Vec<Cluster> {
 ///
 /// # Errors
 /// As [`Structured::fit`].
-pub fn score(file: &EquationsFile, logs: &[Log], horizon: usize, stride: usize) -> Result<Vec<GroupScore>> {
+pub fn score(
+    file: &EquationsFile,
+    logs: &[Log],
+    horizon: usize,
+    stride: usize,
+) -> Result<Vec<GroupScore>> {
     if horizon == 0 || stride == 0 {
         return Err(StructuredError::Horizon { horizon, stride }.into());
     }
@@ -190,18 +234,28 @@ pub fn score(file: &EquationsFile, logs: &[Log], horizon: usize, stride: usize) 
 /// Errors of the nominal model at a step so short that a shorter one changes nothing worth mentioning.
 pub(super) fn refined(problem: &mut Problem<'_>) -> Result<Vec<Vec<Vec<f64>>>> {
     let z = vec![0.0; problem.unknowns()];
-    let diverges = |records: &[Record], (record, start): (usize, usize), step_s: f64| StructuredError::Diverges {
-        file: records[record].source.clone(),
-        time_s: records[record].start_s + start as f64 * step_s,
+    let diverges = |records: &[Record], (record, start): (usize, usize), step_s: f64| {
+        StructuredError::Diverges {
+            file: records[record].source.clone(),
+            time_s: records[record].start_s + start as f64 * step_s,
+        }
     };
     let mut before = super::score::lengths(problem, &z);
     while problem.simulator.substeps < MOST_SUBSTEPS {
         problem.simulator.substeps *= 2;
         let after = super::score::lengths(problem, &z);
         if let (Ok(a), Ok(b)) = (&before, &after) {
-            let means =
-                |of: &[Vec<Vec<f64>>]| super::score::score(problem, of).into_iter().flat_map(|g| g.mean_absolute).collect::<Vec<_>>();
-            if means(a).iter().zip(means(b)).all(|(a, b)| (a - b).abs() <= STEP_SHARE * b.abs().max(f64::MIN_POSITIVE)) {
+            let means = |of: &[Vec<Vec<f64>>]| {
+                super::score::score(problem, of)
+                    .into_iter()
+                    .flat_map(|g| g.mean_absolute)
+                    .collect::<Vec<_>>()
+            };
+            if means(a)
+                .iter()
+                .zip(means(b))
+                .all(|(a, b)| (a - b).abs() <= STEP_SHARE * b.abs().max(f64::MIN_POSITIVE))
+            {
                 problem.simulator.substeps /= 2;
                 break;
             }
@@ -230,7 +284,12 @@ impl Structured {
     ///
     /// # Errors
     /// [`StructuredError`]; [`deadtime_log::LogError`] for a channel that is not there; [`deadtime_model::ModelError`] for equations that do not compile.
-    pub fn fit(&self, file: &EquationsFile, logs: &[Log], held_out: &[Log]) -> Result<StructuredFit> {
+    pub fn fit(
+        &self,
+        file: &EquationsFile,
+        logs: &[Log],
+        held_out: &[Log],
+    ) -> Result<StructuredFit> {
         let prepared = Prepared::new(file, logs)?;
         let free = self.indices(&prepared.equations, &self.free)?;
         let own = self.indices(&prepared.equations, &self.per_record)?;
@@ -242,11 +301,19 @@ impl Structured {
             return Err(StructuredError::Horizon { horizon: self.horizon, stride }.into());
         }
         let records = prepared.records(logs, Layout { horizon: self.horizon, stride })?;
-        let (problem, fitted) = self.run(&prepared, &records, (self.horizon, &self.far.part(0.0, FITTED)), &free, &own)?;
+        let (problem, fitted) = self.run(
+            &prepared,
+            &records,
+            (self.horizon, &self.far.part(0.0, FITTED)),
+            &free,
+            &own,
+        )?;
         // Starts that are estimated window by window leave a single step nothing to say.
         let one_step = if self.one_step && self.horizon > 1 && problem.starts.states.is_empty() {
-            let records = prepared.records(logs, Layout { horizon: 1, stride: (stride / 8).max(1) })?;
-            let (problem, fitted) = self.run(&prepared, &records, (1, &self.far.part(FITTED, ONE_STEP)), &free, &own)?;
+            let records =
+                prepared.records(logs, Layout { horizon: 1, stride: (stride / 8).max(1) })?;
+            let (problem, fitted) =
+                self.run(&prepared, &records, (1, &self.far.part(FITTED, ONE_STEP)), &free, &own)?;
             Some(answer::values(&problem, &fitted))
         } else {
             None
@@ -272,7 +339,9 @@ impl Structured {
         let find = |name: &String| {
             let known = || parameters.iter().map(|p| p.name.clone()).collect();
             let at = parameters.iter().position(|p| p.name == *name);
-            at.ok_or_else(|| StructuredError::NoParameter { name: name.clone(), known: known() }.into())
+            at.ok_or_else(|| {
+                StructuredError::NoParameter { name: name.clone(), known: known() }.into()
+            })
         };
         let mut found: Vec<usize> = names.iter().map(find).collect::<Result<_>>()?;
         found.sort_unstable();
@@ -294,7 +363,10 @@ impl Structured {
         let mut problem = prepared.problem(records, horizon, unit(free), unit(own));
         let mut weights = self.weights(&refined(&mut problem)?);
         let mut z = vec![0.0; problem.unknowns()];
-        let diverged = || StructuredError::Diverges { file: records[0].source.clone(), time_s: records[0].start_s };
+        let diverged = || StructuredError::Diverges {
+            file: records[0].source.clone(),
+            time_s: records[0].start_s,
+        };
         let first = problem.clusters(&z, &weights).ok_or_else(diverged)?;
         sizes(&mut problem, &first);
         let mut own_size = vec![OWN_SIZE; own.len()];
@@ -306,14 +378,26 @@ impl Structured {
             prior = self.prior(&problem, shrinkage, &own_size);
             // Weights change with every round: only the last one needs its minimum to many digits.
             let tolerance = if round + 1 >= self.rounds { 1e-5 } else { 1e-3 };
-            let search =
-                LevenbergMarquardt { max_iterations: 30, gradient_tolerance: tolerance, step_tolerance: tolerance, ..Default::default() };
-            let (share, rounds) = (|round: usize| round as f64 / self.rounds.max(1) as f64, self.rounds);
+            let search = LevenbergMarquardt {
+                max_iterations: 30,
+                gradient_tolerance: tolerance,
+                step_tolerance: tolerance,
+                ..Default::default()
+            };
+            let (share, rounds) =
+                (|round: usize| round as f64 / self.rounds.max(1) as f64, self.rounds);
             let far = far.part(share(round), share(round + 1));
             let mut tried = 0;
             fit = search.minimise(&z, |z| {
                 // How many a round takes nobody knows: each one has a part of what is left.
-                far.at(1.0 - LEFT.powi(tried), &format_args!("round {} of {rounds}, set {} of parameters", round + 1, tried + 1));
+                far.at(
+                    1.0 - LEFT.powi(tried),
+                    &format_args!(
+                        "round {} of {rounds}, set {} of parameters",
+                        round + 1,
+                        tried + 1
+                    ),
+                );
                 tried += 1;
                 problem.clusters(z, &weights).map(|c| problem.normal(&c, z, &prior))
             });
@@ -325,7 +409,10 @@ impl Structured {
             weights = self.weights(&super::score::lengths(&problem, &z).map_err(|_| diverged())?);
             let clusters = problem.clusters(&z, &weights).ok_or_else(diverged)?;
             if self.shrinkage.is_none() {
-                shrinkage = shrinkage::by_data(&problem, &clusters, &z, |s| self.prior(&problem, s, &own_size)).unwrap_or(shrinkage);
+                shrinkage = shrinkage::by_data(&problem, &clusters, &z, |s| {
+                    self.prior(&problem, s, &own_size)
+                })
+                .unwrap_or(shrinkage);
             }
             shrinkage::own_sizes(&problem, &clusters, &z, &prior, &mut own_size);
         }
@@ -333,7 +420,10 @@ impl Structured {
         let clusters = problem.clusters(&z, &weights).ok_or_else(diverged)?;
         let (covariance, information) = answer::covariance(&problem, &clusters, &z, &prior);
         let substeps = problem.simulator.substeps;
-        Ok((problem, Fitted { z, fit, clusters, prior, shrinkage, covariance, information, substeps }))
+        Ok((
+            problem,
+            Fitted { z, fit, clusters, prior, shrinkage, covariance, information, substeps },
+        ))
     }
 
     /// λ of every unknown: the shared ones alike, a record's own by how far they stand off.
@@ -351,14 +441,20 @@ impl Structured {
         };
         let of = |group: &Vec<Vec<f64>>| {
             let each: Vec<f64> = group.iter().map(median).collect();
-            let whole = (each.iter().map(|v| v * v).sum::<f64>() / each.len().max(1) as f64).sqrt().max(f64::MIN_POSITIVE);
+            let whole = (each.iter().map(|v| v * v).sum::<f64>() / each.len().max(1) as f64)
+                .sqrt()
+                .max(f64::MIN_POSITIVE);
             let floor = |v: f64| if whole > f64::MIN_POSITIVE { v.max(1e-6 * whole) } else { 1.0 };
             match self.balance {
                 Balance::Horizon => each.into_iter().map(floor).collect(),
                 Balance::Group => vec![floor(whole); each.len()],
             }
         };
-        Weights { scale: lengths.iter().map(of).collect(), threshold: self.threshold, curvature: false }
+        Weights {
+            scale: lengths.iter().map(of).collect(),
+            threshold: self.threshold,
+            curvature: false,
+        }
     }
 }
 
@@ -378,7 +474,8 @@ pub(super) fn sizes(problem: &mut Problem<'_>, clusters: &[Normal]) {
     }
     let (own, records) = (problem.own.len(), problem.records.len());
     for (at, entry) in problem.own.iter_mut().enumerate() {
-        let information = (0..records).map(|r| shared + r * own + at).map(|i| normal.information[(i, i)]).sum();
+        let information =
+            (0..records).map(|r| shared + r * own + at).map(|i| normal.information[(i, i)]).sum();
         entry.1 = size(nominal[entry.0], information);
     }
 }

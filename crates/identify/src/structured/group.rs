@@ -24,14 +24,21 @@ impl Group {
                 let outputs: Vec<usize> = entry.outputs.iter().filter_map(at).collect();
                 let unit = match entry.kind {
                     GroupKind::Attitude => Some("rad".to_owned()),
-                    GroupKind::Vector => outputs.first().and_then(|&i| file.outputs[i].unit.clone()),
+                    GroupKind::Vector => {
+                        outputs.first().and_then(|&i| file.outputs[i].unit.clone())
+                    }
                 };
                 Self { name: name.clone(), kind: entry.kind, outputs, unit }
             })
             .collect();
         for (i, output) in file.outputs.iter().enumerate() {
             if !groups.iter().any(|g| g.outputs.contains(&i)) {
-                groups.push(Self { name: output.name.clone(), kind: GroupKind::Vector, outputs: vec![i], unit: output.unit.clone() });
+                groups.push(Self {
+                    name: output.name.clone(),
+                    kind: GroupKind::Vector,
+                    outputs: vec![i],
+                    unit: output.unit.clone(),
+                });
             }
         }
         groups
@@ -59,7 +66,15 @@ impl Group {
 
     /// Predicted less logged, and its derivatives along `count` directions from those of the outputs (`tangents`, row by row). Whether the row has all
     /// of the group's outputs: a missing one is NaN.
-    pub(super) fn error(&self, y: &[f64], tangents: &[f64], count: usize, logged: &[f64], e: &mut [f64], de: &mut [f64]) -> bool {
+    pub(super) fn error(
+        &self,
+        y: &[f64],
+        tangents: &[f64],
+        count: usize,
+        logged: &[f64],
+        e: &mut [f64],
+        de: &mut [f64],
+    ) -> bool {
         if self.outputs.iter().any(|&i| logged[i].is_nan()) {
             return false;
         }
@@ -67,7 +82,8 @@ impl Group {
             GroupKind::Vector => {
                 for (k, &i) in self.outputs.iter().enumerate() {
                     e[k] = y[i] - logged[i];
-                    de[k * count..(k + 1) * count].copy_from_slice(&tangents[i * count..(i + 1) * count]);
+                    de[k * count..(k + 1) * count]
+                        .copy_from_slice(&tangents[i * count..(i + 1) * count]);
                 }
             }
             GroupKind::Attitude => {
@@ -132,17 +148,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_rotation_vector_of_a_quarter_turn_is_half_pi_about_its_axis_whatever_the_sign_and_the_length() {
+    fn the_rotation_vector_of_a_quarter_turn_is_half_pi_about_its_axis_whatever_the_sign_and_the_length()
+     {
         let h = 0.5_f64.sqrt();
         for scale in [1.0, -1.0, 1.7] {
             let (v, _) = rotation([0.0, h * scale, 0.0, h * scale]);
-            assert!((v[1] - std::f64::consts::FRAC_PI_2).abs() < 1e-14 && v[0] == 0.0 && v[2] == 0.0, "{v:?}");
+            assert!(
+                (v[1] - std::f64::consts::FRAC_PI_2).abs() < 1e-14 && v[0] == 0.0 && v[2] == 0.0,
+                "{v:?}"
+            );
         }
     }
 
     #[test]
     fn derivatives_of_the_rotation_vector_agree_with_differences() {
-        for q in [[0.3, -0.2, 0.5, 0.7], [0.3, -0.2, 0.5, -0.7], [1e-7, 2e-7, -1e-7, 1.0], [0.1, 0.9, 0.2, 0.05]] {
+        for q in [
+            [0.3, -0.2, 0.5, 0.7],
+            [0.3, -0.2, 0.5, -0.7],
+            [1e-7, 2e-7, -1e-7, 1.0],
+            [0.1, 0.9, 0.2, 0.05],
+        ] {
             let (_, slopes) = rotation(q);
             for c in 0..4 {
                 let h = 1e-6;
@@ -152,7 +177,11 @@ mod tests {
                 let [low, high] = moved.map(|q| rotation(q).0);
                 for k in 0..3 {
                     let by_difference = (high[k] - low[k]) / (2.0 * h);
-                    assert!((slopes[k][c] - by_difference).abs() < 1e-6, "{q:?} {k} {c}: {} {by_difference}", slopes[k][c]);
+                    assert!(
+                        (slopes[k][c] - by_difference).abs() < 1e-6,
+                        "{q:?} {k} {c}: {} {by_difference}",
+                        slopes[k][c]
+                    );
                 }
             }
         }

@@ -73,9 +73,16 @@ impl Known<'_> {
             }
             let direction = eigen.eigenvectors.column(k);
             let largest = direction.iter().map(|v| v.abs()).fold(0.0, f64::max);
-            let parts: Vec<(usize, f64)> = (0..count).map(|j| (j, direction[j] / largest)).filter(|(_, v)| v.abs() >= PART).collect();
+            let parts: Vec<(usize, f64)> = (0..count)
+                .map(|j| (j, direction[j] / largest))
+                .filter(|(_, v)| v.abs() >= PART)
+                .collect();
             let words = self.words(&parts);
-            found.push(Unseen { parts: parts.iter().map(|&(j, v)| (self.names[j].to_owned(), v)).collect(), std, words });
+            found.push(Unseen {
+                parts: parts.iter().map(|&(j, v)| (self.names[j].to_owned(), v)).collect(),
+                std,
+                words,
+            });
         }
         found
     }
@@ -86,14 +93,20 @@ impl Known<'_> {
         let relative = |&(j, v): &(usize, f64)| v * self.sizes[j] / self.values[j];
         match parts {
             [(j, _)] => format!("{} cannot be had: {} not show it", name(*j), self.source),
-            [a, b] if (relative(a).abs() - relative(b).abs()).abs() < 0.1 * relative(a).abs().max(relative(b).abs()) => {
+            [a, b]
+                if (relative(a).abs() - relative(b).abs()).abs()
+                    < 0.1 * relative(a).abs().max(relative(b).abs()) =>
+            {
                 let what = if relative(a) * relative(b) > 0.0 { "ratio" } else { "product" };
                 format!("{} and {} only as their {what}", name(a.0), name(b.0))
             }
             _ => {
                 let part = |&(j, v): &(usize, f64)| format!("{v:+.2} {}", name(j));
                 let list: Vec<String> = parts.iter().map(part).collect();
-                format!("this combination cannot be had (in shares of each one's size): {}", list.join(", "))
+                format!(
+                    "this combination cannot be had (in shares of each one's size): {}",
+                    list.join(", ")
+                )
             }
         }
     }
@@ -102,7 +115,9 @@ impl Known<'_> {
     pub(crate) fn trades(&self) -> (Vec<String>, Vec<bool>) {
         let (count, v) = (self.names.len(), &self.covariance);
         let (mut said, mut traded) = (Vec::new(), vec![false; count]);
-        let share = |j: usize| self.sizes[j] * v[(j, j)].max(0.0).sqrt() / self.values[j].abs().max(f64::MIN_POSITIVE);
+        let share = |j: usize| {
+            self.sizes[j] * v[(j, j)].max(0.0).sqrt() / self.values[j].abs().max(f64::MIN_POSITIVE)
+        };
         for a in 0..count {
             for b in a + 1..count {
                 let correlation = v[(a, b)] / (v[(a, a)] * v[(b, b)]).max(f64::MIN_POSITIVE).sqrt();
@@ -123,7 +138,12 @@ impl Known<'_> {
 }
 
 /// Whether a value can be taken for the quantity; `lost` where it is in a combination that cannot be had, or trades.
-pub(crate) fn standing(nominal: f64, [value, std]: [f64; 2], one_step: Option<[f64; 2]>, lost: bool) -> Standing {
+pub(crate) fn standing(
+    nominal: f64,
+    [value, std]: [f64; 2],
+    one_step: Option<[f64; 2]>,
+    lost: bool,
+) -> Standing {
     // An interval that holds 0 and twice the value says nothing about the quantity.
     if lost || NORMAL_95 * std >= value.abs() {
         return Standing::Open;
@@ -132,13 +152,19 @@ pub(crate) fn standing(nominal: f64, [value, std]: [f64; 2], one_step: Option<[f
         let ratio = value / nominal;
         !(1.0 / MOVED..=MOVED).contains(&ratio)
     };
-    let Some([once, spread]) = one_step else { return if moved { Standing::Surrogate } else { Standing::Unchecked } };
+    let Some([once, spread]) = one_step else {
+        return if moved { Standing::Surrogate } else { Standing::Unchecked };
+    };
     let unlike = !(1.0 / APART..=APART).contains(&(once / value));
     if moved || unlike && (once - value).abs() > NORMAL_95 * std.hypot(spread) {
         return Standing::Surrogate;
     }
     // A one-step interval as wide as the value itself would hold nothing and twice the value too: that is no agreement.
-    if unlike || NORMAL_95 * spread >= value.abs() { Standing::Unchecked } else { Standing::Physical }
+    if unlike || NORMAL_95 * spread >= value.abs() {
+        Standing::Unchecked
+    } else {
+        Standing::Physical
+    }
 }
 
 #[cfg(test)]

@@ -124,7 +124,10 @@ impl Problem<'_> {
         for _ in 0..if states.is_empty() { 0 } else { START_ROUNDS } {
             pass(&shift, false, sum)?;
             let Some(step) = sum.start_step(shared) else { break };
-            let small = step.iter().zip(std).all(|(d, s)| d.abs() <= 1e-9 * if s.is_finite() { *s } else { d.abs().max(1.0) });
+            let small = step
+                .iter()
+                .zip(std)
+                .all(|(d, s)| d.abs() <= 1e-9 * if s.is_finite() { *s } else { d.abs().max(1.0) });
             shift.iter_mut().zip(&step).for_each(|(v, d)| *v += d);
             if small {
                 break;
@@ -136,23 +139,48 @@ impl Problem<'_> {
 
     /// Plain squares, each group's errors in how far it moves in a record.
     pub(super) fn plain_weights(&self, record: usize) -> Weights {
-        let (y, outputs) = (&self.records[record].y, self.simulator.equations.output_variables().len());
-        let scale = self.simulator.groups.iter().map(|group| vec![group.spread(y, outputs); self.simulator.horizon]).collect();
+        let (y, outputs) =
+            (&self.records[record].y, self.simulator.equations.output_variables().len());
+        let scale = self
+            .simulator
+            .groups
+            .iter()
+            .map(|group| vec![group.spread(y, outputs); self.simulator.horizon])
+            .collect();
         Weights { scale, threshold: f64::INFINITY, curvature: false }
     }
 
     /// The best starts of a window with these weights.
-    pub(super) fn start_of(&self, record: usize, start: usize, p: &[f64], weights: &Weights, buffers: &mut Buffers) -> Option<Vec<f64>> {
+    pub(super) fn start_of(
+        &self,
+        record: usize,
+        start: usize,
+        p: &[f64],
+        weights: &Weights,
+        buffers: &mut Buffers,
+    ) -> Option<Vec<f64>> {
         if self.starts.states.is_empty() {
             return Some(Vec::new());
         }
-        self.window(&self.records[record], start, p, &[], weights, buffers, &mut Sum::new(self.starts.states.len()))
+        self.window(
+            &self.records[record],
+            start,
+            p,
+            &[],
+            weights,
+            buffers,
+            &mut Sum::new(self.starts.states.len()),
+        )
     }
 
     /// The clusters' sums over all unknowns, with a prior of unit size times `weight` on each.
     pub(super) fn normal(&self, clusters: &[Normal], z: &[f64], prior: &[f64]) -> Normal {
         let size = self.unknowns();
-        let mut all = Normal { cost: 0.0, gradient: DVector::zeros(size), information: DMatrix::zeros(size, size) };
+        let mut all = Normal {
+            cost: 0.0,
+            gradient: DVector::zeros(size),
+            information: DMatrix::zeros(size, size),
+        };
         for (cluster, normal) in self.clusters.iter().zip(clusters) {
             self.scatter(cluster.record, normal, &mut all, 1.0);
         }
@@ -167,7 +195,8 @@ impl Problem<'_> {
     /// Adds a cluster's sums times `sign` to those of all unknowns.
     pub(super) fn scatter(&self, record: usize, normal: &Normal, all: &mut Normal, sign: f64) {
         all.cost += sign * normal.cost;
-        let places: Vec<usize> = (0..normal.gradient.len()).map(|i| self.place(record, i)).collect();
+        let places: Vec<usize> =
+            (0..normal.gradient.len()).map(|i| self.place(record, i)).collect();
         for (i, &to) in places.iter().enumerate() {
             all.gradient[to] += sign * normal.gradient[i];
             for (j, &other) in places.iter().enumerate() {
@@ -208,7 +237,10 @@ impl Sum {
             self.cost += threshold * (2.0 * length - threshold);
             weight *= threshold / length;
             if curvature {
-                let along = |i: usize| error.iter().enumerate().map(|(k, e)| e * slopes[k * n + i]).sum::<f64>() / (length * scale);
+                let along = |i: usize| {
+                    error.iter().enumerate().map(|(k, e)| e * slopes[k * n + i]).sum::<f64>()
+                        / (length * scale)
+                };
                 let along: Vec<f64> = (0..n).map(along).collect();
                 for (i, by) in along.iter().enumerate() {
                     for (to, of) in self.information[i * n..=i * n + i].iter_mut().zip(&along) {
@@ -246,12 +278,17 @@ impl Sum {
     /// The information of the directions from `first` on, with a trace of ridge against directions that nothing shows.
     fn of_starts(&self, first: usize) -> Option<nalgebra::Cholesky<f64, nalgebra::Dyn>> {
         let count = self.size - first;
-        let largest = (first..self.size).map(|i| self.lower(i, i)).fold(f64::MIN_POSITIVE, f64::max);
-        DMatrix::from_fn(count, count, |i, j| self.lower(first + i, first + j) + if i == j { 1e-12 * largest } else { 0.0 }).cholesky()
+        let largest =
+            (first..self.size).map(|i| self.lower(i, i)).fold(f64::MIN_POSITIVE, f64::max);
+        DMatrix::from_fn(count, count, |i, j| {
+            self.lower(first + i, first + j) + if i == j { 1e-12 * largest } else { 0.0 }
+        })
+        .cholesky()
     }
 
     fn start_step(&self, first: usize) -> Option<Vec<f64>> {
-        let right = DVector::from_iterator(self.size - first, self.gradient[first..].iter().map(|g| -g));
+        let right =
+            DVector::from_iterator(self.size - first, self.gradient[first..].iter().map(|g| -g));
         Some(self.of_starts(first)?.solve(&right).iter().copied().collect())
     }
 

@@ -29,7 +29,14 @@ pub(super) struct Layout {
 }
 
 /// A log's columns in the model's order; the states that it has, by name.
-pub(super) fn record(file: &EquationsFile, groups: &[Group], logged: &[bool], log: &Log, step_s: f64, layout: Layout) -> Result<Record> {
+pub(super) fn record(
+    file: &EquationsFile,
+    groups: &[Group],
+    logged: &[bool],
+    log: &Log,
+    step_s: f64,
+    layout: Layout,
+) -> Result<Record> {
     let (rows, names) = (log.len(), |i: usize| file.inputs[i].name.as_str());
     let (m, outputs, n) = (file.inputs.len(), file.outputs.len(), file.states.len());
     let mut u = vec![0.0; rows * m];
@@ -59,8 +66,10 @@ pub(super) fn record(file: &EquationsFile, groups: &[Group], logged: &[bool], lo
     }
     // A logged quaternion is a rotation: rounding of its columns is no stretching.
     for group in groups.iter().filter(|g| g.kind == GroupKind::Attitude) {
-        let same = |&i: &usize| file.states.iter().position(|(name, _)| *name == file.outputs[i].name);
-        let states: Vec<usize> = group.outputs.iter().filter_map(same).filter(|&i| logged[i]).collect();
+        let same =
+            |&i: &usize| file.states.iter().position(|(name, _)| *name == file.outputs[i].name);
+        let states: Vec<usize> =
+            group.outputs.iter().filter_map(same).filter(|&i| logged[i]).collect();
         if states.len() == 4 {
             for row in x.chunks_exact_mut(n) {
                 let length = states.iter().map(|&i| row[i] * row[i]).sum::<f64>().sqrt();
@@ -69,9 +78,15 @@ pub(super) fn record(file: &EquationsFile, groups: &[Group], logged: &[bool], lo
         }
     }
     let complete = |k: &usize| (0..n).all(|i| !logged[i] || x[k * n + i].is_finite());
-    let windows: Vec<usize> = (0..rows.saturating_sub(layout.horizon)).step_by(layout.stride).filter(complete).collect();
+    let windows: Vec<usize> =
+        (0..rows.saturating_sub(layout.horizon)).step_by(layout.stride).filter(complete).collect();
     if windows.is_empty() {
-        return Err(StructuredError::NoWindow { file: log.source().to_owned(), horizon: layout.horizon, rows }.into());
+        return Err(StructuredError::NoWindow {
+            file: log.source().to_owned(),
+            horizon: layout.horizon,
+            rows,
+        }
+        .into());
     }
     Ok(Record { source: log.source().to_owned(), start_s: log.time_s()[0], u, y, x, windows })
 }

@@ -22,18 +22,31 @@ pub struct GroupScore {
 }
 
 /// Lengths of all errors, `[group][horizon - 1]` a list over windows in order. `None` where a window diverges, with its record and start.
-pub(super) fn lengths(problem: &Problem<'_>, z: &[f64]) -> Result<Vec<Vec<Vec<f64>>>, (usize, usize)> {
+pub(super) fn lengths(
+    problem: &Problem<'_>,
+    z: &[f64],
+) -> Result<Vec<Vec<Vec<f64>>>, (usize, usize)> {
     let (groups, horizon) = (problem.simulator.groups.len(), problem.simulator.horizon);
     let one = |cluster: &super::problem::Cluster| {
         let p = problem.parameters(cluster.record, z);
-        let (mut found, mut buffers) = (vec![vec![Vec::new(); horizon]; groups], Buffers::default());
+        let (mut found, mut buffers) =
+            (vec![vec![Vec::new(); horizon]; groups], Buffers::default());
         let weights = problem.plain_weights(cluster.record);
         for &start in &cluster.starts {
-            let shift = problem.start_of(cluster.record, start, &p, &weights, &mut buffers).ok_or((cluster.record, start))?;
+            let shift = problem
+                .start_of(cluster.record, start, &p, &weights, &mut buffers)
+                .ok_or((cluster.record, start))?;
             let at = Point { p: &p, columns: &[], starts: &problem.starts.states, shift: &shift };
-            let finite = problem.simulator.walk(&problem.records[cluster.record], start, at, &mut buffers, |seen| {
-                found[seen.group][seen.horizon - 1].push(seen.error.iter().map(|e| e * e).sum::<f64>().sqrt());
-            });
+            let finite = problem.simulator.walk(
+                &problem.records[cluster.record],
+                start,
+                at,
+                &mut buffers,
+                |seen| {
+                    found[seen.group][seen.horizon - 1]
+                        .push(seen.error.iter().map(|e| e * e).sum::<f64>().sqrt());
+                },
+            );
             if !finite {
                 return Err((cluster.record, start));
             }
@@ -52,13 +65,22 @@ pub(super) fn lengths(problem: &Problem<'_>, z: &[f64]) -> Result<Vec<Vec<Vec<f6
 
 /// The means of those lengths.
 pub(super) fn score(problem: &Problem<'_>, lengths: &[Vec<Vec<f64>>]) -> Vec<GroupScore> {
-    let mean = |list: &Vec<f64>, f: &dyn Fn(f64) -> f64| list.iter().map(|v| f(*v)).sum::<f64>() / list.len().max(1) as f64;
+    let mean = |list: &Vec<f64>, f: &dyn Fn(f64) -> f64| {
+        list.iter().map(|v| f(*v)).sum::<f64>() / list.len().max(1) as f64
+    };
     let groups = problem.simulator.groups.iter().zip(lengths);
     groups
         .map(|(group, by_horizon)| {
-            let mean_absolute: Vec<f64> = by_horizon.iter().map(|list| mean(list, &|v| v)).collect();
+            let mean_absolute: Vec<f64> =
+                by_horizon.iter().map(|list| mean(list, &|v| v)).collect();
             let rms = by_horizon.iter().map(|list| mean(list, &|v| v * v).sqrt()).collect();
-            GroupScore { group: group.name.clone(), unit: group.unit.clone(), sum: mean_absolute.iter().sum(), mean_absolute, rms }
+            GroupScore {
+                group: group.name.clone(),
+                unit: group.unit.clone(),
+                sum: mean_absolute.iter().sum(),
+                mean_absolute,
+                rms,
+            }
         })
         .collect()
 }

@@ -13,7 +13,12 @@ const A_DECADE: i32 = 2;
 /// The shrinkage with the least error on what is left out in turn: records where there are three, else clusters of windows.
 ///
 /// Each fold's fit is one Gauss-Newton step from the joint fit, its error the quadratic there: no window is simulated again.
-pub(super) fn by_data(problem: &Problem<'_>, clusters: &[Normal], z: &[f64], prior: impl Fn(f64) -> Vec<f64>) -> Option<f64> {
+pub(super) fn by_data(
+    problem: &Problem<'_>,
+    clusters: &[Normal],
+    z: &[f64],
+    prior: impl Fn(f64) -> Vec<f64>,
+) -> Option<f64> {
     let by_record = problem.records.len() >= 3;
     let folds = if by_record { problem.records.len() } else { clusters.len() };
     if folds < 3 {
@@ -23,7 +28,11 @@ pub(super) fn by_data(problem: &Problem<'_>, clusters: &[Normal], z: &[f64], pri
     let whole = problem.normal(clusters, z, &nothing);
     let parts: Vec<Normal> = (0..folds)
         .map(|fold| {
-            let mut part = Normal { cost: 0.0, gradient: DVector::zeros(z.len()), information: whole.information.clone() * 0.0 };
+            let mut part = Normal {
+                cost: 0.0,
+                gradient: DVector::zeros(z.len()),
+                information: whole.information.clone() * 0.0,
+            };
             for (i, (cluster, normal)) in problem.clusters.iter().zip(clusters).enumerate() {
                 if fold == if by_record { cluster.record } else { i } {
                     problem.scatter(cluster.record, normal, &mut part, 1.0);
@@ -33,7 +42,8 @@ pub(super) fn by_data(problem: &Problem<'_>, clusters: &[Normal], z: &[f64], pri
         })
         .collect();
     let mean = whole.information.diagonal().mean();
-    let candidates = (-16 * A_DECADE / 2..=2 * A_DECADE).map(|i| mean * 10f64.powf(f64::from(i) / f64::from(A_DECADE)));
+    let candidates = (-16 * A_DECADE / 2..=2 * A_DECADE)
+        .map(|i| mean * 10f64.powf(f64::from(i) / f64::from(A_DECADE)));
     let left_out = |shrinkage: f64| -> Option<f64> {
         let prior = prior(shrinkage);
         let mut error = 0.0;
@@ -52,7 +62,8 @@ pub(super) fn by_data(problem: &Problem<'_>, clusters: &[Normal], z: &[f64], pri
                     step[i] = -z[i];
                 }
             }
-            error += part.cost + 2.0 * part.gradient.dot(&step) + (&part.information * &step).dot(&step);
+            error +=
+                part.cost + 2.0 * part.gradient.dot(&step) + (&part.information * &step).dot(&step);
         }
         Some(error)
     };
@@ -61,8 +72,18 @@ pub(super) fn by_data(problem: &Problem<'_>, clusters: &[Normal], z: &[f64], pri
 }
 
 /// How far records stand off: the mean square of what was found and of what is still open (an expectation-maximisation step).
-pub(super) fn own_sizes(problem: &Problem<'_>, clusters: &[Normal], z: &[f64], prior: &[f64], sizes: &mut [f64]) {
-    let Some(inverse) = problem.normal(clusters, z, prior).information.cholesky().map(|c| c.inverse()) else { return };
+pub(super) fn own_sizes(
+    problem: &Problem<'_>,
+    clusters: &[Normal],
+    z: &[f64],
+    prior: &[f64],
+    sizes: &mut [f64],
+) {
+    let Some(inverse) =
+        problem.normal(clusters, z, prior).information.cholesky().map(|c| c.inverse())
+    else {
+        return;
+    };
     let (shared, own, records) = (problem.free.len(), problem.own.len(), problem.records.len());
     for (j, size) in sizes.iter_mut().enumerate() {
         let square = |i: usize| z[i] * z[i] + inverse[(i, i)];

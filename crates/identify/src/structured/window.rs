@@ -58,7 +58,14 @@ pub(super) struct Seen<'a> {
 
 impl Simulator<'_> {
     /// Walks a window and shows every error there is. False where the model left the finite numbers.
-    pub(super) fn walk(&self, record: &Record, start: usize, at: Point<'_>, b: &mut Buffers, mut see: impl FnMut(Seen<'_>)) -> bool {
+    pub(super) fn walk(
+        &self,
+        record: &Record,
+        start: usize,
+        at: Point<'_>,
+        b: &mut Buffers,
+        mut see: impl FnMut(Seen<'_>),
+    ) -> bool {
         let (n, m) = (self.equations.state_variables().len(), self.equations.input_symbols().len());
         let (parameters, outputs) = (at.p.len(), self.equations.output_variables().len());
         let count = at.columns.len() + at.starts.len();
@@ -85,13 +92,24 @@ impl Simulator<'_> {
             b.s[0][i * count + at.columns.len() + j] = 1.0;
         }
         if let Some((equations, states)) = self.starts {
-            let (mut values, mut slopes) = (vec![0.0; states.len()], vec![0.0; states.len() * count]);
+            let (mut values, mut slopes) =
+                (vec![0.0; states.len()], vec![0.0; states.len() * count]);
             let directions = Directions { count, states: &b.s[0], parameters: &b.seeds };
             let (t, u) = (start as f64 * self.step_s, &record.u[start * m..(start + 1) * m]);
-            equations.outputs_along(t, &b.x[0], u, at.p, directions, &mut b.workspace, &mut values, &mut slopes);
+            equations.outputs_along(
+                t,
+                &b.x[0],
+                u,
+                at.p,
+                directions,
+                &mut b.workspace,
+                &mut values,
+                &mut slopes,
+            );
             for (k, &i) in states.iter().enumerate() {
                 b.x[0][i] = values[k];
-                b.s[0][i * count..(i + 1) * count].copy_from_slice(&slopes[k * count..(k + 1) * count]);
+                b.s[0][i * count..(i + 1) * count]
+                    .copy_from_slice(&slopes[k * count..(k + 1) * count]);
             }
         }
         let h = self.step_s / self.substeps as f64;
@@ -107,7 +125,16 @@ impl Simulator<'_> {
             let row = start + step;
             let directions = Directions { count, states: &b.s[0], parameters: &b.seeds };
             let u = &record.u[row * m..(row + 1) * m];
-            self.equations.outputs_along(row as f64 * self.step_s, &b.x[0], u, at.p, directions, &mut b.workspace, &mut b.y, &mut b.dy);
+            self.equations.outputs_along(
+                row as f64 * self.step_s,
+                &b.x[0],
+                u,
+                at.p,
+                directions,
+                &mut b.workspace,
+                &mut b.y,
+                &mut b.dy,
+            );
             let logged = &record.y[row * outputs..(row + 1) * outputs];
             for (g, group) in self.groups.iter().enumerate() {
                 let size = group.size();
@@ -115,7 +142,12 @@ impl Simulator<'_> {
                     if !b.e[..size].iter().all(|v| v.is_finite()) {
                         return false;
                     }
-                    see(Seen { group: g, horizon: step, error: &b.e[..size], slopes: &b.de[..size * count] });
+                    see(Seen {
+                        group: g,
+                        horizon: step,
+                        error: &b.e[..size],
+                        slopes: &b.de[..size * count],
+                    });
                 }
             }
         }
@@ -142,7 +174,16 @@ impl Simulator<'_> {
                 }
             }
             let directions = Directions { count, states: s1, parameters: seeds };
-            self.equations.derivatives_along(t + part * h, x1, u, p, directions, workspace, &mut k[stage], &mut dk[stage]);
+            self.equations.derivatives_along(
+                t + part * h,
+                x1,
+                u,
+                p,
+                directions,
+                workspace,
+                &mut k[stage],
+                &mut dk[stage],
+            );
         }
         for (i, to) in x0.iter_mut().enumerate() {
             *to += h / 6.0 * (k[0][i] + 2.0 * k[1][i] + 2.0 * k[2][i] + k[3][i]);

@@ -34,10 +34,18 @@ impl Blocks {
         let first = pasts.iter().copied().max().unwrap_or(1);
         let rows = recordings.rows(first);
         let length = (2 * first).max(SHORTEST).min((rows / FEWEST).max(1));
-        let by_past: Vec<Vec<Mat<f64>>> = pasts.iter().map(|past| recordings.blocks((*past, first), length, scales)).collect();
+        let by_past: Vec<Vec<Mat<f64>>> =
+            pasts.iter().map(|past| recordings.blocks((*past, first), length, scales)).collect();
         let count = by_past.iter().map(Vec::len).min().unwrap_or(0);
         let blocks = (0..count).map(|b| by_past.iter().map(|of| of[b].clone()).collect()).collect();
-        let layouts = pasts.iter().map(|past| Layout { m: recordings.inputs.len(), l: recordings.outputs.len(), past: *past }).collect();
+        let layouts = pasts
+            .iter()
+            .map(|past| Layout {
+                m: recordings.inputs.len(),
+                l: recordings.outputs.len(),
+                past: *past,
+            })
+            .collect();
         Self { layouts, blocks, rows, seed }
     }
 
@@ -51,9 +59,13 @@ impl Blocks {
         rng.set_stream(STREAM + number as u64);
         let drawn: Vec<usize> = (0..count).map(|_| rng.random_range(0..count)).collect();
         let one = |(which, layout): (usize, &Layout)| {
-            let above: Vec<(usize, usize)> =
-                drawn.iter().flat_map(|b| (0..self.blocks[*b][which].nrows()).map(move |row| (*b, row))).collect();
-            let all = Mat::from_fn(above.len(), layout.columns(), |i, j| self.blocks[above[i].0][which][(above[i].1, j)]);
+            let above: Vec<(usize, usize)> = drawn
+                .iter()
+                .flat_map(|b| (0..self.blocks[*b][which].nrows()).map(move |row| (*b, row)))
+                .collect();
+            let all = Mat::from_fn(above.len(), layout.columns(), |i, j| {
+                self.blocks[above[i].0][which][(above[i].1, j)]
+            });
             Factor::joined(*layout, self.rows, [triangle(&all)])
         };
         self.layouts.iter().enumerate().map(one).collect()

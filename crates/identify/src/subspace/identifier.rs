@@ -46,7 +46,12 @@ pub struct IdentifierLine {
 
 /// The line of [`Pbsidopt`].
 pub const PBSIDOPT: IdentifierLine = IdentifierLine {
-    entry: entry!("pbsidopt", "predictor-based subspace identification, with standard deviations", Pbsidopt, dyn Identifier),
+    entry: entry!(
+        "pbsidopt",
+        "predictor-based subspace identification, with standard deviations",
+        Pbsidopt,
+        dyn Identifier
+    ),
     needs: "rich inputs, a past window that outlasts the predictor's memory; open or closed loop, stable or unstable",
     finds_delays: false,
     open_loop: false,
@@ -96,7 +101,15 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { order: None, past: None, max_order: 12, direct: Direct::None, draws: 200, bootstrap: 0, seed: 1 }
+        Self {
+            order: None,
+            past: None,
+            max_order: 12,
+            direct: Direct::None,
+            draws: 200,
+            bootstrap: 0,
+            seed: 1,
+        }
     }
 }
 
@@ -194,26 +207,43 @@ pub(super) const BEYOND_AKAIKE: f64 = 1.5;
 
 impl Settings {
     fn check(&self) -> Result<(), IdentifyError> {
-        for (option, value) in [("order", self.order), ("past", self.past), ("max_order", Some(self.max_order))] {
+        for (option, value) in
+            [("order", self.order), ("past", self.past), ("max_order", Some(self.max_order))]
+        {
             if value == Some(0) {
-                return Err(IdentifyError::Option { option, value: 0.0, rule: "it must be 1 or more" });
+                return Err(IdentifyError::Option {
+                    option,
+                    value: 0.0,
+                    rule: "it must be 1 or more",
+                });
             }
         }
         Ok(())
     }
 
     /// Samples of the past window: as asked for, or by Akaike's criterion as far as the rows carry it.
-    fn past_window(&self, weight: Option<Weight>, recordings: &Recordings, scales: &Scales) -> Result<usize, IdentifyError> {
+    fn past_window(
+        &self,
+        weight: Option<Weight>,
+        recordings: &Recordings,
+        scales: &Scales,
+    ) -> Result<usize, IdentifyError> {
         let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
         // Thrice the regressors of one output; projections look as far ahead as back.
         let double = if weight.is_some() { 2 } else { 1 };
         let needed = |past: usize| 3 * (double * past * (m + l) + m);
         let carried = |past: usize| recordings.rows(double * past) >= needed(past);
-        let longest = (1..=LONGEST.max(self.past.unwrap_or(0))).rev().find(|p| carried(*p)).unwrap_or(0);
+        let longest =
+            (1..=LONGEST.max(self.past.unwrap_or(0))).rev().find(|p| carried(*p)).unwrap_or(0);
         let wanted = self.past.unwrap_or(1);
         if longest < wanted {
             let got = recordings.rows(double * wanted);
-            return Err(IdentifyError::TooFewRows { past: wanted, needed: needed(wanted), got, longest });
+            return Err(IdentifyError::TooFewRows {
+                past: wanted,
+                needed: needed(wanted),
+                got,
+                longest,
+            });
         }
         let least = self.order.map_or(8, |n| n.div_ceil(l) + 2);
         Ok(self.past.unwrap_or_else(|| {
@@ -242,15 +272,24 @@ impl Settings {
         if let Some(order) = self.order.filter(|n| *n > most) {
             return Err(IdentifyError::Order { order, past, most });
         }
-        let poor = |needed: usize| orders.iter().position(|o| *o < needed.min(past)).map(|i| (i, orders[i]));
+        let poor = |needed: usize| {
+            orders.iter().position(|o| *o < needed.min(past)).map(|i| (i, orders[i]))
+        };
         let least_rich = self.order.unwrap_or(1) + 1;
         if let Some((i, orders)) = poor(least_rich) {
-            return Err(IdentifyError::NotRich { channel: recordings.inputs[i].name.clone(), orders, needed: self.order.unwrap_or(1) });
+            return Err(IdentifyError::NotRich {
+                channel: recordings.inputs[i].name.clone(),
+                orders,
+                needed: self.order.unwrap_or(1),
+            });
         }
         let predictor = Predictor::fit(&factor, self.direct);
         let window = factor.layout.window();
         let (predictions, right) = match weight {
-            None => (pbsidopt::predictions(&predictor.theta, &factor, past), factor.r.view((0, 0), (window, window)).into_owned()),
+            None => (
+                pbsidopt::predictions(&predictor.theta, &factor, past),
+                factor.r.view((0, 0), (window, window)).into_owned(),
+            ),
             Some(weight) => n4sid::oblique(&recordings.factor(2 * past, &scales), weight),
         };
         let tried = self.order.unwrap_or(0).max(self.max_order).min(most);
@@ -262,16 +301,21 @@ impl Settings {
             return Err(IdentifyError::Order { order, past, most: states.rows.nrows() });
         }
         let y = factor.y();
-        let model_of = |order: usize| innovations::of_states(&factor, &y, &states.map(&predictions, order), self.direct).0;
+        let model_of = |order: usize| {
+            innovations::of_states(&factor, &y, &states.map(&predictions, order), self.direct).0
+        };
         let scaled: Vec<Stretch> = recordings.stretches.iter().map(|s| scales.scaled(s)).collect();
         let (trying, drawing) = (far.part(STATES, ORDERS), far.part(ORDERS, 1.0));
         let steps = trying.steps(states.rows.nrows(), "orders tried");
         let loss = |order: usize| {
-            let loss = Some(model_of(order)).filter(InnovationsModel::is_finite).and_then(|m| order::log_loss(&m, &scaled, past));
+            let loss = Some(model_of(order))
+                .filter(InnovationsModel::is_finite)
+                .and_then(|m| order::log_loss(&m, &scaled, past));
             steps.one_more();
             loss
         };
-        let losses: Vec<Option<f64>> = (1..=states.rows.nrows()).into_par_iter().map(loss).collect();
+        let losses: Vec<Option<f64>> =
+            (1..=states.rows.nrows()).into_par_iter().map(loss).collect();
         let order = order::choose(self.order, &losses, &states.singular, factor.rows, (m, l));
         let mut notes = Vec::new();
         if let Some((i, orders)) = poor(2 * order.order) {
@@ -283,7 +327,12 @@ impl Settings {
         if weight.is_some() {
             notes.push(format!("{method} is biased where the inputs depend on the outputs; under feedback use pbsidopt"));
         }
-        let (model, residual) = innovations::of_states(&factor, &y, &states.map(&predictions, order.order), self.direct);
+        let (model, residual) = innovations::of_states(
+            &factor,
+            &y,
+            &states.map(&predictions, order.order),
+            self.direct,
+        );
         if !model.is_finite() {
             return Err(failed("the regressions have no finite solution; choose a smaller order"));
         }
@@ -322,7 +371,14 @@ impl Settings {
         DMatrix::from_fn(predictor.parameters(), outputs, |_, _| StandardNormal.sample(&mut rng))
     }
 
-    fn drawn(&self, factor: &Factor, predictor: &Predictor, states: &States, order: usize, scales: &Scales) -> Draws {
+    fn drawn(
+        &self,
+        factor: &Factor,
+        predictor: &Predictor,
+        states: &States,
+        order: usize,
+        scales: &Scales,
+    ) -> Draws {
         let y = factor.y();
         let draw = |i: usize, size: f64| {
             let change = predictor.change(&self.normal(i, predictor, factor.layout.l)) * size;
@@ -330,9 +386,17 @@ impl Settings {
             // What would have been measured: the same innovations on another predictor.
             let y = &y + factor.r.columns(0, change.nrows()) * &change;
             let predictions = pbsidopt::predictions(&theta, factor, factor.layout.past);
-            innovations::of_states(factor, &y, &states.map(&predictions, order), self.direct).0.in_units(scales)
+            innovations::of_states(factor, &y, &states.map(&predictions, order), self.direct)
+                .0
+                .in_units(scales)
         };
-        let all = |size: f64| (0..self.draws).into_par_iter().map(|i| draw(i, size)).filter(InnovationsModel::is_finite).collect();
+        let all = |size: f64| {
+            (0..self.draws)
+                .into_par_iter()
+                .map(|i| draw(i, size))
+                .filter(InnovationsModel::is_finite)
+                .collect()
+        };
         Draws { whole: all(1.0), small: all(STEP), step: STEP, ..Draws::default() }
     }
 
@@ -352,11 +416,26 @@ impl Settings {
             let factor = factors.first()?;
             let predictions = match (weight, factors.get(1)) {
                 (Some(weight), Some(double)) => n4sid::oblique(double, weight).0,
-                _ => pbsidopt::predictions(&Predictor::fit(factor, self.direct).theta, factor, past),
+                _ => {
+                    pbsidopt::predictions(&Predictor::fit(factor, self.direct).theta, factor, past)
+                }
             };
-            Some(innovations::of_states(factor, &factor.y(), &states.map(&predictions, order), self.direct).0.in_units(scales))
+            Some(
+                innovations::of_states(
+                    factor,
+                    &factor.y(),
+                    &states.map(&predictions, order),
+                    self.direct,
+                )
+                .0
+                .in_units(scales),
+            )
         };
-        let whole: Vec<_> = (0..self.bootstrap).into_par_iter().filter_map(one).filter(InnovationsModel::is_finite).collect();
+        let whole: Vec<_> = (0..self.bootstrap)
+            .into_par_iter()
+            .filter_map(one)
+            .filter(InnovationsModel::is_finite)
+            .collect();
         Draws { small: whole.clone(), whole, step: 1.0, ..Draws::default() }
     }
 }
@@ -380,7 +459,9 @@ impl Identified {
     #[must_use]
     pub fn poles(&self) -> Vec<Root> {
         let none = vec![0; self.inputs.len()];
-        let of = |m: &InnovationsModel| uncertainty::system(m, self.sample_time, &none).map(|s| s.poles()).unwrap_or_default();
+        let of = |m: &InnovationsModel| {
+            uncertainty::system(m, self.sample_time, &none).map(|s| s.poles()).unwrap_or_default()
+        };
         let drawn: Vec<_> = self.draws.small.iter().map(of).collect();
         uncertainty::roots(&of(&self.model), &drawn, self.draws.step, self.sample_time)
     }
@@ -389,7 +470,9 @@ impl Identified {
     #[must_use]
     pub fn zeros(&self) -> Vec<Root> {
         let none = vec![0; self.inputs.len()];
-        let of = |m: &InnovationsModel| uncertainty::system(m, self.sample_time, &none).map(|s| s.zeros()).unwrap_or_default();
+        let of = |m: &InnovationsModel| {
+            uncertainty::system(m, self.sample_time, &none).map(|s| s.zeros()).unwrap_or_default()
+        };
         let drawn: Vec<_> = self.draws.small.iter().map(of).collect();
         uncertainty::roots(&of(&self.model), &drawn, self.draws.step, self.sample_time)
     }
@@ -404,7 +487,11 @@ impl Identified {
         let mut responses = Vec::new();
         for (input, of_input) in self.inputs.iter().zip(found) {
             for (output, bands) in self.outputs.iter().zip(of_input) {
-                responses.push(Response { input: input.name.clone(), output: output.name.clone(), bands });
+                responses.push(Response {
+                    input: input.name.clone(),
+                    output: output.name.clone(),
+                    bands,
+                });
             }
         }
         Ok(responses)
@@ -413,30 +500,57 @@ impl Identified {
     /// How the model does on records of the same channels (inputs behind the same delays).
     #[must_use]
     pub fn check(&self, recordings: &Recordings) -> Vec<OutputCheck> {
-        let centred: Vec<Stretch> = recordings.stretches.iter().map(|s| self.scales.centred(s)).collect();
+        let centred: Vec<Stretch> =
+            recordings.stretches.iter().map(|s| self.scales.centred(s)).collect();
         // An integrator runs freely too: its start is estimated.
         let edge = if self.parametric.is_some() { 1.0 + 1e-9 } else { 1.0 };
         let runs = self.poles().iter().all(|p| p.re.hypot(p.im) < edge);
         let noise = self.parametric.as_ref().map(|p| p.noise.as_slice());
-        validation::check((&self.model, noise), &centred, self.past, (&self.inputs, &self.outputs), runs)
+        validation::check(
+            (&self.model, noise),
+            &centred,
+            self.past,
+            (&self.inputs, &self.outputs),
+            runs,
+        )
     }
 
     /// The model file: sampled, or the continuous model behind a zero-order hold; always the continuous one where the structure is that.
     ///
     /// # Errors
     /// [`ModelError::NoLogarithm`] where a sampled pole has no continuous counterpart, [`ModelError::Count`].
-    pub fn file(&self, name: &str, delays: &[usize], continuous: bool) -> Result<ModelFile, ModelError> {
-        let channel =
-            |named: &Named, mean: f64| Channel { operating: Operating::Value(mean), ..Channel::plain(&named.name, named.unit.as_deref()) };
-        let channels = |names: &[Named], scales: &[(f64, f64)]| names.iter().zip(scales).map(|(n, s)| channel(n, s.0)).collect::<Vec<_>>();
-        let (inputs, outputs) = (channels(&self.inputs, &self.scales.inputs), channels(&self.outputs, &self.scales.outputs));
-        let states = |order: usize| (1..=order).map(|i| State { name: format!("x{i}"), unit: None }).collect();
+    pub fn file(
+        &self,
+        name: &str,
+        delays: &[usize],
+        continuous: bool,
+    ) -> Result<ModelFile, ModelError> {
+        let channel = |named: &Named, mean: f64| Channel {
+            operating: Operating::Value(mean),
+            ..Channel::plain(&named.name, named.unit.as_deref())
+        };
+        let channels = |names: &[Named], scales: &[(f64, f64)]| {
+            names.iter().zip(scales).map(|(n, s)| channel(n, s.0)).collect::<Vec<_>>()
+        };
+        let (inputs, outputs) = (
+            channels(&self.inputs, &self.scales.inputs),
+            channels(&self.outputs, &self.scales.outputs),
+        );
+        let states = |order: usize| {
+            (1..=order).map(|i| State { name: format!("x{i}"), unit: None }).collect()
+        };
         if let Some(own) = self.parametric.as_ref().and_then(|p| p.continuous.as_ref()) {
             return ModelFile::from_continuous(name, own, inputs, states(own.order()), outputs);
         }
         let system = self.system(delays)?;
         if continuous {
-            ModelFile::from_continuous(name, &d2c(&system)?, inputs, states(self.model.order()), outputs)
+            ModelFile::from_continuous(
+                name,
+                &d2c(&system)?,
+                inputs,
+                states(self.model.order()),
+                outputs,
+            )
         } else {
             ModelFile::from_sampled(name, &system, inputs, Vec::new(), outputs)
         }

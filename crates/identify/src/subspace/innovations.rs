@@ -61,7 +61,8 @@ impl InnovationsModel {
                 power = &self.a * power;
             }
         }
-        let rest = DMatrix::from_fn(l * seen, 1, |row, _| s.y[(row % l, row / l)] - y[(row % l, row / l)]);
+        let rest =
+            DMatrix::from_fn(l * seen, 1, |row, _| s.y[(row % l, row / l)] - y[(row % l, row / l)]);
         let (mut start, _) = solve(&gamma, &rest, &column_norms(&gamma));
         for t in 0..samples {
             let response = &self.c * &start;
@@ -76,7 +77,9 @@ impl InnovationsModel {
     /// Every entry is a number.
     #[must_use]
     pub fn is_finite(&self) -> bool {
-        [&self.a, &self.b, &self.c, &self.d, &self.k].iter().all(|m| m.iter().all(|v| v.is_finite()))
+        [&self.a, &self.b, &self.c, &self.d, &self.k]
+            .iter()
+            .all(|m| m.iter().all(|v| v.is_finite()))
     }
 
     /// The model of scaled deviations, in the channels' own units.
@@ -117,7 +120,12 @@ pub enum Direct {
 ///
 /// C and D by regression of y(t) on x(t) and u(t), then A, B and K by regression of x(t+1) on x(t), u(t) and the residuals.
 /// Source: van der Veen et al. (2013), doi:10.1049/iet-cta.2012.0653, section 4.
-pub(super) fn of_states(factor: &Factor, y: &DMatrix<f64>, map: &DMatrix<f64>, direct: Direct) -> (InnovationsModel, DMatrix<f64>) {
+pub(super) fn of_states(
+    factor: &Factor,
+    y: &DMatrix<f64>,
+    map: &DMatrix<f64>,
+    direct: Direct,
+) -> (InnovationsModel, DMatrix<f64>) {
     let (layout, n) = (factor.layout, map.nrows());
     let (m, l) = (layout.m, layout.l);
     let u = factor.u();
@@ -141,7 +149,11 @@ pub(super) fn of_states(factor: &Factor, y: &DMatrix<f64>, map: &DMatrix<f64>, d
         a: of_states.rows(0, n).transpose(),
         b: of_states.rows(n, m).transpose(),
         c: of_output.rows(0, n).transpose(),
-        d: if direct == Direct::Free { of_output.rows(n, m).transpose() } else { DMatrix::zeros(l, m) },
+        d: if direct == Direct::Free {
+            of_output.rows(n, m).transpose()
+        } else {
+            DMatrix::zeros(l, m)
+        },
         k: of_states.rows(n + m, l).transpose(),
     };
     (model, e)

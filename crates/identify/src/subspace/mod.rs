@@ -13,7 +13,10 @@ pub(crate) mod single;
 pub(crate) mod uncertainty;
 mod validation;
 
-pub use identifier::{Identified, Identifier, IdentifierLine, MOESP, Moesp, N4SID, N4sid, PBSIDOPT, Pbsidopt, Settings};
+pub use identifier::{
+    Identified, Identifier, IdentifierLine, MOESP, Moesp, N4SID, N4sid, PBSIDOPT, Pbsidopt,
+    Settings,
+};
 pub use innovations::{Direct, InnovationsModel};
 pub use order::{Candidate, OrderChoice, Sure};
 pub use recordings::{Named, Recordings, Scales, Stretch};

@@ -24,8 +24,10 @@ pub(super) fn oblique(double: &Factor, weight: Weight) -> (DMatrix<f64>, DMatrix
     let (width, s) = (m + l, past / 2);
     let past_columns: Vec<usize> = (s * width..2 * s * width).collect();
     // Lags s … 1 of the outputs: the instant itself first.
-    let outputs: Vec<usize> = (0..s).rev().flat_map(|lag| (0..l).map(move |i| lag * width + m + i)).collect();
-    let inputs: Vec<usize> = (0..s).rev().flat_map(|lag| (0..m).map(move |i| lag * width + i)).collect();
+    let outputs: Vec<usize> =
+        (0..s).rev().flat_map(|lag| (0..l).map(move |i| lag * width + m + i)).collect();
+    let inputs: Vec<usize> =
+        (0..s).rev().flat_map(|lag| (0..m).map(move |i| lag * width + i)).collect();
     // Inputs, past, outputs; one triangular factor of the three.
     let ordered: Vec<usize> = inputs.iter().chain(&past_columns).chain(&outputs).copied().collect();
     let chosen = double.r.select_columns(&ordered);
@@ -33,7 +35,13 @@ pub(super) fn oblique(double: &Factor, weight: Weight) -> (DMatrix<f64>, DMatrix
     let r = qr.R();
     let (mi, w) = (inputs.len(), past_columns.len());
     let block = |from: usize, rows: usize, column: usize, columns: usize| {
-        DMatrix::from_fn(rows, columns, |i, j| if from + i <= column + j && from + i < r.nrows() { r[(from + i, column + j)] } else { 0.0 })
+        DMatrix::from_fn(rows, columns, |i, j| {
+            if from + i <= column + j && from + i < r.nrows() {
+                r[(from + i, column + j)]
+            } else {
+                0.0
+            }
+        })
     };
     // Behind the inputs: past and outputs without what the inputs explain.
     let (own, seen) = (block(mi, w, mi, w), block(mi, w, mi + w, outputs.len()));

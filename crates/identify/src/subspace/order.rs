@@ -81,20 +81,33 @@ pub(super) fn log_loss(model: &InnovationsModel, scaled: &[Stretch], skip: usize
 const FLOOR: f64 = 1e-22;
 
 /// The choice among models of order 1, 2, … with these log losses.
-pub(super) fn choose(given: Option<usize>, losses: &[Option<f64>], singular: &[f64], rows: usize, (m, l): (usize, usize)) -> OrderChoice {
+pub(super) fn choose(
+    given: Option<usize>,
+    losses: &[Option<f64>],
+    singular: &[f64],
+    rows: usize,
+    (m, l): (usize, usize),
+) -> OrderChoice {
     let n = rows.max(2) as f64;
     // Twice the logarithm of the likelihood, and a price of every free parameter.
     let criterion = |price: f64| -> Vec<Option<f64>> {
-        let value = |(i, loss): (usize, &Option<f64>)| loss.map(|loss| n * loss + price * ((i + 1) * (m + 2 * l)) as f64);
+        let value = |(i, loss): (usize, &Option<f64>)| {
+            loss.map(|loss| n * loss + price * ((i + 1) * (m + 2 * l)) as f64)
+        };
         losses.iter().enumerate().map(value).collect()
     };
     let least = |values: &[Option<f64>]| {
-        let found = values.iter().enumerate().filter_map(|(i, v)| v.map(|v| (i, v))).min_by(|a, b| a.1.total_cmp(&b.1));
+        let found = values
+            .iter()
+            .enumerate()
+            .filter_map(|(i, v)| v.map(|v| (i, v)))
+            .min_by(|a, b| a.1.total_cmp(&b.1));
         found.map_or(1, |(i, _)| i + 1)
     };
     let values = criterion(n.ln());
     let best = values.iter().flatten().copied().fold(f64::INFINITY, f64::min);
-    let weights: Vec<f64> = values.iter().map(|v| v.map_or(0.0, |v| (-(v - best) / 2.0).exp())).collect();
+    let weights: Vec<f64> =
+        values.iter().map(|v| v.map_or(0.0, |v| (-(v - best) / 2.0).exp())).collect();
     let total: f64 = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
     let (by_schwarz, by_akaike) = (least(&values), least(&criterion(2.0)));
     // The last singular value of all has none to be compared with.

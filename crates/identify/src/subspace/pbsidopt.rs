@@ -27,21 +27,27 @@ impl Predictor {
         let y = factor.y();
         let kept = told_apart(&factor.r, columns);
         // The factor of the columns that are kept, beside the outputs.
-        let (upper, top) =
-            if kept.len() == columns {
-                (factor.r.view((0, 0), (columns, columns)).into_owned(), y.rows(0, columns).into_owned())
-            } else {
-                let chosen = factor.r.select_columns(&kept);
-                let both = Mat::from_fn(chosen.nrows(), kept.len() + layout.l, |i, j| {
-                    if j < kept.len() { chosen[(i, j)] } else { y[(i, j - kept.len())] }
-                });
-                let qr = both.qr();
-                let r = qr.R();
-                let k = kept.len();
-                let part = |from: usize, n: usize| DMatrix::from_fn(k, n, |i, j| if i <= j + from { r[(i, j + from)] } else { 0.0 });
-                (part(0, k), part(k, layout.l))
+        let (upper, top) = if kept.len() == columns {
+            (
+                factor.r.view((0, 0), (columns, columns)).into_owned(),
+                y.rows(0, columns).into_owned(),
+            )
+        } else {
+            let chosen = factor.r.select_columns(&kept);
+            let both = Mat::from_fn(chosen.nrows(), kept.len() + layout.l, |i, j| {
+                if j < kept.len() { chosen[(i, j)] } else { y[(i, j - kept.len())] }
+            });
+            let qr = both.qr();
+            let r = qr.R();
+            let k = kept.len();
+            let part = |from: usize, n: usize| {
+                DMatrix::from_fn(k, n, |i, j| if i <= j + from { r[(i, j + from)] } else { 0.0 })
             };
-        let solved = upper.solve_upper_triangular(&top).unwrap_or_else(|| DMatrix::zeros(kept.len(), layout.l));
+            (part(0, k), part(k, layout.l))
+        };
+        let solved = upper
+            .solve_upper_triangular(&top)
+            .unwrap_or_else(|| DMatrix::zeros(kept.len(), layout.l));
         let mut theta = DMatrix::zeros(columns, layout.l);
         for (row, &column) in kept.iter().enumerate() {
             theta.set_row(column, &solved.row(row));
@@ -55,7 +61,10 @@ impl Predictor {
     /// A change of θ as the noise makes it: covariance Σe ⊗ (ZZᵀ)⁻¹; `normal` is kept columns × l of standard normal numbers.
     pub(super) fn change(&self, normal: &DMatrix<f64>) -> DMatrix<f64> {
         let coloured = normal * self.noise.transpose();
-        let solved = self.upper.solve_upper_triangular(&coloured).unwrap_or_else(|| DMatrix::zeros(coloured.nrows(), coloured.ncols()));
+        let solved = self
+            .upper
+            .solve_upper_triangular(&coloured)
+            .unwrap_or_else(|| DMatrix::zeros(coloured.nrows(), coloured.ncols()));
         let mut change = DMatrix::zeros(self.theta.nrows(), self.theta.ncols());
         for (row, &column) in self.kept.iter().enumerate() {
             change.set_row(column, &solved.row(row));
@@ -73,7 +82,10 @@ impl Predictor {
 fn root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let floor = covariance.diagonal().max().max(1e-24) * 1e-12;
     let raised = covariance + DMatrix::identity(covariance.nrows(), covariance.nrows()) * floor;
-    raised.clone().cholesky().map_or_else(|| DMatrix::from_diagonal(&raised.diagonal().map(|v| v.max(floor).sqrt())), |c| c.l())
+    raised.clone().cholesky().map_or_else(
+        || DMatrix::from_diagonal(&raised.diagonal().map(|v| v.max(floor).sqrt())),
+        |c| c.l(),
+    )
 }
 
 /// Row block i: the prediction of y(t+i) from the past of t, what lies between being unknown: C(A − KC)^(i+lag−1)[B K] on z(t−lag).
@@ -100,7 +112,13 @@ pub(super) struct States {
 
 impl States {
     /// Weighted by the innovations' covariance, so that units do not matter; `right` is a triangular factor of the past of `rows` samples. At most `most` states.
-    pub(super) fn of(predictions: &DMatrix<f64>, right: &DMatrix<f64>, rows: usize, noise: &DMatrix<f64>, most: usize) -> Option<Self> {
+    pub(super) fn of(
+        predictions: &DMatrix<f64>,
+        right: &DMatrix<f64>,
+        rows: usize,
+        noise: &DMatrix<f64>,
+        most: usize,
+    ) -> Option<Self> {
         let seen = weighted(predictions, noise)? * right.transpose() / (rows as f64).sqrt();
         let svd = Mat::from_fn(seen.nrows(), seen.ncols(), |i, j| seen[(i, j)]).thin_svd().ok()?;
         let s = svd.S();
@@ -110,7 +128,9 @@ impl States {
         let u = svd.U();
         let left = DMatrix::from_fn(states, seen.nrows(), |i, j| u[(j, i)] / singular[i].sqrt());
         // Uᵀ W, block by block.
-        let inverse = noise.clone().solve_lower_triangular(&DMatrix::identity(noise.nrows(), noise.nrows()))?;
+        let inverse = noise
+            .clone()
+            .solve_lower_triangular(&DMatrix::identity(noise.nrows(), noise.nrows()))?;
         let l = noise.nrows();
         let mut rows = DMatrix::zeros(states, left.ncols());
         for block in 0..left.ncols() / l {
@@ -137,7 +157,12 @@ fn weighted(predictions: &DMatrix<f64>, noise: &DMatrix<f64>) -> Option<DMatrix<
 }
 
 /// The past window by Akaike's criterion of the long predictor, up to `longest`, and at least `least`.
-pub(super) fn past_by_akaike(recordings: &Recordings, scales: &Scales, longest: usize, least: usize) -> usize {
+pub(super) fn past_by_akaike(
+    recordings: &Recordings,
+    scales: &Scales,
+    longest: usize,
+    least: usize,
+) -> usize {
     let factor = recordings.factor(longest, scales);
     let (layout, y) = (factor.layout, factor.y());
     let rows = factor.rows as f64;
@@ -146,7 +171,8 @@ pub(super) fn past_by_akaike(recordings: &Recordings, scales: &Scales, longest: 
         let rest = y.rows(k, y.nrows() - k);
         let covariance = rest.transpose() * rest / rows;
         let floor = DMatrix::identity(layout.l, layout.l) * 1e-20;
-        (covariance + floor).determinant().max(f64::MIN_POSITIVE).ln() * rows + 2.0 * (k * layout.l) as f64
+        (covariance + floor).determinant().max(f64::MIN_POSITIVE).ln() * rows
+            + 2.0 * (k * layout.l) as f64
     };
     let least = least.min(longest);
     (least..=longest).min_by(|a, b| criterion(*a).total_cmp(&criterion(*b))).unwrap_or(longest)

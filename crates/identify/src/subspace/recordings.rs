@@ -67,21 +67,34 @@ impl Recordings {
             }
         }
         let all: Vec<&String> = inputs.iter().chain(outputs).collect();
-        if let Some((_, twice)) = all.iter().enumerate().find(|(i, name)| all[..*i].contains(name)) {
+        if let Some((_, twice)) = all.iter().enumerate().find(|(i, name)| all[..*i].contains(name))
+        {
             return Err(IdentifyError::Twice { channel: (*twice).clone() }.into());
         }
         let mut sample_time: Option<SampleTime> = None;
         let mut stretches = Vec::new();
         for log in logs {
-            let u = inputs.iter().map(|name| log.input(name)).collect::<std::result::Result<Vec<_>, _>>()?;
-            let y = outputs.iter().map(|name| log.output(name)).collect::<std::result::Result<Vec<_>, _>>()?;
+            let u = inputs
+                .iter()
+                .map(|name| log.input(name))
+                .collect::<std::result::Result<Vec<_>, _>>()?;
+            let y = outputs
+                .iter()
+                .map(|name| log.output(name))
+                .collect::<std::result::Result<Vec<_>, _>>()?;
             let ts = log.even_grid()?;
             let first = *sample_time.get_or_insert(ts);
             if (ts.seconds() - first.seconds()).abs() > 1e-6 * first.seconds() {
                 let file = log.source().to_owned();
-                return Err(IdentifyError::SampleTimes { file, found_s: ts.seconds(), first_s: first.seconds() }.into());
+                return Err(IdentifyError::SampleTimes {
+                    file,
+                    found_s: ts.seconds(),
+                    first_s: first.seconds(),
+                }
+                .into());
             }
-            let there: Vec<bool> = (0..log.len()).map(|k| y.iter().all(|y| y.get(k).is_some())).collect();
+            let there: Vec<bool> =
+                (0..log.len()).map(|k| y.iter().all(|y| y.get(k).is_some())).collect();
             let mut from = 0;
             for run in there.split(|there| !there) {
                 let samples = run.len();
@@ -94,7 +107,9 @@ impl Recordings {
             }
         }
         let unit = |name: &String| logs.iter().find_map(|log| log.unit(name)).map(str::to_owned);
-        let named = |names: &[String]| names.iter().map(|name| Named { name: name.clone(), unit: unit(name) }).collect();
+        let named = |names: &[String]| {
+            names.iter().map(|name| Named { name: name.clone(), unit: unit(name) }).collect()
+        };
         let sample_time = sample_time.ok_or(IdentifyError::NoChannel { what: "log" })?;
         Ok(Self { sample_time, inputs: named(inputs), outputs: named(outputs), stretches })
     }
@@ -118,7 +133,11 @@ impl Recordings {
     pub fn behind_delays(&self, delays: &[usize]) -> std::result::Result<Self, IdentifyError> {
         if delays.len() != self.inputs.len() {
             let rule = "one delay for each input";
-            return Err(IdentifyError::Option { option: "number of input delays", value: delays.len() as f64, rule });
+            return Err(IdentifyError::Option {
+                option: "number of input delays",
+                value: delays.len() as f64,
+                rule,
+            });
         }
         let most = delays.iter().copied().max().unwrap_or(0);
         let moved = |s: &Stretch| {
@@ -141,7 +160,10 @@ impl Recordings {
                 let (at, n) = if from { (0, cut(s)) } else { (cut(s), s.len() - cut(s)) };
                 Stretch { u: s.u.columns(at, n).into_owned(), y: s.y.columns(at, n).into_owned() }
             };
-            Self { stretches: self.stretches.iter().map(stretch).filter(|s| !s.is_empty()).collect(), ..self.clone() }
+            Self {
+                stretches: self.stretches.iter().map(stretch).filter(|s| !s.is_empty()).collect(),
+                ..self.clone()
+            }
         };
         (part(true), part(false))
     }
@@ -154,11 +176,17 @@ impl Recordings {
         let of = |names: &[Named], pick: fn(&Stretch) -> &DMatrix<f64>, remedy: &'static str| {
             let n = self.samples().max(1) as f64;
             let one = |(i, named): (usize, &Named)| {
-                let values = || self.stretches.iter().flat_map(move |s| pick(s).row(i).iter().copied().collect::<Vec<_>>());
+                let values = || {
+                    self.stretches
+                        .iter()
+                        .flat_map(move |s| pick(s).row(i).iter().copied().collect::<Vec<_>>())
+                };
                 let mean = values().sum::<f64>() / n;
                 let spread = (values().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
                 let first = values().next().unwrap_or(0.0);
-                if values().all(|v| v == first) || !(spread > 1e-14 * mean.abs() && spread.is_finite()) {
+                if values().all(|v| v == first)
+                    || !(spread > 1e-14 * mean.abs() && spread.is_finite())
+                {
                     return Err(IdentifyError::Constant { channel: named.name.clone(), remedy });
                 }
                 Ok((mean, spread))
@@ -167,7 +195,11 @@ impl Recordings {
         };
         Ok(Scales {
             inputs: of(&self.inputs, |s| &s.u, "leave it out, or use a log in which it moves")?,
-            outputs: of(&self.outputs, |s| &s.y, "leave it out, or use a log in which it responds")?,
+            outputs: of(
+                &self.outputs,
+                |s| &s.y,
+                "leave it out, or use a log in which it responds",
+            )?,
         })
     }
 
@@ -185,7 +217,12 @@ impl Recordings {
     }
 
     /// Triangular factors of the rows from `first` on, at least `past`, in blocks of at most `most` rows.
-    pub(super) fn blocks(&self, (past, first): (usize, usize), most: usize, scales: &Scales) -> Vec<Mat<f64>> {
+    pub(super) fn blocks(
+        &self,
+        (past, first): (usize, usize),
+        most: usize,
+        scales: &Scales,
+    ) -> Vec<Mat<f64>> {
         let layout = self.layout(past);
         let (m, q) = (layout.m, layout.columns());
         let mut jobs = Vec::new();
@@ -230,14 +267,18 @@ pub struct Scales {
 
 impl Scales {
     pub(crate) fn scaled(&self, s: &Stretch) -> Stretch {
-        let scaled = |m: &DMatrix<f64>, by: &[(f64, f64)]| DMatrix::from_fn(m.nrows(), m.ncols(), |i, k| (m[(i, k)] - by[i].0) / by[i].1);
+        let scaled = |m: &DMatrix<f64>, by: &[(f64, f64)]| {
+            DMatrix::from_fn(m.nrows(), m.ncols(), |i, k| (m[(i, k)] - by[i].0) / by[i].1)
+        };
         Stretch { u: scaled(&s.u, &self.inputs), y: scaled(&s.y, &self.outputs) }
     }
 
     /// The deviations from the means, in the channels' units.
     #[must_use]
     pub fn centred(&self, s: &Stretch) -> Stretch {
-        let centred = |m: &DMatrix<f64>, by: &[(f64, f64)]| DMatrix::from_fn(m.nrows(), m.ncols(), |i, k| m[(i, k)] - by[i].0);
+        let centred = |m: &DMatrix<f64>, by: &[(f64, f64)]| {
+            DMatrix::from_fn(m.nrows(), m.ncols(), |i, k| m[(i, k)] - by[i].0)
+        };
         Stretch { u: centred(&s.u, &self.inputs), y: centred(&s.y, &self.outputs) }
     }
 }
@@ -283,13 +324,21 @@ pub(super) struct Factor {
 
 impl Factor {
     /// The factor of the rows of all these factors.
-    pub(super) fn joined(layout: Layout, rows: usize, factors: impl IntoIterator<Item = Mat<f64>>) -> Self {
+    pub(super) fn joined(
+        layout: Layout,
+        rows: usize,
+        factors: impl IntoIterator<Item = Mat<f64>>,
+    ) -> Self {
         let q = layout.columns();
         let joined = factors.into_iter().reduce(|above, below| {
             let top = above.nrows();
-            triangle(&Mat::from_fn(top + below.nrows(), q, |i, j| if i < top { above[(i, j)] } else { below[(i - top, j)] }))
+            triangle(&Mat::from_fn(top + below.nrows(), q, |i, j| {
+                if i < top { above[(i, j)] } else { below[(i - top, j)] }
+            }))
         });
-        let r = DMatrix::from_fn(q, q, |i, j| joined.as_ref().filter(|r| i < r.nrows()).map_or(0.0, |r| r[(i, j)]));
+        let r = DMatrix::from_fn(q, q, |i, j| {
+            joined.as_ref().filter(|r| i < r.nrows()).map_or(0.0, |r| r[(i, j)])
+        });
         Self { layout, rows, r }
     }
 
@@ -307,16 +356,30 @@ impl Factor {
     ///
     /// # Errors
     /// [`IdentifyError::Collinear`] where an input is a combination of the others at the same sample.
-    pub(super) fn excitation(&self, names: &[Named]) -> std::result::Result<Vec<usize>, IdentifyError> {
+    pub(super) fn excitation(
+        &self,
+        names: &[Named],
+    ) -> std::result::Result<Vec<usize>, IdentifyError> {
         let Layout { m, past, .. } = self.layout;
         let width = self.layout.width();
-        let lagged: Vec<usize> = (0..past).flat_map(|lag| (0..m).map(move |i| lag * width + i)).collect();
+        let lagged: Vec<usize> =
+            (0..past).flat_map(|lag| (0..m).map(move |i| lag * width + i)).collect();
         let columns = self.r.select_columns(&lagged);
-        let alone = triangle(&Mat::from_fn(columns.nrows(), columns.ncols(), |i, j| columns[(i, j)]));
-        let seen = |j: usize| j < alone.nrows() && alone[(j, j)].abs() > RICH * columns.column(j).norm();
+        let alone =
+            triangle(&Mat::from_fn(columns.nrows(), columns.ncols(), |i, j| columns[(i, j)]));
+        let seen =
+            |j: usize| j < alone.nrows() && alone[(j, j)].abs() > RICH * columns.column(j).norm();
         if let Some(i) = (1..m).find(|&i| !seen(i)) {
-            let others: Vec<&str> = names.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, n)| n.name.as_str()).collect();
-            return Err(IdentifyError::Collinear { channel: names[i].name.clone(), others: others.join(", ") });
+            let others: Vec<&str> = names
+                .iter()
+                .enumerate()
+                .filter(|(j, _)| *j != i)
+                .map(|(_, n)| n.name.as_str())
+                .collect();
+            return Err(IdentifyError::Collinear {
+                channel: names[i].name.clone(),
+                others: others.join(", "),
+            });
         }
         Ok((0..m).map(|i| (0..past).take_while(|lag| seen(lag * m + i)).count()).collect())
     }
@@ -330,5 +393,7 @@ const REPEATED: f64 = 1e-9;
 
 /// Columns that say something the columns before them do not, of an upper triangular factor.
 pub(super) fn told_apart(r: &DMatrix<f64>, columns: usize) -> Vec<usize> {
-    (0..columns).filter(|&j| r[(j, j)].abs() > REPEATED * r.column(j).norm().max(f64::MIN_POSITIVE)).collect()
+    (0..columns)
+        .filter(|&j| r[(j, j)].abs() > REPEATED * r.column(j).norm().max(f64::MIN_POSITIVE))
+        .collect()
 }

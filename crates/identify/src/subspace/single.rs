@@ -64,17 +64,24 @@ impl Subspace {
         let output = |lag: usize| if lag == 0 { 2 * past + 1 } else { lag - 1 };
         let input = |lag: usize| past + lag;
         // z(t−1) … z(t−past), z = [u, y].
-        let window = |from: usize| -> Vec<usize> { (from..from + past).flat_map(|lag| [input(lag), output(lag)]).collect() };
+        let window = |from: usize| -> Vec<usize> {
+            (from..from + past).flat_map(|lag| [input(lag), output(lag)]).collect()
+        };
         let mut regressors = window(1);
         if direct {
             regressors.push(input(0));
         }
-        let (mut markov, _) =
-            solve(&data.select_columns(&regressors), &data.select_columns(&[output(0)]), &norms(&triangle.norms, &regressors));
+        let (mut markov, _) = solve(
+            &data.select_columns(&regressors),
+            &data.select_columns(&[output(0)]),
+            &norms(&triangle.norms, &regressors),
+        );
         let markov = markov.rows_mut(0, 2 * past).column(0).into_owned();
         // Row i: the prediction i samples on, what lies between being unknown: C(A − KC)^(i+l−1)[B K] on z(t−l).
         let horizon = past;
-        let predict = DMatrix::from_fn(horizon, 2 * past, |i, column| markov.get(column + 2 * i).copied().unwrap_or(0.0));
+        let predict = DMatrix::from_fn(horizon, 2 * past, |i, column| {
+            markov.get(column + 2 * i).copied().unwrap_or(0.0)
+        });
         let now = data.select_columns(&window(1));
         let next = data.select_columns(&window(0));
         let future = &now * predict.transpose();
@@ -84,7 +91,8 @@ impl Subspace {
         let largest = *singular.first().filter(|s| **s > 0.0 && s.is_finite())?;
         let most = singular.iter().take(order).take_while(|s| **s > DEPENDENT * largest).count();
         // States x = S^(−1/2)·Vᵀ·predictions: each with the norm √s.
-        let states = DMatrix::from_fn(most, horizon, |i, j| right[(i, j)] / singular[i].sqrt()) * &predict;
+        let states =
+            DMatrix::from_fn(most, horizon, |i, j| right[(i, j)] / singular[i].sqrt()) * &predict;
         let (x, shifted) = (&now * states.transpose(), &next * states.transpose());
         let realisation = Realisation {
             x,
@@ -95,10 +103,13 @@ impl Subspace {
         };
         let criterion = |m: &Innovations| {
             let rows = triangle.rows as f64;
-            rows * m.loss.max(DEPENDENT * DEPENDENT * triangle.norms[output(0)].powi(2) / rows).ln() + 3.0 * m.b.len() as f64 * rows.ln()
+            rows * m.loss.max(DEPENDENT * DEPENDENT * triangle.norms[output(0)].powi(2) / rows).ln()
+                + 3.0 * m.b.len() as f64 * rows.ln()
         };
         let models = (1..=most).filter_map(|n| realisation.model(n, direct));
-        models.min_by(|a, b| criterion(a).total_cmp(&criterion(b))).map(|model| Innovations { singular, ..model })
+        models
+            .min_by(|a, b| criterion(a).total_cmp(&criterion(b)))
+            .map(|model| Innovations { singular, ..model })
     }
 }
 
@@ -130,7 +141,13 @@ impl Realisation {
             loss,
             singular: Vec::new(),
         };
-        model.a.iter().chain(model.k.iter()).chain(model.c.iter()).all(|v| v.is_finite()).then_some(model)
+        model
+            .a
+            .iter()
+            .chain(model.k.iter())
+            .chain(model.c.iter())
+            .all(|v| v.is_finite())
+            .then_some(model)
     }
 }
 
@@ -139,7 +156,11 @@ impl Innovations {
     /// short record leaves there, are mirrored into it.
     #[must_use]
     pub fn noise_polynomial(&self) -> Option<Vec<f64>> {
-        let schur = nalgebra::Schur::try_new(&self.a - &self.k * self.c.transpose(), f64::EPSILON, 100 * self.a.nrows().max(1))?;
+        let schur = nalgebra::Schur::try_new(
+            &self.a - &self.k * self.c.transpose(),
+            f64::EPSILON,
+            100 * self.a.nrows().max(1),
+        )?;
         let roots: Vec<_> = schur.complex_eigenvalues().iter().copied().collect();
         reflected(&from_roots(&roots))
     }
@@ -156,7 +177,11 @@ pub(super) fn join(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// Coefficients and residuals of every target on the columns; columns that only repeat the ones before them get 0.
-pub(super) fn solve(columns: &DMatrix<f64>, targets: &DMatrix<f64>, norms: &[f64]) -> (DMatrix<f64>, DMatrix<f64>) {
+pub(super) fn solve(
+    columns: &DMatrix<f64>,
+    targets: &DMatrix<f64>,
+    norms: &[f64],
+) -> (DMatrix<f64>, DMatrix<f64>) {
     let mut basis: Vec<DVector<f64>> = Vec::new();
     let mut kept = Vec::new();
     let mut upper = DMatrix::zeros(columns.ncols(), columns.ncols());
@@ -195,7 +220,8 @@ pub(super) fn solve(columns: &DMatrix<f64>, targets: &DMatrix<f64>, norms: &[f64
             }
         }
         for row in (0..kept.len()).rev() {
-            let known: f64 = (row + 1..kept.len()).map(|j| upper[(row, j)] * coefficients[(kept[j], t)]).sum();
+            let known: f64 =
+                (row + 1..kept.len()).map(|j| upper[(row, j)] * coefficients[(kept[j], t)]).sum();
             coefficients[(kept[row], t)] = (shares[row] - known) / upper[(row, row)];
         }
     }
@@ -210,14 +236,17 @@ mod tests {
     fn loops(samples: usize) -> Record<'static> {
         let mut state = 11_u64;
         let mut next = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
         };
         let (mut u, mut y, mut e) = (vec![0.0; samples], vec![0.0; samples], vec![0.0; samples]);
         for t in 0..samples {
             e[t] = 0.5 * next();
             let past = |x: &[f64], lag: usize| if t >= lag { x[t - lag] } else { 0.0 };
-            y[t] = 1.65 * past(&y, 1) - 0.63 * past(&y, 2) + 0.5 * past(&u, 1) + e[t] - 0.5 * past(&e, 1);
+            y[t] = 1.65 * past(&y, 1) - 0.63 * past(&y, 2) + 0.5 * past(&u, 1) + e[t]
+                - 0.5 * past(&e, 1);
             u[t] = next() - 0.8 * y[t];
         }
         Record::new(u, y)
@@ -232,7 +261,10 @@ mod tests {
         // C B = 0.5, C A B = 0.825; C K = −a₁ + c₁ = 1.15.
         let markov = |v: &DVector<f64>| (fit.c.dot(v), fit.c.dot(&(&fit.a * v)));
         let ((b1, b2), (k1, _)) = (markov(&fit.b), markov(&fit.k));
-        assert!((b1 - 0.5).abs() < 0.01 && (b2 - 0.825).abs() < 0.02 && (k1 - 1.15).abs() < 0.03, "{b1} {b2} {k1}");
+        assert!(
+            (b1 - 0.5).abs() < 0.01 && (b2 - 0.825).abs() < 0.02 && (k1 - 1.15).abs() < 0.03,
+            "{b1} {b2} {k1}"
+        );
         // C(q) = (1 − 0.5q⁻¹) and a root that the second order of A leaves at 0.
         let c = fit.noise_polynomial().unwrap();
         assert!((c[0] + 0.5).abs() < 0.05 && c[1].abs() < 0.05, "{c:?}");
@@ -241,9 +273,14 @@ mod tests {
     #[test]
     fn records_in_pieces_say_the_same() {
         let whole = loops(6000);
-        let cut = |from: usize, to: usize| Record::new(whole.u[from..to].to_vec(), whole.y[from..to].to_vec());
+        let cut = |from: usize, to: usize| {
+            Record::new(whole.u[from..to].to_vec(), whole.y[from..to].to_vec())
+        };
         let subspace = Subspace { order: 2, past: 15, direct: false };
-        let (one, two) = (subspace.fit(std::slice::from_ref(&whole)).unwrap(), subspace.fit(&[cut(0, 2500), cut(2500, 6000)]).unwrap());
+        let (one, two) = (
+            subspace.fit(std::slice::from_ref(&whole)).unwrap(),
+            subspace.fit(&[cut(0, 2500), cut(2500, 6000)]).unwrap(),
+        );
         let (one, two) = (one.noise_polynomial().unwrap(), two.noise_polynomial().unwrap());
         assert!(one.iter().zip(&two).all(|(a, b)| (a - b).abs() < 0.02), "{one:?} {two:?}");
     }

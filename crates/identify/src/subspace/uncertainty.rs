@@ -68,7 +68,11 @@ impl Ellipse {
         let (a, b) = (std_re * std_re, std_im * std_im);
         let (middle, half) = (0.5 * (a + b), (0.5 * (a - b)).hypot(covariance));
         let axis = |eigenvalue: f64| (CHI_SQUARED_95 * eigenvalue.max(0.0)).sqrt();
-        Self { major: axis(middle + half), minor: axis(middle - half), angle_rad: 0.5 * (2.0 * covariance).atan2(a - b) }
+        Self {
+            major: axis(middle + half),
+            minor: axis(middle - half),
+            angle_rad: 0.5 * (2.0 * covariance).atan2(a - b),
+        }
     }
 }
 
@@ -80,12 +84,15 @@ impl Root {
     #[must_use]
     pub fn covers(&self, z: Complex<f64>) -> bool {
         let (dre, dim) = (z.re - self.re, z.im - self.im);
-        let (Some(sr), Some(si), Some(c)) = (self.std_re, self.std_im, self.covariance) else { return false };
+        let (Some(sr), Some(si), Some(c)) = (self.std_re, self.std_im, self.covariance) else {
+            return false;
+        };
         let determinant = sr * sr * si * si - c * c;
         if self.im == 0.0 || determinant <= 0.0 {
             return dre.abs() <= NORMAL_95_EXACT * sr && dim == 0.0;
         }
-        (dre * dre * si * si - 2.0 * dre * dim * c + dim * dim * sr * sr) / determinant <= CHI_SQUARED_95
+        (dre * dre * si * si - 2.0 * dre * dim * c + dim * dim * sr * sr) / determinant
+            <= CHI_SQUARED_95
     }
 }
 
@@ -120,9 +127,14 @@ pub struct Response {
 /// The covariance of A, B, C and D as independent deviations of one standard deviation each, flattened row by row, A first: Σ dᵀd over them is the covariance, in
 /// the states of the nominal model. Empty without draws.
 pub(super) fn deviations(nominal: &InnovationsModel, draws: &Draws) -> Vec<Vec<f64>> {
-    let flat = |m: &InnovationsModel| [&m.a, &m.b, &m.c, &m.d].map(|m| m.transpose().iter().copied().collect::<Vec<f64>>()).concat();
+    let flat = |m: &InnovationsModel| {
+        [&m.a, &m.b, &m.c, &m.d]
+            .map(|m| m.transpose().iter().copied().collect::<Vec<f64>>())
+            .concat()
+    };
     let (own, count) = (flat(nominal), draws.small.len());
-    let drawn: Vec<Vec<f64>> = draws.small.iter().map(flat).filter(|d| d.len() == own.len()).collect();
+    let drawn: Vec<Vec<f64>> =
+        draws.small.iter().map(flat).filter(|d| d.len() == own.len()).collect();
     if drawn.len() <= 10 {
         return Vec::new();
     }
@@ -136,25 +148,43 @@ pub(super) fn deviations(nominal: &InnovationsModel, draws: &Draws) -> Vec<Vec<f
 ///
 /// # Errors
 /// [`ModelError::NotFinite`].
-pub(super) fn system(model: &InnovationsModel, ts: SampleTime, delays: &[usize]) -> Result<StateSpace<Sampled>, ModelError> {
-    StateSpace::sampled(model.a.clone(), model.b.clone(), model.c.clone(), model.d.clone(), ts)?.with_input_delay(delays.to_vec())
+pub(super) fn system(
+    model: &InnovationsModel,
+    ts: SampleTime,
+    delays: &[usize],
+) -> Result<StateSpace<Sampled>, ModelError> {
+    StateSpace::sampled(model.a.clone(), model.b.clone(), model.c.clone(), model.d.clone(), ts)?
+        .with_input_delay(delays.to_vec())
 }
 
 /// Roots closer than this share of their size are one.
 const COINCIDE: f64 = 1e-5;
 
 /// Roots of the model as `of` finds them, with their deviations over the small draws.
-pub(super) fn roots(nominal: &[Complex<f64>], drawn: &[Vec<Complex<f64>>], step: f64, ts: SampleTime) -> Vec<Root> {
-    let matched: Vec<Vec<Complex<f64>>> = drawn.iter().filter_map(|d| matched(nominal, d)).collect();
+pub(super) fn roots(
+    nominal: &[Complex<f64>],
+    drawn: &[Vec<Complex<f64>>],
+    step: f64,
+    ts: SampleTime,
+) -> Vec<Root> {
+    let matched: Vec<Vec<Complex<f64>>> =
+        drawn.iter().filter_map(|d| matched(nominal, d)).collect();
     let known = matched.len() > 10;
     nominal
         .iter()
         .enumerate()
         .map(|(i, &z)| {
             // Roots that coincide have no derivative.
-            let known = known && !nominal.iter().enumerate().any(|(j, other)| j != i && (other - z).norm() < COINCIDE * z.norm());
-            let mean = |f: &dyn Fn(Complex<f64>) -> f64| matched.iter().map(|d| f((d[i] - z) / step)).sum::<f64>() / matched.len() as f64;
-            let (vr, vi, c) = (mean(&|d| d.re * d.re), mean(&|d| d.im * d.im), mean(&|d| d.re * d.im));
+            let known = known
+                && !nominal
+                    .iter()
+                    .enumerate()
+                    .any(|(j, other)| j != i && (other - z).norm() < COINCIDE * z.norm());
+            let mean = |f: &dyn Fn(Complex<f64>) -> f64| {
+                matched.iter().map(|d| f((d[i] - z) / step)).sum::<f64>() / matched.len() as f64
+            };
+            let (vr, vi, c) =
+                (mean(&|d| d.re * d.re), mean(&|d| d.im * d.im), mean(&|d| d.re * d.im));
             let s = (z.norm() > 1e-6).then(|| z.ln() / ts.seconds());
             // ds = dz/(z·Ts).
             let growth = s.map(|s| (s.re, (mean(&|d| (d / z).re.powi(2))).sqrt() / ts.seconds()));
@@ -168,7 +198,9 @@ pub(super) fn roots(nominal: &[Complex<f64>], drawn: &[Vec<Complex<f64>>], step:
                 frequency_hz: s.map(|s| s.norm() / std::f64::consts::TAU),
                 damping: s.filter(|s| s.norm() > 0.0).map(|s| -s.re / s.norm()),
                 time_constant_s: growth.filter(|g| g.0 != 0.0).map(|g| -1.0 / g.0),
-                time_constant_std_s: growth.filter(|g| known && g.0 != 0.0).map(|g| g.1 / (g.0 * g.0)),
+                time_constant_std_s: growth
+                    .filter(|g| known && g.0 != 0.0)
+                    .map(|g| g.1 / (g.0 * g.0)),
             }
         })
         .collect()
@@ -184,7 +216,9 @@ fn matched(nominal: &[Complex<f64>], drawn: &[Complex<f64>]) -> Option<Vec<Compl
     let mut open: Vec<usize> = (0..nominal.len()).collect();
     while !open.is_empty() {
         let pairs = open.iter().flat_map(|&i| (0..left.len()).map(move |j| (i, j)));
-        let (i, j) = pairs.min_by(|a, b| (nominal[a.0] - left[a.1]).norm().total_cmp(&(nominal[b.0] - left[b.1]).norm()))?;
+        let (i, j) = pairs.min_by(|a, b| {
+            (nominal[a.0] - left[a.1]).norm().total_cmp(&(nominal[b.0] - left[b.1]).norm())
+        })?;
         found[i] = left.swap_remove(j);
         open.retain(|k| *k != i);
     }
@@ -194,32 +228,45 @@ fn matched(nominal: &[Complex<f64>], drawn: &[Complex<f64>]) -> Option<Vec<Compl
 /// Frequencies from a few periods in the data to the Nyquist frequency, evenly in the logarithm, rad/s.
 pub(super) fn frequencies(ts: SampleTime, samples: usize, count: usize) -> Vec<f64> {
     let high = ts.nyquist_rad_s() * 0.99;
-    let low = (std::f64::consts::TAU * 2.0 / (samples.max(8) as f64 * ts.seconds())).min(high / 10.0);
+    let low =
+        (std::f64::consts::TAU * 2.0 / (samples.max(8) as f64 * ts.seconds())).min(high / 10.0);
     (0..count).map(|k| low * (high / low).powf(k as f64 / (count - 1).max(1) as f64)).collect()
 }
 
 /// The response of every pair at these frequencies: input by input, output by output, with bands.
-pub(super) fn responses(nominal: &StateSpace<Sampled>, draws: &Draws, frequencies: &[f64]) -> Vec<Vec<Vec<Band>>> {
+pub(super) fn responses(
+    nominal: &StateSpace<Sampled>,
+    draws: &Draws,
+    frequencies: &[f64],
+) -> Vec<Vec<Vec<Band>>> {
     let (ts, delays) = (nominal.sample_time(), nominal.input_delay());
     let systems = |models: &[InnovationsModel], own: &[Vec<usize>]| {
-        let one = |(i, m): (usize, &InnovationsModel)| system(m, ts, own.get(i).map_or(delays, Vec::as_slice)).ok();
+        let one = |(i, m): (usize, &InnovationsModel)| {
+            system(m, ts, own.get(i).map_or(delays, Vec::as_slice)).ok()
+        };
         models.iter().enumerate().filter_map(one).collect::<Vec<_>>()
     };
-    let (whole, small) = (systems(&draws.whole, &draws.whole_delays), systems(&draws.small, &draws.small_delays));
+    let (whole, small) =
+        (systems(&draws.whole, &draws.whole_delays), systems(&draws.small, &draws.small_delays));
     let (m, l) = (nominal.inputs(), nominal.outputs());
     let mut found = vec![vec![Vec::with_capacity(frequencies.len()); l]; m];
     for &omega in frequencies {
-        let at = |all: &[StateSpace<Sampled>]| all.iter().map(|s| s.frequency_response(omega)).collect::<Vec<DMatrix<Complex<f64>>>>();
+        let at = |all: &[StateSpace<Sampled>]| {
+            all.iter().map(|s| s.frequency_response(omega)).collect::<Vec<DMatrix<Complex<f64>>>>()
+        };
         let (g, whole, small) = (nominal.frequency_response(omega), at(&whole), at(&small));
         for (j, of_input) in found.iter_mut().enumerate() {
             for (i, bands) in of_input.iter_mut().enumerate() {
                 let value = g[(i, j)];
-                let mut gains: Vec<f64> = whole.iter().map(|h| h[(i, j)].norm()).filter(|v| v.is_finite()).collect();
+                let mut gains: Vec<f64> =
+                    whole.iter().map(|h| h[(i, j)].norm()).filter(|v| v.is_finite()).collect();
                 gains.sort_by(f64::total_cmp);
                 let quantile = |p: f64| gains[((gains.len() - 1) as f64 * p).round() as usize];
                 let deviation = |f: &dyn Fn(Complex<f64>) -> f64| {
                     let sum: f64 = small.iter().map(|h| (f(h[(i, j)]) / draws.step).powi(2)).sum();
-                    (small.len() > 10).then(|| (sum / small.len() as f64).sqrt()).filter(|v| v.is_finite())
+                    (small.len() > 10)
+                        .then(|| (sum / small.len() as f64).sqrt())
+                        .filter(|v| v.is_finite())
                 };
                 bands.push(Band {
                     omega_rad_s: omega,
@@ -257,9 +304,13 @@ mod tests {
         };
         for turn in 0..24 {
             let angle = f64::from(turn) * std::f64::consts::TAU / 24.0;
-            let on = Complex::new(ellipse.major * angle.cos(), ellipse.minor * angle.sin()) * Complex::cis(ellipse.angle_rad);
+            let on = Complex::new(ellipse.major * angle.cos(), ellipse.minor * angle.sin())
+                * Complex::cis(ellipse.angle_rad);
             let centre = Complex::new(root.re, root.im);
-            assert!(root.covers(centre + on * 0.999) && !root.covers(centre + on * 1.001), "{turn}");
+            assert!(
+                root.covers(centre + on * 0.999) && !root.covers(centre + on * 1.001),
+                "{turn}"
+            );
         }
     }
 }

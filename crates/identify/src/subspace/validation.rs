@@ -72,11 +72,15 @@ pub(super) fn check(
     stable: bool,
 ) -> Vec<OutputCheck> {
     let used: Vec<&Stretch> = stretches.iter().filter(|s| s.len() > skip + LAGS + 2).collect();
-    let free: Vec<DMatrix<f64>> = if stable { used.iter().map(|s| model.free_run(s)).collect() } else { Vec::new() };
+    let free: Vec<DMatrix<f64>> =
+        if stable { used.iter().map(|s| model.free_run(s)).collect() } else { Vec::new() };
     let error = |(i, s): (usize, &&Stretch)| match (noise, free.get(i)) {
         (Some(d), Some(y)) => {
             let left = &s.y - y;
-            let rows: Vec<_> = left.row_iter().map(|r| whitened(&r.iter().copied().collect::<Vec<f64>>(), d)).collect();
+            let rows: Vec<_> = left
+                .row_iter()
+                .map(|r| whitened(&r.iter().copied().collect::<Vec<f64>>(), d))
+                .collect();
             DMatrix::from_fn(left.nrows(), left.ncols(), |i, t| rows[i][t])
         }
         _ => model.innovations(s),
@@ -86,14 +90,26 @@ pub(super) fn check(
         .iter()
         .enumerate()
         .map(|(i, named)| {
-            let measured: Vec<Vec<f64>> = used.iter().map(|s| s.y.row(i).iter().skip(skip).copied().collect()).collect();
-            let late: Vec<Vec<f64>> = errors.iter().map(|e| e.row(i).iter().skip(skip).copied().collect()).collect();
-            let all: Vec<Vec<f64>> = used.iter().map(|s| s.y.row(i).iter().copied().collect()).collect();
-            let missed: Vec<Vec<f64>> =
-                free.iter().zip(&used).map(|(y, s)| s.y.row(i).iter().zip(y.row(i).iter()).map(|(a, b)| a - b).collect()).collect();
+            let measured: Vec<Vec<f64>> =
+                used.iter().map(|s| s.y.row(i).iter().skip(skip).copied().collect()).collect();
+            let late: Vec<Vec<f64>> =
+                errors.iter().map(|e| e.row(i).iter().skip(skip).copied().collect()).collect();
+            let all: Vec<Vec<f64>> =
+                used.iter().map(|s| s.y.row(i).iter().copied().collect()).collect();
+            let missed: Vec<Vec<f64>> = free
+                .iter()
+                .zip(&used)
+                .map(|(y, s)| s.y.row(i).iter().zip(y.row(i).iter()).map(|(a, b)| a - b).collect())
+                .collect();
             let test = |(j, input): (usize, &Named)| {
-                let u: Vec<Vec<f64>> = used.iter().map(|s| s.u.row(j).iter().skip(skip).copied().collect()).collect();
-                cross(&late, &u).map(|(test, largest, at_lag)| InputTest { input: input.name.clone(), test, largest, at_lag })
+                let u: Vec<Vec<f64>> =
+                    used.iter().map(|s| s.u.row(j).iter().skip(skip).copied().collect()).collect();
+                cross(&late, &u).map(|(test, largest, at_lag)| InputTest {
+                    input: input.name.clone(),
+                    test,
+                    largest,
+                    at_lag,
+                })
             };
             OutputCheck {
                 output: named.name.clone(),
@@ -109,7 +125,9 @@ pub(super) fn check(
 fn fit(measured: &[Vec<f64>], error: &[Vec<f64>]) -> Option<Fit> {
     let n = measured.iter().map(Vec::len).sum::<usize>() as f64;
     let mean = |x: &[Vec<f64>]| x.iter().flatten().sum::<f64>() / n;
-    let variance = |x: &[Vec<f64>], about: f64| x.iter().flatten().map(|v| (v - about).powi(2)).sum::<f64>() / n;
+    let variance = |x: &[Vec<f64>], about: f64| {
+        x.iter().flatten().map(|v| (v - about).powi(2)).sum::<f64>() / n
+    };
     let spread = variance(measured, mean(measured));
     let (square, own) = (variance(error, 0.0), variance(error, mean(error)));
     let nrmse = (square / spread).sqrt();
@@ -142,7 +160,11 @@ fn white(errors: &[Vec<f64>]) -> Option<Test> {
     if power <= 0.0 || n <= 2.0 * LAGS as f64 {
         return None;
     }
-    let statistic = n * (n + 2.0) * (1..=LAGS).map(|lag| (product(&e, &e, lag) / power).powi(2) / (n - lag as f64)).sum::<f64>();
+    let statistic = n
+        * (n + 2.0)
+        * (1..=LAGS)
+            .map(|lag| (product(&e, &e, lag) / power).powi(2) / (n - lag as f64))
+            .sum::<f64>();
     Some(Test { lags: LAGS, statistic, p: chance(statistic, LAGS as f64)? })
 }
 
@@ -169,5 +191,9 @@ fn cross(errors: &[Vec<f64>], u: &[Vec<f64>]) -> Option<(Test, f64, usize)> {
         }
     }
     let (at, largest) = r.iter().enumerate().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
-    Some((Test { lags: LAGS, statistic, p: chance(statistic, f64::from(freedom))? }, *largest, at + 1))
+    Some((
+        Test { lags: LAGS, statistic, p: chance(statistic, f64::from(freedom))? },
+        *largest,
+        at + 1,
+    ))
 }

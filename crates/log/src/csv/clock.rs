@@ -73,24 +73,35 @@ pub(crate) struct Times {
 }
 
 /// Stamps of any format, each as text would have it; they are understood as a text file's. `plain` says that whole numbers of seconds may stand there.
-pub(crate) fn seconds(cells: impl Iterator<Item = String>, unit: Option<TimeUnit>, plain: bool) -> Times {
+pub(crate) fn seconds(
+    cells: impl Iterator<Item = String>,
+    unit: Option<TimeUnit>,
+    plain: bool,
+) -> Times {
     let mut stamps = Stamps::default();
     let number = |cell: &[u8]| std::str::from_utf8(cell).ok()?.parse().ok();
-    let raw: Vec<f64> = cells.map(|cell| stamps.read(cell.as_bytes(), unit, number).unwrap_or(f64::NAN)).collect();
+    let raw: Vec<f64> =
+        cells.map(|cell| stamps.read(cell.as_bytes(), unit, number).unwrap_or(f64::NAN)).collect();
     let (unit, why) = unit.map_or_else(|| stamps.guess(&raw, plain), |unit| (unit, Why::Given));
     let time_s: Vec<f64> = raw.iter().map(|stamp| stamp / unit.per_second()).collect();
     let size = if why == Why::Size { " by the size of its numbers" } else { "" };
     let again = match why {
         Why::Size => Message::from("; ").and(Remedy::TimeUnit).and(" says it otherwise"),
         Why::Rule if median_step(&time_s) >= 2.0 => {
-            let every = format!(", a sample every {} s; ", super::table::shortest(median_step(&time_s)));
+            let every =
+                format!(", a sample every {} s; ", super::table::shortest(median_step(&time_s)));
             Message::from(every).and(Remedy::TimeUnit).and(" says it otherwise")
         }
         _ => Message::default(),
     };
     let per_unit = (1e9 / unit.per_second()) as i128;
     let origin_ns = stamps.origin.map(|origin| origin.saturating_mul(per_unit));
-    Times { time_s, unit, origin_ns, told: Message::from(format!("{size}{}", stamps.counted_from(unit))).and(again) }
+    Times {
+        time_s,
+        unit,
+        origin_ns,
+        told: Message::from(format!("{size}{}", stamps.counted_from(unit))).and(again),
+    }
 }
 
 /// How the unit of the time came about.
@@ -119,15 +130,26 @@ pub(super) struct Stamps {
 
 impl Stamps {
     /// A stamp as a number of the file's unit (nanoseconds for dates), from the first one where the numbers are large; `None` where the cell is no stamp.
-    pub(super) fn read(&mut self, cell: &[u8], unit: Option<TimeUnit>, number: impl Fn(&[u8]) -> Option<f64>) -> Option<f64> {
+    pub(super) fn read(
+        &mut self,
+        cell: &[u8],
+        unit: Option<TimeUnit>,
+        number: impl Fn(&[u8]) -> Option<f64>,
+    ) -> Option<f64> {
         let text = || std::str::from_utf8(cell).ok();
         if !self.started {
-            self.dates = unit == Some(TimeUnit::Iso) || (unit.is_none() && number(cell).is_none() && text().and_then(date).is_some());
+            self.dates = unit == Some(TimeUnit::Iso)
+                || (unit.is_none() && number(cell).is_none() && text().and_then(date).is_some());
             self.whole = true;
             self.started = true;
-            let whole = |t: &str| t.parse().ok().or_else(|| number(cell).and(parts(t)).map(|(whole, _)| whole));
+            let whole = |t: &str| {
+                t.parse().ok().or_else(|| number(cell).and(parts(t)).map(|(whole, _)| whole))
+            };
             let first = if self.dates { text().and_then(date) } else { text().and_then(whole) };
-            let large = |x: &i128| x.unsigned_abs() >= COUNTED_FROM_FIRST.unsigned_abs() || DATES_S.contains(&(*x as f64));
+            let large = |x: &i128| {
+                x.unsigned_abs() >= COUNTED_FROM_FIRST.unsigned_abs()
+                    || DATES_S.contains(&(*x as f64))
+            };
             self.origin = first.filter(|x: &i128| self.dates || large(x));
         }
         let from = self.origin.unwrap_or(0);
@@ -161,9 +183,13 @@ impl Stamps {
         if self.dates {
             return (TimeUnit::Iso, Why::Written);
         }
-        let size = self.origin.map_or_else(|| stamps.first().copied().unwrap_or(0.0), |x| x as f64).abs();
-        let dated = [(TimeUnit::S, 1.0), (TimeUnit::Ms, 1e3), (TimeUnit::Us, 1e6), (TimeUnit::Ns, 1e9)];
-        if let Some((unit, _)) = dated.into_iter().find(|(_, scale)| DATES_S.contains(&(size / scale))) {
+        let size =
+            self.origin.map_or_else(|| stamps.first().copied().unwrap_or(0.0), |x| x as f64).abs();
+        let dated =
+            [(TimeUnit::S, 1.0), (TimeUnit::Ms, 1e3), (TimeUnit::Us, 1e6), (TimeUnit::Ns, 1e9)];
+        if let Some((unit, _)) =
+            dated.into_iter().find(|(_, scale)| DATES_S.contains(&(size / scale)))
+        {
             return (unit, if unit == TimeUnit::S { Why::Rule } else { Why::Size });
         }
         let step = median_step(stamps);
@@ -185,7 +211,9 @@ impl Stamps {
 fn parts(text: &str) -> Option<(i128, f64)> {
     let (whole, behind) = text.split_once(['.', ','])?;
     let digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-    (digits(whole) && digits(behind)).then(|| Some((whole.parse().ok()?, format!("0.{behind}").parse().ok()?))).flatten()
+    (digits(whole) && digits(behind))
+        .then(|| Some((whole.parse().ok()?, format!("0.{behind}").parse().ok()?)))
+        .flatten()
 }
 
 /// The median difference of neighbours; 0 for fewer than two stamps.
@@ -204,7 +232,8 @@ pub(super) fn date(text: &str) -> Option<i128> {
     };
     let mut parts = day.split(['-', '/']);
     let mut part = |digits: usize| {
-        let text = parts.next().filter(|t| t.len() == digits && t.bytes().all(|b| b.is_ascii_digit()))?;
+        let text =
+            parts.next().filter(|t| t.len() == digits && t.bytes().all(|b| b.is_ascii_digit()))?;
         text.parse::<i128>().ok()
     };
     let (year, month, of_month) = (part(4)?, part(2)?, part(2)?);
@@ -225,7 +254,10 @@ fn days(year: i128, month: i128, of_month: i128) -> i128 {
 
 /// Nanoseconds of `HH:MM`, `HH:MM:SS`, `HH:MM:SS.fraction` with or without a zone.
 fn time_of_day(text: &str) -> Option<i128> {
-    let utc = text.strip_suffix(['Z', 'z']).or_else(|| text.strip_suffix("UTC")).or_else(|| text.strip_suffix("GMT"));
+    let utc = text
+        .strip_suffix(['Z', 'z'])
+        .or_else(|| text.strip_suffix("UTC"))
+        .or_else(|| text.strip_suffix("GMT"));
     let (clock, zone_min) = if let Some(clock) = utc {
         (clock.trim_end(), 0)
     } else if let Some(at) = text.rfind(['+', '-']) {
@@ -238,7 +270,8 @@ fn time_of_day(text: &str) -> Option<i128> {
         (text, 0)
     };
     let mut parts = clock.trim_end().split(':');
-    let mut whole = |most: i128| parts.next()?.parse::<i128>().ok().filter(|x| (0..=most).contains(x));
+    let mut whole =
+        |most: i128| parts.next()?.parse::<i128>().ok().filter(|x| (0..=most).contains(x));
     let (hours, minutes) = (whole(24)?, whole(59)?);
     let seconds_ns = match parts.next() {
         None => 0,
@@ -249,7 +282,8 @@ fn time_of_day(text: &str) -> Option<i128> {
             }
             let nine: String = fraction.chars().chain(std::iter::repeat('0')).take(9).collect();
             // A leap second is 60.
-            seconds.parse::<i128>().ok().filter(|s| (0..=60).contains(s))? * 1_000_000_000 + nine.parse::<i128>().ok()?
+            seconds.parse::<i128>().ok().filter(|s| (0..=60).contains(s))? * 1_000_000_000
+                + nine.parse::<i128>().ok()?
         }
     };
     if parts.next().is_some() {
@@ -277,9 +311,17 @@ mod tests {
         ] {
             assert_eq!(date(text), Some(ns), "{text}");
         }
-        for text in
-            ["", "2024", "12:30:01", "2024-13-01", "2024-03-01T25:00", "2024-03-01T10:00:00.x", "20240301", "a-b-c", "2024-03-01T1é:00"]
-        {
+        for text in [
+            "",
+            "2024",
+            "12:30:01",
+            "2024-13-01",
+            "2024-03-01T25:00",
+            "2024-03-01T10:00:00.x",
+            "20240301",
+            "a-b-c",
+            "2024-03-01T1é:00",
+        ] {
             assert_eq!(date(text), None, "{text}");
         }
     }

@@ -203,7 +203,9 @@ impl Follower {
     fn rows(&mut self, news: &mut Vec<News>) -> Result<(), Error> {
         let end = self.pending.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
         let too_long = |bytes: usize| bytes as u64 > LONGEST_LINE;
-        if self.header.is_none() && (self.pending.starts_with(&GZIP_MAGIC) || byte_order(&self.pending).is_some()) {
+        if self.header.is_none()
+            && (self.pending.starts_with(&GZIP_MAGIC) || byte_order(&self.pending).is_some())
+        {
             return Err(LogError::NotText { file: self.source.clone(), row: 1 }.into());
         }
         if too_long(self.pending.len() - end) {
@@ -218,19 +220,31 @@ impl Follower {
                 let mut look = Lines::new(&source, whole)?;
                 if !look.header()? || !look.has_row() {
                     // A header says less without a row below it.
-                    return if too_long(end) { Err(LogError::NoSamples { file: source.clone() }.into()) } else { Ok(()) };
+                    return if too_long(end) {
+                        Err(LogError::NoSamples { file: source.clone() }.into())
+                    } else {
+                        Ok(())
+                    };
                 }
                 true
             }
         };
         let rest = self.pending.split_off(end);
         let whole = std::mem::replace(&mut self.pending, rest);
-        let mut lines = if begun { Lines::new(&source, whole.as_slice())? } else { self.below(&source, &whole) };
+        let mut lines = if begun {
+            Lines::new(&source, whole.as_slice())?
+        } else {
+            self.below(&source, &whole)
+        };
         let mut header = match self.header.take() {
             Some((header, _)) => header,
             None => Header::read(&mut lines, &self.options)?,
         };
-        let places = self.columns.iter().map(|name| header.place(&source, name)).collect::<Result<Vec<_>, _>>()?;
+        let places = self
+            .columns
+            .iter()
+            .map(|name| header.place(&source, name))
+            .collect::<Result<Vec<_>, _>>()?;
         if begun && self.time.column != header.clock.column {
             self.time = Time { column: header.clock.column.clone(), ..Time::default() };
         }
@@ -252,15 +266,26 @@ impl Follower {
     }
 
     fn below<'a>(&self, source: &'a str, whole: &'a [u8]) -> Lines<'a> {
-        let separator = self.header.as_ref().map_or(super::lines::Separator::Blanks, |(header, _)| header.separator);
+        let separator = self
+            .header
+            .as_ref()
+            .map_or(super::lines::Separator::Blanks, |(header, _)| header.separator);
         Lines::rows(source, whole, separator, self.lines)
     }
 
     /// The current line; its time is in the file's unit.
-    fn row(&mut self, lines: &Lines<'_>, header: &Header, places: &[usize]) -> Result<Row, LogError> {
+    fn row(
+        &mut self,
+        lines: &Lines<'_>,
+        header: &Header,
+        places: &[usize],
+    ) -> Result<Row, LogError> {
         header.check_length(lines)?;
         let raw = header.stamp(&self.source, lines, &mut self.time.stamps)?;
-        let values = places.iter().zip(&self.columns).map(|(place, name)| header.number(&self.source, lines, *place, name));
+        let values = places
+            .iter()
+            .zip(&self.columns)
+            .map(|(place, name)| header.number(&self.source, lines, *place, name));
         Ok(Row { row: lines.row, time_s: raw, values: values.collect::<Result<_, _>>()? })
     }
 
@@ -268,7 +293,11 @@ impl Follower {
     fn take(&mut self, row: Row, header: &mut Header, news: &mut Vec<News>) {
         let raw = row.time_s;
         if raw.abs() > crate::log::TIME_LIMIT_S {
-            news.push(News::Bad(LogError::TimeRange { file: self.source.clone(), place: Place::Row(row.row), time_s: raw }));
+            news.push(News::Bad(LogError::TimeRange {
+                file: self.source.clone(),
+                place: Place::Row(row.row),
+                time_s: raw,
+            }));
             return;
         }
         let fresh = std::mem::take(&mut self.time.fresh);
@@ -310,7 +339,8 @@ impl Follower {
         let scale = self.time.per_second.unwrap_or(1.0);
         let last = self.time.last.map(|last| last / scale);
         for row in std::mem::take(&mut self.time.behind) {
-            let refused = time_follows(&self.source, || Place::Row(row.row), last, row.time_s / scale);
+            let refused =
+                time_follows(&self.source, || Place::Row(row.row), last, row.time_s / scale);
             news.extend(refused.err().map(News::Bad));
         }
     }
@@ -332,6 +362,8 @@ impl Follower {
         news.extend(std::mem::take(&mut header.notes).into_iter().map(News::Note));
         self.time.per_second = Some(scale);
         let rows = std::mem::take(&mut self.time.waiting);
-        news.extend(rows.into_iter().map(|row| News::Row(Row { time_s: row.time_s / scale, ..row })));
+        news.extend(
+            rows.into_iter().map(|row| News::Row(Row { time_s: row.time_s / scale, ..row })),
+        );
     }
 }

@@ -30,7 +30,11 @@ enum Role {
 const WORDS: [(Role, &str, &[&str]); 7] = [
     (Role::Coherence, "coherence", &["coherence", "coh", "cxy", "gamma2", "γ²", "γ2"]),
     (Role::Std, "standard deviation", &["std", "stddev", "sigma", "σ", "sd"]),
-    (Role::Magnitude, "magnitude", &["magnitude", "mag", "gain", "amplitude", "modulus", "abs", "db"]),
+    (
+        Role::Magnitude,
+        "magnitude",
+        &["magnitude", "mag", "gain", "amplitude", "modulus", "abs", "db"],
+    ),
     (Role::Phase, "phase", &["phase", "angle", "arg", "deg"]),
     (Role::Real, "real part", &["real", "re"]),
     (Role::Imag, "imaginary part", &["imaginary", "imag", "im"]),
@@ -76,7 +80,10 @@ pub fn read_frequency_response(path: &Path) -> Result<FrequencyResponse, Error> 
 ///
 /// # Errors
 /// As [`read_frequency_response`].
-pub fn read_frequency_response_from(source: &str, bytes: impl Read) -> Result<FrequencyResponse, Error> {
+pub fn read_frequency_response_from(
+    source: &str,
+    bytes: impl Read,
+) -> Result<FrequencyResponse, Error> {
     let file = || source.to_owned();
     let refused = |error| Error::from(LogError::Frequency { file: source.to_owned(), error });
     let mut lines = Lines::new(source, bytes)?;
@@ -84,12 +91,18 @@ pub fn read_frequency_response_from(source: &str, bytes: impl Read) -> Result<Fr
         return Err(refused(FrequencyError::TooFew { needed: crate::frequency::NEEDED, found: 0 }));
     }
     let columns = columns(&lines)?;
-    let existing = || columns.iter().map(|c| format!("`{}`", shown(c.name.as_bytes()))).collect::<Vec<_>>();
+    let existing =
+        || columns.iter().map(|c| format!("`{}`", shown(c.name.as_bytes()))).collect::<Vec<_>>();
     let found = |role: Role| of_role(&columns, role).map_err(refused);
     let missing = |needed| refused(FrequencyError::NoColumn { needed, existing: existing() });
     let frequency = found(Role::Frequency)?.ok_or_else(|| missing("frequency"))?;
     let per_unit = frequency_unit(frequency).map_err(refused)?;
-    let (first, second, polar) = match (found(Role::Real)?, found(Role::Imag)?, found(Role::Magnitude)?, found(Role::Phase)?) {
+    let (first, second, polar) = match (
+        found(Role::Real)?,
+        found(Role::Imag)?,
+        found(Role::Magnitude)?,
+        found(Role::Phase)?,
+    ) {
         (Some(real), Some(imag), ..) => (real, imag, None),
         (_, _, Some(magnitude), Some(phase)) => {
             let turn = if phase.has(&["deg", "degree", "degrees", "°"]) {
@@ -97,7 +110,10 @@ pub fn read_frequency_response_from(source: &str, bytes: impl Read) -> Result<Fr
             } else if phase.has(&["rad", "radian", "radians"]) {
                 1.0
             } else {
-                return Err(refused(FrequencyError::NoUnit { column: phase.bare(), units: ["deg", "rad"] }));
+                return Err(refused(FrequencyError::NoUnit {
+                    column: phase.bare(),
+                    units: ["deg", "rad"],
+                }));
             };
             (magnitude, phase, Some((magnitude.has(&["db"]), turn)))
         }
@@ -109,21 +125,35 @@ pub fn read_frequency_response_from(source: &str, bytes: impl Read) -> Result<Fr
     let (coherence, std) = (found(Role::Coherence)?, found(Role::Std)?);
     let quality = coherence.or(std);
     let mut notes = vec![said(frequency, per_unit, first, second, polar, coherence, std)];
-    let wanted: Vec<&Column> = [Some(frequency), Some(first), Some(second), quality].into_iter().flatten().collect();
+    let wanted: Vec<&Column> =
+        [Some(frequency), Some(first), Some(second), quality].into_iter().flatten().collect();
     let cells = lines.len();
-    let (mut omega, mut values, mut more, mut places) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut omega, mut values, mut more, mut places) =
+        (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let mut empty = 0;
     while lines.next()? {
         if lines.len() != cells {
-            return Err(LogError::RowLength { file: file(), row: lines.row, expected: cells, found: lines.len() }.into());
+            return Err(LogError::RowLength {
+                file: file(),
+                row: lines.row,
+                expected: cells,
+                found: lines.len(),
+            }
+            .into());
         }
-        let row = wanted.iter().map(|column| number(&lines, column)).collect::<Result<Vec<Option<f64>>, LogError>>()?;
+        let row = wanted
+            .iter()
+            .map(|column| number(&lines, column))
+            .collect::<Result<Vec<Option<f64>>, LogError>>()?;
         if row.iter().skip(1).all(Option::is_none) {
             empty += 1;
             continue;
         }
         if let Some((column, _)) = wanted.iter().zip(&row).find(|(_, cell)| cell.is_none()) {
-            return Err(refused(FrequencyError::EmptyCell { row: lines.row, column: column.name.clone() }));
+            return Err(refused(FrequencyError::EmptyCell {
+                row: lines.row,
+                column: column.name.clone(),
+            }));
         }
         let mut row = row.into_iter().flatten();
         let (Some(f), Some(a), Some(b)) = (row.next(), row.next(), row.next()) else { continue };
@@ -133,7 +163,12 @@ pub fn read_frequency_response_from(source: &str, bytes: impl Read) -> Result<Fr
             Some((false, _)) if a < 0.0 => {
                 let remedy = "an absolute magnitude is 0 or more; if these are decibels, write `[dB]` behind the name";
                 let column = first.name.clone();
-                return Err(refused(FrequencyError::OutOfRange { place: Place::Row(lines.row), column, value: a, remedy }));
+                return Err(refused(FrequencyError::OutOfRange {
+                    place: Place::Row(lines.row),
+                    column,
+                    value: a,
+                    remedy,
+                }));
             }
             Some((false, turn)) => Complex::from_polar(a, b * turn),
         };
@@ -150,7 +185,9 @@ pub fn read_frequency_response_from(source: &str, bytes: impl Read) -> Result<Fr
         (None, Some(_)) => Quality::Std(more),
         (None, None) => Quality::Unknown,
     };
-    Ok(FrequencyResponse::checked(file(), omega, values, quality, places).map_err(refused)?.noting(notes))
+    Ok(FrequencyResponse::checked(file(), omega, values, quality, places)
+        .map_err(refused)?
+        .noting(notes))
 }
 
 /// How the columns were understood.
@@ -191,7 +228,10 @@ fn said(
 fn columns(lines: &Lines<'_>) -> Result<Vec<Column>, LogError> {
     let text = |place| std::str::from_utf8(lines.cell(place)).map(str::to_owned);
     let column = |place| text(place).map(|name| Column { place, words: words(&name), name });
-    (0..lines.len()).map(column).collect::<Result<_, _>>().map_err(|_| LogError::NotText { file: lines.file.to_owned(), row: lines.row })
+    (0..lines.len())
+        .map(column)
+        .collect::<Result<_, _>>()
+        .map_err(|_| LogError::NotText { file: lines.file.to_owned(), row: lines.row })
 }
 
 /// What a column is: the first role that one of its words names.
@@ -205,7 +245,11 @@ fn of_role(columns: &[Column], wanted: Role) -> Result<Option<&Column>, Frequenc
     let first = all.next();
     if let (Some(first), Some(second)) = (first, all.next()) {
         let name = WORDS.iter().find(|(r, ..)| *r == wanted).map_or("", |(_, name, _)| *name);
-        return Err(FrequencyError::Twice { role: name, first: first.name.clone(), second: second.name.clone() });
+        return Err(FrequencyError::Twice {
+            role: name,
+            first: first.name.clone(),
+            second: second.name.clone(),
+        });
     }
     Ok(first)
 }
@@ -226,7 +270,12 @@ fn frequency_unit(column: &Column) -> Result<f64, FrequencyError> {
 /// A cell as a number; `None` where it is empty.
 fn number(lines: &Lines<'_>, column: &Column) -> Result<Option<f64>, LogError> {
     let cell = lines.cell(column.place);
-    parse(cell, lines.separator.allows_decimal_comma()).number(lines.file, lines.row, &column.name, cell)
+    parse(cell, lines.separator.allows_decimal_comma()).number(
+        lines.file,
+        lines.row,
+        &column.name,
+        cell,
+    )
 }
 
 #[cfg(test)]
@@ -246,12 +295,18 @@ mod tests {
     #[test]
     fn every_way_of_writing_a_response_is_the_same_response() {
         let tables = [
-            table("omega [rad/s],real,imag", |w| format!("{w},{},{}", 2.0 * (0.1 * w).cos(), -2.0 * (0.1 * w).sin())),
-            table("frequency [Hz],H_re,H_im", |w| format!("{},{},{}", w / TAU, 2.0 * (0.1 * w).cos(), -2.0 * (0.1 * w).sin())),
+            table("omega [rad/s],real,imag", |w| {
+                format!("{w},{},{}", 2.0 * (0.1 * w).cos(), -2.0 * (0.1 * w).sin())
+            }),
+            table("frequency [Hz],H_re,H_im", |w| {
+                format!("{},{},{}", w / TAU, 2.0 * (0.1 * w).cos(), -2.0 * (0.1 * w).sin())
+            }),
             table("f_hz;Magnitude (dB);Phase (deg);coherence", |w| {
                 format!("{};{};{};0.9", w / TAU, 20.0 * 2.0_f64.log10(), -0.1 * w * 360.0 / TAU)
             }),
-            table("freq_khz,gain,phase [rad],std", |w| format!("{},2,{},0.1", w / TAU / 1e3, -0.1 * w)),
+            table("freq_khz,gain,phase [rad],std", |w| {
+                format!("{},2,{},0.1", w / TAU / 1e3, -0.1 * w)
+            }),
         ];
         for text in tables {
             let response = read(&text).unwrap();
@@ -271,11 +326,17 @@ mod tests {
                 table("frequency,real,imag", row),
                 "a.csv: the column `frequency` says no unit; call it `frequency [Hz]` or `frequency [rad/s]`",
             ),
-            (table("frequency [Hz],real,y", row), "a.csv: no column with the imaginary part; there are `frequency [Hz]`, `real`, `y`"),
+            (
+                table("frequency [Hz],real,y", row),
+                "a.csv: no column with the imaginary part; there are `frequency [Hz]`, `real`, `y`",
+            ),
             (table("frequency [Hz],mag,phase", row), "call it `phase [deg]` or `phase [rad]`"),
             (table("time,u,y", row), "no column with the frequency"),
             (table("f [Hz],real,re", row), "`real` and `re` both look like the real part"),
-            (table("f [Hz],magnitude,phase [deg]", |w| format!("{w},-3,0")), "row 2: `magnitude` is -3; an absolute magnitude"),
+            (
+                table("f [Hz],magnitude,phase [deg]", |w| format!("{w},-3,0")),
+                "row 2: `magnitude` is -3; an absolute magnitude",
+            ),
             (table("f [Hz],real,imag", |w| format!("{},1,1", 9.0 - w)), "row 3: the frequency"),
             (
                 table("f [Hz],real,imag,coherence", |w| format!("{w},1,1,1.2")),
@@ -292,9 +353,14 @@ mod tests {
 
     #[test]
     fn the_frequency_0_is_left_out_and_said() {
-        let text = table("f [Hz],real,imag", |w| format!("{},1,1", w)).replacen("\n", "\n0,1,0\n", 1);
+        let text =
+            table("f [Hz],real,imag", |w| format!("{},1,1", w)).replacen("\n", "\n0,1,0\n", 1);
         let response = read(&text).unwrap();
         assert_eq!(response.omega_rad_s().len(), 8);
-        assert!(response.notes().iter().any(|n| n.starts_with("left out 1 rows")), "{:?}", response.notes());
+        assert!(
+            response.notes().iter().any(|n| n.starts_with("left out 1 rows")),
+            "{:?}",
+            response.notes()
+        );
     }
 }

@@ -76,8 +76,11 @@ impl<'a> Lines<'a> {
         let head = first_bytes(&mut bytes).map_err(|e| Error::io(Path::new(file), e))?;
         let gzip = head == GZIP_MAGIC;
         let whole = BufReader::with_capacity(1 << 16, std::io::Cursor::new(head).chain(bytes));
-        let reader: Box<dyn BufRead> =
-            if gzip { Box::new(BufReader::with_capacity(1 << 18, MultiGzDecoder::new(whole))) } else { Box::new(whole) };
+        let reader: Box<dyn BufRead> = if gzip {
+            Box::new(BufReader::with_capacity(1 << 18, MultiGzDecoder::new(whole)))
+        } else {
+            Box::new(whole)
+        };
         let mut lines = Self { gzip, ..Self::over(file, reader, Separator::Byte(b','), 0) };
         // An error of the first bytes comes once.
         let order = match lines.reader.fill_buf() {
@@ -85,7 +88,10 @@ impl<'a> Lines<'a> {
             Err(error) => return Err(lines.refusal(error)),
         };
         match order {
-            Some(unit) => Ok(Self { reader: Box::new(BufReader::new(Utf16::new(lines.reader, unit))), ..lines }),
+            Some(unit) => Ok(Self {
+                reader: Box::new(BufReader::new(Utf16::new(lines.reader, unit))),
+                ..lines
+            }),
             None => Ok(lines),
         }
     }
@@ -96,14 +102,38 @@ impl<'a> Lines<'a> {
     }
 
     /// Rows below a header that was read before: plain text, the line in front of it is number `before`.
-    pub(super) fn rows(file: &'a str, bytes: &'a [u8], separator: Separator, before: usize) -> Self {
+    pub(super) fn rows(
+        file: &'a str,
+        bytes: &'a [u8],
+        separator: Separator,
+        before: usize,
+    ) -> Self {
         Self::over(file, Box::new(bytes), separator, before)
     }
 
-    fn over(file: &'a str, reader: Box<dyn BufRead + 'a>, separator: Separator, before: usize) -> Self {
+    fn over(
+        file: &'a str,
+        reader: Box<dyn BufRead + 'a>,
+        separator: Separator,
+        before: usize,
+    ) -> Self {
         let (ahead, line, cells) = (VecDeque::new(), Vec::new(), Vec::new());
         let (open, to_break, broken, gzip) = (false, false, None, false);
-        Self { file, row: before, separator, open, to_break, broken, gzip, reader, read: before, ended: before, ahead, line, cells }
+        Self {
+            file,
+            row: before,
+            separator,
+            open,
+            to_break,
+            broken,
+            gzip,
+            reader,
+            read: before,
+            ended: before,
+            ahead,
+            line,
+            cells,
+        }
     }
 
     /// A row stands below the header that was just found.
@@ -114,9 +144,14 @@ impl<'a> Lines<'a> {
     /// The cells of the row below the header that was just found; it stays to be read.
     pub(super) fn below(&mut self) -> Vec<Vec<u8>> {
         let Some(next) = self.ahead.front().cloned() else { return Vec::new() };
-        let here = (self.row, self.open, std::mem::take(&mut self.line), std::mem::take(&mut self.cells));
+        let here =
+            (self.row, self.open, std::mem::take(&mut self.line), std::mem::take(&mut self.cells));
         let whole = self.take(next).is_ok();
-        let cells = if whole { (0..self.len()).map(|i| self.cell(i).to_vec()).collect() } else { Vec::new() };
+        let cells = if whole {
+            (0..self.len()).map(|i| self.cell(i).to_vec()).collect()
+        } else {
+            Vec::new()
+        };
         (self.row, self.open, self.line, self.cells) = here;
         cells
     }
@@ -136,14 +171,19 @@ impl<'a> Lines<'a> {
         let up_to = format!("read up to row {}", self.ended);
         match self.broken.as_ref()? {
             Break::Gzip(reason) => Some(format!("the gzip stream is cut off ({reason}): {up_to}")),
-            Break::Zeros => Some(format!("zero bytes stand from row {} to the end of the file: {up_to}", self.ended + 1)),
+            Break::Zeros => Some(format!(
+                "zero bytes stand from row {} to the end of the file: {up_to}",
+                self.ended + 1
+            )),
         }
     }
 
     /// What to say of a file without rows: what broke it off, where something did.
     pub(super) fn nothing(&self, otherwise: LogError) -> LogError {
         match &self.broken {
-            Some(Break::Gzip(reason)) => LogError::Gzip { file: self.file.into(), row: self.read, reason: reason.clone() },
+            Some(Break::Gzip(reason)) => {
+                LogError::Gzip { file: self.file.into(), row: self.read, reason: reason.clone() }
+            }
             Some(Break::Zeros) => LogError::NotText { file: self.file.into(), row: self.ended + 1 },
             None => otherwise,
         }
@@ -161,7 +201,11 @@ impl<'a> Lines<'a> {
             let text = self.line.trim_ascii();
             match (text.get(..4), text.get(4)) {
                 // What spreadsheets write above the header.
-                (Some(word), Some(&byte)) if word.eq_ignore_ascii_case(b"sep=") && text.len() == 5 => said = Some(byte),
+                (Some(word), Some(&byte))
+                    if word.eq_ignore_ascii_case(b"sep=") && text.len() == 5 =>
+                {
+                    said = Some(byte)
+                }
                 _ => match uncommented(text) {
                     Some(rest) => comment = Some((self.row, rest.to_vec())),
                     None => break,
@@ -173,7 +217,8 @@ impl<'a> Lines<'a> {
         let below = second.as_ref().map(|next| next.line.as_slice());
         self.separator = said.map_or_else(|| guess(&first.line, below), Separator::Byte);
         self.take(first)?;
-        let numbers = !self.cells.is_empty() && (0..self.cells.len()).all(|i| is_number(self.cell(i)));
+        let numbers =
+            !self.cells.is_empty() && (0..self.cells.len()).all(|i| is_number(self.cell(i)));
         let header = match comment {
             Some((row, text)) if numbers => {
                 let (cells, values) = (self.cells.len(), self.ahead());
@@ -241,7 +286,9 @@ impl<'a> Lines<'a> {
             if self.broken.is_some() {
                 return Ok(false);
             }
-            if let Err(error) = self.reader.by_ref().take(LONGEST_LINE).read_until(b'\n', &mut self.line) {
+            if let Err(error) =
+                self.reader.by_ref().take(LONGEST_LINE).read_until(b'\n', &mut self.line)
+            {
                 self.breaks_off(error)?;
             }
             let read = self.line.len() as u64;
@@ -302,7 +349,8 @@ impl<'a> Lines<'a> {
     fn refusal(&self, error: std::io::Error) -> Error {
         use std::io::ErrorKind::{InvalidData, InvalidInput, UnexpectedEof};
         if self.gzip && matches!(error.kind(), InvalidData | InvalidInput | UnexpectedEof) {
-            LogError::Gzip { file: self.file.into(), row: self.read, reason: error.to_string() }.into()
+            LogError::Gzip { file: self.file.into(), row: self.read, reason: error.to_string() }
+                .into()
         } else {
             Error::io(Path::new(self.file), error)
         }
@@ -379,18 +427,26 @@ impl<'a> Lines<'a> {
 
     /// A cell of the current line without spaces around it; empty beyond the last one.
     pub(super) fn cell(&self, place: usize) -> &[u8] {
-        self.cells.get(place).and_then(|cell| self.line.get(cell.clone())).unwrap_or_default().trim_ascii()
+        self.cells
+            .get(place)
+            .and_then(|cell| self.line.get(cell.clone()))
+            .unwrap_or_default()
+            .trim_ascii()
     }
 }
 
 /// The text behind a comment sign.
 fn uncommented(line: &[u8]) -> Option<&[u8]> {
-    let rest = line.strip_prefix(b"#").or_else(|| line.strip_prefix(b"%")).or_else(|| line.strip_prefix(b"//"))?;
+    let rest = line
+        .strip_prefix(b"#")
+        .or_else(|| line.strip_prefix(b"%"))
+        .or_else(|| line.strip_prefix(b"//"))?;
     Some(rest.trim_ascii_start())
 }
 
 fn is_number(cell: &[u8]) -> bool {
-    cell.is_empty() || std::str::from_utf8(cell).is_ok_and(|text| text.replace(',', ".").parse::<f64>().is_ok())
+    cell.is_empty()
+        || std::str::from_utf8(cell).is_ok_and(|text| text.replace(',', ".").parse::<f64>().is_ok())
 }
 
 /// What separates the columns of a file with these first two rows: what stands in both equally often, then what is commonest in the header; blanks where nothing else does.
@@ -400,14 +456,27 @@ fn guess(header: &[u8], below: Option<&[u8]>) -> Separator {
         (count > 0).then(|| (below.is_some_and(|row| separators(row, byte) == count), count, byte))
     });
     // Of equals the first one tried wins.
-    if let Some((_, _, byte)) = found.reduce(|best, next| if (next.0, next.1) > (best.0, best.1) { next } else { best }) {
+    if let Some((_, _, byte)) =
+        found.reduce(|best, next| if (next.0, next.1) > (best.0, best.1) { next } else { best })
+    {
         return Separator::Byte(byte);
     }
-    let words = |row: &[u8]| row.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).map(<[u8]>::to_vec).collect::<Vec<_>>();
+    let words = |row: &[u8]| {
+        row.split(u8::is_ascii_whitespace)
+            .filter(|word| !word.is_empty())
+            .map(<[u8]>::to_vec)
+            .collect::<Vec<_>>()
+    };
     let named = words(header).iter().filter(|word| !word.starts_with(b"[")).count();
     match below.map(words) {
-        _ if words(header).len() > 1 && words(header).iter().all(|word| is_number(word)) => Separator::Blanks,
-        Some(row) if row.len() > 1 && row.len() == named && row.iter().any(|word| is_number(word)) => Separator::Blanks,
+        _ if words(header).len() > 1 && words(header).iter().all(|word| is_number(word)) => {
+            Separator::Blanks
+        }
+        Some(row)
+            if row.len() > 1 && row.len() == named && row.iter().any(|word| is_number(word)) =>
+        {
+            Separator::Blanks
+        }
         _ => Separator::Byte(b','),
     }
 }

@@ -12,5 +12,6 @@ pub(crate) mod table;
 mod utf16;
 
 pub use table::{
-    EventTimes, name_and_unit, read_events, read_events_from, read_from, read_records, read_records_from, recording_from, records,
+    EventTimes, name_and_unit, read_events, read_events_from, read_from, read_records,
+    read_records_from, recording_from, records,
 };

@@ -3,8 +3,10 @@
 //! Source: Clinger (1990), "How to read floating point numbers accurately", PLDI, section 5, doi:10.1145/93542.93557: a whole number below 2⁵³ over a power of ten up to 10²²
 //! are both exact, so that their quotient is rounded once, and therefore rightly.
 
-const TENS: [f64; 23] =
-    [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22];
+const TENS: [f64; 23] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
+    1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
+];
 /// Digits of a number that is below 2⁵³ whatever they are.
 const DIGITS: usize = 15;
 
@@ -52,17 +54,47 @@ mod tests {
         let mut read = 0;
         for _ in 0..200_000 {
             let length = rng.random_range(1..20);
-            let text: String = (0..length).map(|_| char::from(b"0123456789.-0123456789"[rng.random_range(0..22)])).collect();
+            let text: String = (0..length)
+                .map(|_| char::from(b"0123456789.-0123456789"[rng.random_range(0..22)]))
+                .collect();
             if let Some(x) = decimal(text.as_bytes()) {
                 assert_eq!(text.parse::<f64>().map(f64::to_bits), Ok(x.to_bits()), "{text}");
                 read += 1;
             }
         }
         assert!(read > 50_000, "only {read}");
-        for text in ["0", "-0", "-0.0", "1.", ".5", "999999999999999", "0.00000000000001", "123456789.012345"] {
-            assert_eq!(decimal(text.as_bytes()).map(f64::to_bits), text.parse().ok().map(f64::to_bits), "{text}");
+        for text in [
+            "0",
+            "-0",
+            "-0.0",
+            "1.",
+            ".5",
+            "999999999999999",
+            "0.00000000000001",
+            "123456789.012345",
+        ] {
+            assert_eq!(
+                decimal(text.as_bytes()).map(f64::to_bits),
+                text.parse().ok().map(f64::to_bits),
+                "{text}"
+            );
         }
-        for text in ["", "-", ".", "-.", "+1", "1e3", "1,5", "inf", "NaN", "1.2.3", "--1", "1-", "1234567890123456", "0x1"] {
+        for text in [
+            "",
+            "-",
+            ".",
+            "-.",
+            "+1",
+            "1e3",
+            "1,5",
+            "inf",
+            "NaN",
+            "1.2.3",
+            "--1",
+            "1-",
+            "1234567890123456",
+            "0x1",
+        ] {
             assert_eq!(decimal(text.as_bytes()), None, "{text}");
         }
     }

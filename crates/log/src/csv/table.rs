@@ -61,45 +61,72 @@ pub fn read_events(path: &Path, columns: [&str; 2]) -> Result<[EventTimes; 2], E
 ///
 /// # Errors
 /// As [`read_events`].
-pub fn read_events_from(source: &str, bytes: impl Read, columns: [&str; 2]) -> Result<[EventTimes; 2], Error> {
+pub fn read_events_from(
+    source: &str,
+    bytes: impl Read,
+    columns: [&str; 2],
+) -> Result<[EventTimes; 2], Error> {
     let file = || source.to_owned();
     let mut lines = Lines::new(source, bytes)?;
     if !lines.header()? {
         return Err(LogError::Empty { file: file() }.into());
     }
     let cells = lines.len();
-    let text = |place| std::str::from_utf8(lines.cell(place)).map(|cell| name_and_unit(cell).0.to_owned());
-    let names: Vec<String> =
-        (0..cells).map(text).collect::<Result<_, _>>().map_err(|_| LogError::NotText { file: file(), row: lines.row })?;
+    let text =
+        |place| std::str::from_utf8(lines.cell(place)).map(|cell| name_and_unit(cell).0.to_owned());
+    let names: Vec<String> = (0..cells)
+        .map(text)
+        .collect::<Result<_, _>>()
+        .map_err(|_| LogError::NotText { file: file(), row: lines.row })?;
     let mut found = Vec::with_capacity(2);
     for column in columns {
         let mut places = (0..cells).filter(|&i| names.get(i).is_some_and(|name| name == column));
         let Some(place) = places.next() else {
-            let closest = crate::error::closest(column, names.iter().map(String::as_str)).map(Into::into);
-            return Err(LogError::UnknownChannel { file: file(), channel: column.into(), closest, existing: names }.into());
+            let closest =
+                crate::error::closest(column, names.iter().map(String::as_str)).map(Into::into);
+            return Err(LogError::UnknownChannel {
+                file: file(),
+                channel: column.into(),
+                closest,
+                existing: names,
+            }
+            .into());
         };
         if places.next().is_some() {
             return Err(LogError::DuplicateChannel { file: file(), channel: column.into() }.into());
         }
-        let unit = std::str::from_utf8(lines.cell(place)).ok().and_then(|cell| name_and_unit(cell).1).map(ToOwned::to_owned);
+        let unit = std::str::from_utf8(lines.cell(place))
+            .ok()
+            .and_then(|cell| name_and_unit(cell).1)
+            .map(ToOwned::to_owned);
         found.push((place, EventTimes { name: column.into(), unit, times: Vec::new() }));
     }
     while lines.next()? {
         if lines.len() != cells {
-            return Err(LogError::RowLength { file: file(), row: lines.row, expected: cells, found: lines.len() }.into());
+            return Err(LogError::RowLength {
+                file: file(),
+                row: lines.row,
+                expected: cells,
+                found: lines.len(),
+            }
+            .into());
         }
         for (place, events) in &mut found {
             let (cell, row, channel) = (lines.cell(*place), lines.row, events.name.clone());
             let found = parse(cell, lines.separator.allows_decimal_comma());
             let Some(time) = found.number(&file(), row, &channel, cell)? else { continue };
             if let Some(&before) = events.times.last().filter(|before| **before >= time) {
-                return Err(LogError::EventOrder { file: file(), row, channel, before, time }.into());
+                return Err(
+                    LogError::EventOrder { file: file(), row, channel, before, time }.into()
+                );
             }
             events.times.push(time);
         }
     }
     if let Some((_, empty)) = found.iter().find(|(_, events)| events.times.is_empty()) {
-        return Err(LogError::MissingThroughout { file: file(), channel: empty.name.clone() }.into());
+        return Err(
+            LogError::MissingThroughout { file: file(), channel: empty.name.clone() }.into()
+        );
     }
     let mut columns = found.into_iter().map(|(_, events)| events);
     match (columns.next(), columns.next()) {
@@ -125,7 +152,11 @@ pub(crate) fn recording(path: &Path, options: &ReadOptions) -> Result<Recording,
 ///
 /// # Errors
 /// As [`crate::reader::read`].
-pub fn recording_from(source: &str, bytes: impl Read, options: &ReadOptions) -> Result<Recording, Error> {
+pub fn recording_from(
+    source: &str,
+    bytes: impl Read,
+    options: &ReadOptions,
+) -> Result<Recording, Error> {
     let mut lines = Lines::to_break(source, bytes)?;
     let mut header = Header::read(&mut lines, options)?;
     let mut part = Part::new(source.into(), &header);
@@ -155,7 +186,11 @@ pub fn read_records_from(source: &str, bytes: impl Read, column: &str) -> Result
 ///
 /// # Errors
 /// As [`read_records`].
-pub fn records(path: &Path, column: &str, options: &ReadOptions) -> Result<(Vec<Log>, crate::notes::Notes), Error> {
+pub fn records(
+    path: &Path,
+    column: &str,
+    options: &ReadOptions,
+) -> Result<(Vec<Log>, crate::notes::Notes), Error> {
     records_from(&path.display().to_string(), open(path, &options.far)?, column, options)
 }
 
@@ -173,7 +208,9 @@ pub(super) fn records_from(
     while lines.next()? {
         // A row that is whole may begin another record.
         if let Some((name, part)) = &current
-            && (lines.cut_off() || lines.len() < header.cells || name.as_slice() == lines.cell(place))
+            && (lines.cut_off()
+                || lines.len() < header.cells
+                || name.as_slice() == lines.cell(place))
             && let Some(why) = part.cut_off(&lines, &header)
         {
             header.left_out(&lines, &why);
@@ -182,12 +219,18 @@ pub(super) fn records_from(
         header.check_length(&lines)?;
         let value = lines.cell(place);
         if value.is_empty() {
-            return Err(LogError::EmptyRecord { file: source.into(), row: lines.row, channel: column.into() }.into());
+            return Err(LogError::EmptyRecord {
+                file: source.into(),
+                row: lines.row,
+                channel: column.into(),
+            }
+            .into());
         }
         let part = match &mut current {
             Some((name, part)) if name.as_slice() == value => part,
             _ => {
-                let fresh = Part::new(format!("{source}#{}", String::from_utf8_lossy(value)), &header);
+                let fresh =
+                    Part::new(format!("{source}#{}", String::from_utf8_lossy(value)), &header);
                 if let Some((_, done)) = current.take() {
                     logs.push(done.finish(&mut header)?);
                 }
@@ -213,7 +256,8 @@ impl Log {
     pub fn write_csv(&self, path: &Path) -> Result<(), Error> {
         let written = write_atomic(path, |file| {
             if is_gz(path) {
-                let mut encoder = flate2::write::GzEncoder::new(file, flate2::Compression::default());
+                let mut encoder =
+                    flate2::write::GzEncoder::new(file, flate2::Compression::default());
                 self.write_rows(&mut encoder)?;
                 encoder.finish().map(|_| ())
             } else {
@@ -225,7 +269,9 @@ impl Log {
 
     fn write_rows(&self, mut out: &mut dyn Write) -> std::io::Result<()> {
         let mut header = ::csv::Writer::from_writer(&mut out);
-        header.write_record(std::iter::once("time".to_owned()).chain(self.channels.iter().map(Channel::header)))?;
+        header.write_record(
+            std::iter::once("time".to_owned()).chain(self.channels.iter().map(Channel::header)),
+        )?;
         header.flush()?;
         drop(header);
         let mut line = String::new();
@@ -248,7 +294,11 @@ impl Log {
 /// The shortest digits that read back to the same bits, with an exponent where zeros would fill the cell.
 pub(super) fn push_number(line: &mut String, x: f64) {
     // Writing to a `String` cannot fail.
-    let _ = if x == 0.0 || (1e-5..1e16).contains(&x.abs()) { write!(line, "{x}") } else { write!(line, "{x:e}") };
+    let _ = if x == 0.0 || (1e-5..1e16).contains(&x.abs()) {
+        write!(line, "{x}")
+    } else {
+        write!(line, "{x:e}")
+    };
 }
 
 /// Splits a header `name [unit]` or `name`.
@@ -340,10 +390,14 @@ pub(super) fn take_units(names: &mut Names, time: usize, below: &[Vec<u8>]) -> b
             Ok(text) => text.trim().to_owned(),
             Err(_) => cell.iter().map(|byte| char::from(*byte)).collect(),
         };
-        let inner = [('[', ']'), ('(', ')')].iter().find_map(|(open, close)| text.strip_prefix(*open)?.strip_suffix(*close));
+        let inner = [('[', ']'), ('(', ')')]
+            .iter()
+            .find_map(|(open, close)| text.strip_prefix(*open)?.strip_suffix(*close));
         inner.map_or_else(|| text.clone(), |inner| inner.trim().to_owned())
     };
-    let of_unit = |cell: &Vec<u8>| matches!(parse(cell, true), Cell::Text | Cell::Missing) || bare(cell) == "1";
+    let of_unit = |cell: &Vec<u8>| {
+        matches!(parse(cell, true), Cell::Text | Cell::Missing) || bare(cell) == "1"
+    };
     let timed = below.get(time).is_some_and(|cell| clock::unit(&bare(cell)).is_some());
     if !timed || below.len() < names.len() || !below.iter().all(of_unit) {
         return false;
@@ -365,14 +419,23 @@ impl Header {
         }
         let mut notes = crate::notes::Notes::default();
         let mut names = names(lines, &mut notes)?;
-        let trailing = (names.len() > 1 && names.last().is_some_and(|last| *last == Default::default())).then(|| {
+        let trailing = (names.len() > 1
+            && names.last().is_some_and(|last| *last == Default::default()))
+        .then(|| {
             names.pop();
             lines.row
         });
         let below = lines.below();
         let cell = |place: usize| below.get(place).map_or(b"".as_slice(), Vec::as_slice);
-        if let (Some(row), true) = (trailing, matches!(parse(cell(names.len()), true), Cell::Number(_))) {
-            return Err(LogError::UnnamedColumn { file: file.into(), row, column: names.len() + 1 }.into());
+        if let (Some(row), true) =
+            (trailing, matches!(parse(cell(names.len()), true), Cell::Number(_)))
+        {
+            return Err(LogError::UnnamedColumn {
+                file: file.into(),
+                row,
+                column: names.len() + 1,
+            }
+            .into());
         }
         let index = unnamed_first(&mut names, cell(0), options, &mut notes);
         let (time, _) = time_column(lines, &names, options)?;
@@ -390,38 +453,61 @@ impl Header {
                 continue;
             }
             match name.as_str() {
-                "" if place == 0 && index => notes.push("column 1 has no name and counts the rows; left out".to_owned()),
-                "" => return Err(LogError::UnnamedColumn { file: file.into(), row: lines.row, column: place + 1 }.into()),
-                "time" if options.time.is_none() => return Err(LogError::DuplicateChannel { file: file.into(), channel: name }.into()),
-                "time" => notes.push("the column `time` is left out: another one is taken as the time".to_owned()),
+                "" if place == 0 && index => {
+                    notes.push("column 1 has no name and counts the rows; left out".to_owned())
+                }
+                "" => {
+                    return Err(LogError::UnnamedColumn {
+                        file: file.into(),
+                        row: lines.row,
+                        column: place + 1,
+                    }
+                    .into());
+                }
+                "time" if options.time.is_none() => {
+                    return Err(
+                        LogError::DuplicateChannel { file: file.into(), channel: name }.into()
+                    );
+                }
+                "time" => notes.push(
+                    "the column `time` is left out: another one is taken as the time".to_owned(),
+                ),
                 _ => columns.push((place, name, unit)),
             }
         }
         let mut seen = std::collections::HashSet::new();
         if let Some((_, twice, _)) = columns.iter().find(|(_, name, _)| !seen.insert(name)) {
-            return Err(LogError::DuplicateChannel { file: file.into(), channel: twice.clone() }.into());
+            return Err(
+                LogError::DuplicateChannel { file: file.into(), channel: twice.clone() }.into()
+            );
         }
         let separator = lines.separator;
-        let decimal_comma = separator.allows_decimal_comma() || lines.below().iter().any(|cell| has_decimal_comma(cell));
+        let decimal_comma = separator.allows_decimal_comma()
+            || lines.below().iter().any(|cell| has_decimal_comma(cell));
         Ok(Self { separator, decimal_comma, time, clock, columns, cells, trailing, notes })
     }
 
     /// Says that the last row is not whole.
     fn left_out(&mut self, lines: &Lines<'_>, why: &str) {
         if !lines.cut_off() {
-            self.notes.push(format!("row {}, the last one, is cut off ({why}) and left out", lines.row));
+            self.notes
+                .push(format!("row {}, the last one, is cut off ({why}) and left out", lines.row));
         }
     }
 
     /// The cell of a column in each line.
     pub(super) fn place(&self, file: &str, column: &str) -> Result<usize, LogError> {
         let names = || self.columns.iter().map(|(_, name, _)| name.as_str());
-        self.columns.iter().find(|(_, name, _)| name == column).map(|(place, ..)| *place).ok_or_else(|| LogError::UnknownChannel {
-            file: file.into(),
-            channel: column.into(),
-            closest: crate::error::closest(column, names()).map(Into::into),
-            existing: names().map(Into::into).collect(),
-        })
+        self.columns
+            .iter()
+            .find(|(_, name, _)| name == column)
+            .map(|(place, ..)| *place)
+            .ok_or_else(|| LogError::UnknownChannel {
+                file: file.into(),
+                channel: column.into(),
+                closest: crate::error::closest(column, names()).map(Into::into),
+                existing: names().map(Into::into).collect(),
+            })
     }
 
     pub(super) fn check_length(&self, lines: &Lines<'_>) -> Result<(), LogError> {
@@ -431,13 +517,25 @@ impl Header {
             _ if expected == found => Ok(()),
             // A separator behind the last cell.
             _ if one_more && lines.cell(expected).is_empty() => Ok(()),
-            Some(row) if one_more => Err(LogError::UnnamedColumn { file: lines.file.into(), row, column: found }),
-            _ => Err(LogError::RowLength { file: lines.file.into(), row: lines.row, expected, found }),
+            Some(row) if one_more => {
+                Err(LogError::UnnamedColumn { file: lines.file.into(), row, column: found })
+            }
+            _ => Err(LogError::RowLength {
+                file: lines.file.into(),
+                row: lines.row,
+                expected,
+                found,
+            }),
         }
     }
 
     /// The time stamp of the current line, in the file's unit.
-    pub(super) fn stamp(&self, source: &str, lines: &Lines<'_>, stamps: &mut Stamps) -> Result<f64, LogError> {
+    pub(super) fn stamp(
+        &self,
+        source: &str,
+        lines: &Lines<'_>,
+        stamps: &mut Stamps,
+    ) -> Result<f64, LogError> {
         let (time, row) = (lines.cell(self.time), lines.row);
         let number = |cell: &[u8]| match parse(cell, self.decimal_comma) {
             Cell::Number(x) => Some(x),
@@ -459,7 +557,13 @@ impl Header {
     }
 
     /// The number of a channel in the current line; `None` where it is missing.
-    pub(super) fn number(&self, source: &str, lines: &Lines<'_>, place: usize, name: &str) -> Result<Option<f64>, LogError> {
+    pub(super) fn number(
+        &self,
+        source: &str,
+        lines: &Lines<'_>,
+        place: usize,
+        name: &str,
+    ) -> Result<Option<f64>, LogError> {
         let cell = lines.cell(place);
         parse(cell, self.decimal_comma).number(source, lines.row, name, cell)
     }
@@ -479,18 +583,39 @@ impl Header {
         };
         let step_s = median_step(raw) / unit.per_second();
         let column = &self.clock.column;
-        let every = if step_s > 0.0 { format!(", a sample every {} s", shortest(step_s)) } else { String::new() };
+        let every = if step_s > 0.0 {
+            format!(", a sample every {} s", shortest(step_s))
+        } else {
+            String::new()
+        };
         let again = |note: String| {
-            Some(Message::from(note).and("; ").and(Remedy::TimeColumn).and(" and ").and(Remedy::TimeUnit).and(" say it otherwise"))
+            Some(
+                Message::from(note)
+                    .and("; ")
+                    .and(Remedy::TimeColumn)
+                    .and(" and ")
+                    .and(Remedy::TimeUnit)
+                    .and(" say it otherwise"),
+            )
         };
         let from = stamps.counted_from(unit);
         let note = match why {
             Why::Given => None,
             Why::Named if plain && unit == TimeUnit::S => None,
-            Why::Named => again(format!("time is the column `{column}` in {} by its name{every}{from}", unit.words())),
-            Why::Size => again(format!("time is the column `{column}` in {} by the size of its numbers{every}{from}", unit.words())),
-            Why::Written => Some(format!("time is the column `{column}`, {}{every}{from}", unit.words()).into()),
-            Why::Rule if !plain => again(format!("time is the column `{column}`, taken in seconds{every}{from}")),
+            Why::Named => again(format!(
+                "time is the column `{column}` in {} by its name{every}{from}",
+                unit.words()
+            )),
+            Why::Size => again(format!(
+                "time is the column `{column}` in {} by the size of its numbers{every}{from}",
+                unit.words()
+            )),
+            Why::Written => {
+                Some(format!("time is the column `{column}`, {}{every}{from}", unit.words()).into())
+            }
+            Why::Rule if !plain => {
+                again(format!("time is the column `{column}`, taken in seconds{every}{from}"))
+            }
             Why::Rule if step_s >= 2.0 => again(format!("time is taken in seconds{every}{from}")),
             Why::Rule if !from.is_empty() => Some(format!("time is taken in seconds{from}").into()),
             Why::Rule => None,
@@ -514,36 +639,54 @@ pub(super) fn time_column(
     let file = || lines.file.to_owned();
     let first = || names.first().map_or_else(String::new, |(name, _)| shown(name.as_bytes()));
     let time = match &options.time {
-        Some(wanted) => names.iter().position(|(name, _)| name == wanted).ok_or_else(|| LogError::UnknownChannel {
-            file: file(),
-            channel: wanted.clone(),
-            closest: crate::error::closest(wanted, names.iter().map(|(n, _)| n.as_str())).map(Into::into),
-            existing: names.iter().map(|(n, _)| n.clone()).collect(),
+        Some(wanted) => names.iter().position(|(name, _)| name == wanted).ok_or_else(|| {
+            LogError::UnknownChannel {
+                file: file(),
+                channel: wanted.clone(),
+                closest: crate::error::closest(wanted, names.iter().map(|(n, _)| n.as_str()))
+                    .map(Into::into),
+                existing: names.iter().map(|(n, _)| n.clone()).collect(),
+            }
         })?,
         None => {
             let called = |place: usize, name: &str| clock::named(name, place == 0).is_some();
             let plain = names.iter().position(|(name, _)| name == "time");
             plain
-                .or_else(|| names.iter().enumerate().position(|(place, (name, _))| called(place, name)))
-                .ok_or_else(|| LogError::FirstColumn { file: file(), row: lines.row, found: first() })?
+                .or_else(|| {
+                    names.iter().enumerate().position(|(place, (name, _))| called(place, name))
+                })
+                .ok_or_else(|| LogError::FirstColumn {
+                    file: file(),
+                    row: lines.row,
+                    found: first(),
+                })?
         }
     };
-    let (name, bracket) = names.get(time).map_or(("", None), |(name, unit)| (name.as_str(), unit.as_deref()));
+    let (name, bracket) =
+        names.get(time).map_or(("", None), |(name, unit)| (name.as_str(), unit.as_deref()));
     if let Some(given) = options.time_unit {
         return Ok((time, Some((given, Why::Given))));
     }
     let unit = match bracket {
-        Some(text) => {
-            Some(clock::unit(text).ok_or_else(|| LogError::TimeUnit { file: file(), row: lines.row, unit: shown(text.as_bytes()) })?)
-        }
+        Some(text) => Some(clock::unit(text).ok_or_else(|| LogError::TimeUnit {
+            file: file(),
+            row: lines.row,
+            unit: shown(text.as_bytes()),
+        })?),
         None => clock::named(name, time == 0).flatten(),
     };
     Ok((time, unit.map(|unit| (unit, Why::Named))))
 }
 
 /// Deals with a first column without a name, as pandas writes its index: it is the time where it holds dates and no other column is the time. Whether it counts the rows.
-pub(super) fn unnamed_first(names: &mut Names, below: &[u8], options: &ReadOptions, notes: &mut crate::notes::Notes) -> bool {
-    let time = names.iter().enumerate().any(|(place, (name, _))| clock::named(name, place == 0).is_some());
+pub(super) fn unnamed_first(
+    names: &mut Names,
+    below: &[u8],
+    options: &ReadOptions,
+    notes: &mut crate::notes::Notes,
+) -> bool {
+    let time =
+        names.iter().enumerate().any(|(place, (name, _))| clock::named(name, place == 0).is_some());
     let Some((name, None)) = names.first_mut() else { return false };
     if !name.is_empty() || names_time(options, "") {
         return false;
@@ -574,7 +717,13 @@ pub(super) enum Cell {
 
 impl Cell {
     /// The number; `None` where it is missing.
-    pub(super) fn number(self, file: &str, row: usize, channel: &str, cell: &[u8]) -> Result<Option<f64>, LogError> {
+    pub(super) fn number(
+        self,
+        file: &str,
+        row: usize,
+        channel: &str,
+        cell: &[u8],
+    ) -> Result<Option<f64>, LogError> {
         match self {
             Self::Number(x) => Ok(Some(x)),
             Self::Missing => Ok(None),
@@ -584,31 +733,41 @@ impl Cell {
 
     /// What to say of a cell without a number.
     fn refusal(&self, file: &str, row: usize, channel: &str, cell: &[u8]) -> LogError {
-        let (file, place, channel, text) = (file.to_owned(), Place::Row(row), channel.to_owned(), shown(cell));
+        let (file, place, channel, text) =
+            (file.to_owned(), Place::Row(row), channel.to_owned(), shown(cell));
         match self {
             Self::NotFinite => LogError::NotFinite { file, place, channel, text },
             Self::Comma => LogError::Comma { file, place, channel, text },
-            Self::Number(_) | Self::Missing | Self::Text => LogError::NotANumber { file, place, channel, text },
+            Self::Number(_) | Self::Missing | Self::Text => {
+                LogError::NotANumber { file, place, channel, text }
+            }
         }
     }
 }
 
 /// A cell with one comma and no point, the comma made a point.
 pub(super) fn with_point(text: &str) -> Option<String> {
-    (text.bytes().filter(|byte| *byte == b',').count() == 1 && !text.contains('.')).then(|| text.replace(',', "."))
+    (text.bytes().filter(|byte| *byte == b',').count() == 1 && !text.contains('.'))
+        .then(|| text.replace(',', "."))
 }
 
 /// Whether a comma may stand between thousands: three digits behind it, one to three before it and no 0 in front.
 pub(super) fn may_be_thousands(text: &str) -> bool {
     let digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
     text.trim_start_matches(['-', '+']).split_once(',').is_some_and(|(whole, behind)| {
-        digits(whole) && digits(behind) && behind.len() == 3 && (1..=3).contains(&whole.len()) && !whole.starts_with('0')
+        digits(whole)
+            && digits(behind)
+            && behind.len() == 3
+            && (1..=3).contains(&whole.len())
+            && !whole.starts_with('0')
     })
 }
 
 /// Whether a cell is a number with a decimal comma beyond doubt.
 pub(super) fn has_decimal_comma(cell: &[u8]) -> bool {
-    cell.contains(&b',') && !std::str::from_utf8(cell).is_ok_and(may_be_thousands) && matches!(parse(cell, true), Cell::Number(_))
+    cell.contains(&b',')
+        && !std::str::from_utf8(cell).is_ok_and(may_be_thousands)
+        && matches!(parse(cell, true), Cell::Number(_))
 }
 
 pub(super) fn parse(cell: &[u8], decimal_comma: bool) -> Cell {
@@ -676,7 +835,14 @@ impl Part {
     fn new(source: String, header: &Header) -> Self {
         let columns = header.columns.iter().map(|_| Column::default()).collect();
         let most = MOST_NUMBERS / (header.columns.len() + 1);
-        Self { source, stamps: Stamps::default(), raw: Vec::new(), columns, rows: Rows::new(Origin::File), most }
+        Self {
+            source,
+            stamps: Stamps::default(),
+            raw: Vec::new(),
+            columns,
+            rows: Rows::new(Origin::File),
+            most,
+        }
     }
 
     /// Why the current line is the rest of a row whose end is lost; only the last one of a file can be, and only one below rows that are whole.
@@ -698,7 +864,8 @@ impl Part {
         if !stamp.is_ok_and(|stamp| stamp > *last) {
             return Some(format!("its time is `{}`", shown(lines.cell(header.time))));
         }
-        let columns = self.columns.iter().zip(&header.columns).filter(|(column, _)| column.refused.is_none());
+        let columns =
+            self.columns.iter().zip(&header.columns).filter(|(column, _)| column.refused.is_none());
         for (column, (place, name, _)) in columns {
             let cell = lines.cell(*place);
             match header.number(&self.source, lines, *place, name) {
@@ -720,15 +887,26 @@ impl Part {
         let Self { source, stamps, raw: before, columns, rows, most } = self;
         if before.len() >= *most {
             let numbers = *most as f64 * (columns.len() + 1) as f64;
-            return Err(LogError::TooLarge { file: source.clone(), row, most: numbers, gb: numbers * size_of::<f64>() as f64 / 1e9 });
+            return Err(LogError::TooLarge {
+                file: source.clone(),
+                row,
+                most: numbers,
+                gb: numbers * size_of::<f64>() as f64 / 1e9,
+            });
         }
         let raw = header.stamp(source, lines, stamps)?;
-        if before.last().is_none_or(|before| *before < raw) && raw.abs() <= crate::log::TIME_LIMIT_S {
+        if before.last().is_none_or(|before| *before < raw) && raw.abs() <= crate::log::TIME_LIMIT_S
+        {
             rows.note(before.len(), row);
             before.push(raw);
         } else {
             let scale = header.settle(stamps, before).per_second();
-            time_follows(source, || Place::Row(row), before.last().map(|t| t / scale), raw / scale)?;
+            time_follows(
+                source,
+                || Place::Row(row),
+                before.last().map(|t| t / scale),
+                raw / scale,
+            )?;
         }
         let places = columns.iter_mut().zip(&header.columns);
         for (column, (place, name, _)) in places.filter(|(column, _)| column.refused.is_none()) {
@@ -756,7 +934,12 @@ impl Part {
             let Column { mut values, mut present, .. } = column;
             values.shrink_to_fit();
             present.iter_mut().for_each(Vec::shrink_to_fit);
-            channels.push(Channel { name: name.clone(), unit: unit.clone(), values: values.into(), present });
+            channels.push(Channel {
+                name: name.clone(),
+                unit: unit.clone(),
+                values: values.into(),
+                present,
+            });
         }
         Log::assemble(self.source, time_s, channels, unusable, self.rows)
     }
@@ -765,7 +948,11 @@ impl Part {
 /// A cell as a message shows it.
 pub(super) fn shown(cell: &[u8]) -> String {
     let text = String::from_utf8_lossy(cell);
-    if text.chars().count() <= SHOWN { text.into_owned() } else { text.chars().take(SHOWN).chain(['…']).collect() }
+    if text.chars().count() <= SHOWN {
+        text.into_owned()
+    } else {
+        text.chars().take(SHOWN).chain(['…']).collect()
+    }
 }
 
 #[cfg(test)]

@@ -74,7 +74,10 @@ mod tests {
     #[test]
     fn text_comes_back_whatever_the_byte_order_and_however_it_is_cut() {
         let text = "\u{feff}time;Größe [°C];🚁\n0;1;2\n";
-        for (to_bytes, mark) in [(u16::to_le_bytes as fn(u16) -> [u8; 2], [0xff, 0xfe]), (u16::to_be_bytes, [0xfe, 0xff])] {
+        for (to_bytes, mark) in [
+            (u16::to_le_bytes as fn(u16) -> [u8; 2], [0xff, 0xfe]),
+            (u16::to_be_bytes, [0xfe, 0xff]),
+        ] {
             let bytes: Vec<u8> = text.encode_utf16().flat_map(to_bytes).collect();
             assert!(bytes.starts_with(&mark));
             let unit = byte_order(&bytes).unwrap();

@@ -10,7 +10,11 @@ pub trait Conversion: Send + Sync {
     ///
     /// # Errors
     /// What the conversion cannot do for this model, as a [`ModelError`].
-    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Result<StateSpace<Sampled>, ModelError>;
+    fn c2d(
+        &self,
+        sys: &StateSpace<Continuous>,
+        sample_time: SampleTime,
+    ) -> Result<StateSpace<Sampled>, ModelError>;
 
     /// The first states of the sampled model are those of the continuous one at the sampling instants.
     fn keeps_states(&self) -> bool {

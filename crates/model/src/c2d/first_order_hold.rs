@@ -15,7 +15,11 @@ use deadtime_signal::time::SampleTime;
 pub struct FirstOrderHold {}
 
 impl Conversion for FirstOrderHold {
-    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Result<StateSpace<Sampled>, ModelError> {
+    fn c2d(
+        &self,
+        sys: &StateSpace<Continuous>,
+        sample_time: SampleTime,
+    ) -> Result<StateSpace<Sampled>, ModelError> {
         zero_order_hold::exact(sys, sample_time, Hold::Linear)
     }
 }

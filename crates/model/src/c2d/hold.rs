@@ -49,7 +49,12 @@ fn step(a: &DMatrix<f64>, b: DVectorView<'_, f64>, h: f64) -> Step {
 }
 
 /// Φ and, for all undelayed inputs at once, the integrals of held inputs and of ramps: each n×m.
-pub fn transition(a: &DMatrix<f64>, b: &DMatrix<f64>, h: f64, hold: Hold) -> (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>) {
+pub fn transition(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    h: f64,
+    hold: Hold,
+) -> (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>) {
     let (n, m) = b.shape();
     let blocks = match hold {
         Hold::Zero => 1,
@@ -64,7 +69,11 @@ pub fn transition(a: &DMatrix<f64>, b: &DMatrix<f64>, h: f64, hold: Hold) -> (DM
     let e = exp(&block);
     let phi = e.view((0, 0), (n, n)).into_owned();
     let held = e.view((0, n), (n, m)).into_owned();
-    let ramp = if hold == Hold::Linear { e.view((0, n + m), (n, m)).into_owned() } else { DMatrix::zeros(0, 0) };
+    let ramp = if hold == Hold::Linear {
+        e.view((0, n + m), (n, m)).into_owned()
+    } else {
+        DMatrix::zeros(0, 0)
+    };
     (phi, held, ramp)
 }
 
@@ -72,17 +81,29 @@ pub fn transition(a: &DMatrix<f64>, b: &DMatrix<f64>, h: f64, hold: Hold) -> (DM
 ///
 /// Zero-order hold (Åström and Wittenmark 1997, "Computer-Controlled Systems", section 2.3): u(k−1) acts until the fraction has passed, then u(k).
 /// First-order hold: the delayed straight lines meet where the fraction ends.
-pub fn delayed_taps(a: &DMatrix<f64>, b: DVectorView<'_, f64>, ts: f64, delay: Samples, hold: Hold) -> Vec<Tap> {
+pub fn delayed_taps(
+    a: &DMatrix<f64>,
+    b: DVectorView<'_, f64>,
+    ts: f64,
+    delay: Samples,
+    hold: Hold,
+) -> Vec<Tap> {
     let f = delay.fraction;
     let late = step(a, b, ts * (1.0 - f));
     let early = if f > 0.0 { Some(step(a, b, ts * f)) } else { None };
     match (hold, early) {
         (Hold::Zero, None) => vec![Tap { lag: 0, gamma: late.held, direct: 1.0 }],
         (Hold::Zero, Some(early)) => {
-            vec![Tap { lag: 0, gamma: late.held, direct: 0.0 }, Tap { lag: 1, gamma: &late.phi * early.held, direct: 1.0 }]
+            vec![
+                Tap { lag: 0, gamma: late.held, direct: 0.0 },
+                Tap { lag: 1, gamma: &late.phi * early.held, direct: 1.0 },
+            ]
         }
         (Hold::Linear, None) => {
-            vec![Tap { lag: -1, gamma: late.ramp.clone(), direct: 0.0 }, Tap { lag: 0, gamma: late.held - late.ramp, direct: 1.0 }]
+            vec![
+                Tap { lag: -1, gamma: late.ramp.clone(), direct: 0.0 },
+                Tap { lag: 0, gamma: late.held - late.ramp, direct: 1.0 },
+            ]
         }
         (Hold::Linear, Some(early)) => {
             // Until the fraction ends: from (1−f)u[k] + f·u[k−1] to u[k]. After it: from u[k] to (1−f)u[k+1] + f·u[k].
@@ -90,7 +111,14 @@ pub fn delayed_taps(a: &DMatrix<f64>, b: DVectorView<'_, f64>, ts: f64, delay: S
             let rising = &late.phi * &early.ramp;
             vec![
                 Tap { lag: -1, gamma: &late.ramp * (1.0 - f), direct: 0.0 },
-                Tap { lag: 0, gamma: &fading * (1.0 - f) + rising + (&late.held - &late.ramp) + &late.ramp * f, direct: 1.0 - f },
+                Tap {
+                    lag: 0,
+                    gamma: &fading * (1.0 - f)
+                        + rising
+                        + (&late.held - &late.ramp)
+                        + &late.ramp * f,
+                    direct: 1.0 - f,
+                },
                 Tap { lag: 1, gamma: fading * f, direct: f },
             ]
         }

@@ -32,7 +32,11 @@ pub struct ImpulseInvariant {
 }
 
 impl Conversion for ImpulseInvariant {
-    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Result<StateSpace<Sampled>, ModelError> {
+    fn c2d(
+        &self,
+        sys: &StateSpace<Continuous>,
+        sample_time: SampleTime,
+    ) -> Result<StateSpace<Sampled>, ModelError> {
         let ts = sample_time.seconds();
         let phi = exp(&(sys.a() * ts));
         let mut b = DMatrix::zeros(sys.order(), sys.inputs());
@@ -50,7 +54,10 @@ impl Conversion for ImpulseInvariant {
                 direct += sys.c() * column;
             } else {
                 if d.column(j).iter().any(|&v| v != 0.0) {
-                    return Err(ModelError::ImpulseBetweenSamples { input: j, samples: delay.total() });
+                    return Err(ModelError::ImpulseBetweenSamples {
+                        input: j,
+                        samples: delay.total(),
+                    });
                 }
                 b.set_column(j, &(exp(&(sys.a() * (ts * (1.0 - delay.fraction)))) * column));
             }

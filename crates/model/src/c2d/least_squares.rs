@@ -43,26 +43,51 @@ const INFINITE: f64 = 1e-9;
 const ONE: Complex<f64> = Complex::new(1.0, 0.0);
 
 impl Conversion for LeastSquares {
-    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Result<StateSpace<Sampled>, ModelError> {
+    fn c2d(
+        &self,
+        sys: &StateSpace<Continuous>,
+        sample_time: SampleTime,
+    ) -> Result<StateSpace<Sampled>, ModelError> {
         single("least squares", sys)?;
         let ts = sample_time.seconds();
         let tf = sys.transfer_function(0, 0)?.cancelled(CANCEL);
         let delay = sample_time.samples(sys.input_delay()[0])?;
         let needed = 4 * (tf.poles().len() + 1);
         if self.grid < needed {
-            return Err(ModelError::Count { what: "grid frequencies for a least-squares conversion", needed, got: self.grid });
+            return Err(ModelError::Count {
+                what: "grid frequencies for a least-squares conversion",
+                needed,
+                got: self.grid,
+            });
         }
-        let omegas: Vec<f64> = (0..self.grid).map(|i| (i as f64 + 0.5) * sample_time.nyquist_rad_s() / self.grid as f64).collect();
-        let target = omegas.iter().map(|&w| tf.at(Complex::new(0.0, w)) * Complex::from_polar(1.0, -w * ts * delay.fraction)).collect();
+        let omegas: Vec<f64> = (0..self.grid)
+            .map(|i| (i as f64 + 0.5) * sample_time.nyquist_rad_s() / self.grid as f64)
+            .collect();
+        let target = omegas
+            .iter()
+            .map(|&w| {
+                tf.at(Complex::new(0.0, w)) * Complex::from_polar(1.0, -w * ts * delay.fraction)
+            })
+            .collect();
         let problem = Problem::new(tf.poles(), ts, &omegas, target);
         let fit = problem.best();
         let (iterations, change) = (fit.iterations, fit.last_change);
-        let not_converged = ModelError::NotConverged { method: "least squares", iterations, change };
+        let not_converged =
+            ModelError::NotConverged { method: "least squares", iterations, change };
         if !fit.stopped.converged() {
             return Err(not_converged);
         }
-        let Some((zeros, poles, gain)) = problem.model(&fit.parameters)? else { return Err(not_converged) };
-        TransferFunction::from_zeros_poles_gain(zeros, poles, gain, delay.whole, Sampled(sample_time))?.to_state_space()
+        let Some((zeros, poles, gain)) = problem.model(&fit.parameters)? else {
+            return Err(not_converged);
+        };
+        TransferFunction::from_zeros_poles_gain(
+            zeros,
+            poles,
+            gain,
+            delay.whole,
+            Sampled(sample_time),
+        )?
+        .to_state_space()
     }
 }
 
@@ -94,9 +119,13 @@ type ZerosPolesGain = (Vec<Complex<f64>>, Vec<Complex<f64>>, f64);
 impl Problem {
     fn new(poles: &[Complex<f64>], ts: f64, omegas: &[f64], target: Vec<Complex<f64>>) -> Self {
         let on_circle = |s: &Complex<f64>| (s.re * ts).abs() <= ON_CIRCLE;
-        let (fixed, free): (Vec<Complex<f64>>, Vec<Complex<f64>>) = poles.iter().copied().partition(on_circle);
-        let (left, right): (Vec<Complex<f64>>, Vec<Complex<f64>>) = free.into_iter().partition(|s| s.re < 0.0);
-        let map = |roots: &[Complex<f64>], sign: f64| roots.iter().map(|s| (s * (sign * ts)).exp()).collect::<Vec<_>>();
+        let (fixed, free): (Vec<Complex<f64>>, Vec<Complex<f64>>) =
+            poles.iter().copied().partition(on_circle);
+        let (left, right): (Vec<Complex<f64>>, Vec<Complex<f64>>) =
+            free.into_iter().partition(|s| s.re < 0.0);
+        let map = |roots: &[Complex<f64>], sign: f64| {
+            roots.iter().map(|s| (s * (sign * ts)).exp()).collect::<Vec<_>>()
+        };
         // Outside the circle 1/z is mapped.
         let tustin = |roots: &[Complex<f64>], sign: f64| {
             let half = sign * ts / 2.0;
@@ -107,13 +136,20 @@ impl Problem {
         let scale = if reach > 0.0 { reach.max(1e-6) } else { 1.0 };
         let points: Vec<_> = omegas.iter().map(|&w| Complex::from_polar(1.0, w * ts)).collect();
         let turns = i32::try_from(outside.len()).unwrap_or(i32::MAX);
-        let common =
-            points.iter().map(|z| ONE / (z.powi(turns) * fixed.iter().map(|p| (z - p) / scale).product::<Complex<f64>>())).collect();
+        let common = points
+            .iter()
+            .map(|z| {
+                ONE / (z.powi(turns)
+                    * fixed.iter().map(|p| (z - p) / scale).product::<Complex<f64>>())
+            })
+            .collect();
         let rows = target.len();
         Self {
             deltas: points.iter().map(|z| (z - ONE) / scale).collect(),
             mus: points.iter().map(|z| (z.conj() - ONE) / scale).collect(),
-            target: DVector::from_fn(2 * rows, |i, _| if i < rows { target[i].re } else { target[i - rows].im }),
+            target: DVector::from_fn(2 * rows, |i, _| {
+                if i < rows { target[i].re } else { target[i - rows].im }
+            }),
             tustin: [tustin(&left, 1.0), tustin(&right, -1.0)],
             order: poles.len(),
             common,
@@ -135,7 +171,9 @@ impl Problem {
         let (inside, outside) = theta.split_at(self.inside.len());
         [inside, outside].map(|c| {
             let n = c.len();
-            let companion = DMatrix::from_fn(n, n, |i, j| if i == 0 { -c[j] } else { f64::from(u8::from(i == j + 1)) });
+            let companion = DMatrix::from_fn(n, n, |i, j| {
+                if i == 0 { -c[j] } else { f64::from(u8::from(i == j + 1)) }
+            });
             zeros::eigenvalues(&companion).into_iter().map(|d| d * self.scale + ONE).collect()
         })
     }
@@ -169,7 +207,11 @@ impl Problem {
     }
 
     fn cost(&self, theta: &[f64]) -> f64 {
-        if self.allowed(theta) { self.project(theta).map_or(f64::INFINITY, |p| p.residual.norm_squared()) } else { f64::INFINITY }
+        if self.allowed(theta) {
+            self.project(theta).map_or(f64::INFINITY, |p| p.residual.norm_squared())
+        } else {
+            f64::INFINITY
+        }
     }
 
     /// Residuals of the projected problem and their Jacobian (Kaufman's approximation: Golub and Pereyra 2003, doi:10.1088/0266-5611/19/2/201).
@@ -180,11 +222,16 @@ impl Problem {
         let Projection { a, b, q, model, residual, .. } = self.project(theta)?;
         // d(model)/da_k = −δ^(n−1−k)·model/A, and the same in μ for Ā.
         let rows = self.deltas.len();
-        let over = |values: &[Complex<f64>]| (0..rows).map(|i| Complex::new(model[i], model[rows + i]) / values[i]).collect::<Vec<_>>();
+        let over = |values: &[Complex<f64>]| {
+            (0..rows)
+                .map(|i| Complex::new(model[i], model[rows + i]) / values[i])
+                .collect::<Vec<_>>()
+        };
         let group = |x: &[Complex<f64>], values: &[Complex<f64>], n: usize| {
             if n == 0 { DMatrix::zeros(2 * rows, 0) } else { powers(x, &over(values), n - 1) }
         };
-        let (left, right) = (group(&self.deltas, &a, self.inside.len()), group(&self.mus, &b, self.outside.len()));
+        let (left, right) =
+            (group(&self.deltas, &a, self.inside.len()), group(&self.mus, &b, self.outside.len()));
         let mut derivative = DMatrix::zeros(2 * rows, theta.len());
         derivative.columns_mut(0, left.ncols()).copy_from(&left);
         derivative.columns_mut(left.ncols(), right.ncols()).copy_from(&right);
@@ -194,8 +241,12 @@ impl Problem {
 
     /// The lowest point found from all starts.
     fn best(&self) -> Fit {
-        let search =
-            LevenbergMarquardt { max_iterations: 200, gradient_tolerance: 1e-13, step_tolerance: 1e-12, ..LevenbergMarquardt::default() };
+        let search = LevenbergMarquardt {
+            max_iterations: 200,
+            gradient_tolerance: 1e-13,
+            step_tolerance: 1e-12,
+            ..LevenbergMarquardt::default()
+        };
         let mut best: Option<Fit> = None;
         for start in self.starts() {
             let fit = search.minimise(&start, |theta| self.normal(theta));
@@ -204,10 +255,18 @@ impl Problem {
             if !promising {
                 continue;
             }
-            let fit = if fit.stopped == Stopped::Undefined { fit } else { polish(fit, |theta| self.normal(theta)) };
+            let fit = if fit.stopped == Stopped::Undefined {
+                fit
+            } else {
+                polish(fit, |theta| self.normal(theta))
+            };
             let better = best.as_ref().is_none_or(|b| {
                 let same = (fit.normal.cost - b.normal.cost).abs() <= 1e-9 * b.normal.cost;
-                if same { fit.stopped.converged() && !b.stopped.converged() } else { fit.normal.cost < b.normal.cost }
+                if same {
+                    fit.stopped.converged() && !b.stopped.converged()
+                } else {
+                    fit.normal.cost < b.normal.cost
+                }
             });
             if better {
                 best = Some(fit);
@@ -226,8 +285,12 @@ impl Problem {
         }
         // What narrow minima need: a pole near −1 beside the model's own, as half a sample of delay asks for.
         for (inside, outside) in [(true, false), (false, true), (true, true)] {
-            let group = |roots: &[Complex<f64>], part: bool| if part { with_alternating_pole(roots) } else { roots.to_vec() };
-            starts.push(self.parameters(&group(&self.inside, inside), &group(&self.outside, outside)));
+            let group = |roots: &[Complex<f64>], part: bool| {
+                if part { with_alternating_pole(roots) } else { roots.to_vec() }
+            };
+            starts.push(
+                self.parameters(&group(&self.inside, inside), &group(&self.outside, outside)),
+            );
         }
         let mut positions: Vec<(f64, Vec<f64>)> = Vec::with_capacity(POSITIONS);
         let mut sequence = Sequence { at: 0, dimensions: matched.len() };
@@ -235,8 +298,13 @@ impl Problem {
             let draw = sequence.next_point();
             let (first, second) = draw.split_at(self.inside.len());
             // In turns: both groups anew, or one of them as exp(s·Ts) has it.
-            let inside = if round % 3 == 1 { self.inside.clone() } else { scatter(first, round % 2 == 0) };
-            let outside = if round % 3 == 2 { self.outside.clone() } else { scatter(second, round / 2 % 2 == 0) };
+            let inside =
+                if round % 3 == 1 { self.inside.clone() } else { scatter(first, round % 2 == 0) };
+            let outside = if round % 3 == 2 {
+                self.outside.clone()
+            } else {
+                scatter(second, round / 2 % 2 == 0)
+            };
             let theta = self.parameters(&inside, &outside);
             positions.push((self.cost(&theta), theta));
         }
@@ -253,7 +321,12 @@ impl Problem {
         if reciprocals.iter().any(|w| w.norm() < INFINITE) {
             return Ok(None);
         }
-        let numerator = TransferFunction::from_polynomials(projection.coefficients.as_slice(), &monomial(self.order), 0.0, Continuous)?;
+        let numerator = TransferFunction::from_polynomials(
+            projection.coefficients.as_slice(),
+            &monomial(self.order),
+            0.0,
+            Continuous,
+        )?;
         let zeros: Vec<_> = numerator.zeros().iter().map(|d| d * self.scale + ONE).collect();
         // μ − μ_j = −(w_j/scale)(z − 1/w_j)/z, w_j = 1/z_j.
         let turned: Complex<f64> = reciprocals.iter().map(|w| -w).product();
@@ -334,7 +407,10 @@ fn scatter(numbers: &[f64], pairs: bool) -> Vec<Complex<f64>> {
 fn with_alternating_pole(points: &[Complex<f64>]) -> Vec<Complex<f64>> {
     let mut moved = points.to_vec();
     let pair = (0..points.len()).find(|&i| points[i].im > 0.0);
-    let partner = pair.and_then(|i| (0..points.len()).find(|&j| points[j].im < 0.0 && (points[j] - points[i].conj()).norm() < 1e-9));
+    let partner = pair.and_then(|i| {
+        (0..points.len())
+            .find(|&j| points[j].im < 0.0 && (points[j] - points[i].conj()).norm() < 1e-9)
+    });
     if let (Some(i), Some(j)) = (pair, partner) {
         moved[i] = Complex::new(points[i].norm(), 0.0);
         moved[j] = Complex::new(-0.8, 0.0);
@@ -360,6 +436,8 @@ impl Sequence {
         for _ in 0..40 {
             ratio = (1.0 + ratio).powf(1.0 / (dimensions + 1.0));
         }
-        (1..=self.dimensions).map(|i| (0.5 + at * ratio.powi(-i32::try_from(i).unwrap_or(i32::MAX))).fract()).collect()
+        (1..=self.dimensions)
+            .map(|i| (0.5 + at * ratio.powi(-i32::try_from(i).unwrap_or(i32::MAX))).fract())
+            .collect()
     }
 }

@@ -25,7 +25,11 @@ pub struct ZeroPoleMatching {
 pub(super) const CANCEL: f64 = 1e-9;
 
 impl Conversion for ZeroPoleMatching {
-    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Result<StateSpace<Sampled>, ModelError> {
+    fn c2d(
+        &self,
+        sys: &StateSpace<Continuous>,
+        sample_time: SampleTime,
+    ) -> Result<StateSpace<Sampled>, ModelError> {
         single("zero-pole matching", sys)?;
         let ts = sample_time.seconds();
         let tf = sys.transfer_function(0, 0)?.cancelled(CANCEL);
@@ -33,13 +37,30 @@ impl Conversion for ZeroPoleMatching {
         let (mut zeros, poles) = (map(tf.zeros()), map(tf.poles()));
         zeros.resize((poles.len().max(1) - 1).max(zeros.len()), Complex::new(-1.0, 0.0));
         let mut s = 0.0;
-        while tf.zeros().iter().chain(tf.poles()).any(|root| (root - s).norm() < f64::EPSILON.sqrt()) {
+        while tf
+            .zeros()
+            .iter()
+            .chain(tf.poles())
+            .any(|root| (root - s).norm() < f64::EPSILON.sqrt())
+        {
             s += 0.1 / ts;
         }
-        let unscaled = TransferFunction::from_zeros_poles_gain(zeros.clone(), poles.clone(), 1.0, 0, Sampled(sample_time))?;
+        let unscaled = TransferFunction::from_zeros_poles_gain(
+            zeros.clone(),
+            poles.clone(),
+            1.0,
+            0,
+            Sampled(sample_time),
+        )?;
         let at = Complex::new(s, 0.0);
         let gain = (tf.at(at) / unscaled.at((at * ts).exp())).re;
-        let matched = TransferFunction::from_zeros_poles_gain(zeros, poles, gain, 0, Sampled(sample_time))?;
-        thiran::with_delays(matched.to_state_space()?, sys.input_delay(), sample_time, self.fractional_delay_order)
+        let matched =
+            TransferFunction::from_zeros_poles_gain(zeros, poles, gain, 0, Sampled(sample_time))?;
+        thiran::with_delays(
+            matched.to_state_space()?,
+            sys.input_delay(),
+            sample_time,
+            self.fractional_delay_order,
+        )
     }
 }

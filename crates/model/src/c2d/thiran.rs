@@ -54,19 +54,29 @@ fn all_pass(m: usize, delay: f64) -> Result<AllPass, ModelError> {
     let mut binomial = 1.0;
     for k in 1..=m {
         binomial *= real(m + 1 - k) / real(k);
-        let ratio: f64 = (0..=m).map(|i| (delay - real(m) + real(i)) / (delay - real(m) + real(k + i))).product();
+        let ratio: f64 = (0..=m)
+            .map(|i| (delay - real(m) + real(i)) / (delay - real(m) + real(k + i)))
+            .product();
         coefficients.push(if k % 2 == 0 { binomial } else { -binomial } * ratio);
     }
-    let companion = DMatrix::from_fn(m, m, |i, j| if i == 0 { -coefficients[j + 1] } else { f64::from(u8::from(i == j + 1)) });
+    let companion = DMatrix::from_fn(m, m, |i, j| {
+        if i == 0 { -coefficients[j + 1] } else { f64::from(u8::from(i == j + 1)) }
+    });
     let poles = cascade::pair_conjugates("pole", zeros::eigenvalues(&companion))?;
     // An all-pass filter's zeros are the reciprocals of its poles; its leading coefficient is a_m.
-    let zeros = cascade::pair_conjugates("zero", poles.iter().map(|p| Complex::new(1.0, 0.0) / p).collect())?;
+    let zeros = cascade::pair_conjugates(
+        "zero",
+        poles.iter().map(|p| Complex::new(1.0, 0.0) / p).collect(),
+    )?;
     let (a, b, c, d) = cascade::realise(&zeros, &poles, coefficients[m])?;
     Ok((a, b, c, d[(0, 0)]))
 }
 
 /// The model with a filter in front of each input that has one.
-fn cascade_inputs(sys: &StateSpace<Sampled>, filters: &[Filter]) -> Result<StateSpace<Sampled>, ModelError> {
+fn cascade_inputs(
+    sys: &StateSpace<Sampled>,
+    filters: &[Filter],
+) -> Result<StateSpace<Sampled>, ModelError> {
     let n = sys.order();
     let order = n + filters.iter().flatten().map(|f| f.0.nrows()).sum::<usize>();
     let mut a = DMatrix::zeros(order, order);

@@ -23,7 +23,11 @@ pub struct Tustin {
 }
 
 impl Conversion for Tustin {
-    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Result<StateSpace<Sampled>, ModelError> {
+    fn c2d(
+        &self,
+        sys: &StateSpace<Continuous>,
+        sample_time: SampleTime,
+    ) -> Result<StateSpace<Sampled>, ModelError> {
         let ts = match self.prewarp_rad_s {
             None => sample_time.seconds(),
             Some(rad_s) => {
@@ -36,18 +40,33 @@ impl Conversion for Tustin {
         };
         let n = sys.order();
         if n == 0 {
-            let gain = StateSpace::sampled(sys.a().clone(), sys.b().clone(), sys.c().clone(), sys.d().clone(), sample_time)?;
-            return thiran::with_delays(gain, sys.input_delay(), sample_time, self.fractional_delay_order);
+            let gain = StateSpace::sampled(
+                sys.a().clone(),
+                sys.b().clone(),
+                sys.c().clone(),
+                sys.d().clone(),
+                sample_time,
+            )?;
+            return thiran::with_delays(
+                gain,
+                sys.input_delay(),
+                sample_time,
+                self.fractional_delay_order,
+            );
         }
         let half = sys.a() * (ts / 2.0);
         let identity = DMatrix::<f64>::identity(n, n);
         let denominator = (&identity - &half).lu();
         let singular = ModelError::TustinPole { s: 2.0 / ts };
-        let (Some(a), Some(mb)) = (denominator.solve(&(&identity + &half)), denominator.solve(sys.b())) else {
+        let (Some(a), Some(mb)) =
+            (denominator.solve(&(&identity + &half)), denominator.solve(sys.b()))
+        else {
             return Err(singular);
         };
         // C·M from the transposed system.
-        let Some(c) = (&identity - &half).transpose().lu().solve(&sys.c().transpose()) else { return Err(singular) };
+        let Some(c) = (&identity - &half).transpose().lu().solve(&sys.c().transpose()) else {
+            return Err(singular);
+        };
         let d = sys.d() + sys.c() * &mb * (ts / 2.0);
         let sampled = StateSpace::sampled(a, mb * ts, c.transpose(), d, sample_time)?;
         thiran::with_delays(sampled, sys.input_delay(), sample_time, self.fractional_delay_order)

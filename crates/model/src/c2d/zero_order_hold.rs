@@ -17,7 +17,11 @@ use deadtime_signal::time::SampleTime;
 pub struct ZeroOrderHold {}
 
 impl Conversion for ZeroOrderHold {
-    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Result<StateSpace<Sampled>, ModelError> {
+    fn c2d(
+        &self,
+        sys: &StateSpace<Continuous>,
+        sample_time: SampleTime,
+    ) -> Result<StateSpace<Sampled>, ModelError> {
         exact(sys, sample_time, Hold::Zero)
     }
 
@@ -27,10 +31,15 @@ impl Conversion for ZeroOrderHold {
 }
 
 /// The exact sampled model for held or interpolated inputs.
-pub(super) fn exact(sys: &StateSpace<Continuous>, sample_time: SampleTime, hold: Hold) -> Result<StateSpace<Sampled>, ModelError> {
+pub(super) fn exact(
+    sys: &StateSpace<Continuous>,
+    sample_time: SampleTime,
+    hold: Hold,
+) -> Result<StateSpace<Sampled>, ModelError> {
     let ts = sample_time.seconds();
     let (n, m) = (sys.order(), sys.inputs());
-    let delays = sys.input_delay().iter().map(|&d| sample_time.samples(d)).collect::<Result<Vec<_>, _>>()?;
+    let delays =
+        sys.input_delay().iter().map(|&d| sample_time.samples(d)).collect::<Result<Vec<_>, _>>()?;
     let whole: Vec<usize> = delays.iter().map(|d| d.whole).collect();
     if delays.iter().all(|d| d.fraction == 0.0) {
         let (phi, held, ramp) = transition(sys.a(), sys.b(), ts, hold);
@@ -38,7 +47,8 @@ pub(super) fn exact(sys: &StateSpace<Continuous>, sample_time: SampleTime, hold:
             Hold::Zero => (held, sys.d().clone()),
             Hold::Linear => (&phi * &ramp + &held - &ramp, sys.d() + sys.c() * &ramp),
         };
-        return StateSpace::sampled(phi, b, sys.c().clone(), d, sample_time)?.with_input_delay(whole);
+        return StateSpace::sampled(phi, b, sys.c().clone(), d, sample_time)?
+            .with_input_delay(whole);
     }
     let remembered: Vec<usize> = (0..m).filter(|&j| delays[j].fraction > 0.0).collect();
     let phi = transition(sys.a(), sys.b(), ts, Hold::Zero).0;

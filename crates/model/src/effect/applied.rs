@@ -55,7 +55,11 @@ impl Applied {
     ///
     /// # Errors
     /// [`EffectError::Channel`], [`EffectError::Sampled`] or [`EffectError::BlackBox`] where it cannot act there.
-    pub fn nominal(system: &System, effect: &'static dyn Effect, channel: &str) -> Result<Self, EffectError> {
+    pub fn nominal(
+        system: &System,
+        effect: &'static dyn Effect,
+        channel: &str,
+    ) -> Result<Self, EffectError> {
         if system.is_sampled() && effect.site() == super::definition::Site::Dynamics {
             return Err(EffectError::Sampled { effect: effect.name() });
         }
@@ -82,7 +86,9 @@ impl Applied {
     pub fn starts(&self, system: &System, scales: &Scales) -> Vec<Vec<f64>> {
         let mut starts = self.effect.starts(system, &self.channel, scales);
         starts.retain(|s| s.iter().all(|v| v.is_infinite() || v.abs() < BOUNDLESS));
-        for (value, parameter) in starts.iter_mut().flat_map(|start| start.iter_mut().zip(&self.parameters)) {
+        for (value, parameter) in
+            starts.iter_mut().flat_map(|start| start.iter_mut().zip(&self.parameters))
+        {
             if parameter.role == Role::Shape {
                 *value = value.max(parameter.lower);
             }
@@ -97,15 +103,30 @@ impl Applied {
     pub fn from_entry(system: &System, entry: &EffectEntry) -> Result<Self, EffectError> {
         let mut applied = Self::nominal(system, find(&entry.effect)?, &entry.channel)?;
         let (effect, channel) = (applied.effect.name(), applied.channel.clone());
-        if let Some(parameter) = entry.parameters.keys().find(|key| applied.parameters.iter().all(|p| p.name != key.as_str())) {
+        if let Some(parameter) = entry
+            .parameters
+            .keys()
+            .find(|key| applied.parameters.iter().all(|p| p.name != key.as_str()))
+        {
             let known = applied.parameters.iter().map(|p| p.name.to_string()).collect();
-            return Err(EffectError::UnknownParameter { effect, channel, parameter: parameter.clone(), known });
+            return Err(EffectError::UnknownParameter {
+                effect,
+                channel,
+                parameter: parameter.clone(),
+                known,
+            });
         }
         for (value, parameter) in applied.values.iter_mut().zip(&applied.parameters) {
             match entry.parameters.get(parameter.name.as_ref()) {
                 Some(given) => *value = *given,
                 None if parameter.nominal.is_infinite() => {}
-                None => return Err(EffectError::MissingParameter { effect, channel, parameter: parameter.name.to_string() }),
+                None => {
+                    return Err(EffectError::MissingParameter {
+                        effect,
+                        channel,
+                        parameter: parameter.name.to_string(),
+                    });
+                }
             }
         }
         applied.check()?;
@@ -140,10 +161,19 @@ impl Applied {
         for (&value, p) in self.values.iter().zip(&self.parameters) {
             if !(value >= p.lower && value <= p.upper) {
                 let (channel, parameter) = (self.channel.clone(), p.name.to_string());
-                return Err(EffectError::Bounds { effect, channel, parameter, value, lower: p.lower, upper: p.upper });
+                return Err(EffectError::Bounds {
+                    effect,
+                    channel,
+                    parameter,
+                    value,
+                    lower: p.lower,
+                    upper: p.upper,
+                });
             }
         }
-        let named = |name: &str| self.parameters.iter().position(|p| p.name == name).map(|i| self.values[i]);
+        let named = |name: &str| {
+            self.parameters.iter().position(|p| p.name == name).map(|i| self.values[i])
+        };
         match (named("lower"), named("upper")) {
             (Some(lower), Some(upper)) if lower >= upper => {
                 Err(EffectError::Limits { effect, channel: self.channel.clone(), lower, upper })

@@ -15,11 +15,22 @@ pub(super) const ALL: &str = "*";
 /// A parameter without bounds: a size, or a limit where it is infinite when nominal.
 pub(super) fn free(name: impl Into<Cow<'static, str>>, unit: String, nominal: f64) -> Parameter {
     let role = if nominal.is_infinite() { Role::Limit } else { Role::Size };
-    Parameter { name: name.into(), unit, role, nominal, lower: f64::NEG_INFINITY, upper: f64::INFINITY }
+    Parameter {
+        name: name.into(),
+        unit,
+        role,
+        nominal,
+        lower: f64::NEG_INFINITY,
+        upper: f64::INFINITY,
+    }
 }
 
 /// A parameter that is not negative.
-pub(super) fn not_negative(name: impl Into<Cow<'static, str>>, unit: String, nominal: f64) -> Parameter {
+pub(super) fn not_negative(
+    name: impl Into<Cow<'static, str>>,
+    unit: String,
+    nominal: f64,
+) -> Parameter {
     Parameter { lower: 0.0, ..free(name, unit, nominal) }
 }
 
@@ -39,7 +50,11 @@ pub(super) fn frequency(name: impl Into<Cow<'static, str>>) -> Parameter {
 }
 
 fn unknown(effect: &dyn Effect, system: &System, channel: &str) -> EffectError {
-    EffectError::Channel { effect: effect.name(), channel: channel.to_owned(), known: effect.channels(system) }
+    EffectError::Channel {
+        effect: effect.name(),
+        channel: channel.to_owned(),
+        known: effect.channels(system),
+    }
 }
 
 pub(super) fn names(ports: &[Port]) -> Vec<String> {
@@ -67,21 +82,41 @@ pub(super) fn ratio(to: &Port, from: &Port) -> String {
     if to.unit == from.unit { "1".to_owned() } else { format!("({})/({})", unit(to), unit(from)) }
 }
 
-pub(super) fn input(effect: &dyn Effect, system: &System, channel: &str) -> Result<usize, EffectError> {
+pub(super) fn input(
+    effect: &dyn Effect,
+    system: &System,
+    channel: &str,
+) -> Result<usize, EffectError> {
     position(&system.inputs, channel).ok_or_else(|| unknown(effect, system, channel))
 }
 
-pub(super) fn state(effect: &dyn Effect, system: &System, channel: &str) -> Result<usize, EffectError> {
+pub(super) fn state(
+    effect: &dyn Effect,
+    system: &System,
+    channel: &str,
+) -> Result<usize, EffectError> {
     position(&system.states, channel).ok_or_else(|| unknown(effect, system, channel))
 }
 
-pub(super) fn output(effect: &dyn Effect, system: &System, channel: &str) -> Result<usize, EffectError> {
+pub(super) fn output(
+    effect: &dyn Effect,
+    system: &System,
+    channel: &str,
+) -> Result<usize, EffectError> {
     position(&system.outputs, channel).ok_or_else(|| unknown(effect, system, channel))
 }
 
 /// The outputs that a name or `*` means.
-pub(super) fn outputs(effect: &dyn Effect, system: &System, channel: &str) -> Result<Vec<usize>, EffectError> {
-    if channel == ALL { Ok((0..system.outputs.len()).collect()) } else { output(effect, system, channel).map(|i| vec![i]) }
+pub(super) fn outputs(
+    effect: &dyn Effect,
+    system: &System,
+    channel: &str,
+) -> Result<Vec<usize>, EffectError> {
+    if channel == ALL {
+        Ok((0..system.outputs.len()).collect())
+    } else {
+        output(effect, system, channel).map(|i| vec![i])
+    }
 }
 
 /// The channels of an effect that outputs may share: each output and `*`, or `*` alone where there is one.
@@ -92,21 +127,40 @@ pub(super) fn shared(system: &System) -> Vec<String> {
 }
 
 /// `from->to` between two ports of one kind.
-pub(super) fn arrow(effect: &dyn Effect, system: &System, channel: &str, ports: &[Port]) -> Result<(usize, usize), EffectError> {
-    let find = |(from, to)| Some((position(ports, from)?, position(ports, to)?)).filter(|(from, to)| from != to);
+pub(super) fn arrow(
+    effect: &dyn Effect,
+    system: &System,
+    channel: &str,
+    ports: &[Port],
+) -> Result<(usize, usize), EffectError> {
+    let find = |(from, to)| {
+        Some((position(ports, from)?, position(ports, to)?)).filter(|(from, to)| from != to)
+    };
     channel.split_once("->").and_then(find).ok_or_else(|| unknown(effect, system, channel))
 }
 
 /// `a<->b` between two states.
-pub(super) fn exchange(effect: &dyn Effect, system: &System, channel: &str) -> Result<(usize, usize), EffectError> {
-    let find = |(a, b)| Some((position(&system.states, a)?, position(&system.states, b)?)).filter(|(a, b)| a != b);
+pub(super) fn exchange(
+    effect: &dyn Effect,
+    system: &System,
+    channel: &str,
+) -> Result<(usize, usize), EffectError> {
+    let find = |(a, b)| {
+        Some((position(&system.states, a)?, position(&system.states, b)?)).filter(|(a, b)| a != b)
+    };
     channel.split_once("<->").and_then(find).ok_or_else(|| unknown(effect, system, channel))
 }
 
 /// `from->to`, from a state or an input to a state.
-pub(super) fn coupling(effect: &dyn Effect, system: &System, channel: &str) -> Result<(Source, usize), EffectError> {
+pub(super) fn coupling(
+    effect: &dyn Effect,
+    system: &System,
+    channel: &str,
+) -> Result<(Source, usize), EffectError> {
     let find = |(from, to): (&str, &str)| {
-        let from = position(&system.states, from).map(Source::State).or_else(|| position(&system.inputs, from).map(Source::Input))?;
+        let from = position(&system.states, from)
+            .map(Source::State)
+            .or_else(|| position(&system.inputs, from).map(Source::Input))?;
         Some((from, position(&system.states, to)?))
     };
     channel.split_once("->").and_then(find).ok_or_else(|| unknown(effect, system, channel))
@@ -116,12 +170,20 @@ pub(super) fn coupling(effect: &dyn Effect, system: &System, channel: &str) -> R
 #[must_use]
 pub fn depends(system: &System, to: usize, from: Source) -> bool {
     match (&system.dynamics, from) {
-        (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Source::State(j)) => matrices.a[(to, j)] != 0.0,
-        (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Source::Input(j)) => matrices.b[(to, j)] != 0.0,
-        (Dynamics::Equations(equations, _), Source::State(j)) => equations.derivative_depends(to, Wrt::States, j),
+        (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Source::State(j)) => {
+            matrices.a[(to, j)] != 0.0
+        }
+        (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Source::Input(j)) => {
+            matrices.b[(to, j)] != 0.0
+        }
+        (Dynamics::Equations(equations, _), Source::State(j)) => {
+            equations.derivative_depends(to, Wrt::States, j)
+        }
         // Not known, so nothing can be said to be missing.
         (Dynamics::BlackBox(..), _) => true,
-        (Dynamics::Equations(equations, _), Source::Input(j)) => equations.derivative_depends(to, Wrt::Inputs, j),
+        (Dynamics::Equations(equations, _), Source::Input(j)) => {
+            equations.derivative_depends(to, Wrt::Inputs, j)
+        }
     }
 }
 
@@ -162,11 +224,16 @@ pub(super) fn times(scales: &super::definition::Scales) -> Vec<Vec<f64>> {
 
 /// Limits that a part of the data reaches: on both sides, and on each alone.
 pub(super) fn limits(spread: &super::definition::Spread) -> Vec<Vec<f64>> {
-    let (middle, half) = (0.5 * (spread.largest + spread.smallest), 0.5 * (spread.largest - spread.smallest));
+    let (middle, half) =
+        (0.5 * (spread.largest + spread.smallest), 0.5 * (spread.largest - spread.smallest));
     let mut starts = Vec::new();
     for share in [1.0, 0.9, 0.7, 0.45, 0.25] {
         let (lower, upper) = (middle - share * half, middle + share * half);
-        starts.extend([vec![lower, upper], vec![f64::NEG_INFINITY, upper], vec![lower, f64::INFINITY]]);
+        starts.extend([
+            vec![lower, upper],
+            vec![f64::NEG_INFINITY, upper],
+            vec![lower, f64::INFINITY],
+        ]);
     }
     starts
 }

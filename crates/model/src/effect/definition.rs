@@ -247,5 +247,11 @@ pub trait Effect: Sync {
     ///
     /// # Errors
     /// [`EffectError`] for a channel that it cannot act on.
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError>;
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError>;
 }

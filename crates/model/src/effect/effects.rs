@@ -59,9 +59,8 @@ pub fn row(effect: &dyn Effect) -> usize {
 /// # Errors
 /// [`EffectError::Unknown`], with the names there are.
 pub fn find(name: &str) -> Result<&'static dyn Effect, EffectError> {
-    EFFECTS
-        .iter()
-        .find(|e| e.name() == name)
-        .copied()
-        .ok_or_else(|| EffectError::Unknown { name: name.to_owned(), known: EFFECTS.iter().map(|e| e.name()).collect() })
+    EFFECTS.iter().find(|e| e.name() == name).copied().ok_or_else(|| EffectError::Unknown {
+        name: name.to_owned(),
+        known: EFFECTS.iter().map(|e| e.name()).collect(),
+    })
 }

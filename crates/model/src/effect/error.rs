@@ -47,7 +47,9 @@ pub enum EffectError {
         known: Vec<String>,
     },
     /// A parameter that has no default is left out.
-    #[error("{effect} on `{channel}`: parameter `{parameter}` is missing; only a limit that does not act may be left out")]
+    #[error(
+        "{effect} on `{channel}`: parameter `{parameter}` is missing; only a limit that does not act may be left out"
+    )]
     MissingParameter {
         /// The effect.
         effect: &'static str,
@@ -73,7 +75,9 @@ pub enum EffectError {
         upper: f64,
     },
     /// Limits that leave nothing between them.
-    #[error("{effect} on `{channel}`: lower is {lower}, upper is {upper}; lower must be the smaller one")]
+    #[error(
+        "{effect} on `{channel}`: lower is {lower}, upper is {upper}; lower must be the smaller one"
+    )]
     Limits {
         /// The effect.
         effect: &'static str,

@@ -21,14 +21,24 @@ use deadtime_signal::time::TimeError;
 use deadtime_signal::{Noise, NoiseColour, NoiseScaling, SignalError};
 
 /// Tight: a simulation on paper is to differ from a measurement by the model alone.
-const TOLERANCE: Tolerance = Tolerance { relative: 1e-9, absolute: 1e-12, steps: 100_000, budget: usize::MAX, past_samples: false };
+const TOLERANCE: Tolerance = Tolerance {
+    relative: 1e-9,
+    absolute: 1e-12,
+    steps: 100_000,
+    budget: usize::MAX,
+    past_samples: false,
+};
 
 /// Where model and log both give a unit, it is the same.
 ///
 /// # Errors
 /// [`LogError`] naming the channel.
 pub fn check_units(model: &ModelDocument, log: &Log) -> std::result::Result<(), LogError> {
-    model.inputs().iter().chain(model.outputs()).try_for_each(|c| log.check_unit(&c.name, c.unit.as_deref()))
+    model
+        .inputs()
+        .iter()
+        .chain(model.outputs())
+        .try_for_each(|c| log.check_unit(&c.name, c.unit.as_deref()))
 }
 
 /// Why a simulated output has no error beside the measured one.
@@ -81,7 +91,11 @@ impl<'a> OnLog<'a> {
         };
         let total = &mut self.system.input_delay_s[at];
         *total += seconds;
-        if total.is_finite() && *total >= 0.0 { Ok(()) } else { Err(TimeError::Delay { seconds: *total }.into()) }
+        if total.is_finite() && *total >= 0.0 {
+            Ok(())
+        } else {
+            Err(TimeError::Delay { seconds: *total }.into())
+        }
     }
 
     /// The response to the log's inputs.
@@ -99,11 +113,19 @@ impl<'a> OnLog<'a> {
     fn linear(&self, model: &ModelFile) -> Result<Response> {
         let (log, system) = (self.log, &self.system);
         let mut u = DMatrix::zeros(log.len(), system.inputs.len());
-        for (j, (port, operating)) in system.inputs.iter().zip(&system.input_operating).enumerate() {
+        for (j, (port, operating)) in system.inputs.iter().zip(&system.input_operating).enumerate()
+        {
             let values = log.input(&port.name)?;
-            u.set_column(j, &DVector::from_iterator(values.len(), values.iter().map(|v| v - operating)));
+            u.set_column(
+                j,
+                &DVector::from_iterator(values.len(), values.iter().map(|v| v - operating)),
+            );
         }
-        let options = Options { initial: Some(DVector::from_column_slice(&system.initial)), hold: self.hold, ..Options::default() };
+        let options = Options {
+            initial: Some(DVector::from_column_slice(&system.initial)),
+            hold: self.hold,
+            ..Options::default()
+        };
         let mut response = if model.is_sampled() {
             let sys = model.sampled()?;
             sys.sample_time().must_equal(log.even_grid()?)?;
@@ -137,7 +159,12 @@ impl<'a> OnLog<'a> {
         let time_s: Vec<f64> = log.time_s().iter().map(|t| t - start_s).collect();
         let inputs = system.inputs.iter().map(|port| log.input(&port.name).map(<[f64]>::to_vec));
         let inputs = inputs.collect::<std::result::Result<Vec<_>, _>>()?;
-        let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &system.initial, None)?;
+        let run = system.simulate(
+            &plan,
+            Commands { time_s: &time_s, inputs: &inputs },
+            &system.initial,
+            None,
+        )?;
         Ok(Response { y: run.y, x: run.x })
     }
 
@@ -145,13 +172,28 @@ impl<'a> OnLog<'a> {
     ///
     /// # Errors
     /// [`SignalError::Noise`] for a signal that stands still, [`LogError`] for inputs that miss samples.
-    pub fn to_log(&self, response: &Response, source: &str, states: bool, snr: Option<f64>) -> Result<Log> {
+    pub fn to_log(
+        &self,
+        response: &Response,
+        source: &str,
+        states: bool,
+        snr: Option<f64>,
+    ) -> Result<Log> {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         let mut channels: Vec<Channel> = Vec::new();
         for c in self.model.inputs() {
-            channels.push(Channel::new(&c.name, c.unit.as_deref(), self.log.input(&c.name)?.to_vec()));
+            channels.push(Channel::new(
+                &c.name,
+                c.unit.as_deref(),
+                self.log.input(&c.name)?.to_vec(),
+            ));
         }
-        let outputs = self.model.outputs().iter().map(|c| (c.name.as_str(), c.unit.as_deref())).zip(response.y.column_iter());
+        let outputs = self
+            .model
+            .outputs()
+            .iter()
+            .map(|c| (c.name.as_str(), c.unit.as_deref()))
+            .zip(response.y.column_iter());
         let states = self.model.states().zip(response.x.column_iter()).filter(|_| states);
         for ((name, unit), values) in outputs.chain(states) {
             // An output that is an input or a state is there already.
@@ -160,8 +202,10 @@ impl<'a> OnLog<'a> {
             }
             let mut values: Vec<f64> = values.iter().copied().collect();
             if let Some(snr) = snr {
-                let noise = Noise { snr, colour: NoiseColour::White, scaling: NoiseScaling::Expected };
-                let wrong = |cause| SignalError::Noise { channel: name.to_owned(), cause: Box::new(cause) };
+                let noise =
+                    Noise { snr, colour: NoiseColour::White, scaling: NoiseScaling::Expected };
+                let wrong =
+                    |cause| SignalError::Noise { channel: name.to_owned(), cause: Box::new(cause) };
                 values = noise.add(&values, &mut rng).map_err(wrong)?;
             }
             channels.push(Channel::new(name, unit, values));
@@ -173,15 +217,26 @@ impl<'a> OnLog<'a> {
     ///
     /// # Errors
     /// [`LogError`] for a column that holds something else than numbers.
-    pub fn nrmse(&self, response: &Response) -> Result<Vec<(&'a str, std::result::Result<f64, Still>)>> {
+    pub fn nrmse(
+        &self,
+        response: &Response,
+    ) -> Result<Vec<(&'a str, std::result::Result<f64, Still>)>> {
         let mut comparison = Vec::new();
         for (c, simulated) in self.model.outputs().iter().zip(response.y.column_iter()) {
             match self.log.output(&c.name) {
                 Ok(measured) => {
-                    let pairs = simulated.iter().enumerate().filter_map(|(k, s)| Some((*s, measured.get(k)?)));
-                    comparison.push((c.name.as_str(), nrmse(&pairs.collect::<Vec<_>>()).ok_or(Still::Stands)));
+                    let pairs = simulated
+                        .iter()
+                        .enumerate()
+                        .filter_map(|(k, s)| Some((*s, measured.get(k)?)));
+                    comparison.push((
+                        c.name.as_str(),
+                        nrmse(&pairs.collect::<Vec<_>>()).ok_or(Still::Stands),
+                    ));
                 }
-                Err(LogError::MissingThroughout { .. }) => comparison.push((c.name.as_str(), Err(Still::Empty))),
+                Err(LogError::MissingThroughout { .. }) => {
+                    comparison.push((c.name.as_str(), Err(Still::Empty)))
+                }
                 Err(LogError::UnknownChannel { .. }) => {}
                 Err(unusable) => return Err(unusable.into()),
             }

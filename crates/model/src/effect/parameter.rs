@@ -94,10 +94,15 @@ impl Parameter {
     /// The step for a numerical derivative at a value, inside the bounds.
     #[must_use]
     pub fn derivative_step(&self, value: f64, scales: &Scales) -> f64 {
-        let least = if self.role.is_time() { 0.01 * scales.sample_time_s } else { 1e-6 * value.abs() };
+        let least =
+            if self.role.is_time() { 0.01 * scales.sample_time_s } else { 1e-6 * value.abs() };
         if self.role == Role::Instant {
             // A command that is held hides where in between the change was.
-            return if value + scales.sample_time_s > self.upper { -scales.sample_time_s } else { scales.sample_time_s };
+            return if value + scales.sample_time_s > self.upper {
+                -scales.sample_time_s
+            } else {
+                scales.sample_time_s
+            };
         }
         let step = (1e-4 * self.distance(value)).max(1e-4 * least).max(1e-12);
         if value + step > self.upper { -step } else { step }
@@ -106,7 +111,8 @@ impl Parameter {
     /// A first step for the numerical derivative of a simulator that can only be called, and may be rough.
     #[must_use]
     pub fn rough_derivative_step(&self, value: f64, scales: &Scales) -> f64 {
-        let least = if self.role.is_time() { 0.02 * scales.sample_time_s } else { 1e-3 * value.abs() };
+        let least =
+            if self.role.is_time() { 0.02 * scales.sample_time_s } else { 1e-3 * value.abs() };
         let step = (1e-2 * self.distance(value)).max(least);
         if step > 0.0 { step } else { 1e-9 }
     }

@@ -37,7 +37,10 @@ pub fn table() -> Vec<Line> {
             site: effect.site(),
             effect: effect.name(),
             channels: effect.rule(),
-            parameters: channels.filter_map(|channel| effect.parameters(&system, channel).ok()).next().unwrap_or_default(),
+            parameters: channels
+                .filter_map(|channel| effect.parameters(&system, channel).ok())
+                .next()
+                .unwrap_or_default(),
             summary: effect.summary(),
         }
     };
@@ -46,7 +49,12 @@ pub fn table() -> Vec<Line> {
 
 /// A system whose units are called as its channels.
 fn template() -> System {
-    let ports = |names: &[&str]| names.iter().map(|n| Port { name: (*n).to_owned(), unit: Some((*n).to_owned()) }).collect::<Vec<_>>();
+    let ports = |names: &[&str]| {
+        names
+            .iter()
+            .map(|n| Port { name: (*n).to_owned(), unit: Some((*n).to_owned()) })
+            .collect::<Vec<_>>()
+    };
     let zero = DMatrix::zeros;
     System {
         name: String::new(),
@@ -54,7 +62,12 @@ fn template() -> System {
         states: ports(&["x", "from"]),
         outputs: ports(&["y", "from"]),
         parameters: Vec::new(),
-        dynamics: Dynamics::Linear(Matrices { a: zero(2, 2), b: zero(2, 1), c: zero(2, 2), d: zero(2, 1) }),
+        dynamics: Dynamics::Linear(Matrices {
+            a: zero(2, 2),
+            b: zero(2, 1),
+            c: zero(2, 2),
+            d: zero(2, 1),
+        }),
         input_delay_s: vec![0.0],
         initial: vec![0.0; 2],
         initial_std: vec![None; 2],
@@ -70,7 +83,10 @@ fn template() -> System {
 pub fn menu(system: &System) -> Vec<Applied> {
     let on_channels = |effect: &&'static dyn super::definition::Effect| {
         let effect = *effect;
-        effect.channels(system).into_iter().filter_map(move |channel| Applied::nominal(system, effect, &channel).ok())
+        effect
+            .channels(system)
+            .into_iter()
+            .filter_map(move |channel| Applied::nominal(system, effect, &channel).ok())
     };
     EFFECTS.iter().flat_map(on_channels).collect()
 }

@@ -53,8 +53,12 @@ impl fmt::Display for Breakdown {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::DivisionByZero => write!(f, "divides by zero"),
-            Self::Domain { function, argument } => write!(f, "takes the {function} of {argument}, which has none"),
-            Self::Power { base, exponent } => write!(f, "raises {base} to the power {exponent}, which has no value"),
+            Self::Domain { function, argument } => {
+                write!(f, "takes the {function} of {argument}, which has none")
+            }
+            Self::Power { base, exponent } => {
+                write!(f, "raises {base} to the power {exponent}, which has no value")
+            }
             Self::Overflow => write!(f, "grows beyond all numbers"),
             Self::Given { value } => write!(f, "is {value}"),
         }
@@ -62,7 +66,12 @@ impl fmt::Display for Breakdown {
 }
 
 /// The first part of the tree without a finite value although its own parts have one; `None` if the whole is finite.
-pub(super) fn explain(equation: &str, tree: &Tree, defined: &[f64], at: Point<'_>) -> Option<NonFinite> {
+pub(super) fn explain(
+    equation: &str,
+    tree: &Tree,
+    defined: &[f64],
+    at: Point<'_>,
+) -> Option<NonFinite> {
     let values = values(tree, defined, at);
     if values.last()?.is_finite() {
         return None;
@@ -73,7 +82,12 @@ pub(super) fn explain(equation: &str, tree: &Tree, defined: &[f64], at: Point<'_
         Kind::Number(value) => Breakdown::Given { value },
         Kind::Leaf(_) | Kind::Definition(_) => Breakdown::Given { value: values[broken] },
     };
-    Some(NonFinite { equation: equation.to_owned(), part: tree.said(broken).to_owned(), breakdown, time_s: at.t })
+    Some(NonFinite {
+        equation: equation.to_owned(),
+        part: tree.said(broken).to_owned(),
+        breakdown,
+        time_s: at.t,
+    })
 }
 
 /// The values of all nodes, those of the definitions given.
@@ -102,7 +116,9 @@ fn breakdown(operation: Operation, a: f64, b: f64) -> Breakdown {
         Operation::Sqrt => domain("square root"),
         Operation::Asin => domain("arc sine"),
         Operation::Acos => domain("arc cosine"),
-        Operation::Power if a < 0.0 && b.fract() != 0.0 => Breakdown::Power { base: a, exponent: b },
+        Operation::Power if a < 0.0 && b.fract() != 0.0 => {
+            Breakdown::Power { base: a, exponent: b }
+        }
         Operation::Power if a == 0.0 => Breakdown::Power { base: a, exponent: b },
         _ => Breakdown::Overflow,
     }

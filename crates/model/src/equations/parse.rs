@@ -98,7 +98,11 @@ impl Growing<'_> {
             Some((name, ..)) => Fault::FunctionAsName { name },
             None => {
                 let known = self.scope.names();
-                Fault::UnknownName { name: name.to_owned(), closest: closest(name, known.iter().map(String::as_str)), known }
+                Fault::UnknownName {
+                    name: name.to_owned(),
+                    closest: closest(name, known.iter().map(String::as_str)),
+                    known,
+                }
             }
         };
         self.fault(span, fault)
@@ -110,8 +114,12 @@ impl Growing<'_> {
         match (function::find(called), arguments) {
             (Some((_, operation, 1)), &[a]) => self.push(Kind::Operation(operation, a, a), span),
             (Some((_, operation, 2)), &[a, b]) => self.push(Kind::Operation(operation, a, b), span),
-            (Some((function, _, needed)), given) => self.fault(span, Fault::Arguments { function, needed, got: given.len() }),
-            (None, _) if self.scope.find(called).is_some() || self.scope.definition(called).is_some() => {
+            (Some((function, _, needed)), given) => {
+                self.fault(span, Fault::Arguments { function, needed, got: given.len() })
+            }
+            (None, _)
+                if self.scope.find(called).is_some() || self.scope.definition(called).is_some() =>
+            {
                 // A name before a parenthesis: most often a product without its sign.
                 let open = Span { from: name.to, to: name.to + 1 };
                 self.fault(open, Fault::OperatorExpected { found: "(".to_owned() })
@@ -156,7 +164,8 @@ fn prefix_operator<'t>(i: &mut Input<'t>) -> Parsed<Prefix<Input<'t>, usize, Emp
             // The sign stands before its operand; blanks between them belong to neither.
             let operand = i.state.span(a);
             let from = i.state.text[..operand.from].rfind(['-', '−']).unwrap_or(operand.from);
-            Ok(i.state.push(Kind::Operation(Operation::Negate, a, a), Span { from, to: operand.to }))
+            Ok(i.state
+                .push(Kind::Operation(Operation::Negate, a, a), Span { from, to: operand.to }))
         }),
         _ => return fail.parse_next(i),
     })
@@ -190,7 +199,11 @@ fn value(i: &mut Input<'_>) -> Parsed<usize> {
 }
 
 fn whole(i: &mut Input<'_>) -> Parsed<usize> {
-    expression(value).prefix(prefix_operator).infix(infix_operator).postfix(fail::<_, Postfix<_, _, _>, _>).parse_next(i)
+    expression(value)
+        .prefix(prefix_operator)
+        .infix(infix_operator)
+        .postfix(fail::<_, Postfix<_, _, _>, _>)
+        .parse_next(i)
 }
 
 /// Parses one expression; `equation` is what it is called in a message.
@@ -212,7 +225,8 @@ pub(super) fn parse(equation: &str, text: &str, scope: &dyn Scope) -> Result<Tre
     match (fault, parsed) {
         (Some(fault), _) => Err(wrong(fault)),
         (None, None) => {
-            let span = input.input.first().map_or(Span { from: text.len(), to: text.len() }, |t| t.span);
+            let span =
+                input.input.first().map_or(Span { from: text.len(), to: text.len() }, |t| t.span);
             Err(wrong((span, Fault::ValueExpected { found: None })))
         }
         (None, Some(root)) => {

@@ -84,7 +84,9 @@ impl Builder {
 
     fn operation(&mut self, operation: Operation, a: Place, b: Place) -> Place {
         use Operation::{Add, Divide, Multiply, Negate, Power, Sqrt, Subtract};
-        let value = |p: Place| if let Place::Constant(bits) = p { Some(f64::from_bits(bits)) } else { None };
+        let value = |p: Place| {
+            if let Place::Constant(bits) = p { Some(f64::from_bits(bits)) } else { None }
+        };
         match (operation, value(a), value(b)) {
             (_, Some(a), Some(b)) => return Self::constant(operation.apply(a, b)),
             (Add, Some(0.0), _) | (Multiply, Some(1.0), _) => return b,
@@ -140,8 +142,12 @@ impl Program {
                     places.push(match node.kind {
                         Kind::Number(value) => Builder::constant(value),
                         Kind::Leaf(leaf) => Place::Leaf(leaf),
-                        Kind::Definition(at) => defined.get(at).copied().unwrap_or(Builder::constant(f64::NAN)),
-                        Kind::Operation(operation, a, b) => builder.operation(operation, places[a], places[b]),
+                        Kind::Definition(at) => {
+                            defined.get(at).copied().unwrap_or(Builder::constant(f64::NAN))
+                        }
+                        Kind::Operation(operation, a, b) => {
+                            builder.operation(operation, places[a], places[b])
+                        }
                     });
                 }
                 places.last().copied().unwrap_or(Builder::constant(f64::NAN))
@@ -177,17 +183,28 @@ impl Program {
             Place::Leaf(Leaf::Parameter(i)) => register(time + 1 + sizes.states + sizes.inputs + i),
             Place::Step(i) => register(place_of[i]),
         };
-        let steps: Vec<Step> =
-            order.iter().map(|&i| Step { operation: steps[i].0, a: number(steps[i].1), b: number(steps[i].2) }).collect();
+        let steps: Vec<Step> = order
+            .iter()
+            .map(|&i| Step { operation: steps[i].0, a: number(steps[i].1), b: number(steps[i].2) })
+            .collect();
         let mut paired = steps.clone();
         for k in 1..steps.len() {
-            if (steps[k - 1].operation, steps[k].operation) == (Operation::Sin, Operation::Cos) && steps[k - 1].a == steps[k].a {
+            if (steps[k - 1].operation, steps[k].operation) == (Operation::Sin, Operation::Cos)
+                && steps[k - 1].a == steps[k].a
+            {
                 paired[k - 1].operation = Operation::SinCos;
                 paired[k] = Step { operation: Operation::Found, b: register(base + k), ..steps[k] };
             }
         }
-        let mut program =
-            Self { sizes, constants, steps, paired, prepared, roots: roots.iter().map(|&r| number(r)).collect(), fingerprint: 0 };
+        let mut program = Self {
+            sizes,
+            constants,
+            steps,
+            paired,
+            prepared,
+            roots: roots.iter().map(|&r| number(r)).collect(),
+            fingerprint: 0,
+        };
         program.fingerprint = program.hash();
         program
     }
@@ -287,7 +304,13 @@ impl Program {
     }
 
     /// Derivatives of the expressions with respect to `count` leaves from `first`, column by column.
-    pub(super) fn differentiate(&self, at: Point<'_>, leaves: (usize, usize), registers: &mut Registers, jacobian: &mut [f64]) {
+    pub(super) fn differentiate(
+        &self,
+        at: Point<'_>,
+        leaves: (usize, usize),
+        registers: &mut Registers,
+        jacobian: &mut [f64],
+    ) {
         self.run(at, registers);
         let (first, count) = leaves;
         let (base, rows) = (self.base(), self.roots.len());
@@ -327,9 +350,11 @@ impl Program {
         let Sizes { states, inputs, parameters } = self.sizes;
         let first = (self.constants.len() + 1) * count;
         registers.tangents[..base * count].fill(0.0);
-        registers.tangents[first..first + states * count].copy_from_slice(&seeds.states[..states * count]);
+        registers.tangents[first..first + states * count]
+            .copy_from_slice(&seeds.states[..states * count]);
         let first = first + (states + inputs) * count;
-        registers.tangents[first..first + parameters * count].copy_from_slice(&seeds.parameters[..parameters * count]);
+        registers.tangents[first..first + parameters * count]
+            .copy_from_slice(&seeds.parameters[..parameters * count]);
         self.propagate(count, registers);
         for (row, &root) in tangents.chunks_exact_mut(count).zip(&self.roots) {
             row.copy_from_slice(&registers.tangents[root as usize * count..][..count]);
@@ -344,7 +369,8 @@ impl Program {
             let (a, b) = (step.a as usize, step.b as usize);
             let (da, db) = step.operation.partials(values[a], values[b], values[base + k]);
             let (before, row) = tangents.split_at_mut((base + k) * count);
-            let (of_a, of_b) = (&before[a * count..(a + 1) * count], &before[b * count..(b + 1) * count]);
+            let (of_a, of_b) =
+                (&before[a * count..(a + 1) * count], &before[b * count..(b + 1) * count]);
             for ((to, ta), tb) in row.iter_mut().zip(of_a).zip(of_b) {
                 // What does not depend on the leaf stays 0 where a partial is infinite.
                 let part = |d: f64, tangent: f64| if tangent == 0.0 { 0.0 } else { d * tangent };
@@ -412,7 +438,9 @@ fn pair_up(order: &mut [usize], steps: &[(Operation, Place, Place)]) {
             _ => continue,
         };
         let angle = steps[order[k]].1;
-        if let Some(at) = (k + 1..order.len()).find(|&at| steps[order[at]].0 == partner && steps[order[at]].1 == angle) {
+        if let Some(at) = (k + 1..order.len())
+            .find(|&at| steps[order[at]].0 == partner && steps[order[at]].1 == angle)
+        {
             order[k + 1..=at].rotate_right(1);
             if partner == Operation::Sin {
                 order.swap(k, k + 1);

@@ -172,7 +172,12 @@ impl Scope for Names<'_> {
         let inputs = self.inputs.iter().map(|s| s.name.clone());
         let parameters = self.parameters.iter().map(|s| s.name.clone());
         let definitions = self.definitions.iter().map(|d| d.name.clone());
-        states.chain(inputs).chain(parameters).chain(definitions).chain(["time".to_owned()]).collect()
+        states
+            .chain(inputs)
+            .chain(parameters)
+            .chain(definitions)
+            .chain(["time".to_owned()])
+            .collect()
     }
 }
 
@@ -188,17 +193,29 @@ impl Names<'_> {
             if !token::is_name(name) {
                 return Err(EquationError::Name { what, name: name.clone() });
             }
-            let before = seen.insert(name, one).map(|before| if before == one { "another one of that kind" } else { before });
+            let before = seen
+                .insert(name, one)
+                .map(|before| if before == one { "another one of that kind" } else { before });
             if let Some(second) = reserved(name).or(before) {
                 return Err(EquationError::Clash { name: name.clone(), first: one, second });
             }
         }
         let finite = "it must be finite";
-        let initial = self.states.iter().map(|s| (format!("states.{}.initial", s.name), s.initial, s.initial.is_finite(), finite));
+        let initial = self.states.iter().map(|s| {
+            (format!("states.{}.initial", s.name), s.initial, s.initial.is_finite(), finite)
+        });
         let trusted = self.states.iter().filter_map(|s| s.initial_std.map(|v| (&s.name, v)));
-        let trusted = trusted
-            .map(|(name, v)| (format!("states.{name}.initial_std"), v, v.is_finite() && v >= 0.0, "it must be finite and not negative"));
-        let values = self.parameters.iter().map(|p| (format!("parameters.{}.value", p.name), p.value, p.value.is_finite(), finite));
+        let trusted = trusted.map(|(name, v)| {
+            (
+                format!("states.{name}.initial_std"),
+                v,
+                v.is_finite() && v >= 0.0,
+                "it must be finite and not negative",
+            )
+        });
+        let values = self.parameters.iter().map(|p| {
+            (format!("parameters.{}.value", p.name), p.value, p.value.is_finite(), finite)
+        });
         match initial.chain(trusted).chain(values).find(|(_, _, good, _)| !good) {
             Some((what, value, _, rule)) => Err(EquationError::Number { what, value, rule }),
             None => Ok(()),
@@ -214,9 +231,19 @@ pub(super) const MOST_PARAMETERS: usize = 10_000;
 pub(super) const MOST_NODES: usize = 200_000;
 
 /// Refuses a model that is too large before anything is made of it.
-pub(crate) fn check_sizes(inputs: usize, states: usize, parameters: usize, outputs: usize) -> Result<(), EquationError> {
-    let channels = [("inputs", inputs), ("states", states), ("outputs", outputs)].map(|(what, got)| (what, got, MOST_CHANNELS));
-    match channels.into_iter().chain([("parameters", parameters, MOST_PARAMETERS)]).find(|(_, got, limit)| got > limit) {
+pub(crate) fn check_sizes(
+    inputs: usize,
+    states: usize,
+    parameters: usize,
+    outputs: usize,
+) -> Result<(), EquationError> {
+    let channels = [("inputs", inputs), ("states", states), ("outputs", outputs)]
+        .map(|(what, got)| (what, got, MOST_CHANNELS));
+    match channels
+        .into_iter()
+        .chain([("parameters", parameters, MOST_PARAMETERS)])
+        .find(|(_, got, limit)| got > limit)
+    {
         Some((what, got, limit)) => Err(EquationError::TooMany { what, got, limit }),
         None => Ok(()),
     }
@@ -248,11 +275,20 @@ impl Equations {
         outputs: Vec<OutputVariable>,
     ) -> Result<Self, EquationError> {
         check_sizes(inputs.len(), states.len(), parameters.len(), outputs.len())?;
-        let names = Names { inputs: &inputs, states: &states, parameters: &parameters, definitions: &definitions };
+        let names = Names {
+            inputs: &inputs,
+            states: &states,
+            parameters: &parameters,
+            definitions: &definitions,
+        };
         names.check()?;
         for (i, output) in outputs.iter().enumerate() {
             if outputs[..i].iter().any(|o| o.name == output.name) {
-                return Err(EquationError::Clash { name: output.name.clone(), first: "an output", second: "another one of that kind" });
+                return Err(EquationError::Clash {
+                    name: output.name.clone(),
+                    first: "an output",
+                    second: "another one of that kind",
+                });
             }
         }
         let before = |i: usize| Names { definitions: &definitions[..i], ..names };
@@ -261,15 +297,29 @@ impl Equations {
             .enumerate()
             .map(|(i, d)| parse(&format!("definitions.{}", d.name), &d.expression, &before(i)))
             .collect::<Result<_, _>>()?;
-        let derivative_trees: Vec<Tree> =
-            states.iter().map(|s| parse(&format!("derivatives.{}", s.name), &s.derivative, &names)).collect::<Result<_, _>>()?;
-        let output_trees: Vec<Tree> =
-            outputs.iter().map(|o| parse(&format!("output_equations.{}", o.name), &o.equation, &names)).collect::<Result<_, _>>()?;
-        let got = definition_trees.iter().chain(&derivative_trees).chain(&output_trees).map(|t| t.nodes.len()).sum();
+        let derivative_trees: Vec<Tree> = states
+            .iter()
+            .map(|s| parse(&format!("derivatives.{}", s.name), &s.derivative, &names))
+            .collect::<Result<_, _>>()?;
+        let output_trees: Vec<Tree> = outputs
+            .iter()
+            .map(|o| parse(&format!("output_equations.{}", o.name), &o.equation, &names))
+            .collect::<Result<_, _>>()?;
+        let got = definition_trees
+            .iter()
+            .chain(&derivative_trees)
+            .chain(&output_trees)
+            .map(|t| t.nodes.len())
+            .sum();
         if got > MOST_NODES {
-            return Err(EquationError::TooMany { what: "numbers, names and operators", got, limit: MOST_NODES });
+            return Err(EquationError::TooMany {
+                what: "numbers, names and operators",
+                got,
+                limit: MOST_NODES,
+            });
         }
-        let sizes = Sizes { states: states.len(), inputs: inputs.len(), parameters: parameters.len() };
+        let sizes =
+            Sizes { states: states.len(), inputs: inputs.len(), parameters: parameters.len() };
         let derivative_program = Program::compile(&definition_trees, &derivative_trees, sizes);
         let output_program = Program::compile(&definition_trees, &output_trees, sizes);
         let affine = derivative_program.is_affine() && output_program.is_affine();
@@ -340,13 +390,24 @@ impl Equations {
     }
 
     fn check_point(&self, at: Point<'_>) {
-        debug_assert_eq!((at.x.len(), at.u.len(), at.p.len()), (self.states.len(), self.inputs.len(), self.parameters.len()));
+        debug_assert_eq!(
+            (at.x.len(), at.u.len(), at.p.len()),
+            (self.states.len(), self.inputs.len(), self.parameters.len())
+        );
     }
 
     /// dx/dt at time `t` (seconds from the log's first sample), states `x`, inputs `u` and parameters `p`. Where it is undefined it is NaN or infinite:
     /// [`Self::explain`] says why.
     #[inline]
-    pub fn derivatives(&self, t: f64, x: &[f64], u: &[f64], p: &[f64], workspace: &mut Workspace, dx: &mut [f64]) {
+    pub fn derivatives(
+        &self,
+        t: f64,
+        x: &[f64],
+        u: &[f64],
+        p: &[f64],
+        workspace: &mut Workspace,
+        dx: &mut [f64],
+    ) {
         let at = Point { t, x, u, p };
         self.check_point(at);
         self.derivative_program.evaluate(at, &mut workspace.derivatives, dx);
@@ -354,7 +415,15 @@ impl Equations {
 
     /// The outputs, as [`Self::derivatives`].
     #[inline]
-    pub fn outputs(&self, t: f64, x: &[f64], u: &[f64], p: &[f64], workspace: &mut Workspace, y: &mut [f64]) {
+    pub fn outputs(
+        &self,
+        t: f64,
+        x: &[f64],
+        u: &[f64],
+        p: &[f64],
+        workspace: &mut Workspace,
+        y: &mut [f64],
+    ) {
         let at = Point { t, x, u, p };
         self.check_point(at);
         self.output_program.evaluate(at, &mut workspace.outputs, y);
@@ -372,15 +441,38 @@ impl Equations {
 
     /// Derivatives of dx/dt, column by column: `jacobian[i + n*j]` is that of state i with respect to the j-th of `wrt`.
     #[allow(clippy::too_many_arguments)]
-    pub fn derivatives_jacobian(&self, wrt: Wrt, t: f64, x: &[f64], u: &[f64], p: &[f64], workspace: &mut Workspace, jacobian: &mut [f64]) {
+    pub fn derivatives_jacobian(
+        &self,
+        wrt: Wrt,
+        t: f64,
+        x: &[f64],
+        u: &[f64],
+        p: &[f64],
+        workspace: &mut Workspace,
+        jacobian: &mut [f64],
+    ) {
         let at = Point { t, x, u, p };
         self.check_point(at);
-        self.derivative_program.differentiate(at, self.leaves(wrt), &mut workspace.derivatives, jacobian);
+        self.derivative_program.differentiate(
+            at,
+            self.leaves(wrt),
+            &mut workspace.derivatives,
+            jacobian,
+        );
     }
 
     /// Derivatives of the outputs, column by column: `jacobian[i + outputs*j]` is that of output i with respect to the j-th of `wrt`.
     #[allow(clippy::too_many_arguments)]
-    pub fn outputs_jacobian(&self, wrt: Wrt, t: f64, x: &[f64], u: &[f64], p: &[f64], workspace: &mut Workspace, jacobian: &mut [f64]) {
+    pub fn outputs_jacobian(
+        &self,
+        wrt: Wrt,
+        t: f64,
+        x: &[f64],
+        u: &[f64],
+        p: &[f64],
+        workspace: &mut Workspace,
+        jacobian: &mut [f64],
+    ) {
         let at = Point { t, x, u, p };
         self.check_point(at);
         self.output_program.differentiate(at, self.leaves(wrt), &mut workspace.outputs, jacobian);
@@ -402,7 +494,14 @@ impl Equations {
     ) {
         let at = Point { t, x, u, p };
         self.check_point(at);
-        self.derivative_program.along(at, directions.count, directions.seeds(), &mut workspace.derivatives, dx, tangents);
+        self.derivative_program.along(
+            at,
+            directions.count,
+            directions.seeds(),
+            &mut workspace.derivatives,
+            dx,
+            tangents,
+        );
     }
 
     /// The outputs and their derivatives along directions, as [`Self::derivatives_along`].
@@ -420,13 +519,33 @@ impl Equations {
     ) {
         let at = Point { t, x, u, p };
         self.check_point(at);
-        self.output_program.along(at, directions.count, directions.seeds(), &mut workspace.outputs, y, tangents);
+        self.output_program.along(
+            at,
+            directions.count,
+            directions.seeds(),
+            &mut workspace.outputs,
+            y,
+            tangents,
+        );
     }
 
     /// ∂(dx/dt)/∂t, by the equations' own `time`.
-    pub fn derivatives_time_slope(&self, t: f64, x: &[f64], u: &[f64], p: &[f64], workspace: &mut Workspace, slope: &mut [f64]) {
+    pub fn derivatives_time_slope(
+        &self,
+        t: f64,
+        x: &[f64],
+        u: &[f64],
+        p: &[f64],
+        workspace: &mut Workspace,
+        slope: &mut [f64],
+    ) {
         if (0..self.states.len()).any(|i| self.derivative_program.depends(i, 0)) {
-            self.derivative_program.differentiate(Point { t, x, u, p }, (0, 1), &mut workspace.derivatives, slope);
+            self.derivative_program.differentiate(
+                Point { t, x, u, p },
+                (0, 1),
+                &mut workspace.derivatives,
+                slope,
+            );
         } else {
             slope.fill(0.0);
         }
@@ -479,13 +598,21 @@ impl Equations {
         let mut defined: Vec<f64> = Vec::with_capacity(self.definitions.len());
         for (tree, definition) in self.definition_trees.iter().zip(&self.definitions) {
             // What is undefined in a definition is told there, not where it is used.
-            if let Some(found) = explain::explain(&format!("definitions.{}", definition.name), tree, &defined, at) {
+            if let Some(found) =
+                explain::explain(&format!("definitions.{}", definition.name), tree, &defined, at)
+            {
                 return Some(found);
             }
             defined.push(explain::values(tree, &defined, at).last().copied().unwrap_or(f64::NAN));
         }
-        let derivatives = self.derivative_trees.iter().zip(self.states.iter().map(|s| ("derivatives", &s.name)));
-        let outputs = self.output_trees.iter().zip(self.outputs.iter().map(|o| ("output_equations", &o.name)));
-        derivatives.chain(outputs).find_map(|(tree, (table, name))| explain::explain(&format!("{table}.{name}"), tree, &defined, at))
+        let derivatives =
+            self.derivative_trees.iter().zip(self.states.iter().map(|s| ("derivatives", &s.name)));
+        let outputs = self
+            .output_trees
+            .iter()
+            .zip(self.outputs.iter().map(|o| ("output_equations", &o.name)));
+        derivatives.chain(outputs).find_map(|(tree, (table, name))| {
+            explain::explain(&format!("{table}.{name}"), tree, &defined, at)
+        })
     }
 }

@@ -98,7 +98,16 @@ fn a_refusal_points_at_the_place_and_says_what_to_do() {
     for (text, says) in [
         ("", vec!["column 1", "empty"]),
         ("   ", vec!["empty"]),
-        ("a*visous", vec!["column 3", "`visous` is unknown", "`viscous`?", "x, speed, u, a, viscous, time", "\n  a*visous\n    ^^^^^^"]),
+        (
+            "a*visous",
+            vec![
+                "column 3",
+                "`visous` is unknown",
+                "`viscous`?",
+                "x, speed, u, a, viscous, time",
+                "\n  a*visous\n    ^^^^^^",
+            ],
+        ),
         ("a*Speed", vec!["did you mean `speed`?"]),
         ("zzzzzzz", vec!["`zzzzzzz` is unknown; known names: x"]),
         ("sin", vec!["`sin` is a function", "parentheses"]),
@@ -158,11 +167,19 @@ fn depth_and_length_have_an_end_that_is_no_stack_overflow() {
 
 #[test]
 fn names_mean_one_thing() {
-    let state = |name: &str| StateVariable { name: name.into(), unit: None, initial: 0.0, initial_std: None, derivative: "0".into() };
+    let state = |name: &str| StateVariable {
+        name: name.into(),
+        unit: None,
+        initial: 0.0,
+        initial_std: None,
+        derivative: "0".into(),
+    };
     let parameter = |name: &str, value: f64| Parameter { name: name.into(), unit: None, value };
     let input = |name: &str| Symbol { name: name.into(), unit: None };
     let fails = |i: &str, s: &str, p: &str| {
-        Equations::new(vec![input(i)], vec![state(s)], vec![parameter(p, 1.0)], vec![]).unwrap_err().to_string()
+        Equations::new(vec![input(i)], vec![state(s)], vec![parameter(p, 1.0)], vec![])
+            .unwrap_err()
+            .to_string()
     };
     for (i, s, p, says) in [
         ("u", "x", "x", "`x` is a parameter and a state"),
@@ -179,7 +196,12 @@ fn names_mean_one_thing() {
     let nan = Equations::new(vec![], vec![], vec![parameter("p", f64::NAN)], vec![]).unwrap_err();
     assert!(nan.to_string().contains("parameters.p.value is NaN"), "{nan}");
     let odd = StateVariable { initial_std: Some(-1.0), ..state("x") };
-    assert!(Equations::new(vec![], vec![odd], vec![], vec![]).unwrap_err().to_string().contains("states.x.initial_std"));
+    assert!(
+        Equations::new(vec![], vec![odd], vec![], vec![])
+            .unwrap_err()
+            .to_string()
+            .contains("states.x.initial_std")
+    );
 }
 
 #[test]
@@ -193,7 +215,9 @@ fn nothing_is_calculated_twice_or_at_run_time_that_need_not_be() {
         model.derivatives(0.0, &[0.5, 0.0], &[0.75], p, workspace, &mut dx);
         dx[0]
     };
-    let expect = |a: f64, v: f64| 5.0 * a * 0.5 + 0.5f64.sin() * 0.75 * (a * v) + (0.75 * 0.5f64.sin()).powi(2) + 0.5;
+    let expect = |a: f64, v: f64| {
+        5.0 * a * 0.5 + 0.5f64.sin() * 0.75 * (a * v) + (0.75 * 0.5f64.sin()).powi(2) + 0.5
+    };
     let mut workspace = model.workspace();
     for (a, v) in [(2.0, 3.0), (2.5, 3.0), (2.5, -1.0), (2.0, 3.0)] {
         assert_abs_diff_eq!(at(&[a, v], &mut workspace), expect(a, v), epsilon = 1e-15);
@@ -204,7 +228,11 @@ fn nothing_is_calculated_twice_or_at_run_time_that_need_not_be() {
     other.derivatives(0.0, &[0.5, 0.0], &[0.75], &[2.0, 3.0], &mut workspace, &mut dx);
     assert_eq!(dx, [2.5, 0.0]);
     assert_abs_diff_eq!(at(&[2.0, 3.0], &mut workspace), expect(2.0, 3.0), epsilon = 1e-15);
-    assert_abs_diff_eq!(at(&[2.0, 3.0], &mut Workspace::default()), expect(2.0, 3.0), epsilon = 1e-15);
+    assert_abs_diff_eq!(
+        at(&[2.0, 3.0], &mut Workspace::default()),
+        expect(2.0, 3.0),
+        epsilon = 1e-15
+    );
 }
 
 #[test]
@@ -230,7 +258,9 @@ fn jacobians_agree_with_central_differences() {
         let mut slope = [0.0; 2];
         model.derivatives_time_slope(t, &x, &u, &p, &mut workspace, &mut slope);
         exact[0] = slope[0];
-        for (wrt, first, count) in [(Wrt::States, 1, 2), (Wrt::Inputs, 3, 1), (Wrt::Parameters, 4, 2)] {
+        for (wrt, first, count) in
+            [(Wrt::States, 1, 2), (Wrt::Inputs, 3, 1), (Wrt::Parameters, 4, 2)]
+        {
             let mut jacobian = vec![0.0; 2 * count];
             model.derivatives_jacobian(wrt, t, &x, &u, &p, &mut workspace, &mut jacobian);
             for j in 0..count {
@@ -244,7 +274,11 @@ fn jacobians_agree_with_central_differences() {
             up[j] += h;
             down[j] -= h;
             let difference = (f(&up, &mut workspace) - f(&down, &mut workspace)) / (2.0 * h);
-            assert!((difference - exact[j]).abs() < 1e-8 * difference.abs().max(1.0), "{text} by {j}: {difference} {}", exact[j]);
+            assert!(
+                (difference - exact[j]).abs() < 1e-8 * difference.abs().max(1.0),
+                "{text} by {j}: {difference} {}",
+                exact[j]
+            );
         }
     }
 }
@@ -257,15 +291,24 @@ fn a_linearisation_has_the_matrices_of_the_equations() {
     assert_eq!(about.b, DMatrix::from_row_slice(2, 1, &[-3.0, 0.0]));
     assert_eq!(about.c, DMatrix::from_row_slice(1, 2, &[1.0, 0.0]));
     assert_eq!(about.d, DMatrix::from_row_slice(1, 1, &[0.0]));
-    assert!(model.derivative_depends(0, Wrt::States, 1) && model.derivative_depends(0, Wrt::Parameters, 1));
-    assert!(!model.derivative_depends(1, Wrt::States, 1) && !model.output_depends(0, Wrt::Inputs, 0));
+    assert!(
+        model.derivative_depends(0, Wrt::States, 1)
+            && model.derivative_depends(0, Wrt::Parameters, 1)
+    );
+    assert!(
+        !model.derivative_depends(1, Wrt::States, 1) && !model.output_depends(0, Wrt::Inputs, 0)
+    );
     assert!(!model.derivative_depends(0, Wrt::Inputs, 7));
 }
 
 #[test]
 fn what_is_undefined_is_explained() {
     for (text, x, says) in [
-        ("(u - viscous*speed)/x", 0.0, "derivatives.x: (u - viscous*speed)/x divides by zero at t = 2 s"),
+        (
+            "(u - viscous*speed)/x",
+            0.0,
+            "derivatives.x: (u - viscous*speed)/x divides by zero at t = 2 s",
+        ),
         ("1 + log(x - 1)*2", 0.5, "log(x - 1) takes the logarithm of -0.5"),
         ("sqrt(x)", -4.0, "sqrt(x) takes the square root of -4"),
         ("asin(x)", 1.5, "the arc sine of 1.5"),
@@ -286,10 +329,29 @@ fn what_is_undefined_is_explained() {
 
 #[test]
 fn equations_are_affine_where_states_and_inputs_stand_alone_or_beside_what_parameters_decide() {
-    for text in ["-a*x + u/viscous - sin(a)*speed + 3", "a", "-(x - u)*sqrt(a)/2", "x*a^2 + max(a, viscous)*u", "(a + 1)*(x + speed)"] {
+    for text in [
+        "-a*x + u/viscous - sin(a)*speed + 3",
+        "a",
+        "-(x - u)*sqrt(a)/2",
+        "x*a^2 + max(a, viscous)*u",
+        "(a + 1)*(x + speed)",
+    ] {
         assert!(model(text).unwrap().is_affine(), "{text}");
     }
-    for text in ["x*u", "x^2", "a/x", "sin(x)", "abs(u)", "max(x, 0)", "sign(speed)", "time", "time*x", "a^u", "x*speed/a", "sqrt(x*x)"] {
+    for text in [
+        "x*u",
+        "x^2",
+        "a/x",
+        "sin(x)",
+        "abs(u)",
+        "max(x, 0)",
+        "sign(speed)",
+        "time",
+        "time*x",
+        "a^u",
+        "x*speed/a",
+        "sqrt(x*x)",
+    ] {
         assert!(!model(text).unwrap().is_affine(), "{text}");
     }
 }

@@ -85,7 +85,12 @@ pub(super) fn words(text: &str) -> Result<Vec<Token>, Wrong> {
                 let digits = &text[from..at];
                 match digits.parse::<f64>() {
                     Ok(value) if value.is_finite() => Word::Number(value),
-                    _ => return Err((Span { from, to: at }, Fault::Number { found: digits.to_owned() })),
+                    _ => {
+                        return Err((
+                            Span { from, to: at },
+                            Fault::Number { found: digits.to_owned() },
+                        ));
+                    }
                 }
             }
             _ if c.is_alphabetic() || c == '_' => {
@@ -108,7 +113,8 @@ fn number_length(text: &str) -> usize {
     let bytes = text.as_bytes();
     let mut at = 0;
     while at < bytes.len() {
-        let exponent = at > 0 && matches!(bytes[at - 1], b'e' | b'E') && matches!(bytes[at], b'+' | b'-');
+        let exponent =
+            at > 0 && matches!(bytes[at - 1], b'e' | b'E') && matches!(bytes[at], b'+' | b'-');
         if !(bytes[at].is_ascii_digit() || matches!(bytes[at], b'.' | b'e' | b'E') || exponent) {
             break;
         }
@@ -176,8 +182,13 @@ fn check(text: &str, tokens: &[Token]) -> Result<(), Wrong> {
             (Word::Number(_) | Word::Name | Word::Open, false) => {
                 return Err((token.span, Fault::OperatorExpected { found: said(token) }));
             }
-            (Word::Close, true) if !pending.iter().any(|p| *p != Pending::Operator) => return Err((token.span, Fault::Unopened)),
-            (Word::Times, true) if previous.is_some_and(|p| p.word == Word::Times && p.span.to == token.span.from) => {
+            (Word::Close, true) if !pending.iter().any(|p| *p != Pending::Operator) => {
+                return Err((token.span, Fault::Unopened));
+            }
+            (Word::Times, true)
+                if previous
+                    .is_some_and(|p| p.word == Word::Times && p.span.to == token.span.from) =>
+            {
                 let span = Span { from: token.span.from - 1, to: token.span.to };
                 return Err((span, Fault::ValueExpected { found: Some("**".to_owned()) }));
             }
@@ -207,7 +218,9 @@ fn drop_operators(pending: &mut Vec<Pending>) {
 }
 
 fn after_open_call(tokens: &[Token], k: usize, pending: &[Pending]) -> bool {
-    k > 0 && matches!(pending.last(), Some(Pending::Call(open)) if *open == k - 1) && tokens[k - 1].word == Word::Open
+    k > 0
+        && matches!(pending.last(), Some(Pending::Call(open)) if *open == k - 1)
+        && tokens[k - 1].word == Word::Open
 }
 
 /// The word is a function's name.

@@ -74,9 +74,12 @@ impl CandidateEntry {
     /// # Errors
     /// [`ModelError::Candidate`] that says how it is written.
     pub fn from_text(text: &str) -> Result<Self, ModelError> {
-        let wrong = |why: &str| ModelError::Candidate { candidate: text.to_owned(), why: why.to_owned() };
-        let (term, known) = text.split_once(';').map_or((text, None), |(term, known)| (term, Some(known)));
-        let (state, adds) = term.split_once("+=").ok_or_else(|| wrong("write it as `state += expression`"))?;
+        let wrong =
+            |why: &str| ModelError::Candidate { candidate: text.to_owned(), why: why.to_owned() };
+        let (term, known) =
+            text.split_once(';').map_or((text, None), |(term, known)| (term, Some(known)));
+        let (state, adds) =
+            term.split_once("+=").ok_or_else(|| wrong("write it as `state += expression`"))?;
         let parameters = known.into_iter().flat_map(|known| known.split(',')).map(|said| {
             known_parameter(said).ok_or_else(|| {
                 wrong("after `;` write `name in LOWER to UPPER` or `name = VALUE in LOWER to UPPER`, with commas between them")
@@ -97,8 +100,10 @@ impl CandidateEntry {
 
 /// `name`, `name = VALUE`, `name in LOWER to UPPER` or both.
 fn known_parameter(said: &str) -> Option<(String, CandidateParameter)> {
-    let (front, range) = said.split_once(" in ").map_or((said, None), |(front, range)| (front, Some(range)));
-    let (name, value) = front.split_once('=').map_or((front, None), |(name, value)| (name, Some(value)));
+    let (front, range) =
+        said.split_once(" in ").map_or((said, None), |(front, range)| (front, Some(range)));
+    let (name, value) =
+        front.split_once('=').map_or((front, None), |(name, value)| (name, Some(value)));
     let number = |text: &str| text.trim().parse::<f64>().ok();
     let (lower, upper) = match range {
         Some(range) => {
@@ -109,7 +114,8 @@ fn known_parameter(said: &str) -> Option<(String, CandidateParameter)> {
     };
     let name = name.trim();
     let value = value.map_or(Some(0.0), number)?;
-    (!name.is_empty()).then(|| (name.to_owned(), CandidateParameter { unit: None, value, lower, upper }))
+    (!name.is_empty())
+        .then(|| (name.to_owned(), CandidateParameter { unit: None, value, lower, upper }))
 }
 
 impl EquationsFile {
@@ -128,20 +134,34 @@ impl EquationsFile {
             let name = entry.called();
             let wrong = |why: String| ModelError::Candidate { candidate: name.clone(), why };
             let state = self.states.iter().position(|(state, _)| *state == entry.state);
-            let state = state.ok_or_else(|| wrong(format!("the model has no state `{}`; name one of its states", entry.state)))?;
+            let state = state.ok_or_else(|| {
+                wrong(format!("the model has no state `{}`; name one of its states", entry.state))
+            })?;
             if list.iter().any(|c| c.name == name) {
-                return Err(wrong("it stands there twice; leave one, or give each a name".to_owned()));
+                return Err(wrong(
+                    "it stands there twice; leave one, or give each a name".to_owned(),
+                ));
             }
             let parameters = self.free_parameters(entry)?;
-            if let Some((taken, _)) = parameters.iter().find(|(p, _)| extended.parameters.iter().any(|(known, _)| known == p)) {
-                return Err(wrong(format!("its parameter `{taken}` is one of another candidate too; give each its own name")));
+            if let Some((taken, _)) = parameters
+                .iter()
+                .find(|(p, _)| extended.parameters.iter().any(|(known, _)| known == p))
+            {
+                return Err(wrong(format!(
+                    "its parameter `{taken}` is one of another candidate too; give each its own name"
+                )));
             }
             let first = extended.parameters.len();
-            let added = parameters
-                .iter()
-                .map(|(name, p)| (name.clone(), super::equations::ParameterEntry { unit: p.unit.clone(), value: p.value }));
+            let added = parameters.iter().map(|(name, p)| {
+                (
+                    name.clone(),
+                    super::equations::ParameterEntry { unit: p.unit.clone(), value: p.value },
+                )
+            });
             extended.parameters.extend(added);
-            if let Some((_, derivative)) = extended.derivatives.iter_mut().find(|(of, _)| *of == entry.state) {
+            if let Some((_, derivative)) =
+                extended.derivatives.iter_mut().find(|(of, _)| *of == entry.state)
+            {
                 *derivative = format!("({derivative}) + ({})", entry.adds);
             }
             list.push(Candidate { name, state, first, parameters });
@@ -149,8 +169,12 @@ impl EquationsFile {
         let equations = extended.compile(path)?;
         for candidate in &list {
             if !vanishes(&base, &equations, candidate.state) {
-                let sizes: Vec<String> =
-                    candidate.parameters.iter().filter(|(_, p)| p.value == 0.0).map(|(name, _)| format!("{name} = 0")).collect();
+                let sizes: Vec<String> = candidate
+                    .parameters
+                    .iter()
+                    .filter(|(_, p)| p.value == 0.0)
+                    .map(|(name, _)| format!("{name} = 0"))
+                    .collect();
                 let why = format!(
                     "it is not nothing at {}: a candidate adds to the model, so write it as a free factor times the rest",
                     sizes.join(", ")
@@ -162,7 +186,10 @@ impl EquationsFile {
     }
 
     /// The names in a candidate's expression that the model does not know, in their order, with what is known of them.
-    fn free_parameters(&self, entry: &CandidateEntry) -> Result<Vec<(String, CandidateParameter)>, ModelError> {
+    fn free_parameters(
+        &self,
+        entry: &CandidateEntry,
+    ) -> Result<Vec<(String, CandidateParameter)>, ModelError> {
         let wrong = |why: String| ModelError::Candidate { candidate: entry.called(), why };
         let known = |name: &str| {
             reserved(name).is_some()
@@ -175,18 +202,24 @@ impl EquationsFile {
         let Some(names) = names(&entry.adds) else { return Ok(entry.parameters.clone()) };
         let free: Vec<String> = names.into_iter().filter(|name| !known(name)).collect();
         if let Some((name, _)) = entry.parameters.iter().find(|(name, _)| !free.contains(name)) {
-            let why = if known(name) { "is a name of the model already" } else { "does not stand in its expression" };
+            let why = if known(name) {
+                "is a name of the model already"
+            } else {
+                "does not stand in its expression"
+            };
             return Err(wrong(format!("its parameter `{name}` {why}; correct the name")));
         }
         let parameters: Vec<(String, CandidateParameter)> = free
             .into_iter()
             .map(|name| {
-                let said = entry.parameters.iter().find(|(n, _)| *n == name).map(|(_, p)| p.clone());
+                let said =
+                    entry.parameters.iter().find(|(n, _)| *n == name).map(|(_, p)| p.clone());
                 (name, said.unwrap_or_default())
             })
             .collect();
         for (name, p) in &parameters {
-            let (lower, upper) = (p.lower.unwrap_or(f64::NEG_INFINITY), p.upper.unwrap_or(f64::INFINITY));
+            let (lower, upper) =
+                (p.lower.unwrap_or(f64::NEG_INFINITY), p.upper.unwrap_or(f64::INFINITY));
             if !(p.value.is_finite() && lower < upper && lower <= p.value && p.value <= upper) {
                 return Err(wrong(format!(
                     "its parameter `{name}` is {} in {lower} to {upper}; the value must lie in a range that is not empty",
@@ -213,9 +246,12 @@ fn vanishes(base: &Equations, extended: &Equations, state: usize) -> bool {
         dx.get(state).copied().unwrap_or(f64::NAN)
     };
     [0.5, -0.7, 1.3, 20.0].iter().all(|size| {
-        let x: Vec<f64> = initial.iter().enumerate().map(|(i, x)| x + size * (1.0 + 0.37 * i as f64)).collect();
-        let u: Vec<f64> = (0..base.input_symbols().len()).map(|j| size * (1.0 + 0.21 * j as f64)).collect();
+        let x: Vec<f64> =
+            initial.iter().enumerate().map(|(i, x)| x + size * (1.0 + 0.37 * i as f64)).collect();
+        let u: Vec<f64> =
+            (0..base.input_symbols().len()).map(|j| size * (1.0 + 0.21 * j as f64)).collect();
         let (without, together) = (slope(base, &own, &x, &u), slope(extended, &with, &x, &u));
-        !(without.is_finite() && together.is_finite()) || (without - together).abs() <= 1e-12 * without.abs()
+        !(without.is_finite() && together.is_finite())
+            || (without - together).abs() <= 1e-12 * without.abs()
     })
 }

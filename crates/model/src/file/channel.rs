@@ -59,7 +59,13 @@ impl Channel {
     /// A plain channel about 0.
     #[must_use]
     pub fn plain(name: &str, unit: Option<&str>) -> Self {
-        Self { name: name.to_owned(), unit: unit.map(str::to_owned), operating: Operating::default(), derivative_of: None, kind: None }
+        Self {
+            name: name.to_owned(),
+            unit: unit.map(str::to_owned),
+            operating: Operating::default(),
+            derivative_of: None,
+            kind: None,
+        }
     }
 
     /// A whole turn of an angle, in its unit; `None` for all else.
@@ -93,6 +99,9 @@ pub struct EffectEntry {
 }
 
 /// The parameters that are finite.
-pub(super) fn acting<S: Serializer>(parameters: &BTreeMap<String, f64>, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+pub(super) fn acting<S: Serializer>(
+    parameters: &BTreeMap<String, f64>,
+    serializer: S,
+) -> std::result::Result<S::Ok, S::Error> {
     serializer.collect_map(parameters.iter().filter(|(_, value)| value.is_finite()))
 }

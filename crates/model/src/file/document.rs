@@ -113,15 +113,25 @@ impl ModelDocument {
     /// # Errors
     /// [`deadtime_log::LogError`] where the log lacks the input of a slope, or samples of it.
     pub fn complete(&self, mut log: Log) -> std::result::Result<Log, LogError> {
-        for (channel, turn) in self.inputs().iter().chain(self.outputs()).filter_map(|c| Some((c, c.turn()?))) {
+        for (channel, turn) in
+            self.inputs().iter().chain(self.outputs()).filter_map(|c| Some((c, c.turn()?)))
+        {
             if log.channel(&channel.name).is_ok() {
                 log = log.without_turns(&channel.name, turn)?;
             }
         }
-        for names in self.attitudes().filter(|names| names.iter().all(|name| log.channel(name).is_ok())).collect::<Vec<_>>() {
+        for names in self
+            .attitudes()
+            .filter(|names| names.iter().all(|name| log.channel(name).is_ok()))
+            .collect::<Vec<_>>()
+        {
             log = log.of_one_sign(names)?;
         }
-        for (name, of) in self.inputs().iter().filter_map(|c| Some((c.name.as_str(), c.derivative_of.as_deref()?))) {
+        for (name, of) in self
+            .inputs()
+            .iter()
+            .filter_map(|c| Some((c.name.as_str(), c.derivative_of.as_deref()?)))
+        {
             if !log.names().any(|n| n == name) {
                 log = log.with_slope(name, of)?;
             }
@@ -133,7 +143,8 @@ impl ModelDocument {
     #[must_use]
     pub fn asks_of_logs(&self) -> bool {
         let of_channel = |c: &Channel| c.turn().is_some() || c.derivative_of.is_some();
-        self.inputs().iter().chain(self.outputs()).any(of_channel) || self.attitudes().next().is_some()
+        self.inputs().iter().chain(self.outputs()).any(of_channel)
+            || self.attitudes().next().is_some()
     }
 
     /// The outputs that are quaternions, scalar last.
@@ -142,10 +153,12 @@ impl ModelDocument {
             Self::Lti(_) => &[],
             Self::Equations(file) => &file.groups,
         };
-        groups.iter().filter(|(_, group)| group.kind == GroupKind::Attitude).filter_map(|(_, group)| match group.outputs.as_slice() {
-            [x, y, z, w] => Some([x.as_str(), y.as_str(), z.as_str(), w.as_str()]),
-            _ => None,
-        })
+        groups.iter().filter(|(_, group)| group.kind == GroupKind::Attitude).filter_map(
+            |(_, group)| match group.outputs.as_slice() {
+                [x, y, z, w] => Some([x.as_str(), y.as_str(), z.as_str(), w.as_str()]),
+                _ => None,
+            },
+        )
     }
 
     /// The outputs, in order.
@@ -182,7 +195,10 @@ impl ModelDocument {
                 Operating::Value(value) => Ok(value),
                 Operating::Mean(_) => Err(ModelError::File {
                     path: file.name.clone().into(),
-                    detail: format!("the operating point of `{}` is \"mean\", which equations do not have: write its number", c.name),
+                    detail: format!(
+                        "the operating point of `{}` is \"mean\", which equations do not have: write its number",
+                        c.name
+                    ),
                 }),
             };
             channels.iter().map(value).collect::<std::result::Result<Vec<f64>, ModelError>>()
@@ -191,9 +207,11 @@ impl ModelDocument {
         // A state that is measured under its own name has the measurement's level.
         let sys = file.continuous()?;
         let level = |(j, state): (usize, &super::lti::State)| {
-            let Some(i) = file.outputs.iter().position(|o| o.name == state.name) else { return Ok(0.0) };
-            let itself =
-                (0..sys.order()).all(|k| sys.c()[(i, k)] == f64::from(u8::from(k == j))) && sys.d().row(i).iter().all(|d| *d == 0.0);
+            let Some(i) = file.outputs.iter().position(|o| o.name == state.name) else {
+                return Ok(0.0);
+            };
+            let itself = (0..sys.order()).all(|k| sys.c()[(i, k)] == f64::from(u8::from(k == j)))
+                && sys.d().row(i).iter().all(|d| *d == 0.0);
             if itself {
                 return Ok(outputs.get(i).copied().unwrap_or(0.0));
             }
@@ -204,7 +222,12 @@ impl ModelDocument {
                 lacks: "has the name of an output that is another quantity; windows of a log would start there: give it another name",
             })
         };
-        let states = file.states.iter().enumerate().map(level).collect::<std::result::Result<Vec<f64>, ModelError>>()?;
+        let states = file
+            .states
+            .iter()
+            .enumerate()
+            .map(level)
+            .collect::<std::result::Result<Vec<f64>, ModelError>>()?;
         file.to_equations([&inputs, &states, &outputs])
     }
 

@@ -13,7 +13,9 @@ use super::table;
 use super::table::Table;
 use super::text::{FORMAT, Syntax, parse_text, read_text, syntax, write_text};
 use crate::equations::error::EquationError;
-use crate::equations::system::{Definition, Equations, OutputVariable, Parameter, StateVariable, Symbol};
+use crate::equations::system::{
+    Definition, Equations, OutputVariable, Parameter, StateVariable, Symbol,
+};
 use crate::error::ModelError;
 use crate::error::Result;
 
@@ -117,7 +119,10 @@ pub struct EquationsFile {
 }
 
 /// Channels without the operating point, which only linear models have.
-fn without_operating<S: Serializer>(channels: &[Channel], serializer: S) -> std::result::Result<S::Ok, S::Error> {
+fn without_operating<S: Serializer>(
+    channels: &[Channel],
+    serializer: S,
+) -> std::result::Result<S::Ok, S::Error> {
     #[derive(Serialize)]
     struct Named<'a> {
         name: &'a str,
@@ -144,24 +149,45 @@ impl EquationsFile {
     /// A file for compiled equations.
     #[must_use]
     pub fn from_equations(name: &str, model: &Equations) -> Self {
-        let channel = |name: &str, unit: Option<&String>| Channel::plain(name, unit.map(String::as_str));
+        let channel =
+            |name: &str, unit: Option<&String>| Channel::plain(name, unit.map(String::as_str));
         let states = model.state_variables();
         let outputs = model.output_variables();
         Self {
-            inputs: model.input_symbols().iter().map(|s| channel(&s.name, s.unit.as_ref())).collect(),
+            inputs: model
+                .input_symbols()
+                .iter()
+                .map(|s| channel(&s.name, s.unit.as_ref()))
+                .collect(),
             outputs: outputs.iter().map(|o| channel(&o.name, o.unit.as_ref())).collect(),
             states: states
                 .iter()
-                .map(|s| (s.name.clone(), StateEntry { unit: s.unit.clone(), initial: s.initial, initial_std: s.initial_std }))
+                .map(|s| {
+                    (
+                        s.name.clone(),
+                        StateEntry {
+                            unit: s.unit.clone(),
+                            initial: s.initial,
+                            initial_std: s.initial_std,
+                        },
+                    )
+                })
                 .collect(),
             parameters: model
                 .parameters()
                 .iter()
                 .map(|p| (p.name.clone(), ParameterEntry { unit: p.unit.clone(), value: p.value }))
                 .collect(),
-            definitions: model.definitions().iter().map(|d| (d.name.clone(), d.expression.clone())).collect(),
+            definitions: model
+                .definitions()
+                .iter()
+                .map(|d| (d.name.clone(), d.expression.clone()))
+                .collect(),
             derivatives: states.iter().map(|s| (s.name.clone(), s.derivative.clone())).collect(),
-            output_equations: outputs.iter().map(|o| (o.name.clone(), o.equation.clone())).collect(),
+            output_equations: outputs
+                .iter()
+                .map(|o| (o.name.clone(), o.equation.clone()))
+                .collect(),
             ..Self::empty(name)
         }
     }
@@ -198,10 +224,19 @@ impl EquationsFile {
         Ok(Self::parse(&text, syntax, path)?)
     }
 
-    pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
+    pub(super) fn parse(
+        text: &str,
+        syntax: Syntax,
+        path: &Path,
+    ) -> std::result::Result<Self, ModelError> {
         let kind = super::text::kind(text, syntax, path)?;
         if kind != "equations" {
-            return Err(ModelError::Kind { path: path.to_owned(), key: "kind", found: kind, known: "equations here" });
+            return Err(ModelError::Kind {
+                path: path.to_owned(),
+                key: "kind",
+                found: kind,
+                known: "equations here",
+            });
         }
         let file: Self = parse_text(text, syntax, path)?;
         file.check(path)?;
@@ -209,17 +244,37 @@ impl EquationsFile {
     }
 
     fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
-        super::check::check_sizes(path, [self.inputs.len(), self.states.len(), self.parameters.len(), self.outputs.len()])?;
+        super::check::check_sizes(
+            path,
+            [self.inputs.len(), self.states.len(), self.parameters.len(), self.outputs.len()],
+        )?;
         super::check::check_channels(path, &self.inputs, &self.outputs)?;
         check_nuisances(path, &self.nuisances)?;
-        super::check::check_list(path, "input_delay_s", &self.input_delay_s, self.inputs.len(), Sign::NotNegative)?;
-        let number = |key, value, rule| Err(ModelError::Number { path: path.to_owned(), key, value, rule });
+        super::check::check_list(
+            path,
+            "input_delay_s",
+            &self.input_delay_s,
+            self.inputs.len(),
+            Sign::NotNegative,
+        )?;
+        let number =
+            |key, value, rule| Err(ModelError::Number { path: path.to_owned(), key, value, rule });
         if self.sample_time_s != 0.0 {
-            return number("sample_time_s", self.sample_time_s, "equations are in continuous time; leave it out");
+            return number(
+                "sample_time_s",
+                self.sample_time_s,
+                "equations are in continuous time; leave it out",
+            );
         }
         self.check_groups(path)?;
         let rule = "only a linear model has an operating point; leave it out";
-        match self.inputs.iter().chain(&self.outputs).map(|c| c.operating).find(|o| *o != Operating::default()) {
+        match self
+            .inputs
+            .iter()
+            .chain(&self.outputs)
+            .map(|c| c.operating)
+            .find(|o| *o != Operating::default())
+        {
             Some(Operating::Value(value)) => return number("operating", value, rule),
             Some(Operating::Mean(_)) => return number("operating", f64::NAN, rule),
             None => {}
@@ -231,22 +286,36 @@ impl EquationsFile {
 
     /// Groups and slopes name what there is.
     fn check_groups(&self, path: &Path) -> std::result::Result<(), ModelError> {
-        let unmatched = |what, name: &str, lacks| Err(ModelError::Unmatched { path: path.to_owned(), what, name: name.to_owned(), lacks });
+        let unmatched = |what, name: &str, lacks| {
+            Err(ModelError::Unmatched { path: path.to_owned(), what, name: name.to_owned(), lacks })
+        };
         for input in &self.inputs {
             if let Some(of) = &input.derivative_of
                 && !self.inputs.iter().any(|i| i.name == *of && i.derivative_of.is_none())
             {
-                return unmatched("`derivative_of`", of, "is no input that is measured itself; name one of `inputs`");
+                return unmatched(
+                    "`derivative_of`",
+                    of,
+                    "is no input that is measured itself; name one of `inputs`",
+                );
             }
         }
         let mut seen: Vec<&String> = Vec::new();
         for (name, group) in &self.groups {
             for output in &group.outputs {
                 if !self.outputs.iter().any(|o| o.name == *output) {
-                    return unmatched("the group's output", output, "is none of `outputs`; correct its name");
+                    return unmatched(
+                        "the group's output",
+                        output,
+                        "is none of `outputs`; correct its name",
+                    );
                 }
                 if seen.contains(&output) {
-                    return unmatched("the output", output, "stands in a group twice; leave it in one");
+                    return unmatched(
+                        "the output",
+                        output,
+                        "stands in a group twice; leave it in one",
+                    );
                 }
                 seen.push(output);
             }
@@ -254,7 +323,11 @@ impl EquationsFile {
                 return unmatched("the group", name, "has no output; name some");
             }
             if group.kind == GroupKind::Attitude && group.outputs.len() != 4 {
-                return unmatched("the attitude", name, "needs four outputs, a quaternion with its scalar last");
+                return unmatched(
+                    "the attitude",
+                    name,
+                    "needs four outputs, a quaternion with its scalar last",
+                );
             }
         }
         Ok(())
@@ -288,43 +361,104 @@ impl EquationsFile {
         if self.starts.is_empty() {
             return Ok(None);
         }
-        if let Some((name, _)) = self.starts.iter().find(|(name, _)| entry(&self.states, name).is_none()) {
+        if let Some((name, _)) =
+            self.starts.iter().find(|(name, _)| entry(&self.states, name).is_none())
+        {
             let lacks = "belongs to no state; add it to [states] or correct its name";
-            return Err(ModelError::Unmatched { path: path.to_owned(), what: "the start", name: name.clone(), lacks });
+            return Err(ModelError::Unmatched {
+                path: path.to_owned(),
+                what: "the start",
+                name: name.clone(),
+                lacks,
+            });
         }
         let outputs = self.starts.iter().map(|(name, _)| Channel::plain(name, None)).collect();
-        Self { outputs, output_equations: self.starts.clone(), starts: Vec::new(), groups: Vec::new(), ..self.clone() }
-            .compile(path)
-            .map(Some)
+        Self {
+            outputs,
+            output_equations: self.starts.clone(),
+            starts: Vec::new(),
+            groups: Vec::new(),
+            ..self.clone()
+        }
+        .compile(path)
+        .map(Some)
     }
 
     pub(super) fn compile(&self, path: &Path) -> std::result::Result<Equations, ModelError> {
-        let unmatched = |what, name: &str, lacks| ModelError::Unmatched { path: path.to_owned(), what, name: name.to_owned(), lacks };
-        if let Some((name, _)) = self.derivatives.iter().find(|(name, _)| entry(&self.states, name).is_none()) {
-            return Err(unmatched("the derivative", name, "belongs to no state; add it to [states] or correct its name"));
+        let unmatched = |what, name: &str, lacks| ModelError::Unmatched {
+            path: path.to_owned(),
+            what,
+            name: name.to_owned(),
+            lacks,
+        };
+        if let Some((name, _)) =
+            self.derivatives.iter().find(|(name, _)| entry(&self.states, name).is_none())
+        {
+            return Err(unmatched(
+                "the derivative",
+                name,
+                "belongs to no state; add it to [states] or correct its name",
+            ));
         }
-        if let Some((name, _)) = self.output_equations.iter().find(|(name, _)| !self.outputs.iter().any(|o| o.name == *name)) {
-            return Err(unmatched("the output equation", name, "belongs to no output; add it to `outputs` or correct its name"));
+        if let Some((name, _)) = self
+            .output_equations
+            .iter()
+            .find(|(name, _)| !self.outputs.iter().any(|o| o.name == *name))
+        {
+            return Err(unmatched(
+                "the output equation",
+                name,
+                "belongs to no output; add it to `outputs` or correct its name",
+            ));
         }
         let states = self.states.iter().map(|(name, state)| {
-            let derivative = entry(&self.derivatives, name)
-                .ok_or_else(|| unmatched("the state", name, "has no derivative; add its equation to [derivatives]"))?;
+            let derivative = entry(&self.derivatives, name).ok_or_else(|| {
+                unmatched("the state", name, "has no derivative; add its equation to [derivatives]")
+            })?;
             let StateEntry { unit, initial, initial_std } = state.clone();
-            Ok(StateVariable { name: name.clone(), unit, initial, initial_std, derivative: derivative.clone() })
+            Ok(StateVariable {
+                name: name.clone(),
+                unit,
+                initial,
+                initial_std,
+                derivative: derivative.clone(),
+            })
         });
         let states = states.collect::<std::result::Result<_, ModelError>>()?;
         let outputs = self.outputs.iter().map(|output| {
-            let equation = entry(&self.output_equations, &output.name)
-                .ok_or_else(|| unmatched("the output", &output.name, "has no equation; add one to [output_equations]"))?;
-            Ok(OutputVariable { name: output.name.clone(), unit: output.unit.clone(), equation: equation.clone() })
+            let equation = entry(&self.output_equations, &output.name).ok_or_else(|| {
+                unmatched(
+                    "the output",
+                    &output.name,
+                    "has no equation; add one to [output_equations]",
+                )
+            })?;
+            Ok(OutputVariable {
+                name: output.name.clone(),
+                unit: output.unit.clone(),
+                equation: equation.clone(),
+            })
         });
         let outputs = outputs.collect::<std::result::Result<_, ModelError>>()?;
-        let inputs = self.inputs.iter().map(|c| Symbol { name: c.name.clone(), unit: c.unit.clone() }).collect();
-        let parameter =
-            |(name, entry): &(String, ParameterEntry)| Parameter { name: name.clone(), unit: entry.unit.clone(), value: entry.value };
+        let inputs = self
+            .inputs
+            .iter()
+            .map(|c| Symbol { name: c.name.clone(), unit: c.unit.clone() })
+            .collect();
+        let parameter = |(name, entry): &(String, ParameterEntry)| Parameter {
+            name: name.clone(),
+            unit: entry.unit.clone(),
+            value: entry.value,
+        };
         let parameters = self.parameters.iter().map(parameter).collect();
-        let wrong = |source: EquationError| ModelError::Equations { path: path.to_owned(), source: Box::new(source) };
-        let definition = |(name, expression): &(String, String)| Definition { name: name.clone(), expression: expression.clone() };
+        let wrong = |source: EquationError| ModelError::Equations {
+            path: path.to_owned(),
+            source: Box::new(source),
+        };
+        let definition = |(name, expression): &(String, String)| Definition {
+            name: name.clone(),
+            expression: expression.clone(),
+        };
         let definitions = self.definitions.iter().map(definition).collect();
         Equations::with_definitions(inputs, states, parameters, definitions, outputs).map_err(wrong)
     }
@@ -342,6 +476,7 @@ impl EquationsFile {
     /// # Errors
     /// [`ModelError::File`] if the writer refuses it.
     pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
-        super::text::text(self, Syntax::Toml).map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
+        super::text::text(self, Syntax::Toml)
+            .map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
     }
 }

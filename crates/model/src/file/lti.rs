@@ -84,7 +84,11 @@ impl ModelFile {
         Ok(Self::parse(&text, syntax, path)?)
     }
 
-    pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
+    pub(super) fn parse(
+        text: &str,
+        syntax: Syntax,
+        path: &Path,
+    ) -> std::result::Result<Self, ModelError> {
         let kind = super::text::kind(text, syntax, path)?;
         if kind == "tf" || kind == "zpk" {
             return super::transfer::parse(text, syntax, path);
@@ -103,9 +107,21 @@ impl ModelFile {
         super::check::check_channels(path, &self.inputs, &self.outputs)?;
         super::check::check_names(path, "state", &states)?;
         check_nuisances(path, &self.nuisances)?;
-        super::check::check_list(path, "input_delay_s", &self.input_delay_s, self.inputs.len(), Sign::NotNegative)?;
+        super::check::check_list(
+            path,
+            "input_delay_s",
+            &self.input_delay_s,
+            self.inputs.len(),
+            Sign::NotNegative,
+        )?;
         super::check::check_list(path, "initial", &self.initial, states.len(), Sign::Any)?;
-        super::check::check_list(path, "initial_std", &self.initial_std, states.len(), Sign::NotNegative)?;
+        super::check::check_list(
+            path,
+            "initial_std",
+            &self.initial_std,
+            states.len(),
+            Sign::NotNegative,
+        )?;
         if !(self.sample_time_s.is_finite() && self.sample_time_s >= 0.0) {
             return Err(ModelError::Number {
                 path: path.to_owned(),
@@ -114,11 +130,16 @@ impl ModelFile {
                 rule: "it must be above 0, or 0 for continuous time",
             });
         }
-        let named = |e: ModelError| ModelError::File { path: path.to_owned(), detail: e.to_string() };
+        let named =
+            |e: ModelError| ModelError::File { path: path.to_owned(), detail: e.to_string() };
         if !self.candidates.is_empty() {
             self.to_equations([&[], &[], &[]])?.compile_candidates(path)?;
         }
-        if self.sample_time_s > 0.0 { self.sampled().map(drop).map_err(named) } else { self.continuous().map(drop).map_err(named) }
+        if self.sample_time_s > 0.0 {
+            self.sampled().map(drop).map_err(named)
+        } else {
+            self.continuous().map(drop).map_err(named)
+        }
     }
 
     /// A file for a continuous model.
@@ -133,7 +154,13 @@ impl ModelFile {
         outputs: Vec<Channel>,
     ) -> std::result::Result<Self, ModelError> {
         let delays = sys.input_delay().to_vec();
-        Self::from_matrices(name, 0.0, [sys.a(), sys.b(), sys.c(), sys.d()], delays, (inputs, states, outputs))
+        Self::from_matrices(
+            name,
+            0.0,
+            [sys.a(), sys.b(), sys.c(), sys.d()],
+            delays,
+            (inputs, states, outputs),
+        )
     }
 
     /// A file for a sampled model. States that a conversion added get names of their own where `states` is too short.
@@ -156,7 +183,13 @@ impl ModelFile {
         for i in states.len()..sys.order() {
             states.push(State { name: format!("x{}", i + 1), unit: None });
         }
-        Self::from_matrices(name, ts.seconds(), [sys.a(), sys.b(), sys.c(), sys.d()], delays, (inputs, states, outputs))
+        Self::from_matrices(
+            name,
+            ts.seconds(),
+            [sys.a(), sys.b(), sys.c(), sys.d()],
+            delays,
+            (inputs, states, outputs),
+        )
     }
 
     /// The sampled model of a continuous one, of all its channels or of one output and input (counted from 0).
@@ -176,10 +209,12 @@ impl ModelFile {
         let (mut inputs, mut outputs) = (self.inputs.clone(), self.outputs.clone());
         if let Some((output, input)) = pair {
             sys = sys.pair(output, input)?;
-            (inputs, outputs) = (vec![inputs.swap_remove(input)], vec![outputs.swap_remove(output)]);
+            (inputs, outputs) =
+                (vec![inputs.swap_remove(input)], vec![outputs.swap_remove(output)]);
         }
         let sampled = conversion.c2d(&sys, sample_time)?;
-        let mut result = Self::from_sampled(&self.name, &sampled, inputs, self.states.clone(), outputs)?;
+        let mut result =
+            Self::from_sampled(&self.name, &sampled, inputs, self.states.clone(), outputs)?;
         // A start in other states than the file's means nothing here.
         if sampled.order() == self.states.len() && conversion.keeps_states() {
             (result.initial, result.initial_std) = (self.initial.clone(), self.initial_std.clone());
@@ -197,9 +232,11 @@ impl ModelFile {
         input_delay_s: Vec<f64>,
         (inputs, states, outputs): (Vec<Channel>, Vec<State>, Vec<Channel>),
     ) -> std::result::Result<Self, ModelError> {
-        for (what, got, needed) in
-            [("input names", inputs.len(), d.ncols()), ("state names", states.len(), a.nrows()), ("output names", outputs.len(), d.nrows())]
-        {
+        for (what, got, needed) in [
+            ("input names", inputs.len(), d.ncols()),
+            ("state names", states.len(), a.nrows()),
+            ("output names", outputs.len(), d.nrows()),
+        ] {
             if got != needed {
                 return Err(ModelError::Count { what, needed, got });
             }
@@ -231,21 +268,38 @@ impl ModelFile {
     ///
     /// # Errors
     /// [`ModelError::Domain`] if it is sampled; [`ModelError::Equations`] where a name cannot stand in an expression.
-    pub fn to_equations(&self, [about_inputs, about_states, about_outputs]: [&[f64]; 3]) -> std::result::Result<EquationsFile, ModelError> {
+    pub fn to_equations(
+        &self,
+        [about_inputs, about_states, about_outputs]: [&[f64]; 3],
+    ) -> std::result::Result<EquationsFile, ModelError> {
         let sys = self.continuous()?;
         let deviation = |name: &str, about: Option<&f64>| match about {
             Some(about) if *about != 0.0 => format!("({name} - ({about:e}))"),
             _ => name.to_owned(),
         };
-        let states: Vec<String> = self.states.iter().enumerate().map(|(i, s)| deviation(&s.name, about_states.get(i))).collect();
-        let inputs: Vec<String> = self.inputs.iter().enumerate().map(|(j, c)| deviation(&c.name, about_inputs.get(j))).collect();
+        let states: Vec<String> = self
+            .states
+            .iter()
+            .enumerate()
+            .map(|(i, s)| deviation(&s.name, about_states.get(i)))
+            .collect();
+        let inputs: Vec<String> = self
+            .inputs
+            .iter()
+            .enumerate()
+            .map(|(j, c)| deviation(&c.name, about_inputs.get(j)))
+            .collect();
         let mut parameters = Vec::new();
         let mut derivatives = Vec::new();
         for (i, state) in self.states.iter().map(|s| s.name.as_str()).enumerate() {
             let mut derivative = "0".to_owned();
-            let of_states = self.states.iter().zip(&states).map(|(s, x)| ("A", sys.a(), s.name.as_str(), x));
-            let of_inputs = self.inputs.iter().zip(&inputs).map(|(c, u)| ("B", sys.b(), c.name.as_str(), u));
-            for (j, (letter, matrix, column, value)) in of_states.enumerate().chain(of_inputs.enumerate()) {
+            let of_states =
+                self.states.iter().zip(&states).map(|(s, x)| ("A", sys.a(), s.name.as_str(), x));
+            let of_inputs =
+                self.inputs.iter().zip(&inputs).map(|(c, u)| ("B", sys.b(), c.name.as_str(), u));
+            for (j, (letter, matrix, column, value)) in
+                of_states.enumerate().chain(of_inputs.enumerate())
+            {
                 if matrix[(i, j)] != 0.0 {
                     let name = format!("{letter}_{state}_{column}");
                     derivative.push_str(&format!(" + {name}*{value}"));
@@ -265,10 +319,18 @@ impl ModelFile {
             }
             (channel.name.clone(), equation)
         };
-        let plain = |channels: &[Channel]| channels.iter().map(|c| Channel { operating: Operating::default(), ..c.clone() }).collect();
+        let plain = |channels: &[Channel]| {
+            channels
+                .iter()
+                .map(|c| Channel { operating: Operating::default(), ..c.clone() })
+                .collect()
+        };
         let state = |(i, state): (usize, &State)| {
             let at = |list: &[f64]| list.get(i).copied();
-            let (initial, initial_std) = (at(&self.initial).unwrap_or(0.0) + at(about_states).unwrap_or(0.0), at(&self.initial_std));
+            let (initial, initial_std) = (
+                at(&self.initial).unwrap_or(0.0) + at(about_states).unwrap_or(0.0),
+                at(&self.initial_std),
+            );
             (state.name.clone(), StateEntry { unit: state.unit.clone(), initial, initial_std })
         };
         Ok(EquationsFile {
@@ -299,24 +361,44 @@ impl ModelFile {
     /// # Errors
     /// [`ModelError::File`] if the writer refuses it.
     pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
-        super::text::text(self, Syntax::Toml).map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
+        super::text::text(self, Syntax::Toml)
+            .map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
     }
 
     fn matrices(&self) -> std::result::Result<[DMatrix<f64>; 4], ModelError> {
         let (n, m, p) = (self.states.len(), self.inputs.len(), self.outputs.len());
         let matrix = |matrix: &'static str, rows: &[Vec<f64>], needed: (usize, usize)| {
             // No states: the file may write [] for a matrix of no rows or of no columns.
-            let columns = rows.iter().find(|r| r.len() != needed.1).or(rows.first()).map_or(needed.1, Vec::len);
+            let columns = rows
+                .iter()
+                .find(|r| r.len() != needed.1)
+                .or(rows.first())
+                .map_or(needed.1, Vec::len);
             if rows.len() != needed.0 || columns != needed.1 {
-                return Err(ModelError::Shape { matrix, rows: needed.0, columns: needed.1, got_rows: rows.len(), got_columns: columns });
+                return Err(ModelError::Shape {
+                    matrix,
+                    rows: needed.0,
+                    columns: needed.1,
+                    got_rows: rows.len(),
+                    got_columns: columns,
+                });
             }
             Ok(DMatrix::from_row_iterator(needed.0, needed.1, rows.iter().flatten().copied()))
         };
-        Ok([matrix("A", &self.a, (n, n))?, matrix("B", &self.b, (n, m))?, matrix("C", &self.c, (p, n))?, matrix("D", &self.d, (p, m))?])
+        Ok([
+            matrix("A", &self.a, (n, n))?,
+            matrix("B", &self.b, (n, m))?,
+            matrix("C", &self.c, (p, n))?,
+            matrix("D", &self.d, (p, m))?,
+        ])
     }
 
     fn delays(&self) -> Vec<f64> {
-        if self.input_delay_s.is_empty() { vec![0.0; self.inputs.len()] } else { self.input_delay_s.clone() }
+        if self.input_delay_s.is_empty() {
+            vec![0.0; self.inputs.len()]
+        } else {
+            self.input_delay_s.clone()
+        }
     }
 
     /// The continuous model.
@@ -325,7 +407,12 @@ impl ModelFile {
     /// [`ModelError::Domain`] if it is sampled, [`ModelError::Shape`] or [`ModelError::NotFinite`].
     pub fn continuous(&self) -> std::result::Result<StateSpace<Continuous>, ModelError> {
         if self.is_sampled() {
-            return Err(ModelError::Domain { what: "this step", needed: "continuous", name: self.name.clone(), found: "sampled" });
+            return Err(ModelError::Domain {
+                what: "this step",
+                needed: "continuous",
+                name: self.name.clone(),
+                found: "sampled",
+            });
         }
         let [a, b, c, d] = self.matrices()?;
         StateSpace::continuous(a, b, c, d)?.with_input_delay(self.delays())
@@ -337,7 +424,12 @@ impl ModelFile {
     /// [`ModelError::Domain`] if it is continuous, [`ModelError::Shape`], [`ModelError::NotFinite`] or [`ModelError::Number`].
     pub fn sampled(&self) -> std::result::Result<StateSpace<Sampled>, ModelError> {
         if !self.is_sampled() {
-            return Err(ModelError::Domain { what: "this step", needed: "sampled", name: self.name.clone(), found: "continuous" });
+            return Err(ModelError::Domain {
+                what: "this step",
+                needed: "sampled",
+                name: self.name.clone(),
+                found: "continuous",
+            });
         }
         let ts = SampleTime::new(self.sample_time_s)?;
         let [a, b, c, d] = self.matrices()?;
@@ -436,7 +528,10 @@ parameters = { delay = 0.031 }
             let message = parse(&LATERAL.replace(from, to)).unwrap_err().to_string();
             assert!(message.contains("m.toml") && message.contains(expect), "{to}: {message}");
         }
-        assert!(matches!(ModelFile::read(Path::new("m.yaml")), Err(Error::Model(ModelError::Extension { .. }))));
+        assert!(matches!(
+            ModelFile::read(Path::new("m.yaml")),
+            Err(Error::Model(ModelError::Extension { .. }))
+        ));
         assert!(matches!(ModelFile::read(Path::new("no/such.toml")), Err(Error::File(_))));
     }
 
@@ -444,6 +539,11 @@ parameters = { delay = 0.031 }
     fn a_sampled_model_must_have_whole_delays() {
         let text = LATERAL.replace("sample_time_s = 0.0", "sample_time_s = 0.01");
         assert!(parse(&text).unwrap_err().to_string().contains("multiples of its sample time"));
-        assert!(parse(&text.replace("input_delay_s = [0.031]", "input_delay_s = [0.03]")).unwrap().sampled().is_ok());
+        assert!(
+            parse(&text.replace("input_delay_s = [0.031]", "input_delay_s = [0.03]"))
+                .unwrap()
+                .sampled()
+                .is_ok()
+        );
     }
 }

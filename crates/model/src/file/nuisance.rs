@@ -29,9 +29,14 @@ impl NuisanceEntry {
 /// Standard deviations that are some, and nothing twice. Whether there are such effects and channels is for whoever uses them.
 pub(super) fn check_nuisances(path: &Path, nuisances: &[NuisanceEntry]) -> Result<(), ModelError> {
     for (at, entry) in nuisances.iter().enumerate() {
-        let wrong = |why: String| Err(ModelError::Nuisance { path: path.to_owned(), nuisance: entry.key(), why });
+        let wrong = |why: String| {
+            Err(ModelError::Nuisance { path: path.to_owned(), nuisance: entry.key(), why })
+        };
         if !(entry.std.is_finite() && entry.std > 0.0) {
-            return wrong(format!("its `std` is {}; give how far it may be from log to log, a finite number above 0", entry.std));
+            return wrong(format!(
+                "its `std` is {}; give how far it may be from log to log, a finite number above 0",
+                entry.std
+            ));
         }
         if nuisances.iter().take(at).any(|before| before.key() == entry.key()) {
             return wrong("it stands there twice; leave one".to_owned());

@@ -32,11 +32,16 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for InOrder<T> {
     }
 }
 
-pub(super) fn deserialize<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<Table<T>, D::Error> {
+pub(super) fn deserialize<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+    deserializer: D,
+) -> Result<Table<T>, D::Error> {
     deserializer.deserialize_map(InOrder(PhantomData))
 }
 
-pub(super) fn serialize<S: Serializer, T: Serialize>(table: &Table<T>, serializer: S) -> Result<S::Ok, S::Error> {
+pub(super) fn serialize<S: Serializer, T: Serialize>(
+    table: &Table<T>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
     let mut map = serializer.serialize_map(Some(table.len()))?;
     for (key, value) in table {
         map.serialize_entry(key, value)?;

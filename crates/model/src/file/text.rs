@@ -31,7 +31,11 @@ pub(super) fn read_text(path: &Path) -> Result<(String, Syntax)> {
     Ok((text, syntax))
 }
 
-pub(super) fn parse_text<T: DeserializeOwned>(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<T, ModelError> {
+pub(super) fn parse_text<T: DeserializeOwned>(
+    text: &str,
+    syntax: Syntax,
+    path: &Path,
+) -> std::result::Result<T, ModelError> {
     let wrong = |detail: String| ModelError::File { path: path.to_owned(), detail };
     match syntax {
         Syntax::Toml => toml::from_str(text).map_err(|e| wrong(e.to_string())),
@@ -42,12 +46,15 @@ pub(super) fn parse_text<T: DeserializeOwned>(text: &str, syntax: Syntax, path: 
 pub(super) fn text<T: Serialize>(file: &T, syntax: Syntax) -> std::result::Result<String, String> {
     match syntax {
         Syntax::Toml => toml::to_string(file).map_err(|e| e.to_string()),
-        Syntax::Json => serde_json::to_string_pretty(file).map_err(|e| e.to_string()).map(|t| t + "\n"),
+        Syntax::Json => {
+            serde_json::to_string_pretty(file).map_err(|e| e.to_string()).map(|t| t + "\n")
+        }
     }
 }
 
 pub(super) fn write_text<T: Serialize>(path: &Path, file: &T, syntax: Syntax) -> Result<()> {
-    let text = text(file, syntax).map_err(|detail| ModelError::File { path: path.to_owned(), detail })?;
+    let text =
+        text(file, syntax).map_err(|detail| ModelError::File { path: path.to_owned(), detail })?;
     Ok(deadtime_signal::file::write_atomic(path, |out| out.write_all(text.as_bytes()))?)
 }
 
@@ -59,7 +66,11 @@ pub(super) struct Header {
 }
 
 /// The file's kind, `lti`, `equations`, `tf` or `zpk`; its format is that of this version.
-pub(super) fn kind(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<String, ModelError> {
+pub(super) fn kind(
+    text: &str,
+    syntax: Syntax,
+    path: &Path,
+) -> std::result::Result<String, ModelError> {
     let Header { format, kind } = parse_text(text, syntax, path)?;
     let wrong = |key, found: Option<String>, known| {
         let found = found.unwrap_or_else(|| "missing".to_owned());

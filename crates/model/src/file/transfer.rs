@@ -75,7 +75,12 @@ pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<ModelFile
     let wrong = |detail: String| ModelError::File { path: path.to_owned(), detail };
     if !(file.sample_time_s.is_finite() && file.sample_time_s >= 0.0) {
         let rule = "it must be above 0, or 0 for continuous time";
-        return Err(ModelError::Number { path: path.to_owned(), key: "sample_time_s", value: file.sample_time_s, rule });
+        return Err(ModelError::Number {
+            path: path.to_owned(),
+            key: "sample_time_s",
+            value: file.sample_time_s,
+            rule,
+        });
     }
     let matrices = if file.sample_time_s > 0.0 {
         let ts = SampleTime::new(file.sample_time_s)?;
@@ -83,10 +88,16 @@ pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<ModelFile
     } else {
         file.assembled(Continuous, &wrong)?
     };
-    let states: Vec<State> = (1..=matrices[0].nrows()).map(|i| State { name: format!("x{i}"), unit: None }).collect();
+    let states: Vec<State> =
+        (1..=matrices[0].nrows()).map(|i| State { name: format!("x{i}"), unit: None }).collect();
     let [a, b, c, d] = &matrices;
-    let mut model =
-        ModelFile::from_matrices(&file.name, file.sample_time_s, [a, b, c, d], file.input_delay_s, (file.inputs, states, file.outputs))?;
+    let mut model = ModelFile::from_matrices(
+        &file.name,
+        file.sample_time_s,
+        [a, b, c, d],
+        file.input_delay_s,
+        (file.inputs, states, file.outputs),
+    )?;
     model.effects = file.effects;
     model.nuisances = file.nuisances;
     model.check(path)?;
@@ -94,24 +105,43 @@ pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<ModelFile
 }
 
 impl TransferFile {
-    fn assembled<T: TimeDomain>(&self, domain: T, wrong: &dyn Fn(String) -> ModelError) -> Result<[DMatrix<f64>; 4], ModelError> {
+    fn assembled<T: TimeDomain>(
+        &self,
+        domain: T,
+        wrong: &dyn Fn(String) -> ModelError,
+    ) -> Result<[DMatrix<f64>; 4], ModelError> {
         let place = |what: &str, name: &Option<String>, channels: &[Channel]| match name {
             Some(name) => channels.iter().position(|c| c.name == *name).ok_or_else(|| {
                 let known: Vec<&str> = channels.iter().map(|c| c.name.as_str()).collect();
-                wrong(format!("[[transfer]]: there is no {what} `{name}`; there are: {}", known.join(", ")))
+                wrong(format!(
+                    "[[transfer]]: there is no {what} `{name}`; there are: {}",
+                    known.join(", ")
+                ))
             }),
             None if channels.len() == 1 => Ok(0),
-            None => Err(wrong(format!("[[transfer]]: say which {what} it is for, as {what} = \"NAME\""))),
+            None => Err(wrong(format!(
+                "[[transfer]]: say which {what} it is for, as {what} = \"NAME\""
+            ))),
         };
         let mut parts: Vec<(usize, usize, StateSpace<T>)> = Vec::new();
         for transfer in &self.transfer {
-            let (i, j) = (place("output", &transfer.output, &self.outputs)?, place("input", &transfer.input, &self.inputs)?);
-            let of = |channels: &[Channel], at: usize| channels.get(at).map_or_else(String::new, |c| c.name.clone());
-            let named = |detail: String| wrong(format!("from {} to {}: {detail}", of(&self.inputs, j), of(&self.outputs, i)));
+            let (i, j) = (
+                place("output", &transfer.output, &self.outputs)?,
+                place("input", &transfer.input, &self.inputs)?,
+            );
+            let of = |channels: &[Channel], at: usize| {
+                channels.get(at).map_or_else(String::new, |c| c.name.clone())
+            };
+            let named = |detail: String| {
+                wrong(format!("from {} to {}: {detail}", of(&self.inputs, j), of(&self.outputs, i)))
+            };
             if parts.iter().any(|(row, column, _)| (*row, *column) == (i, j)) {
                 return Err(named("two [[transfer]] entries; add them up into one".to_owned()));
             }
-            let system = transfer.function(&self.kind, domain, &named)?.to_state_space().map_err(|e| named(e.to_string()))?;
+            let system = transfer
+                .function(&self.kind, domain, &named)?
+                .to_state_space()
+                .map_err(|e| named(e.to_string()))?;
             parts.push((i, j, system));
         }
         let n = parts.iter().map(|p| p.2.order()).sum();
@@ -145,10 +175,23 @@ impl Transfer {
             }
             ("zpk", None, None, Some(poles), Some(gain)) => {
                 let numbers = |roots: &[Root]| roots.iter().map(|r| r.number()).collect();
-                TransferFunction::from_zeros_poles_gain(numbers(&self.zeros), numbers(poles), gain, none, domain)
+                TransferFunction::from_zeros_poles_gain(
+                    numbers(&self.zeros),
+                    numbers(poles),
+                    gain,
+                    none,
+                    domain,
+                )
             }
-            ("tf", ..) => return Err(named("kind `tf` takes numerator and denominator, highest power first, and nothing else".to_owned())),
-            _ => return Err(named("kind `zpk` takes zeros, poles and gain, and nothing else".to_owned())),
+            ("tf", ..) => return Err(named(
+                "kind `tf` takes numerator and denominator, highest power first, and nothing else"
+                    .to_owned(),
+            )),
+            _ => {
+                return Err(named(
+                    "kind `zpk` takes zeros, poles and gain, and nothing else".to_owned(),
+                ));
+            }
         };
         made.map_err(|e| named(e.to_string()))
     }

@@ -37,7 +37,12 @@ impl Assembly {
         own_outputs: impl FnOnce(&[f64]) -> Vec<f64>,
     ) -> Self {
         let (n, m, p) = (system.states.len(), system.inputs.len(), system.outputs.len());
-        let lags = plan.inputs.iter().map(|i| i.lags_s.len()).chain(plan.outputs.iter().map(|o| o.lags_s.len())).sum::<usize>();
+        let lags = plan
+            .inputs
+            .iter()
+            .map(|i| i.lags_s.len())
+            .chain(plan.outputs.iter().map(|o| o.lags_s.len()))
+            .sum::<usize>();
         let sines = plan.terms.iter().filter(|t| matches!(t, Term::Sine { .. })).count();
         let memories = plan.terms.iter().filter(|t| matches!(t, Term::Hysteresis { .. })).count();
         let states = n + lags + 2 * plan.modes.len() + 2 * sines + memories;
@@ -79,7 +84,16 @@ impl Assembly {
         build.terms(plan, &inputs, one);
         build.sensors(plan, &mut outputs);
         let start = build.now[..states].to_vec();
-        Self { plant: n, states, signals: m, inputs, derivatives: build.derivatives, outputs, start, memories: build.memories }
+        Self {
+            plant: n,
+            states,
+            signals: m,
+            inputs,
+            derivatives: build.derivatives,
+            outputs,
+            start,
+            memories: build.memories,
+        }
     }
 }
 
@@ -120,7 +134,11 @@ impl Build {
     /// The modes that act on states and outputs.
     fn modes(&mut self, plan: &Plan, arriving: &[Row], outputs: &mut [Row]) {
         for mode in &plan.modes {
-            let Some(driver) = arriving.get(mode.input).filter(|_| !matches!(mode.site, Site::Input(_))) else { continue };
+            let Some(driver) =
+                arriving.get(mode.input).filter(|_| !matches!(mode.site, Site::Input(_)))
+            else {
+                continue;
+            };
             let q = self.mode(driver, mode.omega_rad_s, mode.damping);
             match mode.site {
                 Site::State(to) => self.derivatives[to][q] += mode.gain,
@@ -134,8 +152,12 @@ impl Build {
     fn terms(&mut self, plan: &Plan, inputs: &[Row], one: usize) {
         for term in &plan.terms {
             match *term {
-                Term::Linear { to, from: Source::State(from), gain } => self.derivatives[to][from] += gain,
-                Term::Linear { to, from: Source::Input(from), gain } => add(&mut self.derivatives[to], gain, &inputs[from]),
+                Term::Linear { to, from: Source::State(from), gain } => {
+                    self.derivatives[to][from] += gain
+                }
+                Term::Linear { to, from: Source::Input(from), gain } => {
+                    add(&mut self.derivatives[to], gain, &inputs[from])
+                }
                 Term::Constant { to, level } => self.derivatives[to][one] += level,
                 Term::Sine { to, omega_rad_s, amplitude, phase_rad } => {
                     let sine = self.oscillator(omega_rad_s, phase_rad);
@@ -216,7 +238,10 @@ impl Build {
     /// The rows of an affine plant; its outputs.
     fn plant(&mut self, Affine { matrices, drift, level }: &Affine, inputs: &[Row]) -> Vec<Row> {
         let one = self.states + self.signals;
-        let rows = |build: &Self, of_state: &nalgebra::DMatrix<f64>, of_input: &nalgebra::DMatrix<f64>, i: usize| {
+        let rows = |build: &Self,
+                    of_state: &nalgebra::DMatrix<f64>,
+                    of_input: &nalgebra::DMatrix<f64>,
+                    i: usize| {
             let mut row = build.zero();
             for (j, value) in of_state.row(i).iter().enumerate() {
                 row[j] = *value;

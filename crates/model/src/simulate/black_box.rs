@@ -21,7 +21,13 @@ pub trait Simulator: Send + Sync + fmt::Debug {
     ///
     /// # Errors
     /// What went wrong, as a phrase.
-    fn simulate(&self, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Result<DMatrix<f64>, String>;
+    fn simulate(
+        &self,
+        u: &DMatrix<f64>,
+        time_s: &[f64],
+        x0: &[f64],
+        parameters: &[f64],
+    ) -> Result<DMatrix<f64>, String>;
 }
 
 /// A state whose start a user names.
@@ -77,29 +83,51 @@ impl Face {
         for state in states {
             let (name, std) = (&state.port.name, state.std.unwrap_or(0.0));
             if !state.initial.is_finite() {
-                return Err(SimulateError::Value { what: "the start", name: name.clone(), value: state.initial });
+                return Err(SimulateError::Value {
+                    what: "the start",
+                    name: name.clone(),
+                    value: state.initial,
+                });
             }
             if !(std.is_finite() && std >= 0.0) {
-                return Err(SimulateError::Value { what: "the standard deviation of the start", name: name.clone(), value: std });
+                return Err(SimulateError::Value {
+                    what: "the standard deviation of the start",
+                    name: name.clone(),
+                    value: std,
+                });
             }
         }
         if let Some(restart) = &self.restart {
             let needed = states.len();
             if restart.channels.len() != needed || restart.channels.iter().all(Option::is_none) {
-                return Err(SimulateError::InitialState { needed, got: restart.channels.iter().flatten().count() });
+                return Err(SimulateError::InitialState {
+                    needed,
+                    got: restart.channels.iter().flatten().count(),
+                });
             }
             if let Some(every_s) = restart.every_s.filter(|s| !(s.is_finite() && *s > 0.0)) {
-                return Err(SimulateError::Value { what: "the time between two starts", name: self.name.clone(), value: every_s });
+                return Err(SimulateError::Value {
+                    what: "the time between two starts",
+                    name: self.name.clone(),
+                    value: every_s,
+                });
             }
         }
         match parameters.iter().find(|p| !p.1.is_finite()) {
-            Some((port, value)) => Err(SimulateError::Value { what: "the parameter", name: port.name.clone(), value: *value }),
+            Some((port, value)) => Err(SimulateError::Value {
+                what: "the parameter",
+                name: port.name.clone(),
+                value: *value,
+            }),
             None => Ok(()),
         }
     }
 }
 
-fn unique<'a>(what: &'static str, ports: impl Iterator<Item = &'a Port>) -> Result<(), SimulateError> {
+fn unique<'a>(
+    what: &'static str,
+    ports: impl Iterator<Item = &'a Port>,
+) -> Result<(), SimulateError> {
     let mut known = HashSet::new();
     for port in ports {
         if port.name.is_empty() || !known.insert(port.name.as_str()) {
@@ -154,19 +182,30 @@ pub fn windows<E>(
     }
     for (at, x0) in x0.chunks_exact(states).enumerate() {
         let rows = window(at, count, time_s.len());
-        let stamps: Vec<f64> = time_s[rows.clone()].iter().map(|t| t - time_s[rows.start]).collect();
+        let stamps: Vec<f64> =
+            time_s[rows.clone()].iter().map(|t| t - time_s[rows.start]).collect();
         each(rows.clone(), &u.rows(rows.start, rows.len()).into_owned(), &stamps, x0)?;
     }
     Ok(())
 }
 
 /// Refuses an answer of another shape, or one that holds NaN or infinity.
-pub(super) fn check(answer: &DMatrix<f64>, outputs: &[Port], time_s: &[f64]) -> Result<(), SimulateError> {
+pub(super) fn check(
+    answer: &DMatrix<f64>,
+    outputs: &[Port],
+    time_s: &[f64],
+) -> Result<(), SimulateError> {
     let (needed, got) = ((time_s.len(), outputs.len()), answer.shape());
     if needed != got {
-        return Err(SimulateError::Answer { rows: needed.0, columns: needed.1, got_rows: got.0, got_columns: got.1 });
+        return Err(SimulateError::Answer {
+            rows: needed.0,
+            columns: needed.1,
+            got_rows: got.0,
+            got_columns: got.1,
+        });
     }
-    let first = (0..needed.0).find_map(|k| (0..needed.1).find(|&i| !answer[(k, i)].is_finite()).map(|i| (k, i)));
+    let first = (0..needed.0)
+        .find_map(|k| (0..needed.1).find(|&i| !answer[(k, i)].is_finite()).map(|i| (k, i)));
     first.map_or(Ok(()), |(sample, i)| {
         let (output, value) = (outputs[i].name.clone(), answer[(sample, i)]);
         Err(SimulateError::AnswerNotFinite { output, sample, time_s: time_s[sample], value })
@@ -251,7 +290,8 @@ impl Remembered {
         }
         self.lock().calls += 1;
         let answer = self.inner.simulate(u, time_s, x0, parameters);
-        let answer = answer.and_then(|y| check(&y, &self.outputs, time_s).map(|()| y).map_err(|e| e.to_string()));
+        let answer = answer
+            .and_then(|y| check(&y, &self.outputs, time_s).map(|()| y).map_err(|e| e.to_string()));
         if let Err(why) = &answer {
             let mut memory = self.lock();
             memory.failed += 1;
@@ -316,7 +356,11 @@ mod tests {
 
     impl Simulator for Twice {
         fn simulate(&self, u: &DMatrix<f64>, _: &[f64], _: &[f64], parameters: &[f64]) -> Answer {
-            if parameters.first() == Some(&0.0) { Err("a division by 0".to_owned()) } else { Ok(u * 2.0) }
+            if parameters.first() == Some(&0.0) {
+                Err("a division by 0".to_owned())
+            } else {
+                Ok(u * 2.0)
+            }
         }
     }
 
@@ -326,10 +370,16 @@ mod tests {
         let memory = Remembered::new(Arc::new(Twice), vec![output], Stop::default());
         let u = DMatrix::from_column_slice(2, 1, &[1.0, 2.0]);
         for _ in 0..3 {
-            assert_eq!(memory.simulate(&u, &[0.0, 1.0], &[], &[]).unwrap(), DMatrix::from_column_slice(2, 1, &[2.0, 4.0]));
+            assert_eq!(
+                memory.simulate(&u, &[0.0, 1.0], &[], &[]).unwrap(),
+                DMatrix::from_column_slice(2, 1, &[2.0, 4.0])
+            );
             assert!(memory.simulate(&u, &[0.0, 1.0], &[], &[0.0]).is_err());
         }
-        assert_eq!((memory.calls(), memory.failures()), (2, (1, Some("a division by 0".to_owned()))));
+        assert_eq!(
+            (memory.calls(), memory.failures()),
+            (2, (1, Some("a division by 0".to_owned())))
+        );
         let why = memory.simulate(&u, &[0.0, 1.0, 2.0], &[], &[]).unwrap_err();
         assert!(why.contains("2 × 1") && why.contains("3 × 1"), "{why}");
     }

@@ -29,7 +29,9 @@ pub enum SimulateError {
         input: usize,
     },
     /// A signal holds NaN or infinity.
-    #[error("input {input} (counted from 0) is {value} at sample {sample}: every input sample must be finite")]
+    #[error(
+        "input {input} (counted from 0) is {value} at sample {sample}: every input sample must be finite"
+    )]
     NotFinite {
         /// Input, counted from 0.
         input: usize,
@@ -61,13 +63,17 @@ pub enum SimulateError {
         after_s: f64,
     },
     /// The state left the range of numbers.
-    #[error("the simulation explodes: the state is no longer finite at t = {time_s} s; the model is unstable or its units are wrong")]
+    #[error(
+        "the simulation explodes: the state is no longer finite at t = {time_s} s; the model is unstable or its units are wrong"
+    )]
     Explodes {
         /// When.
         time_s: f64,
     },
     /// An integration that was to run backwards.
-    #[error("the integration is to run from {from_s} s to {to_s} s; it can only run forwards, over finite times")]
+    #[error(
+        "the integration is to run from {from_s} s to {to_s} s; it can only run forwards, over finite times"
+    )]
     Backwards {
         /// From when.
         from_s: f64,
@@ -75,7 +81,9 @@ pub enum SimulateError {
         to_s: f64,
     },
     /// A derivative that is not finite at a finite state.
-    #[error("the equations have no finite value at t = {time_s} s; check the initial state and the parameters there")]
+    #[error(
+        "the equations have no finite value at t = {time_s} s; check the initial state and the parameters there"
+    )]
     Undefined {
         /// When.
         time_s: f64,
@@ -120,7 +128,9 @@ pub enum SimulateError {
         known: Vec<String>,
     },
     /// A delay beside those of a sampled model.
-    #[error("delays beside the model's own need a continuous model; {model} is sampled: write whole samples into its input_delay_s")]
+    #[error(
+        "delays beside the model's own need a continuous model; {model} is sampled: write whole samples into its input_delay_s"
+    )]
     SampledDelay {
         /// The model's name.
         model: String,
@@ -143,7 +153,9 @@ pub enum SimulateError {
         input: usize,
     },
     /// Friction that sticks and slides without end.
-    #[error("friction changes between sticking and sliding without end at t = {time_s} s; the friction levels do not fit the model")]
+    #[error(
+        "friction changes between sticking and sliding without end at t = {time_s} s; the friction levels do not fit the model"
+    )]
     Contacts {
         /// When.
         time_s: f64,
@@ -199,7 +211,9 @@ pub enum SimulateError {
         name: String,
     },
     /// A number that cannot be.
-    #[error("{what} of `{name}` is {value}; it must be a finite number, a standard deviation at least 0")]
+    #[error(
+        "{what} of `{name}` is {value}; it must be a finite number, a standard deviation at least 0"
+    )]
     Value {
         /// What it is.
         what: &'static str,

@@ -12,8 +12,13 @@ type Entry = (usize, usize, f64);
 
 /// The coefficients of rows that are not 0.
 fn entries(rows: &[Vec<f64>]) -> Vec<Entry> {
-    let of_row =
-        |(i, row): (usize, &Vec<f64>)| row.iter().enumerate().filter(|(_, v)| **v != 0.0).map(|(j, v)| (i, j, *v)).collect::<Vec<_>>();
+    let of_row = |(i, row): (usize, &Vec<f64>)| {
+        row.iter()
+            .enumerate()
+            .filter(|(_, v)| **v != 0.0)
+            .map(|(j, v)| (i, j, *v))
+            .collect::<Vec<_>>()
+    };
     rows.iter().enumerate().flat_map(of_row).collect()
 }
 
@@ -31,7 +36,11 @@ pub(super) struct Contact {
 impl Contact {
     /// Above 0 while the contact stays what it is.
     pub(super) fn margin(&self, x: &[f64]) -> f64 {
-        if self.direction == 0.0 { self.level - self.rest.abs() } else { self.direction * x[self.state] }
+        if self.direction == 0.0 {
+            self.level - self.rest.abs()
+        } else {
+            self.direction * x[self.state]
+        }
     }
 }
 
@@ -58,7 +67,11 @@ impl Memory {
     /// By the velocity and by the memory itself.
     fn slopes(&self, x: &[f64]) -> [f64; 2] {
         let (z, v) = (x[self.state], x[self.velocity]);
-        let closing = if z * v > 0.0 { self.sharpness * z.abs().powf(self.sharpness - 1.0) * v.abs() / self.displacement } else { 0.0 };
+        let closing = if z * v > 0.0 {
+            self.sharpness * z.abs().powf(self.sharpness - 1.0) * v.abs() / self.displacement
+        } else {
+            0.0
+        };
         [self.open(x) / self.displacement, -closing]
     }
 }
@@ -99,7 +112,11 @@ pub(super) struct Field<'a> {
 }
 
 impl<'a> Field<'a> {
-    pub(super) fn new(assembly: &Assembly, equations: Option<Plant<'a>>, terms: &'a [Term]) -> Self {
+    pub(super) fn new(
+        assembly: &Assembly,
+        equations: Option<Plant<'a>>,
+        terms: &'a [Term],
+    ) -> Self {
         let one = assembly.states + assembly.signals;
         let (n, m, p) = (assembly.plant, assembly.signals, assembly.outputs.len());
         let mut now = vec![0.0; one + 1 + p];
@@ -109,15 +126,27 @@ impl<'a> Field<'a> {
             let Term::Friction { state, level } = *term else { continue };
             match contacts.iter_mut().find(|c| c.state == state) {
                 Some(contact) => contact.level += level,
-                None => contacts.push(Contact { state, level, direction: sign(assembly.start[state]), rest: 0.0 }),
+                None => contacts.push(Contact {
+                    state,
+                    level,
+                    direction: sign(assembly.start[state]),
+                    rest: 0.0,
+                }),
             }
         }
         let memory = |term: &Term| match *term {
-            Term::Hysteresis { velocity, displacement, sharpness, .. } => Some((velocity, displacement, sharpness)),
+            Term::Hysteresis { velocity, displacement, sharpness, .. } => {
+                Some((velocity, displacement, sharpness))
+            }
             _ => None,
         };
         let memories = (terms.iter().filter_map(memory).zip(&assembly.memories))
-            .map(|((velocity, displacement, sharpness), &state)| Memory { state, velocity, displacement, sharpness })
+            .map(|((velocity, displacement, sharpness), &state)| Memory {
+                state,
+                velocity,
+                displacement,
+                sharpness,
+            })
             .collect();
         let (inputs, derivatives) = (entries(&assembly.inputs), entries(&assembly.derivatives));
         let size = if equations.is_some() { [n * n, n * m, p * n, p * m] } else { [0; 4] };
@@ -143,7 +172,9 @@ impl<'a> Field<'a> {
 
     /// The system is that of another field from now on: what moves it, not where it is.
     pub(super) fn becomes(&mut self, later: &Self) {
-        if let (Some(own), Some((equations, parameters, _))) = (&mut self.equations, &later.equations) {
+        if let (Some(own), Some((equations, parameters, _))) =
+            (&mut self.equations, &later.equations)
+        {
             (own.0, own.1) = (equations, parameters);
         }
         self.inputs.clone_from(&later.inputs);
@@ -203,7 +234,14 @@ impl<'a> Field<'a> {
         match &mut self.equations {
             Some((equations, parameters, workspace)) => {
                 let (plant, added) = dx.split_at_mut(self.plant);
-                equations.derivatives(t, &x[..self.plant], &self.received, parameters, workspace, plant);
+                equations.derivatives(
+                    t,
+                    &x[..self.plant],
+                    &self.received,
+                    parameters,
+                    workspace,
+                    plant,
+                );
                 added.fill(0.0);
             }
             None => dx.fill(0.0),
@@ -224,7 +262,11 @@ impl<'a> Field<'a> {
         }
         for contact in &mut self.contacts {
             contact.rest = dx[contact.state];
-            dx[contact.state] = if contact.direction == 0.0 { 0.0 } else { contact.rest - contact.level * contact.direction };
+            dx[contact.state] = if contact.direction == 0.0 {
+                0.0
+            } else {
+                contact.rest - contact.level * contact.direction
+            };
         }
     }
 
@@ -232,7 +274,13 @@ impl<'a> Field<'a> {
     ///
     /// # Errors
     /// [`SimulateError::Equation`] where one has no finite value.
-    pub(super) fn read(&mut self, t: f64, x: &[f64], y: &mut [f64], drive: &Drive) -> Result<(), SimulateError> {
+    pub(super) fn read(
+        &mut self,
+        t: f64,
+        x: &[f64],
+        y: &mut [f64],
+        drive: &Drive,
+    ) -> Result<(), SimulateError> {
         self.begin(t, drive);
         self.fill(t, x, drive);
         self.sense(t);
@@ -253,7 +301,9 @@ impl<'a> Field<'a> {
     pub(super) fn explain(&mut self, t: f64, x: &[f64], drive: &Drive) -> Option<SimulateError> {
         self.fill(t, x, drive);
         let (equations, parameters, _) = self.equations.as_ref()?;
-        equations.explain(t, &x[..self.plant], &self.received, parameters).map(SimulateError::Equation)
+        equations
+            .explain(t, &x[..self.plant], &self.received, parameters)
+            .map(SimulateError::Equation)
     }
 
     /// ∂(dx)/∂x by columns: exact, but for functions of one state.
@@ -266,12 +316,28 @@ impl<'a> Field<'a> {
         // (row, column) of a row's coefficient on a state.
         let on_states = |&&(_, j, _): &&Entry| j < size;
         if let Some((equations, parameters, workspace)) = &mut self.equations {
-            equations.derivatives_jacobian(Wrt::States, t, &x[..n], &self.received, parameters, workspace, by_states);
+            equations.derivatives_jacobian(
+                Wrt::States,
+                t,
+                &x[..n],
+                &self.received,
+                parameters,
+                workspace,
+                by_states,
+            );
             for j in 0..n {
                 jacobian[size * j..size * j + n].copy_from_slice(&by_states[n * j..n * (j + 1)]);
             }
             if !self.direct {
-                equations.derivatives_jacobian(Wrt::Inputs, t, &x[..n], &self.received, parameters, workspace, by_inputs);
+                equations.derivatives_jacobian(
+                    Wrt::Inputs,
+                    t,
+                    &x[..n],
+                    &self.received,
+                    parameters,
+                    workspace,
+                    by_inputs,
+                );
                 for &(input, j, value) in self.inputs.iter().filter(on_states) {
                     for i in 0..n {
                         jacobian[i + size * j] += by_inputs[i + n * input] * value;
@@ -279,15 +345,33 @@ impl<'a> Field<'a> {
                 }
             }
             if self.senses {
-                equations.outputs_jacobian(Wrt::States, t, &x[..n], &self.received, parameters, workspace, own_by_states);
-                equations.outputs_jacobian(Wrt::Inputs, t, &x[..n], &self.received, parameters, workspace, own_by_inputs);
-                for &(i, from, value) in self.derivatives.iter().filter(|&&(_, j, _)| j > self.one) {
+                equations.outputs_jacobian(
+                    Wrt::States,
+                    t,
+                    &x[..n],
+                    &self.received,
+                    parameters,
+                    workspace,
+                    own_by_states,
+                );
+                equations.outputs_jacobian(
+                    Wrt::Inputs,
+                    t,
+                    &x[..n],
+                    &self.received,
+                    parameters,
+                    workspace,
+                    own_by_inputs,
+                );
+                for &(i, from, value) in self.derivatives.iter().filter(|&&(_, j, _)| j > self.one)
+                {
                     let output = from - self.one - 1;
                     for j in 0..n {
                         jacobian[i + size * j] += value * own_by_states[output + own * j];
                     }
                     for &(input, j, gain) in self.inputs.iter().filter(on_states) {
-                        jacobian[i + size * j] += value * own_by_inputs[output + own * input] * gain;
+                        jacobian[i + size * j] +=
+                            value * own_by_inputs[output + own * input] * gain;
                     }
                 }
             }
@@ -330,7 +414,14 @@ impl Rhs for Driven<'_, '_> {
         self.field.eval(t, x, dx, self.drive);
     }
 
-    fn jacobian(&mut self, t: f64, x: &mut [f64], _dx: &[f64], _scratch: &mut [f64], jacobian: &mut [f64]) {
+    fn jacobian(
+        &mut self,
+        t: f64,
+        x: &mut [f64],
+        _dx: &[f64],
+        _scratch: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
         self.field.jacobian(t, x, jacobian, self.drive);
     }
 }
@@ -400,23 +491,36 @@ z = "rate^2 + u*angle"
         ];
         let plan = Applied::plan(&system, &effects, Chance::Mean).unwrap();
         let Dynamics::Equations(equations, parameters) = &plan.dynamics else { panic!("linear") };
-        let assembly = Assembly::new(&system, (&plan, None), &system.initial, &[0.5, -0.7], |_| vec![0.1, 0.2]);
-        let mut field = Field::new(&assembly, Some((equations.as_ref(), parameters.as_slice())), &plan.terms);
-        let pieces = vec![Piece { start_s: 0.0, value: 0.5, slope: 0.3 }, Piece { start_s: 0.0, value: -0.7, slope: 0.0 }];
+        let assembly = Assembly::new(&system, (&plan, None), &system.initial, &[0.5, -0.7], |_| {
+            vec![0.1, 0.2]
+        });
+        let mut field =
+            Field::new(&assembly, Some((equations.as_ref(), parameters.as_slice())), &plan.terms);
+        let pieces = vec![
+            Piece { start_s: 0.0, value: 0.5, slope: 0.3 },
+            Piece { start_s: 0.0, value: -0.7, slope: 0.0 },
+        ];
         let drive = Drive { pieces, alone_until_s: None };
         field.begin(0.4, &drive);
         let n = assembly.states;
-        let mut x: Vec<f64> = (0..n).map(|i| 0.4 - 0.23 * f64::from(u32::try_from(i).unwrap())).collect();
+        let mut x: Vec<f64> =
+            (0..n).map(|i| 0.4 - 0.23 * f64::from(u32::try_from(i).unwrap())).collect();
         for direction in [1.0, 0.0] {
             field.contacts[0].direction = direction;
-            let (mut dx, mut scratch, mut exact, mut differences) = (vec![0.0; n], vec![0.0; 2 * n], vec![0.0; n * n], vec![0.0; n * n]);
+            let (mut dx, mut scratch, mut exact, mut differences) =
+                (vec![0.0; n], vec![0.0; 2 * n], vec![0.0; n * n], vec![0.0; n * n]);
             field.eval(0.4, &x, &mut dx, &drive);
             let mut driven = Driven { field: &mut field, drive: &drive };
             driven.jacobian(0.4, &mut x, &dx, &mut scratch, &mut exact);
             Plain(driven).jacobian(0.4, &mut x, &dx, &mut scratch, &mut differences);
             assert!(exact.iter().filter(|v| **v != 0.0).count() > n, "{exact:?}");
             for (at, (a, b)) in exact.iter().zip(&differences).enumerate() {
-                assert!((a - b).abs() < 1e-5 * (1.0 + a.abs()), "row {} column {}: {a} and {b}", at % n, at / n);
+                assert!(
+                    (a - b).abs() < 1e-5 * (1.0 + a.abs()),
+                    "row {} column {}: {a} and {b}",
+                    at % n,
+                    at / n
+                );
             }
         }
     }

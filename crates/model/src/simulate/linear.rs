@@ -48,8 +48,13 @@ impl Law {
         let output = assembly.outputs.iter().flat_map(|row| row[..width].iter().copied()).collect();
         let a = DMatrix::from_column_slice(n, n, &derivative[..n * n]);
         let sums = |by_row: bool| {
-            let sum =
-                |i: usize| if by_row { a.row(i).iter().map(|v| v.abs()).sum::<f64>() } else { a.column(i).iter().map(|v| v.abs()).sum() };
+            let sum = |i: usize| {
+                if by_row {
+                    a.row(i).iter().map(|v| v.abs()).sum::<f64>()
+                } else {
+                    a.column(i).iter().map(|v| v.abs()).sum()
+                }
+            };
             (0..n).map(sum).fold(0.0, f64::max)
         };
         Self { derivative, output, norm: f64::min(sums(true), sums(false)) }
@@ -150,7 +155,9 @@ impl Linear {
         }
         let e = exp(&block);
         let columns = |from: usize, count: usize| {
-            (from..from + count).flat_map(|j| e.column(j).iter().take(n).copied().collect::<Vec<_>>()).collect()
+            (from..from + count)
+                .flat_map(|j| e.column(j).iter().take(n).copied().collect::<Vec<_>>())
+                .collect()
         };
         Transition {
             h,
@@ -163,7 +170,10 @@ impl Linear {
     /// Fills in what signals and the constant add over a transition; level signals add the same until one of them changes.
     fn force(&mut self, at: usize, from_s: f64, drive: &Drive) {
         let level = drive.pieces.iter().all(|piece| piece.slope == 0.0);
-        if level && self.forced_by == Some(at) && self.levels.iter().zip(&drive.pieces).all(|(level, piece)| *level == piece.value) {
+        if level
+            && self.forced_by == Some(at)
+            && self.levels.iter().zip(&drive.pieces).all(|(level, piece)| *level == piece.value)
+        {
             return;
         }
         self.kept[at].force(&mut self.forced, from_s, drive);
@@ -221,7 +231,11 @@ impl Linear {
             multiply(other, &self.law.derivative[..n * n], term, h / order);
             if order == 2.0 {
                 for (j, piece) in drive.pieces.iter().enumerate() {
-                    axpy(other, 0.5 * h * h * piece.slope, &self.law.derivative[(n + j) * n..(n + j + 1) * n]);
+                    axpy(
+                        other,
+                        0.5 * h * h * piece.slope,
+                        &self.law.derivative[(n + j) * n..(n + j + 1) * n],
+                    );
                 }
             }
             std::mem::swap(term, other);
@@ -269,7 +283,9 @@ impl Transition {
 /// x ← forced + Φ x, Φ by columns.
 #[inline]
 fn step<const N: usize>(phi: &[f64], forced: &[f64], x: &mut [f64]) {
-    let (Some(x), Some(forced)) = (x.first_chunk_mut::<N>(), forced.first_chunk::<N>()) else { return };
+    let (Some(x), Some(forced)) = (x.first_chunk_mut::<N>(), forced.first_chunk::<N>()) else {
+        return;
+    };
     let mut next = *forced;
     for (column, value) in phi.as_chunks::<N>().0.iter().zip(x.iter()) {
         for (to, entry) in next.iter_mut().zip(column) {
@@ -315,7 +331,11 @@ impl Stepper for Linear {
         for (y, row) in y.iter_mut().zip(self.law.output.chunks_exact(width)) {
             let (of_states, of_signals) = row.split_at(self.states);
             let moved: f64 = of_states.iter().zip(&self.x).map(|(c, x)| c * x).sum();
-            let direct: f64 = of_signals.iter().zip(&drive.pieces).map(|(d, piece)| if *d == 0.0 { 0.0 } else { d * piece.at(at_s) }).sum();
+            let direct: f64 = of_signals
+                .iter()
+                .zip(&drive.pieces)
+                .map(|(d, piece)| if *d == 0.0 { 0.0 } else { d * piece.at(at_s) })
+                .sum();
             *y = moved + direct + of_signals[self.signals];
         }
         Ok(())
@@ -324,7 +344,8 @@ impl Stepper for Linear {
     fn switch(&mut self, number: usize) {
         if let Some(law) = self.later.get_mut(number) {
             std::mem::swap(&mut self.law, law);
-            (self.kept, self.seen, self.powers, self.forced_by) = (Vec::new(), Vec::new(), Vec::new(), None);
+            (self.kept, self.seen, self.powers, self.forced_by) =
+                (Vec::new(), Vec::new(), Vec::new(), None);
         }
     }
 
@@ -350,7 +371,11 @@ mod tests {
     /// A slow oscillation beside a pole at −2000 per second, one signal that runs straight: steps whose lengths never come twice go as far as one exponential each.
     #[test]
     fn steps_that_come_once_are_those_of_one_exponential_each() {
-        let rows = vec![vec![0.0, 1.0, 0.0, 0.0, 0.1], vec![-4.0, -0.3, 2.0, 1.0, 0.0], vec![0.0, 0.0, -2000.0, 2000.0, 0.0]];
+        let rows = vec![
+            vec![0.0, 1.0, 0.0, 0.0, 0.1],
+            vec![-4.0, -0.3, 2.0, 1.0, 0.0],
+            vec![0.0, 0.0, -2000.0, 2000.0, 0.0],
+        ];
         let assembly = Assembly {
             plant: 3,
             states: 3,

@@ -55,7 +55,11 @@ struct Recursion {
 
 impl Recursion {
     /// From Φ, C and, for every tap, its input, lag, Γ and its column of D.
-    fn new(phi: &DMatrix<f64>, c: &DMatrix<f64>, taps: &[(usize, isize, DVector<f64>, DVector<f64>)]) -> Self {
+    fn new(
+        phi: &DMatrix<f64>,
+        c: &DMatrix<f64>,
+        taps: &[(usize, isize, DVector<f64>, DVector<f64>)],
+    ) -> Self {
         let n = phi.nrows();
         let (mut ends, mut terms) = (Vec::with_capacity(n + c.nrows()), Vec::new());
         // Indices count states and taps of one model: far below 2³².
@@ -75,11 +79,18 @@ impl Recursion {
     }
 
     /// The delayed inputs of a block of samples, sample by sample.
-    fn gather(&self, u: &DMatrix<f64>, prehistory: Prehistory, block: Range<usize>, taps: &mut [f64]) {
+    fn gather(
+        &self,
+        u: &DMatrix<f64>,
+        prehistory: Prehistory,
+        block: Range<usize>,
+        taps: &mut [f64],
+    ) {
         let (samples, width, start, count) = (u.nrows(), self.taps.len(), block.start, block.len());
         for (t, &(input, lag)) in self.taps.iter().enumerate() {
             let column = &u.as_slice()[input * samples..(input + 1) * samples];
-            let past = start.checked_add_signed(-lag).and_then(|from| column.get(from..from + count));
+            let past =
+                start.checked_add_signed(-lag).and_then(|from| column.get(from..from + count));
             if let Some(past) = past {
                 for (k, &value) in past.iter().enumerate() {
                     taps[k * width + t] = value;
@@ -97,7 +108,13 @@ impl Recursion {
         }
     }
 
-    fn run(&self, u: &DMatrix<f64>, initial: Option<&DVector<f64>>, prehistory: Prehistory, ts: f64) -> Result<Response, SimulateError> {
+    fn run(
+        &self,
+        u: &DMatrix<f64>,
+        initial: Option<&DVector<f64>>,
+        prehistory: Prehistory,
+        ts: f64,
+    ) -> Result<Response, SimulateError> {
         let samples = u.nrows();
         let n = self.states;
         let outputs = self.ends.len() - n;
@@ -140,12 +157,18 @@ impl Recursion {
                 }
             }
             if !finite {
-                let first = block.chunks_exact(stride).position(|row| row[..n].iter().any(|v| !v.is_finite())).unwrap_or(0);
+                let first = block
+                    .chunks_exact(stride)
+                    .position(|row| row[..n].iter().any(|v| !v.is_finite()))
+                    .unwrap_or(0);
                 return Err(SimulateError::Explodes { time_s: (start + first + 1) as f64 * ts });
             }
             rows.copy_within(count * stride..(count + 1) * stride, 0);
         }
-        Ok(Response { y: DMatrix::from_vec(samples, outputs, y), x: DMatrix::from_vec(samples, n, x) })
+        Ok(Response {
+            y: DMatrix::from_vec(samples, outputs, y),
+            x: DMatrix::from_vec(samples, n, x),
+        })
     }
 }
 
@@ -236,10 +259,19 @@ impl Steps<'_> {
         let Some(mut state) = rows.next() else { return };
         for (k, row) in rows.enumerate() {
             let taps = &self.taps[k * taps.len()..(k + 1) * taps.len()];
-            let value = |at: u32| state[..*states].get(at as usize).or_else(|| taps.get(at as usize - states)).copied().unwrap_or(0.0);
+            let value = |at: u32| {
+                state[..*states]
+                    .get(at as usize)
+                    .or_else(|| taps.get(at as usize - states))
+                    .copied()
+                    .unwrap_or(0.0)
+            };
             let mut start = 0;
             for (to, &end) in row.iter_mut().zip(ends) {
-                *to = terms[start..end].iter().map(|&(at, coefficient)| coefficient * value(at)).sum();
+                *to = terms[start..end]
+                    .iter()
+                    .map(|&(at, coefficient)| coefficient * value(at))
+                    .sum();
                 start = end;
             }
             state = row;
@@ -249,7 +281,12 @@ impl Steps<'_> {
 
 /// Σ columns·values on top of two partial sums, which halve the wait for each other.
 #[inline(always)]
-fn combine<S: Simd, const V: usize>(simd: S, columns: &[S::f64s], values: &[f64], mut sum: [[S::f64s; V]; 2]) -> [[S::f64s; V]; 2] {
+fn combine<S: Simd, const V: usize>(
+    simd: S,
+    columns: &[S::f64s],
+    values: &[f64],
+    mut sum: [[S::f64s; V]; 2],
+) -> [[S::f64s; V]; 2] {
     let (pairs, of_pairs) = (values.chunks_exact(2), columns.chunks_exact(2 * V));
     let (last, of_last) = (pairs.remainder(), of_pairs.remainder());
     for (values, columns) in pairs.zip(of_pairs) {
@@ -268,7 +305,12 @@ fn combine<S: Simd, const V: usize>(simd: S, columns: &[S::f64s], values: &[f64]
     sum
 }
 
-fn check(u: &DMatrix<f64>, inputs: usize, states: usize, options: &Options) -> Result<(), SimulateError> {
+fn check(
+    u: &DMatrix<f64>,
+    inputs: usize,
+    states: usize,
+    options: &Options,
+) -> Result<(), SimulateError> {
     if u.ncols() != inputs {
         return Err(SimulateError::Inputs { needed: inputs, got: u.ncols() });
     }
@@ -276,7 +318,11 @@ fn check(u: &DMatrix<f64>, inputs: usize, states: usize, options: &Options) -> R
         return Err(SimulateError::InitialState { needed: states, got: x0.len() });
     }
     match u.iter().position(|v| !v.is_finite()) {
-        Some(at) => Err(SimulateError::NotFinite { input: at / u.nrows(), sample: at % u.nrows(), value: u.as_slice()[at] }),
+        Some(at) => Err(SimulateError::NotFinite {
+            input: at / u.nrows(),
+            sample: at % u.nrows(),
+            value: u.as_slice()[at],
+        }),
         None => Ok(()),
     }
 }
@@ -316,7 +362,12 @@ pub trait Responds: TimeDomain {
     ///
     /// # Errors
     /// As [`lsim`].
-    fn response(sys: &StateSpace<Self>, u: &DMatrix<f64>, grid: Grid<'_>, options: &Options) -> Result<Response, SimulateError>
+    fn response(
+        sys: &StateSpace<Self>,
+        u: &DMatrix<f64>,
+        grid: Grid<'_>,
+        options: &Options,
+    ) -> Result<Response, SimulateError>
     where
         Self: Sized;
 }
@@ -346,7 +397,12 @@ pub fn lsim<'g, T: Responds>(
 }
 
 impl Responds for Continuous {
-    fn response(sys: &StateSpace<Self>, u: &DMatrix<f64>, grid: Grid<'_>, options: &Options) -> Result<Response, SimulateError> {
+    fn response(
+        sys: &StateSpace<Self>,
+        u: &DMatrix<f64>,
+        grid: Grid<'_>,
+        options: &Options,
+    ) -> Result<Response, SimulateError> {
         match grid {
             Grid::Every(sample_time) => on_even_grid(sys, u, sample_time, options),
             Grid::At(time_s) => at_times(sys, time_s, u, options),
@@ -355,7 +411,12 @@ impl Responds for Continuous {
 }
 
 impl Responds for Sampled {
-    fn response(sys: &StateSpace<Self>, u: &DMatrix<f64>, grid: Grid<'_>, options: &Options) -> Result<Response, SimulateError> {
+    fn response(
+        sys: &StateSpace<Self>,
+        u: &DMatrix<f64>,
+        grid: Grid<'_>,
+        options: &Options,
+    ) -> Result<Response, SimulateError> {
         let ts = sys.sample_time();
         match grid {
             Grid::Every(given) => off_grid(ts, &[0.0, given.seconds()])?,
@@ -363,9 +424,16 @@ impl Responds for Sampled {
         }
         let column = |m: &DMatrix<f64>, j: usize| m.column(j).into_owned();
         let taps: Vec<_> = (sys.input_delay().iter().enumerate())
-            .map(|(j, &delay)| (j, 0_isize.saturating_add_unsigned(delay), column(sys.b(), j), column(sys.d(), j)))
+            .map(|(j, &delay)| {
+                (j, 0_isize.saturating_add_unsigned(delay), column(sys.b(), j), column(sys.d(), j))
+            })
             .collect();
-        Recursion::new(sys.a(), sys.c(), &taps).run(u, options.initial.as_ref(), options.prehistory, ts.seconds())
+        Recursion::new(sys.a(), sys.c(), &taps).run(
+            u,
+            options.initial.as_ref(),
+            options.prehistory,
+            ts.seconds(),
+        )
     }
 }
 
@@ -379,7 +447,9 @@ fn off_grid(ts: SampleTime, time_s: &[f64]) -> Result<(), SimulateError> {
         by_s.is_nan() || by_s > 1e-3 * ts.seconds()
     };
     match (0..time_s.len()).find(off) {
-        Some(sample) => Err(SimulateError::Grid { sample, time_s: time_s[sample], due_s: due(sample) }),
+        Some(sample) => {
+            Err(SimulateError::Grid { sample, time_s: time_s[sample], due_s: due(sample) })
+        }
         None => Ok(()),
     }
 }
@@ -392,15 +462,23 @@ fn on_even_grid(
     options: &Options,
 ) -> Result<Response, SimulateError> {
     let ts = sample_time.seconds();
-    let delays = sys.input_delay().iter().map(|&d| sample_time.samples(d)).collect::<Result<Vec<_>, _>>()?;
-    if (options.hold, options.prehistory) == (Hold::Linear, Prehistory::Rest) && delays.iter().any(|d| d.total() > 0.0) {
+    let delays =
+        sys.input_delay().iter().map(|&d| sample_time.samples(d)).collect::<Result<Vec<_>, _>>()?;
+    if (options.hold, options.prehistory) == (Hold::Linear, Prehistory::Rest)
+        && delays.iter().any(|d| d.total() > 0.0)
+    {
         // The delayed jump from rest to u[0] is no straight line between two samples.
         let time_s: Vec<f64> = (0..u.nrows()).map(|k| sample_time.to_seconds(k as f64)).collect();
         return at_times(sys, &time_s, u, options);
     }
     let mut taps = Vec::new();
     let mut push = |input: usize, lag: isize, whole: usize, gamma: DVector<f64>, direct: f64| {
-        taps.push((input, lag.saturating_add_unsigned(whole), gamma, sys.d().column(input) * direct));
+        taps.push((
+            input,
+            lag.saturating_add_unsigned(whole),
+            gamma,
+            sys.d().column(input) * direct,
+        ));
     };
     let phi = if delays.iter().all(|d| d.fraction == 0.0) {
         let (phi, held, ramp) = transition(sys.a(), sys.b(), ts, options.hold);
@@ -464,7 +542,9 @@ impl Stamped<'_> {
         let near = COINCIDE * (end - t) + rounding(end);
         for &delay in delays {
             let first = self.time_s.partition_point(|s| s + delay <= t + near);
-            edges.extend(self.time_s[first..].iter().map(|s| s + delay).take_while(|&e| e < end - near));
+            edges.extend(
+                self.time_s[first..].iter().map(|s| s + delay).take_while(|&e| e < end - near),
+            );
         }
         edges.sort_by(f64::total_cmp);
         edges.dedup_by(|later, earlier| *later - *earlier <= near);
@@ -473,12 +553,24 @@ impl Stamped<'_> {
 }
 
 /// Response of a continuous model on time stamps of any kind (s, increasing).
-fn at_times(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64>, options: &Options) -> Result<Response, SimulateError> {
-    if let Some(k) = (1..time_s.len()).find(|&k| time_s[k].partial_cmp(&time_s[k - 1]) != Some(std::cmp::Ordering::Greater)) {
+fn at_times(
+    sys: &StateSpace<Continuous>,
+    time_s: &[f64],
+    u: &DMatrix<f64>,
+    options: &Options,
+) -> Result<Response, SimulateError> {
+    if let Some(k) = (1..time_s.len())
+        .find(|&k| time_s[k].partial_cmp(&time_s[k - 1]) != Some(std::cmp::Ordering::Greater))
+    {
         return Err(SimulateError::Time { sample: k, before_s: time_s[k - 1], after_s: time_s[k] });
     }
     let (samples, n, m) = (time_s.len().min(u.nrows()), sys.order(), sys.inputs());
-    let inputs = Stamped { time_s: &time_s[..samples], u, hold: options.hold, prehistory: options.prehistory };
+    let inputs = Stamped {
+        time_s: &time_s[..samples],
+        u,
+        hold: options.hold,
+        prehistory: options.prehistory,
+    };
     let value = |j: usize, t: f64, from_left: bool| inputs.value(j, t, from_left);
     let mut steps = std::collections::HashMap::new();
     let mut state = options.initial.clone().unwrap_or_else(|| DVector::zeros(n));
@@ -495,7 +587,9 @@ fn at_times(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64>, opti
         let mut at = t;
         for &edge in &edges {
             let h = edge - at;
-            let (phi, held, ramp) = steps.entry(h.to_bits()).or_insert_with(|| transition(sys.a(), sys.b(), h, Hold::Linear));
+            let (phi, held, ramp) = steps
+                .entry(h.to_bits())
+                .or_insert_with(|| transition(sys.a(), sys.b(), h, Hold::Linear));
             let (begin, finish) = match options.hold {
                 Hold::Zero => {
                     let middle = 0.5 * (at + edge);
@@ -539,7 +633,8 @@ const COINCIDE: f64 = 1e-9;
 fn slack(stamps: &[f64], at: usize) -> f64 {
     let before = at.checked_sub(1).map(|i| stamps[at] - stamps[i]);
     let after = stamps.get(at + 1).map(|next| next - stamps[at]);
-    COINCIDE * before.into_iter().chain(after).reduce(f64::min).unwrap_or(0.0) + rounding(stamps[at])
+    COINCIDE * before.into_iter().chain(after).reduce(f64::min).unwrap_or(0.0)
+        + rounding(stamps[at])
 }
 
 /// What rounding can do to an instant that is a stamp plus or minus a delay.
@@ -582,7 +677,9 @@ mod tests {
         let sys = Dynamics::Directional.model();
         let (u, v) = (input(80, 1), input(80, 1).map(|x| x * x - 0.4));
         let run = |sys: &StateSpace<Continuous>, u: &DMatrix<f64>| {
-            lsim(sys, u, ts, &Options { prehistory: Prehistory::Rest, ..Options::default() }).unwrap().y
+            lsim(sys, u, ts, &Options { prehistory: Prehistory::Rest, ..Options::default() })
+                .unwrap()
+                .y
         };
         let sum = run(&sys, &(&u * 2.0 + &v));
         assert!((sum - (run(&sys, &u) * 2.0 + run(&sys, &v))).amax() < 1e-11);
@@ -595,13 +692,25 @@ mod tests {
         let ts = SampleTime::new(0.5).unwrap();
         let sys = Dynamics::Lateral.model();
         let fails = |u: DMatrix<f64>, options: &Options| lsim(&sys, &u, ts, options).unwrap_err();
-        assert!(matches!(fails(input(9, 2), &Options::default()), SimulateError::Inputs { needed: 1, got: 2 }));
+        assert!(matches!(
+            fails(input(9, 2), &Options::default()),
+            SimulateError::Inputs { needed: 1, got: 2 }
+        ));
         let wrong = Options { initial: Some(DVector::zeros(2)), ..Options::default() };
-        assert!(matches!(fails(input(9, 1), &wrong), SimulateError::InitialState { needed: 3, got: 2 }));
+        assert!(matches!(
+            fails(input(9, 1), &wrong),
+            SimulateError::InitialState { needed: 3, got: 2 }
+        ));
         let mut u = input(9, 1);
         u[4] = f64::NAN;
-        assert!(matches!(fails(u, &Options::default()), SimulateError::NotFinite { input: 0, sample: 4, .. }));
-        assert!(matches!(fails(input(5000, 1), &Options::default()), SimulateError::Explodes { .. }));
+        assert!(matches!(
+            fails(u, &Options::default()),
+            SimulateError::NotFinite { input: 0, sample: 4, .. }
+        ));
+        assert!(matches!(
+            fails(input(5000, 1), &Options::default()),
+            SimulateError::Explodes { .. }
+        ));
         let backwards = lsim(&sys, &input(3, 1), [0.0, 1.0, 0.5].as_slice(), &Options::default());
         assert!(matches!(backwards, Err(SimulateError::Time { sample: 2, .. })));
     }

@@ -28,7 +28,9 @@ pub use error::SimulateError;
 pub use lsim::{Grid, Options, Prehistory, Responds, Response, lsim};
 pub use piecewise::{Piece, Piecewise};
 pub use plan::{Delays, Drops, Late, Losses, Mode, Plan, Source, Switch, Term, Tolerance, Wanted};
-pub use response::{impulse_response, impulse_response_sampled, step_response, step_response_sampled};
+pub use response::{
+    impulse_response, impulse_response_sampled, step_response, step_response_sampled,
+};
 pub use run::Commands;
 pub use system::{Dynamics, Matrices, ModelNumber, Port, System};
 pub use walk::{Correction, Measured, Run};

@@ -35,7 +35,8 @@ impl<'a> Nonlinear<'a> {
         integrator: Integrator,
     ) -> Self {
         let field = || Field::new(assembly, equations, terms);
-        let later = later.map(|(assembly, equations)| Field::new(assembly, equations, terms)).collect();
+        let later =
+            later.map(|(assembly, equations)| Field::new(assembly, equations, terms)).collect();
         let (x, dx) = (assembly.start.clone(), vec![0.0; assembly.states]);
         Self { field: field(), watch: field(), later, integrator, pieces: Vec::new(), x, dx }
     }
@@ -44,7 +45,9 @@ impl<'a> Nonlinear<'a> {
     pub(super) fn blame(&self, error: SimulateError, states: &[Port]) -> SimulateError {
         match (error, self.integrator.fastest()) {
             (SimulateError::Stiff { time_s, steps, .. }, Some((state, time_constant_s))) => {
-                let state = states.get(state).map_or_else(|| "lag or mode of an effect".to_owned(), |s| s.name.clone());
+                let state = states
+                    .get(state)
+                    .map_or_else(|| "lag or mode of an effect".to_owned(), |s| s.name.clone());
                 SimulateError::TooFast { state, time_constant_s, time_s, steps }
             }
             (error, _) => error,
@@ -61,12 +64,18 @@ impl<'a> Nonlinear<'a> {
         for i in 0..self.field.contacts.len() {
             let contact = &mut self.field.contacts[i];
             if self.x[contact.state] == 0.0 {
-                contact.direction = if contact.rest.abs() <= contact.level { 0.0 } else { sign(contact.rest) };
+                contact.direction =
+                    if contact.rest.abs() <= contact.level { 0.0 } else { sign(contact.rest) };
             }
         }
     }
 
-    fn advance_with_contacts(&mut self, from_s: f64, to_s: f64, drive: &Drive) -> Result<(), SimulateError> {
+    fn advance_with_contacts(
+        &mut self,
+        from_s: f64,
+        to_s: f64,
+        drive: &Drive,
+    ) -> Result<(), SimulateError> {
         let mut now = from_s;
         self.settle_contacts(now, drive);
         for _ in 0..CHANGES {
@@ -80,17 +89,26 @@ impl<'a> Nonlinear<'a> {
                 watch.contacts.iter().map(|c| c.margin(x)).fold(f64::INFINITY, f64::min)
             };
             let mut driven = Driven { field: &mut self.field, drive };
-            let Some(at) = self.integrator.advance_until(&mut driven, now, to_s, &mut self.x, &mut margin)? else { return Ok(()) };
+            let Some(at) =
+                self.integrator.advance_until(&mut driven, now, to_s, &mut self.x, &mut margin)?
+            else {
+                return Ok(());
+            };
             now = at;
             // The contact that changes is the one whose margin is gone.
             self.field.eval(now, &self.x, &mut self.dx, drive);
-            let gone =
-                self.field.contacts.iter().min_by(|a, b| a.margin(&self.x).total_cmp(&b.margin(&self.x))).map(|c| (c.state, c.direction));
+            let gone = self
+                .field
+                .contacts
+                .iter()
+                .min_by(|a, b| a.margin(&self.x).total_cmp(&b.margin(&self.x)))
+                .map(|c| (c.state, c.direction));
             let Some((state, direction)) = gone else { return Ok(()) };
             if direction != 0.0 {
                 self.x[state] = 0.0;
                 self.settle_contacts(now, drive);
-            } else if let Some(contact) = self.field.contacts.iter_mut().find(|c| c.state == state) {
+            } else if let Some(contact) = self.field.contacts.iter_mut().find(|c| c.state == state)
+            {
                 contact.direction = sign(contact.rest);
             }
             if now >= to_s {
@@ -112,7 +130,9 @@ impl Stepper for Nonlinear<'_> {
             }
             let mut driven = Driven { field: &mut self.field, drive };
             match drive.alone_until_s {
-                Some(until_s) => self.integrator.advance_past(&mut driven, (from_s, to_s), until_s, &mut self.x),
+                Some(until_s) => {
+                    self.integrator.advance_past(&mut driven, (from_s, to_s), until_s, &mut self.x)
+                }
                 None => self.integrator.advance(&mut driven, from_s, to_s, &mut self.x),
             }
         } else {

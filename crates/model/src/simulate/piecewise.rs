@@ -180,7 +180,10 @@ impl Piecewise {
         // What runs at that time, or begins there, goes on with the other gain.
         let runs = next > 0 && self.pieces.get(next).is_none_or(|p| p.start_s > time_s);
         if let Some(running) = next.checked_sub(1).filter(|_| runs).map(|at| self.pieces[at]) {
-            self.pieces.insert(next, Piece { start_s: time_s, value: running.at(time_s), slope: running.slope });
+            self.pieces.insert(
+                next,
+                Piece { start_s: time_s, value: running.at(time_s), slope: running.slope },
+            );
         }
         for (at, piece) in self.pieces.iter_mut().enumerate() {
             let gain = if at < next { before } else { later };
@@ -221,10 +224,17 @@ impl Piecewise {
             let turn = ((piece.start_s - phase_s) / period_s - TOGETHER).ceil();
             let passes_s = if k == 0 { piece.start_s } else { phase_s + turn * period_s };
             // What another command has replaced before it could pass never does.
-            while k > 0 && pieces.len() > 1 && pieces.last().is_some_and(|before| before.start_s >= passes_s) {
+            while k > 0
+                && pieces.len() > 1
+                && pieces.last().is_some_and(|before| before.start_s >= passes_s)
+            {
                 pieces.pop();
             }
-            pieces.push(Piece { start_s: passes_s.max(piece.start_s), value: piece.value, slope: 0.0 });
+            pieces.push(Piece {
+                start_s: passes_s.max(piece.start_s),
+                value: piece.value,
+                slope: 0.0,
+            });
         }
         Self { pieces }
     }
@@ -255,7 +265,8 @@ impl Piecewise {
             let mut start_s = piece.start_s;
             for end_s in ends {
                 // The gain is that of the inside of the piece: at a kink the map has two.
-                let inside = if end_s.is_finite() { 0.5 * (start_s + end_s) } else { start_s + 1.0 };
+                let inside =
+                    if end_s.is_finite() { 0.5 * (start_s + end_s) } else { start_s + 1.0 };
                 let (value, gain) = (f(piece.at(start_s)).0, f(piece.at(inside)).1);
                 out.push(Piece { start_s, value, slope: piece.slope * gain });
                 start_s = end_s;
@@ -287,9 +298,15 @@ mod tests {
     fn a_delay_holds_the_first_value_and_an_advance_looks_ahead() {
         let u = Piecewise::held(&[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]);
         let late = u.clone().delayed(0.25);
-        assert_eq!((at(&late, 0.1), at(&late, 1.2), at(&late, 1.25), at(&late, 9.0)), (3.0, 3.0, 4.0, 5.0));
+        assert_eq!(
+            (at(&late, 0.1), at(&late, 1.2), at(&late, 1.25), at(&late, 9.0)),
+            (3.0, 3.0, 4.0, 5.0)
+        );
         let early = u.delayed(-1.5);
-        assert_eq!((early.pieces[0], at(&early, 0.4), at(&early, 0.5)), (Piece { start_s: 0.0, value: 4.0, slope: 0.0 }, 4.0, 5.0));
+        assert_eq!(
+            (early.pieces[0], at(&early, 0.4), at(&early, 0.5)),
+            (Piece { start_s: 0.0, value: 4.0, slope: 0.0 }, 4.0, 5.0)
+        );
     }
 
     #[test]
@@ -302,18 +319,30 @@ mod tests {
         assert_eq!(moved[..3], [1.0, 1.0, 3.0]);
         assert!((moved[3] + 0.3).abs() < 1e-14, "{moved:?}");
         let (means, values) = u.delayed(0.025).sampled(&edges);
-        let expected = [1.0, 0.25 * 1.0 + 0.75 * 3.0, 0.25 * 3.0 - 0.75 * 0.7, (-0.025 * 0.7 + 0.175 * 0.1) / 0.2];
+        let expected = [
+            1.0,
+            0.25 * 1.0 + 0.75 * 3.0,
+            0.25 * 3.0 - 0.75 * 0.7,
+            (-0.025 * 0.7 + 0.175 * 0.1) / 0.2,
+        ];
         assert!(means.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-14), "{means:?}");
         assert_eq!(values, [1.0, 1.0, 3.0, -0.7]);
         let ramp = Piecewise::joined(&[0.0, 1.0], &[0.0, 2.0]);
-        assert_eq!(ramp.sampled(&[0.0, 0.5, 2.0]), (vec![0.5, (0.5 * 1.5 + 2.0) / 1.5], vec![0.0, 1.0]));
+        assert_eq!(
+            ramp.sampled(&[0.0, 0.5, 2.0]),
+            (vec![0.5, (0.5 * 1.5 + 2.0) / 1.5], vec![0.0, 1.0])
+        );
     }
 
     #[test]
     fn a_ramp_is_split_where_a_map_has_its_kinks() {
         let u = Piecewise::joined(&[0.0, 4.0], &[-2.0, 2.0]);
-        let cut = u.map_with_kinks(&[-1.0, 1.0], |v| if v.abs() > 1.0 { (v.signum(), 0.0) } else { (v, 1.0) });
-        for (t, expected) in [(0.0, -1.0), (0.5, -1.0), (1.5, -0.5), (2.0, 0.0), (3.5, 1.0), (4.0, 1.0)] {
+        let cut = u.map_with_kinks(&[-1.0, 1.0], |v| {
+            if v.abs() > 1.0 { (v.signum(), 0.0) } else { (v, 1.0) }
+        });
+        for (t, expected) in
+            [(0.0, -1.0), (0.5, -1.0), (1.5, -0.5), (2.0, 0.0), (3.5, 1.0), (4.0, 1.0)]
+        {
             assert!((at(&cut, t) - expected).abs() < 1e-15, "at {t}: {}", at(&cut, t));
         }
     }

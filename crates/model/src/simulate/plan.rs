@@ -280,7 +280,13 @@ pub struct Tolerance {
 impl Default for Tolerance {
     /// Errors far below what a sensor resolves, at a price that a fit can pay.
     fn default() -> Self {
-        Self { relative: 1e-8, absolute: 1e-10, steps: 100_000, budget: usize::MAX, past_samples: false }
+        Self {
+            relative: 1e-8,
+            absolute: 1e-10,
+            steps: 100_000,
+            budget: usize::MAX,
+            past_samples: false,
+        }
     }
 }
 
@@ -331,7 +337,11 @@ impl Plan {
     /// The simulator as it stands.
     #[must_use]
     pub fn new(system: &System) -> Self {
-        let inputs = system.input_delay_s.iter().map(|&delay_s| InputPath { delay_s, ..InputPath::default() }).collect();
+        let inputs = system
+            .input_delay_s
+            .iter()
+            .map(|&delay_s| InputPath { delay_s, ..InputPath::default() })
+            .collect();
         let outputs = system.outputs.iter().map(|_| OutputPath::default()).collect();
         Self {
             dynamics: system.dynamics.clone(),

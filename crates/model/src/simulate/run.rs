@@ -48,13 +48,16 @@ impl System {
         correction: Option<Correction<'_>>,
     ) -> Result<Run, SimulateError> {
         check(self, commands, x0)?;
-        let joined = plan.hold == Hold::Linear && !matches!(plan.dynamics, Dynamics::Sampled(..) | Dynamics::BlackBox(..));
+        let joined = plan.hold == Hold::Linear
+            && !matches!(plan.dynamics, Dynamics::Sampled(..) | Dynamics::BlackBox(..));
         let signals = (plan.inputs.iter().zip(commands.inputs).enumerate())
-            .map(
-                |(input, (path, values))| {
-                    if joined { arrive_joined(input, path, commands.time_s, values) } else { arrive(path, commands.time_s, values) }
-                },
-            )
+            .map(|(input, (path, values))| {
+                if joined {
+                    arrive_joined(input, path, commands.time_s, values)
+                } else {
+                    arrive(path, commands.time_s, values)
+                }
+            })
             .collect::<Result<Vec<_>, _>>()?;
         let first: Vec<f64> = signals.iter().map(Piecewise::first).collect();
         let time_s = commands.time_s;
@@ -66,37 +69,70 @@ impl System {
             if correction.is_some() {
                 return Err(SimulateError::Uncorrected);
             }
-            return sampled::called(self, plan, (simulator.as_ref(), parameters), &signals, time_s, x0);
+            return sampled::called(
+                self,
+                plan,
+                (simulator.as_ref(), parameters),
+                &signals,
+                time_s,
+                x0,
+            );
         }
         let phases = plan.phases();
         let every = || std::iter::once(dynamics).chain(phases.iter().map(|(_, dynamics)| dynamics));
         // Equations that are affine throughout need no evaluation.
         let affine: Option<Vec<Affine>> = every().map(|dynamics| self.affine(dynamics)).collect();
         let assemble = |at: usize, dynamics: &Dynamics| {
-            Assembly::new(self, (plan, affine.as_ref().map(|all| &all[at])), x0, &first, |received| {
-                let mut y = vec![0.0; self.outputs.len()];
-                if let Some((equations, parameters)) = equations_of(dynamics) {
-                    equations.outputs(0.0, x0, received, parameters, &mut equations.workspace(), &mut y);
-                }
-                y
-            })
+            Assembly::new(
+                self,
+                (plan, affine.as_ref().map(|all| &all[at])),
+                x0,
+                &first,
+                |received| {
+                    let mut y = vec![0.0; self.outputs.len()];
+                    if let Some((equations, parameters)) = equations_of(dynamics) {
+                        equations.outputs(
+                            0.0,
+                            x0,
+                            received,
+                            parameters,
+                            &mut equations.workspace(),
+                            &mut y,
+                        );
+                    }
+                    y
+                },
+            )
         };
         let equations_of = |dynamics| if affine.is_some() { None } else { equations_of(dynamics) };
         let (equations, assembly) = (equations_of(dynamics), assemble(0, dynamics));
-        let later: Vec<Assembly> = phases.iter().enumerate().map(|(i, (_, dynamics))| assemble(i + 1, dynamics)).collect();
-        let smooth = !plan.terms.iter().any(|t| matches!(t, Term::Function { .. } | Term::Friction { .. } | Term::Hysteresis { .. }));
+        let later: Vec<Assembly> =
+            phases.iter().enumerate().map(|(i, (_, dynamics))| assemble(i + 1, dynamics)).collect();
+        let smooth = !plan.terms.iter().any(|t| {
+            matches!(t, Term::Function { .. } | Term::Friction { .. } | Term::Hysteresis { .. })
+        });
         if equations.is_none() && smooth {
             let ramps = !signals.iter().all(Piecewise::is_held);
-            return follow(correction, |guide| walk(&mut Linear::new(&assembly, &later, ramps), &signals, plan, time_s, guide));
+            return follow(correction, |guide| {
+                walk(&mut Linear::new(&assembly, &later, ramps), &signals, plan, time_s, guide)
+            });
         }
         let operations = equations.map_or(0, |(e, _)| e.operations().0);
         follow(correction, |guide| {
-            let mut integrator = Integrator::with_tolerance(assembly.states, plan.tolerance.relative, plan.tolerance.absolute);
-            (integrator.max_steps, integrator.budget) =
-                (plan.tolerance.steps, plan.tolerance.budget.min(affordable(operations, assembly.states, time_s.len())));
+            let mut integrator = Integrator::with_tolerance(
+                assembly.states,
+                plan.tolerance.relative,
+                plan.tolerance.absolute,
+            );
+            (integrator.max_steps, integrator.budget) = (
+                plan.tolerance.steps,
+                plan.tolerance.budget.min(affordable(operations, assembly.states, time_s.len())),
+            );
             let later = later.iter().zip(phases.iter().map(|(_, dynamics)| equations_of(dynamics)));
-            let mut stepper = Nonlinear::new((&assembly, equations), later, &plan.terms, integrator);
-            walk(&mut stepper, &signals, plan, time_s, guide).map_err(|e| stepper.blame(e, &self.states))
+            let mut stepper =
+                Nonlinear::new((&assembly, equations), later, &plan.terms, integrator);
+            walk(&mut stepper, &signals, plan, time_s, guide)
+                .map_err(|e| stepper.blame(e, &self.states))
         })
     }
 }
@@ -104,13 +140,18 @@ impl System {
 /// The equations and their parameters; `None` of linear dynamics.
 fn equations_of(dynamics: &Dynamics) -> Option<(&Equations, &[f64])> {
     match dynamics {
-        Dynamics::Equations(equations, parameters) => Some((equations.as_ref(), parameters.as_slice())),
+        Dynamics::Equations(equations, parameters) => {
+            Some((equations.as_ref(), parameters.as_slice()))
+        }
         Dynamics::Linear(_) | Dynamics::Sampled(..) | Dynamics::BlackBox(..) => None,
     }
 }
 
 /// A free run; one with corrections; or free runs over a horizon from where a run with corrections was.
-fn follow(correction: Option<Correction<'_>>, walk: impl Fn(Guide<'_>) -> Result<Run, SimulateError>) -> Result<Run, SimulateError> {
+fn follow(
+    correction: Option<Correction<'_>>,
+    walk: impl Fn(Guide<'_>) -> Result<Run, SimulateError>,
+) -> Result<Run, SimulateError> {
     let Some(correction) = correction else { return walk(Guide::Free) };
     let corrected = walk(Guide::Corrected(correction))?;
     let Some(every) = correction.horizon else { return Ok(corrected) };
@@ -134,7 +175,10 @@ const STEPS_A_SAMPLE: usize = 16;
 
 fn check(system: &System, commands: Commands<'_>, x0: &[f64]) -> Result<(), SimulateError> {
     if commands.inputs.len() != system.inputs.len() {
-        return Err(SimulateError::Inputs { needed: system.inputs.len(), got: commands.inputs.len() });
+        return Err(SimulateError::Inputs {
+            needed: system.inputs.len(),
+            got: commands.inputs.len(),
+        });
     }
     let starts = if system.restart.is_some() { x0.len() / system.states.len().max(1) } else { 1 };
     if x0.len() != starts * system.states.len() || x0.len() < system.states.len() {
@@ -142,14 +186,25 @@ fn check(system: &System, commands: Commands<'_>, x0: &[f64]) -> Result<(), Simu
     }
     for (input, values) in commands.inputs.iter().enumerate() {
         if values.len() != commands.time_s.len() {
-            return Err(SimulateError::Samples { time: commands.time_s.len(), input: values.len() });
+            return Err(SimulateError::Samples {
+                time: commands.time_s.len(),
+                input: values.len(),
+            });
         }
         if let Some(sample) = values.iter().position(|v| !v.is_finite()) {
             return Err(SimulateError::NotFinite { input, sample, value: values[sample] });
         }
     }
-    match commands.time_s.windows(2).position(|w| w[1].partial_cmp(&w[0]) != Some(std::cmp::Ordering::Greater)) {
-        Some(k) => Err(SimulateError::Time { sample: k + 1, before_s: commands.time_s[k], after_s: commands.time_s[k + 1] }),
+    match commands
+        .time_s
+        .windows(2)
+        .position(|w| w[1].partial_cmp(&w[0]) != Some(std::cmp::Ordering::Greater))
+    {
+        Some(k) => Err(SimulateError::Time {
+            sample: k + 1,
+            before_s: commands.time_s[k],
+            after_s: commands.time_s[k + 1],
+        }),
         None => Ok(()),
     }
 }
@@ -167,13 +222,19 @@ fn arrive(path: &InputPath, time_s: &[f64], values: &[f64]) -> Result<Piecewise,
     }
     signal = signal.delayed(path.delay_s);
     if let Some(curve) = path.curve {
-        signal = signal.map(|p| (curve.gain * p.value + curve.quadratic * p.value * p.value.abs(), 0.0));
+        signal =
+            signal.map(|p| (curve.gain * p.value + curve.quadratic * p.value * p.value.abs(), 0.0));
     }
     Ok(path.maps.iter().fold(signal, |signal, map| map(signal)))
 }
 
 /// The same of commands that straight lines join.
-fn arrive_joined(input: usize, path: &InputPath, time_s: &[f64], values: &[f64]) -> Result<Piecewise, SimulateError> {
+fn arrive_joined(
+    input: usize,
+    path: &InputPath,
+    time_s: &[f64],
+    values: &[f64],
+) -> Result<Piecewise, SimulateError> {
     let held = path.drops.is_some() || path.late.is_some() || path.passing.is_some();
     if held || path.curve.is_some() || !path.maps.is_empty() {
         return Err(SimulateError::Joined { input });
@@ -197,7 +258,9 @@ fn arrive_late(late: &Late, time_s: &[f64], values: &[f64]) -> Result<Piecewise,
         }),
         Delays::Mean => None,
     };
-    let Some(drawn) = drawn else { return Ok(Piecewise::held(time_s, values.iter().copied()).delayed(mean)) };
+    let Some(drawn) = drawn else {
+        return Ok(Piecewise::held(time_s, values.iter().copied()).delayed(mean));
+    };
     let mut latest_s = f64::NEG_INFINITY;
     let arrival = |(k, (&sent_s, &value)): (usize, (&f64, &f64))| {
         // The first command holds from the start.
@@ -205,7 +268,8 @@ fn arrive_late(late: &Late, time_s: &[f64], values: &[f64]) -> Result<Piecewise,
         latest_s = if late.ordered { latest_s.max(sent_s + delay_s) } else { sent_s + delay_s };
         (latest_s, value)
     };
-    let mut arrivals: Vec<(f64, f64)> = time_s.iter().zip(values).enumerate().map(arrival).collect();
+    let mut arrivals: Vec<(f64, f64)> =
+        time_s.iter().zip(values).enumerate().map(arrival).collect();
     // Stable: of commands that arrive together the last one sent acts.
     arrivals.sort_by(|a, b| a.0.total_cmp(&b.0));
     Ok(Piecewise::arriving(&arrivals))
@@ -217,7 +281,9 @@ impl Late {
     pub fn distribution(&self) -> Option<Gamma<f64>> {
         let (mean, spread) = (self.delay_s, self.spread_s);
         // Shape and scale of a gamma distribution with this mean and standard deviation.
-        (mean > 0.0 && spread > 0.0).then(|| Gamma::new((mean / spread).powi(2), spread * spread / mean).ok()).flatten()
+        (mean > 0.0 && spread > 0.0)
+            .then(|| Gamma::new((mean / spread).powi(2), spread * spread / mean).ok())
+            .flatten()
     }
 }
 
@@ -236,7 +302,9 @@ fn passed_on(drops: &Drops, values: &[f64]) -> Result<Vec<f64>, SimulateError> {
         values.iter().enumerate().map(pass).collect()
     };
     match drops {
-        Drops::Sequence(lost) if lost.len() != values.len() => Err(SimulateError::Drops { needed: values.len(), got: lost.len() }),
+        Drops::Sequence(lost) if lost.len() != values.len() => {
+            Err(SimulateError::Drops { needed: values.len(), got: lost.len() })
+        }
         Drops::Sequence(lost) => Ok(held(&mut |k| lost[k])),
         Drops::Random { losses, seed } => {
             let mut rng = ChaCha8Rng::seed_from_u64(*seed);
@@ -343,11 +411,19 @@ mod tests {
         let late = Late { delay_s: 0.3, spread_s: 0.12, ordered: false, delays: Delays::Seed(4) };
         let heard = arrive_late(&late, &time_s, &values).unwrap();
         let delays: Vec<f64> = heard.pieces().iter().map(|p| p.start_s - 10.0 * p.value).collect();
-        assert!(delays.len() == count as usize && delays[0] == 0.0 && delays[1..].iter().all(|d| *d > 0.0));
+        assert!(
+            delays.len() == count as usize
+                && delays[0] == 0.0
+                && delays[1..].iter().all(|d| *d > 0.0)
+        );
         let size = (delays.len() - 1) as f64;
         let mean = delays[1..].iter().sum::<f64>() / size;
         let std = (delays[1..].iter().map(|d| (d - mean).powi(2)).sum::<f64>() / size).sqrt();
         // Four standard deviations of either estimate.
-        assert!((mean - 0.3).abs() < 4.0 * 0.12 / size.sqrt() && (std - 0.12).abs() < 4.0 * 0.12 / size.sqrt(), "{mean} ± {std}");
+        assert!(
+            (mean - 0.3).abs() < 4.0 * 0.12 / size.sqrt()
+                && (std - 0.12).abs() < 4.0 * 0.12 / size.sqrt(),
+            "{mean} ± {std}"
+        );
     }
 }

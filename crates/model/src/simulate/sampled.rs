@@ -17,8 +17,15 @@ use super::walk::{Correction, Drive, Guide, Run, Stepper, begin_of, walk};
 use deadtime_signal::time::SampleTime;
 
 /// A plant of gains and integrators, to carry signals through their paths.
-fn bench(inputs: usize, a: DMatrix<f64>, b: DMatrix<f64>, c: DMatrix<f64>, d: DMatrix<f64>) -> System {
-    let ports = |n: usize| (0..n).map(|_| Port { name: String::new(), unit: None }).collect::<Vec<_>>();
+fn bench(
+    inputs: usize,
+    a: DMatrix<f64>,
+    b: DMatrix<f64>,
+    c: DMatrix<f64>,
+    d: DMatrix<f64>,
+) -> System {
+    let ports =
+        |n: usize| (0..n).map(|_| Port { name: String::new(), unit: None }).collect::<Vec<_>>();
     let (states, outputs) = (a.nrows(), c.nrows());
     System {
         name: String::new(),
@@ -38,12 +45,22 @@ fn bench(inputs: usize, a: DMatrix<f64>, b: DMatrix<f64>, c: DMatrix<f64>, d: DM
 }
 
 /// What arrives at the plant: means over the samples and values at the sampling instants, each samples × inputs. The last sample lasts `last_s`.
-fn arriving(paths: &[InputPath], signals: &[Piecewise], time_s: &[f64], last_s: f64) -> Result<[DMatrix<f64>; 2], SimulateError> {
+fn arriving(
+    paths: &[InputPath],
+    signals: &[Piecewise],
+    time_s: &[f64],
+    last_s: f64,
+) -> Result<[DMatrix<f64>; 2], SimulateError> {
     let (m, samples) = (signals.len(), time_s.len());
-    let edges: Vec<f64> = time_s.iter().copied().chain([time_s.last().copied().unwrap_or(0.0) + last_s]).collect();
+    let edges: Vec<f64> =
+        time_s.iter().copied().chain([time_s.last().copied().unwrap_or(0.0) + last_s]).collect();
     let (mut mean, mut instant) = (DMatrix::zeros(samples, m), DMatrix::zeros(samples, m));
     for (i, (path, signal)) in paths.iter().zip(signals).enumerate() {
-        let (means, values) = if path.lags_s.is_empty() { signal.sampled(&edges) } else { lagged(path, signal, &edges)? };
+        let (means, values) = if path.lags_s.is_empty() {
+            signal.sampled(&edges)
+        } else {
+            lagged(path, signal, &edges)?
+        };
         mean.column_mut(i).copy_from_slice(&means);
         instant.column_mut(i).copy_from_slice(&values);
     }
@@ -51,7 +68,11 @@ fn arriving(paths: &[InputPath], signals: &[Piecewise], time_s: &[f64], last_s: 
 }
 
 /// The same of one signal behind its lags.
-fn lagged(path: &InputPath, signal: &Piecewise, edges_s: &[f64]) -> Result<(Vec<f64>, Vec<f64>), SimulateError> {
+fn lagged(
+    path: &InputPath,
+    signal: &Piecewise,
+    edges_s: &[f64],
+) -> Result<(Vec<f64>, Vec<f64>), SimulateError> {
     // An integrator and a direct path carry the signal.
     let zero = DMatrix::zeros(1, 1);
     let system = bench(
@@ -65,14 +86,28 @@ fn lagged(path: &InputPath, signal: &Piecewise, edges_s: &[f64]) -> Result<(Vec<
     plan.inputs[0].lags_s.clone_from(&path.lags_s);
     plan.wanted.states = false;
     let signals = std::slice::from_ref(signal);
-    let run = walk(&mut Linear::new(&first_values(&system, &plan, signals), &[], true), signals, &plan, edges_s, Guide::Free)?;
-    let mean = (1..edges_s.len()).map(|k| (run.y[(k, 0)] - run.y[(k - 1, 0)]) / (edges_s[k] - edges_s[k - 1])).collect();
+    let run = walk(
+        &mut Linear::new(&first_values(&system, &plan, signals), &[], true),
+        signals,
+        &plan,
+        edges_s,
+        Guide::Free,
+    )?;
+    let mean = (1..edges_s.len())
+        .map(|k| (run.y[(k, 0)] - run.y[(k - 1, 0)]) / (edges_s[k] - edges_s[k - 1]))
+        .collect();
     Ok((mean, (1..edges_s.len()).map(|k| run.y[(k - 1, 1)]).collect()))
 }
 
 fn first_values(system: &System, plan: &Plan, signals: &[Piecewise]) -> Assembly {
     let first: Vec<f64> = signals.iter().map(Piecewise::first).collect();
-    Assembly::new(system, (plan, system.affine(&plan.dynamics).as_ref()), &system.initial, &first, |_| Vec::new())
+    Assembly::new(
+        system,
+        (plan, system.affine(&plan.dynamics).as_ref()),
+        &system.initial,
+        &first,
+        |_| Vec::new(),
+    )
 }
 
 /// One output between the samples: straight pieces through its lags.
@@ -88,10 +123,17 @@ struct Sensor<'a> {
 impl Sensor<'_> {
     fn lag(&self, state: &[f64], piece: Piece, to_s: f64) -> Result<Vec<f64>, SimulateError> {
         let one = DMatrix::identity(1, 1);
-        let system = bench(1, DMatrix::zeros(0, 0), DMatrix::zeros(0, 1), DMatrix::zeros(1, 0), one);
+        let system =
+            bench(1, DMatrix::zeros(0, 0), DMatrix::zeros(0, 1), DMatrix::zeros(1, 0), one);
         let mut plan = Plan::new(&system);
         plan.outputs[0].lags_s.clone_from(&self.path.lags_s);
-        let mut assembly = Assembly::new(&system, (&plan, system.affine(&plan.dynamics).as_ref()), &[], &[piece.value], |_| Vec::new());
+        let mut assembly = Assembly::new(
+            &system,
+            (&plan, system.affine(&plan.dynamics).as_ref()),
+            &[],
+            &[piece.value],
+            |_| Vec::new(),
+        );
         assembly.start.copy_from_slice(state);
         let mut linear = Linear::new(&assembly, &[], true);
         linear.advance(piece.start_s, to_s, &Drive { pieces: vec![piece], alone_until_s: None })?;
@@ -101,7 +143,8 @@ impl Sensor<'_> {
     /// The piece from sample k on.
     fn piece(&self, k: usize) -> Piece {
         let next = self.values.get(k + 1).zip(self.time_s.get(k + 1));
-        let slope = next.map_or(0.0, |(value, time)| (value - self.values[k]) / (time - self.time_s[k]));
+        let slope =
+            next.map_or(0.0, |(value, time)| (value - self.values[k]) / (time - self.time_s[k]));
         Piece { start_s: self.time_s[k], value: self.values[k], slope }
     }
 
@@ -142,13 +185,23 @@ struct Sensors<'a> {
 
 impl<'a> Sensors<'a> {
     fn new(plan: &'a Plan, time_s: &'a [f64]) -> Self {
-        Self { plan, all: plan.outputs.iter().map(|path| Sensor { path, time_s, values: Vec::new(), lagged: Vec::new() }).collect() }
+        Self {
+            plan,
+            all: plan
+                .outputs
+                .iter()
+                .map(|path| Sensor { path, time_s, values: Vec::new(), lagged: Vec::new() })
+                .collect(),
+        }
     }
 
     /// The plant's own outputs at the next sample.
     fn push(&mut self, own: &[f64]) -> Result<(), SimulateError> {
         for (i, sensor) in self.all.iter_mut().enumerate() {
-            sensor.push(own[i] + sensor.path.mixing.iter().map(|&(from, gain)| gain * own[from]).sum::<f64>())?;
+            sensor.push(
+                own[i]
+                    + sensor.path.mixing.iter().map(|&(from, gain)| gain * own[from]).sum::<f64>(),
+            )?;
         }
         Ok(())
     }
@@ -157,7 +210,8 @@ impl<'a> Sensors<'a> {
     fn begin_again(&mut self, others: &Self, own: &[f64]) {
         for (i, (sensor, other)) in self.all.iter_mut().zip(&others.all).enumerate() {
             if let Some(last) = sensor.values.last_mut() {
-                *last = own[i] + sensor.path.mixing.iter().map(|&(from, gain)| gain * own[from]).sum::<f64>();
+                *last = own[i]
+                    + sensor.path.mixing.iter().map(|&(from, gain)| gain * own[from]).sum::<f64>();
             }
             if let (Some(last), Some(there)) = (sensor.lagged.last_mut(), other.lagged.last()) {
                 last.clone_from(there);
@@ -210,22 +264,38 @@ pub(super) fn run(
     let samples = time_s.len();
     // A clock that runs ahead reads outputs after the log's last sample: the model goes on with the last command.
     let last = time_s.last().copied().unwrap_or(0.0);
-    let ahead = plan.outputs.iter().map(|path| taken(plan.clock, path, last) - last).fold(0.0, f64::max) / ts.seconds();
+    let ahead =
+        plan.outputs.iter().map(|path| taken(plan.clock, path, last) - last).fold(0.0, f64::max)
+            / ts.seconds();
     let beyond = if correction.is_none() { (ahead.ceil() as usize).min(samples) } else { 0 };
-    let grid: Vec<f64> = time_s.iter().copied().chain((1..=beyond).map(|k| last + ts.to_seconds(k as f64))).collect();
+    let grid: Vec<f64> = time_s
+        .iter()
+        .copied()
+        .chain((1..=beyond).map(|k| last + ts.to_seconds(k as f64)))
+        .collect();
     let [mean, instant] = arriving(&plan.inputs, signals, &grid, ts.seconds())?;
-    let about = |u: &DMatrix<f64>, k: usize| DVector::from_fn(u.ncols(), |i, _| u[(k, i)] - system.input_operating[i]);
+    let about = |u: &DMatrix<f64>, k: usize| {
+        DVector::from_fn(u.ncols(), |i, _| u[(k, i)] - system.input_operating[i])
+    };
     let own = |x: &DVector<f64>, k: usize| -> Vec<f64> {
         let y = &matrices.c * x + &matrices.d * about(&instant, k);
         y.iter().zip(&system.output_operating).map(|(y, operating)| y + operating).collect()
     };
     let after = |x: &DVector<f64>, k: usize| &matrices.a * x + &matrices.b * about(&mean, k);
     let mut sensors = Sensors::new(plan, &grid);
-    let mut run =
-        Run { y: DMatrix::zeros(samples, plan.outputs.len()), x: DMatrix::zeros(samples, x0.len()), steps: 0, begins: Vec::new() };
+    let mut run = Run {
+        y: DMatrix::zeros(samples, plan.outputs.len()),
+        x: DMatrix::zeros(samples, x0.len()),
+        steps: 0,
+        begins: Vec::new(),
+    };
     let mut x = DVector::from_column_slice(x0);
     let horizon = correction.and_then(|c| c.horizon);
-    let mut predicted = horizon.map(|every| Ahead { every: every.get(), x: x.clone(), sensors: Sensors::new(plan, &grid) });
+    let mut predicted = horizon.map(|every| Ahead {
+        every: every.get(),
+        x: x.clone(),
+        sensors: Sensors::new(plan, &grid),
+    });
     for (k, &at_s) in grid.iter().enumerate() {
         sensors.push(&own(&x, k))?;
         if let Some(ahead) = &mut predicted {
@@ -236,7 +306,11 @@ pub(super) fn run(
                 let value = sensors.reading(j, time_s[k])?;
                 run.y[(k, j)] = match &predicted {
                     // What was taken before the prediction began belongs to the time that the corrected run knows.
-                    Some(ahead) if taken(plan.clock, &plan.outputs[j], time_s[k]) > time_s[begin_of(k, ahead.every)] || k == 0 => {
+                    Some(ahead)
+                        if taken(plan.clock, &plan.outputs[j], time_s[k])
+                            > time_s[begin_of(k, ahead.every)]
+                            || k == 0 =>
+                    {
                         ahead.sensors.reading(j, time_s[k])?
                     }
                     _ => value,
@@ -249,7 +323,9 @@ pub(super) fn run(
                 x += correction.gain.column(j) * innovation;
             }
         }
-        if let Some(ahead) = predicted.as_mut().filter(|ahead| k > 0 && k.is_multiple_of(ahead.every)) {
+        if let Some(ahead) =
+            predicted.as_mut().filter(|ahead| k > 0 && k.is_multiple_of(ahead.every))
+        {
             ahead.x.copy_from(&x);
             ahead.sensors.begin_again(&sensors, &own(&x, k));
         }
@@ -260,7 +336,8 @@ pub(super) fn run(
         if let Some(ahead) = &mut predicted {
             ahead.x = after(&ahead.x, k);
         }
-        if x.iter().chain(predicted.iter().flat_map(|ahead| ahead.x.iter())).any(|v| !v.is_finite()) {
+        if x.iter().chain(predicted.iter().flat_map(|ahead| ahead.x.iter())).any(|v| !v.is_finite())
+        {
             return Err(SimulateError::Explodes { time_s: at_s });
         }
     }
@@ -283,7 +360,8 @@ pub(super) fn called(
     let [u, _] = arriving(&plan.inputs, signals, time_s, last_s)?;
     let mut own = DMatrix::zeros(time_s.len(), system.outputs.len());
     black_box::windows(&u, time_s, x0, system.states.len(), |rows, u, time_s, x0| {
-        let answer = simulator.simulate(u, time_s, x0, parameters).map_err(SimulateError::Called)?;
+        let answer =
+            simulator.simulate(u, time_s, x0, parameters).map_err(SimulateError::Called)?;
         black_box::check(&answer, &system.outputs, time_s)?;
         own.rows_mut(rows.start, rows.len()).copy_from(&answer);
         Ok::<(), SimulateError>(())
@@ -292,7 +370,12 @@ pub(super) fn called(
     for row in own.row_iter() {
         sensors.push(&row.iter().copied().collect::<Vec<_>>())?;
     }
-    let mut run = Run { y: DMatrix::zeros(time_s.len(), plan.outputs.len()), x: DMatrix::zeros(0, 0), steps: 0, begins: Vec::new() };
+    let mut run = Run {
+        y: DMatrix::zeros(time_s.len(), plan.outputs.len()),
+        x: DMatrix::zeros(0, 0),
+        steps: 0,
+        begins: Vec::new(),
+    };
     sensors.readings(time_s, &mut run.y)?;
     Ok(run)
 }

@@ -75,9 +75,16 @@ impl Dynamics {
     /// Puts a value in the place of a number; nothing where the dynamics have no such number.
     pub fn set(&mut self, number: ModelNumber, value: f64) {
         match (self, number) {
-            (Self::Equations(_, parameters) | Self::BlackBox(_, parameters), ModelNumber::Parameter(i)) => parameters[i] = value,
-            (Self::Linear(matrices) | Self::Sampled(matrices, _), ModelNumber::A(i, j)) => matrices.a[(i, j)] = value,
-            (Self::Linear(matrices) | Self::Sampled(matrices, _), ModelNumber::B(i, j)) => matrices.b[(i, j)] = value,
+            (
+                Self::Equations(_, parameters) | Self::BlackBox(_, parameters),
+                ModelNumber::Parameter(i),
+            ) => parameters[i] = value,
+            (Self::Linear(matrices) | Self::Sampled(matrices, _), ModelNumber::A(i, j)) => {
+                matrices.a[(i, j)] = value
+            }
+            (Self::Linear(matrices) | Self::Sampled(matrices, _), ModelNumber::B(i, j)) => {
+                matrices.b[(i, j)] = value
+            }
             _ => {}
         }
     }
@@ -120,9 +127,15 @@ impl System {
         match dynamics {
             Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
                 let drift = vec![0.0; matrices.a.nrows()];
-                Some(Affine { matrices: matrices.clone(), drift, level: self.output_operating.clone() })
+                Some(Affine {
+                    matrices: matrices.clone(),
+                    drift,
+                    level: self.output_operating.clone(),
+                })
             }
-            Dynamics::Equations(equations, parameters) if Affine::pays(equations) => Affine::of(equations, parameters),
+            Dynamics::Equations(equations, parameters) if Affine::pays(equations) => {
+                Affine::of(equations, parameters)
+            }
             Dynamics::Equations(..) | Dynamics::BlackBox(..) => None,
         }
     }
@@ -145,7 +158,10 @@ impl System {
     ///
     /// # Errors
     /// [`crate::error::ModelError`] for a file that describes no model; whatever `mean` returns.
-    pub fn new(document: &ModelDocument, mut mean: impl FnMut(&str) -> Result<f64>) -> Result<Self> {
+    pub fn new(
+        document: &ModelDocument,
+        mut mean: impl FnMut(&str) -> Result<f64>,
+    ) -> Result<Self> {
         let mut operating = |channels: &[Channel]| -> Result<Vec<f64>> {
             let value = |c: &Channel| match c.operating {
                 Operating::Value(value) => Ok(value),
@@ -153,15 +169,22 @@ impl System {
             };
             channels.iter().map(value).collect()
         };
-        let ports = |channels: &[Channel]| channels.iter().map(|c| port(&c.name, c.unit.as_deref())).collect::<Vec<_>>();
+        let ports = |channels: &[Channel]| {
+            channels.iter().map(|c| port(&c.name, c.unit.as_deref())).collect::<Vec<_>>()
+        };
         let states: Vec<Port> = document.states().map(|(name, unit)| port(name, unit)).collect();
         let (inputs, outputs) = (ports(document.inputs()), ports(document.outputs()));
-        let (input_operating, mut output_operating) = (operating(document.inputs())?, operating(document.outputs())?);
+        let (input_operating, mut output_operating) =
+            (operating(document.inputs())?, operating(document.outputs())?);
         let as_equations;
         let document = match document {
             // Beside a suspected term a linear model is one of equations.
             ModelDocument::Lti(file) if !file.candidates.is_empty() => {
-                as_equations = ModelDocument::Equations(file.to_equations([&[], &[], &std::mem::take(&mut output_operating)])?);
+                as_equations = ModelDocument::Equations(file.to_equations([
+                    &[],
+                    &[],
+                    &std::mem::take(&mut output_operating),
+                ])?);
                 output_operating = vec![0.0; outputs.len()];
                 &as_equations
             }
@@ -213,23 +236,37 @@ struct Plant {
 impl Plant {
     fn linear(file: &ModelFile, states: usize) -> Result<Self> {
         let known = file.initial_std.iter().map(|&v| Some(v));
-        let initial_std = if file.initial_std.is_empty() { vec![None; states] } else { known.collect() };
+        let initial_std =
+            if file.initial_std.is_empty() { vec![None; states] } else { known.collect() };
         let dynamics = if file.is_sampled() {
             let sys = file.sampled()?;
             Dynamics::Sampled(Matrices::of(&sys), sys.sample_time())
         } else {
             Dynamics::Linear(Matrices::of(&file.continuous()?))
         };
-        Ok(Self { dynamics, parameters: Vec::new(), candidates: None, initial: or_zero(&file.initial, states), initial_std })
+        Ok(Self {
+            dynamics,
+            parameters: Vec::new(),
+            candidates: None,
+            initial: or_zero(&file.initial, states),
+            initial_std,
+        })
     }
 
     fn equations(file: &EquationsFile) -> Result<Self> {
         let equations = Arc::new(file.equations()?);
-        let parameters = file.parameters.iter().map(|(name, p)| port(name, p.unit.as_deref())).collect();
+        let parameters =
+            file.parameters.iter().map(|(name, p)| port(name, p.unit.as_deref())).collect();
         let initial_std = file.states.iter().map(|(_, s)| s.initial_std).collect();
         let (initial, nominal) = (equations.initial(), equations.nominal());
         let candidates = file.candidates()?.map(Arc::new);
-        Ok(Self { dynamics: Dynamics::Equations(equations, nominal), parameters, candidates, initial, initial_std })
+        Ok(Self {
+            dynamics: Dynamics::Equations(equations, nominal),
+            parameters,
+            candidates,
+            initial,
+            initial_std,
+        })
     }
 }
 
@@ -240,18 +277,25 @@ impl Affine {
     /// Affine equations, unless so few states act on each other in a large model that a step of the integration costs less than one product with a full matrix.
     fn pays(equations: &Equations) -> bool {
         let states = equations.state_variables().len();
-        equations.is_affine() && states * states <= EVALUATIONS * (equations.operations().0 + states)
+        equations.is_affine()
+            && states * states <= EVALUATIONS * (equations.operations().0 + states)
     }
 
     /// Of affine equations; `None` where one of their numbers is not finite.
     fn of(equations: &Equations, parameters: &[f64]) -> Option<Self> {
-        let [x, u] = [equations.state_variables().len(), equations.input_symbols().len()].map(|n| vec![0.0; n]);
+        let [x, u] = [equations.state_variables().len(), equations.input_symbols().len()]
+            .map(|n| vec![0.0; n]);
         let (mut drift, mut level) = (x.clone(), vec![0.0; equations.output_variables().len()]);
         let mut workspace = equations.workspace();
         equations.derivatives(0.0, &x, &u, parameters, &mut workspace, &mut drift);
         equations.outputs(0.0, &x, &u, parameters, &mut workspace, &mut level);
         let Linearisation { a, b, c, d } = equations.linearise(0.0, &x, &u, parameters);
-        let finite = [&a, &b, &c, &d].into_iter().flat_map(|m| m.iter()).chain(&drift).chain(&level).all(|v| v.is_finite());
+        let finite = [&a, &b, &c, &d]
+            .into_iter()
+            .flat_map(|m| m.iter())
+            .chain(&drift)
+            .chain(&level)
+            .all(|v| v.is_finite());
         finite.then_some(Self { matrices: Matrices { a, b, c, d }, drift, level })
     }
 }

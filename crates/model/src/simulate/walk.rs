@@ -97,7 +97,8 @@ impl Begins {
 
     fn look_ahead(&mut self, plan: &Plan, time_s: &[f64]) {
         let stamp_s = time_s.get(self.sample + self.every).filter(|_| self.delay_s.is_finite());
-        self.due_s = stamp_s.map_or(f64::INFINITY, |&stamp_s| plan.clock.commands_time_s(stamp_s) - self.delay_s);
+        self.due_s = stamp_s
+            .map_or(f64::INFINITY, |&stamp_s| plan.clock.commands_time_s(stamp_s) - self.delay_s);
     }
 }
 
@@ -181,11 +182,14 @@ impl Group {
         }
         system.outputs(now, drive, y)?;
         for &i in &self.outputs {
-            run.y[(k, i)] = plan.outputs[i].maps.iter().fold(y[i], |value, map| map(time_s[k], value));
+            run.y[(k, i)] =
+                plan.outputs[i].maps.iter().fold(y[i], |value, map| map(time_s[k], value));
         }
         let Guide::Corrected(correction) = guide else { return Ok(()) };
         for &j in &self.outputs {
-            let Some(measured) = correction.measured.get(j).and_then(|m| m.get(k)) else { continue };
+            let Some(measured) = correction.measured.get(j).and_then(|m| m.get(k)) else {
+                continue;
+            };
             let innovation = (measured - run.y[(k, j)]) * plan.outputs[j].correction();
             for (i, x) in system.plant_state().iter_mut().enumerate() {
                 *x += correction.gain[(i, j)] * innovation;
@@ -201,7 +205,12 @@ fn groups(plan: &Plan, states: bool, time_s: &[f64]) -> Vec<Group> {
     for (i, output) in plan.outputs.iter().enumerate() {
         match groups.iter_mut().find(|g| g.delay_s == output.delay_s) {
             Some(group) => group.outputs.push(i),
-            None => groups.push(Group { delay_s: output.delay_s, outputs: vec![i], next: 0, due_s: 0.0 }),
+            None => groups.push(Group {
+                delay_s: output.delay_s,
+                outputs: vec![i],
+                next: 0,
+                due_s: 0.0,
+            }),
         }
     }
     if states {
@@ -224,24 +233,38 @@ pub(super) fn walk(
     let states = plan.wanted.states;
     let rows = if states { samples } else { 0 };
     let stamps = &time_s[..samples.min(plan.wanted.samples)];
-    let mut run =
-        Run { y: DMatrix::zeros(samples, outputs), x: DMatrix::zeros(rows, system.plant_state().len()), steps: 0, begins: Vec::new() };
+    let mut run = Run {
+        y: DMatrix::zeros(samples, outputs),
+        x: DMatrix::zeros(rows, system.plant_state().len()),
+        steps: 0,
+        begins: Vec::new(),
+    };
     let mut begins = guide.every().map(|every| Begins::new(every, plan, stamps));
     let mut groups = groups(plan, states, stamps);
     let end = time_s.last().copied().unwrap_or(0.0);
     // Edges and samples that fall together: the edge comes first.
     let together = TOGETHER * if samples > 1 { end / (samples - 1) as f64 } else { 1.0 };
-    let mut drive = Drive { pieces: signals.iter().map(|s| s.pieces().first().copied().unwrap_or(LEVEL)).collect(), alone_until_s: None };
+    let mut drive = Drive {
+        pieces: signals.iter().map(|s| s.pieces().first().copied().unwrap_or(LEVEL)).collect(),
+        alone_until_s: None,
+    };
     let mut edges = vec![1_usize; signals.len()];
     let mut switches_s: Vec<f64> = plan.switches.iter().map(|s| s.time_s).collect();
     switches_s.sort_by(f64::total_cmp);
     let mut switched = 0;
     let past_samples = plan.tolerance.past_samples && guide.is_free();
-    let last_s = groups.iter().map(|group| group.due_at(stamps.len().saturating_sub(1), plan, stamps)).fold(0.0, f64::max);
+    let last_s = groups
+        .iter()
+        .map(|group| group.due_at(stamps.len().saturating_sub(1), plan, stamps))
+        .fold(0.0, f64::max);
     let mut now = 0.0;
     let mut y = vec![0.0; outputs];
     loop {
-        let sample = groups.iter().map(|group| group.due_s).chain(begins.iter().map(|b| b.due_s)).fold(f64::INFINITY, f64::min);
+        let sample = groups
+            .iter()
+            .map(|group| group.due_s)
+            .chain(begins.iter().map(|b| b.due_s))
+            .fold(f64::INFINITY, f64::min);
         if sample == f64::INFINITY {
             break;
         }
@@ -263,7 +286,8 @@ pub(super) fn walk(
             now = to;
         }
         for ((signal, at), piece) in signals.iter().zip(&mut edges).zip(&mut drive.pieces) {
-            while let Some(next) = signal.pieces().get(*at).filter(|p| p.start_s <= now + together) {
+            while let Some(next) = signal.pieces().get(*at).filter(|p| p.start_s <= now + together)
+            {
                 *piece = *next;
                 *at += 1;
             }
@@ -281,7 +305,14 @@ pub(super) fn walk(
                 // A sample from before the start tells nothing of the state now.
                 let guide = if before_start { Guide::Free } else { guide };
                 let begun = begins.as_ref().map_or(0, |b| b.sample);
-                group.sample(k, system, (now, &drive), (plan, time_s), (guide, begun), (&mut run, &mut y))?;
+                group.sample(
+                    k,
+                    system,
+                    (now, &drive),
+                    (plan, time_s),
+                    (guide, begun),
+                    (&mut run, &mut y),
+                )?;
             }
         }
         while let Some(begins) = begins.as_mut().filter(|b| b.due_s <= now + together) {

@@ -84,20 +84,29 @@ mod tests {
 
     /// Upward zero crossings, linearly interpolated, in samples.
     fn crossings(u: &[f64]) -> Vec<f64> {
-        u.windows(2).enumerate().filter(|(_, w)| w[0] < 0.0 && w[1] >= 0.0).map(|(k, w)| k as f64 - w[0] / (w[1] - w[0])).collect()
+        u.windows(2)
+            .enumerate()
+            .filter(|(_, w)| w[0] < 0.0 && w[1] >= 0.0)
+            .map(|(k, w)| k as f64 - w[0] / (w[1] - w[0]))
+            .collect()
     }
 
     #[test]
     fn frequency_sweeps_as_asked_between_its_ends() {
         for sweep in [Sweep::Linear, Sweep::Logarithmic] {
-            let u = generate(Chirp { from: 0.005, to: 0.05, sweep, ..Chirp::default() }, 20_000).unwrap();
+            let u = generate(Chirp { from: 0.005, to: 0.05, sweep, ..Chirp::default() }, 20_000)
+                .unwrap();
             for pair in crossings(&u).windows(2) {
-                let (measured, x) = (2.0 / (pair[1] - pair[0]), (pair[0] + pair[1]) / 2.0 / 19_999.0);
+                let (measured, x) =
+                    (2.0 / (pair[1] - pair[0]), (pair[0] + pair[1]) / 2.0 / 19_999.0);
                 let want = match sweep {
                     Sweep::Linear => 0.005 + 0.045 * x,
                     Sweep::Logarithmic => 0.005 * 10.0_f64.powf(x),
                 };
-                assert!((measured / want - 1.0).abs() < 0.01, "{sweep:?} at {x}: {measured} instead of {want}");
+                assert!(
+                    (measured / want - 1.0).abs() < 0.01,
+                    "{sweep:?} at {x}: {measured} instead of {want}"
+                );
             }
         }
     }
@@ -106,14 +115,24 @@ mod tests {
     fn sweep_between_equal_frequencies_is_a_sine() {
         for sweep in [Sweep::Linear, Sweep::Logarithmic] {
             let u = generate(Chirp { amplitude: 2.0, from: 0.1, to: 0.1, sweep }, 100).unwrap();
-            assert!(u.iter().enumerate().all(|(k, v)| (v - 2.0 * (PI * 0.1 * k as f64).sin()).abs() < 1e-12));
+            assert!(
+                u.iter()
+                    .enumerate()
+                    .all(|(k, v)| (v - 2.0 * (PI * 0.1 * k as f64).sin()).abs() < 1e-12)
+            );
         }
     }
 
     #[test]
     fn nearly_equal_frequencies_lose_no_precision() {
-        let near = generate(Chirp { from: 0.1, to: 0.1 + 1e-14, sweep: Sweep::Logarithmic, ..Chirp::default() }, 1000).unwrap();
-        assert!(near.iter().enumerate().all(|(k, v)| (v - (PI * 0.1 * k as f64).sin()).abs() < 1e-9));
+        let near = generate(
+            Chirp { from: 0.1, to: 0.1 + 1e-14, sweep: Sweep::Logarithmic, ..Chirp::default() },
+            1000,
+        )
+        .unwrap();
+        assert!(
+            near.iter().enumerate().all(|(k, v)| (v - (PI * 0.1 * k as f64).sin()).abs() < 1e-9)
+        );
     }
 
     #[test]
@@ -122,7 +141,8 @@ mod tests {
             assert!(generate(Chirp { from, to, ..Chirp::default() }, 10).is_err());
         }
         assert!(generate(Chirp { from: 0.0, ..Chirp::default() }, 10).is_ok());
-        let refused = generate(Chirp { from: 0.0, sweep: Sweep::Logarithmic, ..Chirp::default() }, 10);
+        let refused =
+            generate(Chirp { from: 0.0, sweep: Sweep::Logarithmic, ..Chirp::default() }, 10);
         assert!(matches!(refused, Err(SignalError::Option { option: "from", .. })));
     }
 }

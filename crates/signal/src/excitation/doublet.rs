@@ -60,7 +60,9 @@ mod tests {
 
     #[test]
     fn spectrum_peaks_where_the_doc_says() {
-        let u = Doublet { amplitude: 1.0, at: 0, width: 100 }.generate(200, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
+        let u = Doublet { amplitude: 1.0, at: 0, width: 100 }
+            .generate(200, &mut ChaCha8Rng::seed_from_u64(1))
+            .unwrap();
         let power = |f: f64| {
             let (mut re, mut im) = (0.0, 0.0);
             for (k, v) in u.iter().enumerate() {
@@ -69,7 +71,10 @@ mod tests {
             }
             re * re + im * im
         };
-        let peak = (1..1000).map(|i| f64::from(i) * 1e-5).max_by(|a, b| power(*a).total_cmp(&power(*b))).unwrap();
+        let peak = (1..1000)
+            .map(|i| f64::from(i) * 1e-5)
+            .max_by(|a, b| power(*a).total_cmp(&power(*b)))
+            .unwrap();
         assert!((peak * 100.0 - 0.37).abs() < 0.005, "{peak}");
     }
 
@@ -77,7 +82,10 @@ mod tests {
     fn doublet_that_does_not_fit_is_refused() {
         let rng = &mut ChaCha8Rng::seed_from_u64(1);
         let refused = Doublet::default().generate(29, rng);
-        assert_eq!(refused, Err(SignalError::TooFewSamples { signal: "doublet", needed: 30, got: 29 }));
+        assert_eq!(
+            refused,
+            Err(SignalError::TooFewSamples { signal: "doublet", needed: 30, got: 29 })
+        );
         assert!(Doublet { width: 0, ..Doublet::default() }.generate(100, rng).is_err());
     }
 }

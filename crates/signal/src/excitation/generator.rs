@@ -40,7 +40,11 @@ mod tests {
                         assert!(needed > samples && needed <= 151);
                     }
                     Err(other) => {
-                        assert!(matches!(other, SignalError::NoLines { .. }) && samples <= 2, "{} at {samples}: {other}", entry.name);
+                        assert!(
+                            matches!(other, SignalError::NoLines { .. }) && samples <= 2,
+                            "{} at {samples}: {other}",
+                            entry.name
+                        );
                     }
                 }
             }
@@ -59,7 +63,12 @@ mod tests {
     fn same_seed_gives_the_same_signal() {
         for entry in EXCITATIONS {
             let signal = entry.with(json!({})).unwrap();
-            assert_eq!(signal.generate(151, &mut rng(9)), signal.generate(151, &mut rng(9)), "{}", entry.name);
+            assert_eq!(
+                signal.generate(151, &mut rng(9)),
+                signal.generate(151, &mut rng(9)),
+                "{}",
+                entry.name
+            );
         }
     }
 
@@ -67,15 +76,29 @@ mod tests {
     fn no_samples_and_absurdly_many_are_refused() {
         for entry in EXCITATIONS {
             let signal = entry.with(json!({})).unwrap();
-            assert_eq!(signal.generate(0, &mut rng(1)), Err(SignalError::NoSamples), "{}", entry.name);
-            assert!(matches!(signal.generate(usize::MAX, &mut rng(1)), Err(SignalError::TooManySamples { .. })), "{}", entry.name);
+            assert_eq!(
+                signal.generate(0, &mut rng(1)),
+                Err(SignalError::NoSamples),
+                "{}",
+                entry.name
+            );
+            assert!(
+                matches!(
+                    signal.generate(usize::MAX, &mut rng(1)),
+                    Err(SignalError::TooManySamples { .. })
+                ),
+                "{}",
+                entry.name
+            );
         }
     }
 
     #[test]
     fn unknown_options_are_refused_and_the_known_ones_listed() {
         for entry in EXCITATIONS {
-            let Err(refused) = entry.with(json!({ "amplitud": 1.0 })) else { panic!("{} takes any option", entry.name) };
+            let Err(refused) = entry.with(json!({ "amplitud": 1.0 })) else {
+                panic!("{} takes any option", entry.name)
+            };
             let message = refused.to_string();
             assert!(message.contains("amplitud") && message.contains(entry.name), "{message}");
             for known in (entry.defaults)().as_object().unwrap().keys() {
@@ -87,21 +110,41 @@ mod tests {
     #[test]
     fn defaults_are_the_options_of_an_empty_table() {
         for entry in EXCITATIONS {
-            let (from_nothing, from_defaults) = (entry.with(json!({})).unwrap(), entry.with((entry.defaults)()).unwrap());
-            assert_eq!(from_nothing.generate(200, &mut rng(2)), from_defaults.generate(200, &mut rng(2)), "{}", entry.name);
+            let (from_nothing, from_defaults) =
+                (entry.with(json!({})).unwrap(), entry.with((entry.defaults)()).unwrap());
+            assert_eq!(
+                from_nothing.generate(200, &mut rng(2)),
+                from_defaults.generate(200, &mut rng(2)),
+                "{}",
+                entry.name
+            );
         }
     }
 
     #[test]
     fn numbers_far_outside_an_options_range_never_panic_or_make_nan() {
         for entry in EXCITATIONS {
-            let Value::Object(defaults) = (entry.defaults)() else { panic!("{} has no table of options", entry.name) };
+            let Value::Object(defaults) = (entry.defaults)() else {
+                panic!("{} has no table of options", entry.name)
+            };
             for (key, default) in &defaults {
-                for value in [json!(-1.0), json!(0), json!(1e308), json!(u64::MAX), json!([1.0, 1.0]), json!([-1e308, 1e308]), json!("x")] {
+                for value in [
+                    json!(-1.0),
+                    json!(0),
+                    json!(1e308),
+                    json!(u64::MAX),
+                    json!([1.0, 1.0]),
+                    json!([-1e308, 1e308]),
+                    json!("x"),
+                ] {
                     if let Ok(signal) = entry.with(json!({ key: value }))
                         && let Ok(u) = signal.generate(151, &mut rng(1))
                     {
-                        assert!(u.len() == 151 && u.iter().all(|v| v.is_finite()), "{} {key}={value} (default {default})", entry.name);
+                        assert!(
+                            u.len() == 151 && u.iter().all(|v| v.is_finite()),
+                            "{} {key}={value} (default {default})",
+                            entry.name
+                        );
                     }
                 }
             }

@@ -52,7 +52,11 @@ mod tests {
 
     #[test]
     fn impulse_outside_the_record_is_refused() {
-        let refused = Impulse { amplitude: 1.0, at: 3 }.generate(3, &mut ChaCha8Rng::seed_from_u64(1));
-        assert_eq!(refused, Err(SignalError::TooFewSamples { signal: "impulse", needed: 4, got: 3 }));
+        let refused =
+            Impulse { amplitude: 1.0, at: 3 }.generate(3, &mut ChaCha8Rng::seed_from_u64(1));
+        assert_eq!(
+            refused,
+            Err(SignalError::TooFewSamples { signal: "impulse", needed: 4, got: 3 })
+        );
     }
 }

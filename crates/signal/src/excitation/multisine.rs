@@ -106,12 +106,21 @@ impl Multisine {
             f >= low - slack && f <= high + slack
         };
         let available: Vec<usize> = (1..period.div_ceil(2)).step_by(step).filter(in_band).collect();
-        let last = available.len().checked_sub(1).ok_or(SignalError::NoLines { harmonics: name, period, low, high })?;
+        let last = available.len().checked_sub(1).ok_or(SignalError::NoLines {
+            harmonics: name,
+            period,
+            low,
+            high,
+        })?;
         match self.lines {
             0 => Ok(available),
             1 => Ok(vec![available[last / 2]]),
-            asked if asked > available.len() => Err(SignalError::TooFewLines { asked, available: available.len() }),
-            asked => Ok((0..asked).map(|j| available[(2 * j * last + asked - 1) / (2 * (asked - 1))]).collect()),
+            asked if asked > available.len() => {
+                Err(SignalError::TooFewLines { asked, available: available.len() })
+            }
+            asked => Ok((0..asked)
+                .map(|j| available[(2 * j * last + asked - 1) / (2 * (asked - 1))])
+                .collect()),
         }
     }
 }
@@ -129,7 +138,9 @@ impl Excitation for Multisine {
         for (j, &h) in harmonics.iter().enumerate() {
             let phase = match self.phase {
                 // j·(j + 1) from zero on; whole turns are taken off first so that the angle stays exact.
-                Phase::Schroeder => -PI * ((j as u128 * (j as u128 + 1)) % (2 * harmonics.len() as u128)) as f64 / m,
+                Phase::Schroeder => {
+                    -PI * ((j as u128 * (j as u128 + 1)) % (2 * harmonics.len() as u128)) as f64 / m
+                }
                 Phase::Random => 2.0 * PI * rng.random::<f64>(),
             };
             spectrum[h] = Complex::from_polar(1.0, phase);
@@ -167,8 +178,13 @@ mod tests {
         let n = u.len();
         (0..=n / 2)
             .map(|h| {
-                let line: Complex<f64> =
-                    u.iter().enumerate().map(|(k, &v)| Complex::from_polar(v, -2.0 * PI * (h * k % n) as f64 / n as f64)).sum();
+                let line: Complex<f64> = u
+                    .iter()
+                    .enumerate()
+                    .map(|(k, &v)| {
+                        Complex::from_polar(v, -2.0 * PI * (h * k % n) as f64 / n as f64)
+                    })
+                    .sum();
                 line.norm()
             })
             .collect()
@@ -182,12 +198,21 @@ mod tests {
     #[test]
     fn signal_is_the_sum_of_its_cosines() {
         for period in [7, 20, 151, 256] {
-            let u = generate(Multisine { normalise: Normalise::Rms, ..Multisine::default() }, period);
+            let u =
+                generate(Multisine { normalise: Normalise::Rms, ..Multisine::default() }, period);
             let m = (period - 1) / 2;
             for (k, v) in u.iter().enumerate() {
-                let sum: f64 =
-                    (1..=m).map(|j| (2.0 * PI * (j * k) as f64 / period as f64 - PI * (j * (j - 1)) as f64 / m as f64).cos()).sum();
-                assert!((v - sum * (2.0 / m as f64).sqrt()).abs() < 1e-10, "period {period}, sample {k}");
+                let sum: f64 = (1..=m)
+                    .map(|j| {
+                        (2.0 * PI * (j * k) as f64 / period as f64
+                            - PI * (j * (j - 1)) as f64 / m as f64)
+                            .cos()
+                    })
+                    .sum();
+                assert!(
+                    (v - sum * (2.0 / m as f64).sqrt()).abs() < 1e-10,
+                    "period {period}, sample {k}"
+                );
             }
         }
     }
@@ -196,7 +221,10 @@ mod tests {
     fn spectrum_is_flat_on_the_lines_and_empty_elsewhere() {
         for phase in [Phase::Schroeder, Phase::Random] {
             for period in [200, 151] {
-                let u = generate(Multisine { phase, period, band: [0.2, 0.6], ..Multisine::default() }, period);
+                let u = generate(
+                    Multisine { phase, period, band: [0.2, 0.6], ..Multisine::default() },
+                    period,
+                );
                 let lines = magnitudes(&u);
                 let level = lines[period / 4];
                 for (h, &line) in lines.iter().enumerate() {
@@ -211,8 +239,14 @@ mod tests {
     #[test]
     fn odd_multisine_leaves_even_lines_exactly_empty() {
         for phase in [Phase::Schroeder, Phase::Random] {
-            let u = generate(Multisine { harmonics: Harmonics::Odd, phase, ..Multisine::default() }, 200);
-            assert!(u[..100].iter().zip(&u[100..]).all(|(a, b)| *a == -*b), "half-wave symmetry to the bit");
+            let u = generate(
+                Multisine { harmonics: Harmonics::Odd, phase, ..Multisine::default() },
+                200,
+            );
+            assert!(
+                u[..100].iter().zip(&u[100..]).all(|(a, b)| *a == -*b),
+                "half-wave symmetry to the bit"
+            );
             let lines = magnitudes(&u);
             for h in 0..=100 {
                 let want = if h % 2 == 1 { lines[1] } else { 0.0 };
@@ -237,14 +271,20 @@ mod tests {
                 assert!(c < 1.8, "period {period}, {harmonics:?}: {c}");
             }
         }
-        assert!(crest(&generate(Multisine { phase: Phase::Random, ..Multisine::default() }, 1000)) > 2.5);
+        assert!(
+            crest(&generate(Multisine { phase: Phase::Random, ..Multisine::default() }, 1000))
+                > 2.5
+        );
     }
 
     #[test]
     fn amplitude_is_the_peak_or_the_root_mean_square() {
         let u = generate(Multisine { amplitude: 0.3, ..Multisine::default() }, 151);
         assert_abs_diff_eq!(u.iter().fold(0.0_f64, |p, v| p.max(v.abs())), 0.3, epsilon = 1e-15);
-        let u = generate(Multisine { amplitude: 0.3, normalise: Normalise::Rms, ..Multisine::default() }, 151);
+        let u = generate(
+            Multisine { amplitude: 0.3, normalise: Normalise::Rms, ..Multisine::default() },
+            151,
+        );
         assert_abs_diff_eq!(u.iter().map(|v| v * v).sum::<f64>() / 151.0, 0.09, epsilon = 1e-14);
     }
 
@@ -253,8 +293,14 @@ mod tests {
         let five = Multisine { lines: 5, band: [0.0, 0.21], ..Multisine::default() };
         assert_eq!(five.harmonics(200).unwrap(), [1, 6, 11, 16, 21]);
         assert_eq!(Multisine { lines: 1, ..five }.harmonics(200).unwrap(), [11]);
-        assert_eq!(Multisine { lines: 21, ..five }.harmonics(200).unwrap(), (1..=21).collect::<Vec<_>>());
-        assert_eq!(Multisine { lines: 22, ..five }.harmonics(200), Err(SignalError::TooFewLines { asked: 22, available: 21 }));
+        assert_eq!(
+            Multisine { lines: 21, ..five }.harmonics(200).unwrap(),
+            (1..=21).collect::<Vec<_>>()
+        );
+        assert_eq!(
+            Multisine { lines: 22, ..five }.harmonics(200),
+            Err(SignalError::TooFewLines { asked: 22, available: 21 })
+        );
         let odd = Multisine { harmonics: Harmonics::Odd, ..Multisine::default() };
         assert_eq!(odd.harmonics(11).unwrap(), [1, 3, 5]);
         assert_eq!(odd.harmonics(10).unwrap(), [1, 3]);
@@ -264,9 +310,14 @@ mod tests {
     fn bands_without_a_line_are_refused() {
         let rng = &mut ChaCha8Rng::seed_from_u64(1);
         let between = Multisine { band: [0.011, 0.019], ..Multisine::default() };
-        assert!(matches!(between.generate(200, rng), Err(SignalError::NoLines { period: 200, .. })));
+        assert!(matches!(
+            between.generate(200, rng),
+            Err(SignalError::NoLines { period: 200, .. })
+        ));
         assert!(Multisine { amplitude: 0.0, ..Multisine::default() }.generate(200, rng).is_err());
-        assert!(Multisine { period: usize::MAX, ..Multisine::default() }.generate(200, rng).is_err());
+        assert!(
+            Multisine { period: usize::MAX, ..Multisine::default() }.generate(200, rng).is_err()
+        );
     }
 
     #[test]

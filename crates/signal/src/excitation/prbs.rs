@@ -76,11 +76,18 @@ impl Excitation for Prbs {
         let Self { order, clock, levels: [low, high], start } = *self;
         check::samples(samples)?;
         let known = order == 0 || (LEAST..=MOST).contains(&order);
-        check::allowed("prbs", "order", order as f64, known, Allowed::ZeroOrBetween(LEAST as f64, MOST as f64))?;
+        check::allowed(
+            "prbs",
+            "order",
+            order as f64,
+            known,
+            Allowed::ZeroOrBetween(LEAST as f64, MOST as f64),
+        )?;
         check::at_least("prbs", "clock", clock, 1)?;
         check::levels("prbs", [low, high])?;
         let fits = |n: &usize| clock.saturating_mul((1 << n) - 1) <= samples;
-        let order = if order == 0 { (LEAST..=MOST).rev().find(fits).unwrap_or(LEAST) } else { order };
+        let order =
+            if order == 0 { (LEAST..=MOST).rev().find(fits).unwrap_or(LEAST) } else { order };
         let full: u32 = (1 << order) - 1;
         let mut register = match start {
             RegisterStart::Ones => full,
@@ -123,7 +130,8 @@ mod tests {
     #[test]
     fn one_period_holds_one_more_high_than_low() {
         for order in LEAST..=MOST {
-            let sum: f64 = generate(Prbs { order, ..Prbs::default() }, (1 << order) - 1).iter().sum();
+            let sum: f64 =
+                generate(Prbs { order, ..Prbs::default() }, (1 << order) - 1).iter().sum();
             assert_eq!(sum, 1.0, "order {order}");
         }
     }
@@ -133,7 +141,8 @@ mod tests {
         for order in LEAST..=12 {
             let u = generate(Prbs { order, ..Prbs::default() }, (1 << order) - 1);
             for lag in 1..u.len() {
-                let sum: f64 = u.iter().zip(u[lag..].iter().chain(&u[..lag])).map(|(a, b)| a * b).sum();
+                let sum: f64 =
+                    u.iter().zip(u[lag..].iter().chain(&u[..lag])).map(|(a, b)| a * b).sum();
                 assert_eq!(sum, -1.0, "order {order}, lag {lag}");
             }
         }
@@ -148,16 +157,29 @@ mod tests {
 
     #[test]
     fn automatic_order_is_the_largest_whose_period_fits() {
-        for (samples, clock, order) in [(1, 1, 2), (6, 1, 2), (7, 1, 3), (1000, 1, 9), (1000, 10, 6), (1023, 1, 10), (300_000, 1, 18)] {
+        for (samples, clock, order) in [
+            (1, 1, 2),
+            (6, 1, 2),
+            (7, 1, 3),
+            (1000, 1, 9),
+            (1000, 10, 6),
+            (1023, 1, 10),
+            (300_000, 1, 18),
+        ] {
             let automatic = generate(Prbs { clock, ..Prbs::default() }, samples);
-            assert_eq!(automatic, generate(Prbs { clock, order, ..Prbs::default() }, samples), "{samples} samples at clock {clock}");
+            assert_eq!(
+                automatic,
+                generate(Prbs { clock, order, ..Prbs::default() }, samples),
+                "{samples} samples at clock {clock}"
+            );
         }
     }
 
     #[test]
     fn random_start_is_the_same_sequence_shifted() {
         let u = generate(Prbs { order: 6, ..Prbs::default() }, 126);
-        let shifted = generate(Prbs { order: 6, start: RegisterStart::Random, ..Prbs::default() }, 63);
+        let shifted =
+            generate(Prbs { order: 6, start: RegisterStart::Random, ..Prbs::default() }, 63);
         assert!((0..63).any(|k| u[k..k + 63] == shifted[..]));
     }
 
@@ -165,7 +187,10 @@ mod tests {
     fn impossible_registers_are_refused() {
         let rng = &mut ChaCha8Rng::seed_from_u64(1);
         for order in [1, 19, usize::MAX] {
-            assert!(matches!(Prbs { order, ..Prbs::default() }.generate(10, rng), Err(SignalError::Option { option: "order", .. })));
+            assert!(matches!(
+                Prbs { order, ..Prbs::default() }.generate(10, rng),
+                Err(SignalError::Option { option: "order", .. })
+            ));
         }
         assert!(Prbs { clock: 0, ..Prbs::default() }.generate(10, rng).is_err());
         assert!(Prbs { levels: [0.0, 0.0], ..Prbs::default() }.generate(10, rng).is_err());

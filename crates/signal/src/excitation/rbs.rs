@@ -61,22 +61,28 @@ mod tests {
     use std::f64::consts::{FRAC_2_PI, PI};
 
     fn generate(band: [f64; 2], samples: usize, seed: u64) -> Vec<f64> {
-        Rbs { band, ..Rbs::default() }.generate(samples, &mut ChaCha8Rng::seed_from_u64(seed)).unwrap()
+        Rbs { band, ..Rbs::default() }
+            .generate(samples, &mut ChaCha8Rng::seed_from_u64(seed))
+            .unwrap()
     }
 
     /// Mean power per line inside `low..high` (fractions of Nyquist).
     fn density(u: &[f64], low: f64, high: f64) -> f64 {
         let spectrum = inverse_dft(&u.iter().map(|&v| Complex::new(v, 0.0)).collect::<Vec<_>>());
         let n = u.len() as f64;
-        let inside: Vec<f64> =
-            (1..u.len() / 2).filter(|&k| (low..high).contains(&(2.0 * k as f64 / n))).map(|k| spectrum[k].norm_sqr()).collect();
+        let inside: Vec<f64> = (1..u.len() / 2)
+            .filter(|&k| (low..high).contains(&(2.0 * k as f64 / n)))
+            .map(|k| spectrum[k].norm_sqr())
+            .collect();
         inside.iter().sum::<f64>() / inside.len() as f64
     }
 
     #[test]
     fn rbs_takes_just_its_two_levels() {
         for band in [[0.0, 1.0], [0.0, 0.2], [0.1, 0.3], [0.5, 1.0]] {
-            let u = Rbs { band, levels: [-0.01, 0.02] }.generate(2000, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
+            let u = Rbs { band, levels: [-0.01, 0.02] }
+                .generate(2000, &mut ChaCha8Rng::seed_from_u64(1))
+                .unwrap();
             assert!(u.iter().all(|&v| v == -0.01 || v == 0.02));
             assert!(u.contains(&-0.01) && u.contains(&0.02));
         }
@@ -98,18 +104,33 @@ mod tests {
         let h: Vec<f64> = (0..2000).map(|k| filter.step(if k == 0 { 1.0 } else { 0.0 })).collect();
         let r = move |lag: usize| h.iter().zip(&h[lag..]).map(|(a, b)| a * b).sum::<f64>();
         let signs: Vec<f64> = (1..500).map(|lag| FRAC_2_PI * (r(lag) / r(0)).asin()).collect();
-        move |f| 1.0 + 2.0 * signs.iter().zip(1..).map(|(s, lag)| s * (PI * f * f64::from(lag)).cos()).sum::<f64>()
+        move |f| {
+            1.0 + 2.0
+                * signs
+                    .iter()
+                    .zip(1..)
+                    .map(|(s, lag)| s * (PI * f * f64::from(lag)).cos())
+                    .sum::<f64>()
+        }
     }
 
     #[test]
     fn power_is_spread_as_the_arcsine_law_says_and_lies_inside_the_band() {
-        for (band, outside) in [([0.0, 0.2], [0.4, 1.0]), ([0.1, 0.3], [0.55, 0.8]), ([0.6, 1.0], [0.0, 0.4])] {
+        for (band, outside) in
+            [([0.0, 0.2], [0.4, 1.0]), ([0.1, 0.3], [0.55, 0.8]), ([0.6, 1.0], [0.0, 0.4])]
+        {
             let u = generate(band, 65_536, 3);
             let theory = arcsine_density(band);
             for [low, high] in [band, outside] {
-                let expected = (0..200).map(|i| theory(low + (high - low) * (f64::from(i) + 0.5) / 200.0)).sum::<f64>() / 200.0;
+                let expected = (0..200)
+                    .map(|i| theory(low + (high - low) * (f64::from(i) + 0.5) / 200.0))
+                    .sum::<f64>()
+                    / 200.0;
                 let measured = density(&u, low, high) / u.len() as f64;
-                assert!((measured / expected - 1.0).abs() < 0.05, "band {band:?}, {low} to {high}: {measured}, not {expected}");
+                assert!(
+                    (measured / expected - 1.0).abs() < 0.05,
+                    "band {band:?}, {low} to {high}: {measured}, not {expected}"
+                );
             }
             assert!(density(&u, outside[0], outside[1]) < 0.15 * density(&u, band[0], band[1]));
         }

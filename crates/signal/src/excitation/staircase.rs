@@ -40,7 +40,10 @@ impl Excitation for Staircase {
             }
         }
         check::fits("staircase", needed, samples)?;
-        let levels = self.pieces.iter().flat_map(|&(level, held)| std::iter::repeat_n(level, held.min(samples)));
+        let levels = self
+            .pieces
+            .iter()
+            .flat_map(|&(level, held)| std::iter::repeat_n(level, held.min(samples)));
         let last = self.pieces.last().map_or(0.0, |p| p.0);
         Ok(levels.chain(std::iter::repeat(last)).take(samples).collect())
     }
@@ -62,7 +65,10 @@ mod tests {
     fn pieces_that_do_not_fit_or_are_none_are_refused() {
         let rng = &mut ChaCha8Rng::seed_from_u64(1);
         let refused = Staircase::default().generate(90, rng);
-        assert_eq!(refused, Err(SignalError::TooFewSamples { signal: "staircase", needed: 91, got: 90 }));
+        assert_eq!(
+            refused,
+            Err(SignalError::TooFewSamples { signal: "staircase", needed: 91, got: 90 })
+        );
         for pieces in [vec![], vec![(1.0, 0)], vec![(f64::NAN, 3)]] {
             assert!(Staircase { pieces }.generate(100, rng).is_err());
         }

@@ -51,6 +51,9 @@ mod tests {
     #[test]
     fn step_after_the_record_is_refused() {
         let refused = Step::default().generate(10, &mut ChaCha8Rng::seed_from_u64(1));
-        assert_eq!(refused, Err(SignalError::TooFewSamples { signal: "step", needed: 11, got: 10 }));
+        assert_eq!(
+            refused,
+            Err(SignalError::TooFewSamples { signal: "step", needed: 11, got: 10 })
+        );
     }
 }

@@ -59,7 +59,9 @@ mod tests {
 
     #[test]
     fn pulses_last_three_two_one_and_one_units() {
-        let u = ThreeTwoOneOne { amplitude: 2.0, at: 1, unit: 1 }.generate(9, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
+        let u = ThreeTwoOneOne { amplitude: 2.0, at: 1, unit: 1 }
+            .generate(9, &mut ChaCha8Rng::seed_from_u64(1))
+            .unwrap();
         assert_eq!(u, [0.0, 2.0, 2.0, 2.0, -2.0, -2.0, 2.0, -2.0, 0.0]);
     }
 
@@ -67,7 +69,12 @@ mod tests {
     fn manoeuvre_that_does_not_fit_is_refused() {
         let rng = &mut ChaCha8Rng::seed_from_u64(1);
         let refused = ThreeTwoOneOne::default().generate(79, rng);
-        assert_eq!(refused, Err(SignalError::TooFewSamples { signal: "three_two_one_one", needed: 80, got: 79 }));
-        assert!(ThreeTwoOneOne { unit: 0, ..ThreeTwoOneOne::default() }.generate(100, rng).is_err());
+        assert_eq!(
+            refused,
+            Err(SignalError::TooFewSamples { signal: "three_two_one_one", needed: 80, got: 79 })
+        );
+        assert!(
+            ThreeTwoOneOne { unit: 0, ..ThreeTwoOneOne::default() }.generate(100, rng).is_err()
+        );
     }
 }

@@ -83,7 +83,10 @@ mod tests {
     #[test]
     fn ramps_that_do_not_fit_are_refused() {
         let refused = generate(TwoRamps::default(), 40);
-        assert_eq!(refused, Err(SignalError::TooFewSamples { signal: "two_ramps", needed: 41, got: 40 }));
+        assert_eq!(
+            refused,
+            Err(SignalError::TooFewSamples { signal: "two_ramps", needed: 41, got: 40 })
+        );
         assert!(generate(TwoRamps { amplitude: f64::NAN, steps: 20 }, 100).is_err());
         assert!(generate(TwoRamps { amplitude: 1.0, steps: 0 }, 100).is_err());
     }

@@ -26,19 +26,33 @@ impl Lock {
         let path = folder.join(NAME);
         let wrong = |e| FileError::io(&path, e);
         loop {
-            let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(wrong)?;
+            let mut file = OpenOptions::new()
+                .read(true)
+                .write(true)
+                .create(true)
+                .truncate(false)
+                .open(&path)
+                .map_err(wrong)?;
             match file.try_lock() {
                 Err(TryLockError::WouldBlock) => {
-                    return Err(FileError::Busy { folder: folder.to_owned(), process: holder(&mut file) });
+                    return Err(FileError::Busy {
+                        folder: folder.to_owned(),
+                        process: holder(&mut file),
+                    });
                 }
-                Err(TryLockError::Error(e)) if e.kind() != std::io::ErrorKind::Unsupported => return Err(wrong(e)),
+                Err(TryLockError::Error(e)) if e.kind() != std::io::ErrorKind::Unsupported => {
+                    return Err(wrong(e));
+                }
                 _ => {}
             }
             // Whoever held it may have removed the file between our opening it and our locking it: then another run could lock a new one.
             if !is_still(&file, &path) {
                 continue;
             }
-            file.set_len(0).and_then(|()| file.rewind()).and_then(|()| writeln!(file, "{}", std::process::id())).map_err(wrong)?;
+            file.set_len(0)
+                .and_then(|()| file.rewind())
+                .and_then(|()| writeln!(file, "{}", std::process::id()))
+                .map_err(wrong)?;
             return Ok(Self { path, _file: file });
         }
     }
@@ -78,7 +92,8 @@ impl Drop for Lock {
 #[cfg(unix)]
 fn is_still(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
-    let same = |a: std::fs::Metadata, b: std::fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
+    let same =
+        |a: std::fs::Metadata, b: std::fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
     file.metadata().ok().zip(std::fs::metadata(path).ok()).is_some_and(|(a, b)| same(a, b))
 }
 

@@ -8,8 +8,8 @@ const LONGEST: [usize; 2] = [200, 180];
 const DIGITS: usize = 8;
 /// What Windows keeps for devices, whatever follows the first point.
 const DEVICES: [&str; 22] = [
-    "con", "prn", "aux", "nul", "com1", "com2", "com3", "com4", "com5", "com6", "com7", "com8", "com9", "lpt1", "lpt2", "lpt3", "lpt4",
-    "lpt5", "lpt6", "lpt7", "lpt8", "lpt9",
+    "con", "prn", "aux", "nul", "com1", "com2", "com3", "com4", "com5", "com6", "com7", "com8",
+    "com9", "lpt1", "lpt2", "lpt3", "lpt4", "lpt5", "lpt6", "lpt7", "lpt8", "lpt9",
 ];
 
 /// A name from a file or a person as exactly one component of a path: it never leads out of its folder, hides, or means an option or a device.
@@ -35,14 +35,23 @@ pub fn component(name: &str) -> String {
     while safe.ends_with(['.', ' ']) {
         safe.pop();
     }
-    let device = safe.split('.').next().is_some_and(|stem| DEVICES.contains(&stem.trim().to_ascii_lowercase().as_str()));
+    let device = safe
+        .split('.')
+        .next()
+        .is_some_and(|stem| DEVICES.contains(&stem.trim().to_ascii_lowercase().as_str()));
     if device || safe.is_empty() {
         safe.insert(0, '_');
     }
     if safe != name {
         let digest = Sha256::digest(name.as_bytes());
         safe.push('-');
-        safe.extend(digest.iter().flat_map(|b| [b >> 4, b & 15]).take(DIGITS).filter_map(|d| char::from_digit(d.into(), 16)));
+        safe.extend(
+            digest
+                .iter()
+                .flat_map(|b| [b >> 4, b & 15])
+                .take(DIGITS)
+                .filter_map(|d| char::from_digit(d.into(), 16)),
+        );
     }
     safe
 }
@@ -60,7 +69,23 @@ mod tests {
         for name in ["thesis", "Björklund 2003", "a.b-c_d", "..a".trim_start_matches('.')] {
             assert_eq!(component(name), name);
         }
-        let wild = ["", ".", "..", "/", "a/b", "a\\b", "a\0b", "-rf", ".hidden", "nul", "NUL.txt", "a.", "a ", "C:", "~\u{1b}[31m"];
+        let wild = [
+            "",
+            ".",
+            "..",
+            "/",
+            "a/b",
+            "a\\b",
+            "a\0b",
+            "-rf",
+            ".hidden",
+            "nul",
+            "NUL.txt",
+            "a.",
+            "a ",
+            "C:",
+            "~\u{1b}[31m",
+        ];
         let safe: Vec<String> = wild.iter().map(|n| component(n)).collect();
         for (name, safe) in wild.iter().zip(&safe) {
             assert_ne!(name, safe);

@@ -31,8 +31,9 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, FileError> {
 /// # Errors
 /// As [`read_bytes`]; [`FileError::Io`] where it is not UTF-8.
 pub fn read_text(path: &Path) -> Result<String, FileError> {
-    String::from_utf8(read_bytes(path)?)
-        .map_err(|e| FileError::io(path, std::io::Error::new(std::io::ErrorKind::InvalidData, e.utf8_error())))
+    String::from_utf8(read_bytes(path)?).map_err(|e| {
+        FileError::io(path, std::io::Error::new(std::io::ErrorKind::InvalidData, e.utf8_error()))
+    })
 }
 
 #[cfg(test)]

@@ -14,7 +14,10 @@ pub(super) const UNFINISHED: [&str; 2] = [".deadtime-", ".tmp"];
 ///
 /// # Errors
 /// [`FileError::Io`] naming `path`; an earlier file of that name is then untouched.
-pub fn write_atomic(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<(), FileError> {
+pub fn write_atomic(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
+) -> Result<(), FileError> {
     let mut buffered = std::io::BufWriter::new(temporary(path)?);
     write(&mut buffered).map_err(|source| FileError::io(path, source))?;
     let file = buffered.into_inner().map_err(|e| FileError::io(path, e.into_error()))?;
@@ -63,7 +66,9 @@ pub fn sweep(folder: &Path) -> Result<(), FileError> {
         let name = entry.file_name();
         if name.to_str().is_some_and(|n| n.starts_with(prefix) && n.ends_with(suffix)) {
             match std::fs::remove_file(entry.path()) {
-                Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(FileError::io(&entry.path(), e)),
+                Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(FileError::io(&entry.path(), e));
+                }
                 _ => {}
             }
         }
@@ -108,7 +113,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.txt");
         write_atomic(&path, |out| out.write_all(b"first")).unwrap();
-        let failed = write_atomic(&path, |out| out.write_all(b"sec").and_then(|()| Err(std::io::Error::other("full"))));
+        let failed = write_atomic(&path, |out| {
+            out.write_all(b"sec").and_then(|()| Err(std::io::Error::other("full")))
+        });
         assert!(failed.unwrap_err().to_string().contains("a.txt"));
         assert_eq!(std::fs::read(&path).unwrap(), b"first");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);

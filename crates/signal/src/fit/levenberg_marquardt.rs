@@ -17,7 +17,11 @@ impl Normal {
     /// From residuals and their Jacobian.
     #[must_use]
     pub fn new(residuals: &DVector<f64>, jacobian: &DMatrix<f64>) -> Self {
-        Self { cost: residuals.norm_squared(), gradient: jacobian.tr_mul(residuals), information: jacobian.tr_mul(jacobian) }
+        Self {
+            cost: residuals.norm_squared(),
+            gradient: jacobian.tr_mul(residuals),
+            information: jacobian.tr_mul(jacobian),
+        }
     }
 
     /// The largest cosine between the residuals and a column of the Jacobian: 0 at a minimum whatever the units.
@@ -25,7 +29,10 @@ impl Normal {
         let scale = self.cost.sqrt();
         (0..self.gradient.len())
             .filter(|&i| free[i] && self.information[(i, i)] > 0.0)
-            .map(|i| self.gradient[i].abs() / (self.information[(i, i)].sqrt() * scale).max(f64::MIN_POSITIVE))
+            .map(|i| {
+                self.gradient[i].abs()
+                    / (self.information[(i, i)].sqrt() * scale).max(f64::MIN_POSITIVE)
+            })
             .fold(0.0, f64::max)
     }
 }
@@ -105,15 +112,38 @@ pub struct Fit {
 
 impl LevenbergMarquardt {
     /// Minimises Σ r² from `start`. `evaluate` returns `None` where the problem is not defined (an unstable predictor, say); such steps are shortened.
-    pub fn minimise(&self, start: &[f64], mut evaluate: impl FnMut(&[f64]) -> Option<Normal>) -> Fit {
+    pub fn minimise(
+        &self,
+        start: &[f64],
+        mut evaluate: impl FnMut(&[f64]) -> Option<Normal>,
+    ) -> Fit {
         let n = start.len();
         let bound = |bounds: &[f64], i: usize, none: f64| bounds.get(i).copied().unwrap_or(none);
-        let clamp = |i: usize, v: f64| v.max(bound(&self.lower, i, f64::NEG_INFINITY)).min(bound(&self.upper, i, f64::INFINITY));
-        let mut parameters: Vec<f64> = start.iter().enumerate().map(|(i, &v)| clamp(i, v)).collect();
-        let usable = |normal: &Normal| normal.cost.is_finite() && normal.gradient.iter().all(|g| g.is_finite());
+        let clamp = |i: usize, v: f64| {
+            v.max(bound(&self.lower, i, f64::NEG_INFINITY)).min(bound(
+                &self.upper,
+                i,
+                f64::INFINITY,
+            ))
+        };
+        let mut parameters: Vec<f64> =
+            start.iter().enumerate().map(|(i, &v)| clamp(i, v)).collect();
+        let usable = |normal: &Normal| {
+            normal.cost.is_finite() && normal.gradient.iter().all(|g| g.is_finite())
+        };
         let Some(mut normal) = evaluate(&parameters).filter(usable) else {
-            let empty = Normal { cost: f64::INFINITY, gradient: DVector::zeros(0), information: DMatrix::zeros(0, 0) };
-            return Fit { parameters, normal: empty, stopped: Stopped::Undefined, iterations: 0, last_change: f64::NAN };
+            let empty = Normal {
+                cost: f64::INFINITY,
+                gradient: DVector::zeros(0),
+                information: DMatrix::zeros(0, 0),
+            };
+            return Fit {
+                parameters,
+                normal: empty,
+                stopped: Stopped::Undefined,
+                iterations: 0,
+                last_change: f64::NAN,
+            };
         };
         let mut damping = 1e-4;
         let mut last_change = f64::INFINITY;
@@ -143,7 +173,9 @@ impl LevenbergMarquardt {
                     continue;
                 };
                 let trial: Vec<f64> = (0..n).map(|i| clamp(i, parameters[i] + step[i])).collect();
-                let change = (0..n).map(|i| (trial[i] - parameters[i]).abs() / parameters[i].abs().max(1e-3)).fold(0.0, f64::max);
+                let change = (0..n)
+                    .map(|i| (trial[i] - parameters[i]).abs() / parameters[i].abs().max(1e-3))
+                    .fold(0.0, f64::max);
                 match evaluate(&trial).filter(|t| usable(t) && t.cost < normal.cost) {
                     Some(better) => {
                         parameters = trial;
@@ -163,7 +195,8 @@ impl LevenbergMarquardt {
             }
             iterations += 1;
             // A step is short at a minimum, or because the damping holds it back before an edge.
-            if last_change <= self.step_tolerance && (damping <= 1.0 || normal.slope(&free) <= 1e-6) {
+            if last_change <= self.step_tolerance && (damping <= 1.0 || normal.slope(&free) <= 1e-6)
+            {
                 break Stopped::Step;
             }
             if !accepted {
@@ -214,7 +247,8 @@ mod tests {
     #[test]
     fn a_bound_that_acts_holds_and_the_rest_is_optimal() {
         let fit =
-            LevenbergMarquardt { upper: vec![0.5, f64::INFINITY], ..LevenbergMarquardt::default() }.minimise(&[-1.2, 1.0], rosenbrock);
+            LevenbergMarquardt { upper: vec![0.5, f64::INFINITY], ..LevenbergMarquardt::default() }
+                .minimise(&[-1.2, 1.0], rosenbrock);
         assert!(fit.stopped.converged(), "{fit:?}");
         assert_eq!(fit.parameters[0], 0.5);
         assert_abs_diff_eq!(fit.parameters[1], 0.25, epsilon = 1e-8);
@@ -222,8 +256,12 @@ mod tests {
 
     #[test]
     fn an_undefined_start_is_said_and_an_undefined_region_is_not_entered() {
-        assert_eq!(LevenbergMarquardt::default().minimise(&[0.0, 0.0], |_| None).stopped, Stopped::Undefined);
-        let fit = LevenbergMarquardt::default().minimise(&[-1.2, 1.0], |p| if p[0] < 0.7 { rosenbrock(p) } else { None });
+        assert_eq!(
+            LevenbergMarquardt::default().minimise(&[0.0, 0.0], |_| None).stopped,
+            Stopped::Undefined
+        );
+        let fit = LevenbergMarquardt::default()
+            .minimise(&[-1.2, 1.0], |p| if p[0] < 0.7 { rosenbrock(p) } else { None });
         assert!(fit.parameters[0] < 0.7);
         assert!(!fit.stopped.converged(), "{fit:?}");
     }

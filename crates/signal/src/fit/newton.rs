@@ -25,7 +25,11 @@ pub fn polish_exact(fit: Fit, evaluate: impl FnMut(&[f64]) -> Option<Normal>) ->
     steps(fit, evaluate, |fit, _| Some(fit.normal.information.clone()))
 }
 
-fn steps<E: FnMut(&[f64]) -> Option<Normal>>(fit: Fit, mut evaluate: E, curvature: impl Fn(&Fit, &mut E) -> Option<DMatrix<f64>>) -> Fit {
+fn steps<E: FnMut(&[f64]) -> Option<Normal>>(
+    fit: Fit,
+    mut evaluate: E,
+    curvature: impl Fn(&Fit, &mut E) -> Option<DMatrix<f64>>,
+) -> Fit {
     let n = fit.parameters.len();
     if fit.normal.gradient.len() != n || n == 0 {
         return fit;
@@ -39,19 +43,36 @@ fn steps<E: FnMut(&[f64]) -> Option<Normal>>(fit: Fit, mut evaluate: E, curvatur
         }
         let Some(curvature) = curvature(&best, &mut evaluate) else { break };
         // Not positive definite: a saddle or an edge, where Newton would climb.
-        let Some(step) = curvature.cholesky().map(|c| c.solve(&best.normal.gradient)) else { break };
+        let Some(step) = curvature.cholesky().map(|c| c.solve(&best.normal.gradient)) else {
+            break;
+        };
         let trial: Vec<f64> = best.parameters.iter().zip(step.iter()).map(|(p, s)| p - s).collect();
-        let better = evaluate(&trial).filter(|t| t.cost <= best.normal.cost * (1.0 + 1e-12) && t.slope(&all) < slope);
+        let better = evaluate(&trial)
+            .filter(|t| t.cost <= best.normal.cost * (1.0 + 1e-12) && t.slope(&all) < slope);
         let Some(normal) = better else { break };
-        let change = best.parameters.iter().zip(step.iter()).map(|(p, s)| s.abs() / p.abs().max(1e-3)).fold(0.0, f64::max);
+        let change = best
+            .parameters
+            .iter()
+            .zip(step.iter())
+            .map(|(p, s)| s.abs() / p.abs().max(1e-3))
+            .fold(0.0, f64::max);
         let stopped = if normal.slope(&all) <= 1e-9 { Stopped::Gradient } else { best.stopped };
-        best = Fit { parameters: trial, normal, stopped, iterations: best.iterations + 1, last_change: change };
+        best = Fit {
+            parameters: trial,
+            normal,
+            stopped,
+            iterations: best.iterations + 1,
+            last_change: change,
+        };
     }
     best
 }
 
 /// Half the second derivatives of the cost, as the gradient is half its first; symmetric.
-fn second_derivatives(at: &[f64], evaluate: &mut impl FnMut(&[f64]) -> Option<Normal>) -> Option<DMatrix<f64>> {
+fn second_derivatives(
+    at: &[f64],
+    evaluate: &mut impl FnMut(&[f64]) -> Option<Normal>,
+) -> Option<DMatrix<f64>> {
     let n = at.len();
     let mut curvature = DMatrix::zeros(n, n);
     let mut shifted = at.to_vec();
@@ -78,13 +99,16 @@ mod tests {
     fn misfit(p: &[f64]) -> Option<Normal> {
         let data = [1.0, -2.0, 3.0, -1.0, 2.5];
         let r = DVector::from_fn(5, |i, _| data[i] - (p[0] * i as f64).exp() * 0.5 - p[1]);
-        let j = DMatrix::from_fn(5, 2, |i, k| if k == 0 { -(i as f64) * (p[0] * i as f64).exp() * 0.5 } else { -1.0 });
+        let j = DMatrix::from_fn(5, 2, |i, k| {
+            if k == 0 { -(i as f64) * (p[0] * i as f64).exp() * 0.5 } else { -1.0 }
+        });
         Some(Normal::new(&r, &j))
     }
 
     #[test]
     fn polishing_takes_a_loose_fit_to_the_stationary_point() {
-        let loose = LevenbergMarquardt { max_iterations: 3, ..LevenbergMarquardt::default() }.minimise(&[0.1, 0.0], misfit);
+        let loose = LevenbergMarquardt { max_iterations: 3, ..LevenbergMarquardt::default() }
+            .minimise(&[0.1, 0.0], misfit);
         let polished = polish(loose.clone(), misfit);
         assert!(polished.stopped.converged(), "{polished:?}");
         assert!(polished.normal.cost <= loose.normal.cost * (1.0 + 1e-12));
@@ -93,7 +117,8 @@ mod tests {
 
     #[test]
     fn a_point_where_the_problem_is_undefined_nearby_is_left_as_it_is() {
-        let fit = LevenbergMarquardt { max_iterations: 1, ..LevenbergMarquardt::default() }.minimise(&[0.1, 0.0], misfit);
+        let fit = LevenbergMarquardt { max_iterations: 1, ..LevenbergMarquardt::default() }
+            .minimise(&[0.1, 0.0], misfit);
         assert_eq!(polish(fit.clone(), |_| None), fit);
     }
 }

@@ -22,7 +22,8 @@ pub fn wilson(hits: usize, of: usize) -> Option<[f64; 2]> {
     }
     let (n, p) = (of as f64, hits as f64 / of as f64);
     let centre = p + NORMAL_95_EXACT * NORMAL_95_EXACT / (2.0 * n);
-    let half = NORMAL_95_EXACT * (p * (1.0 - p) / n + NORMAL_95_EXACT * NORMAL_95_EXACT / (4.0 * n * n)).sqrt();
+    let half = NORMAL_95_EXACT
+        * (p * (1.0 - p) / n + NORMAL_95_EXACT * NORMAL_95_EXACT / (4.0 * n * n)).sqrt();
     let scale = 1.0 + NORMAL_95_EXACT * NORMAL_95_EXACT / n;
     // At 0 and n the ends are exactly 0 and 1; rounding would miss them.
     let low = if hits == 0 { 0.0 } else { (centre - half) / scale };
@@ -35,7 +36,10 @@ pub fn wilson(hits: usize, of: usize) -> Option<[f64; 2]> {
 /// Whole cases are drawn, so values of one case stay together. Of fewer than some ten cases the interval is too narrow.
 /// Source: B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap, Chapman & Hall 1993, ch. 13.
 #[must_use]
-pub fn bootstrap(cases: &[Vec<f64>], statistic: impl Fn(&[f64]) -> Option<f64>) -> Option<[f64; 2]> {
+pub fn bootstrap(
+    cases: &[Vec<f64>],
+    statistic: impl Fn(&[f64]) -> Option<f64>,
+) -> Option<[f64; 2]> {
     if cases.len() < 2 {
         return None;
     }
@@ -65,7 +69,10 @@ mod tests {
     fn wilson_agrees_with_hand_computation() {
         // 8 of 10: p = 0.8, z² = 3.841459; (0.992073 ± 0.313617)/1.3841459 by hand.
         let [low, high] = wilson(8, 10).unwrap();
-        assert!((low - 0.490_162_5).abs() < 1e-6 && (high - 0.943_317_8).abs() < 1e-6, "{low} {high}");
+        assert!(
+            (low - 0.490_162_5).abs() < 1e-6 && (high - 0.943_317_8).abs() < 1e-6,
+            "{low} {high}"
+        );
         assert_eq!(wilson(0, 4).unwrap()[0], 0.0);
         assert_eq!(wilson(4, 4).unwrap()[1], 1.0);
         assert_eq!(wilson(0, 0), None);

@@ -47,7 +47,14 @@ impl CaseFiles {
         let has = |name: &str| names.iter().any(|n| n == name);
         let missing = |file| Error::from(BlindError::Missing { folder: folder.clone(), file });
         let model = match (has("model.toml"), has("model.json")) {
-            (true, true) => return Err(BlindError::Ambiguous { folder, first: "model.toml", second: "model.json" }.into()),
+            (true, true) => {
+                return Err(BlindError::Ambiguous {
+                    folder,
+                    first: "model.toml",
+                    second: "model.json",
+                }
+                .into());
+            }
             (true, false) => "model.toml",
             (false, true) => "model.json",
             (false, false) => return Err(missing("model.toml")),
@@ -82,7 +89,8 @@ fn numbered<'a>(names: &'a [String], prefix: &str) -> Vec<&'a String> {
         let stem = rest.strip_suffix(".csv").or_else(|| rest.strip_suffix(".csv.gz"))?;
         Some(stem.parse::<u64>().unwrap_or(u64::MAX))
     };
-    let mut found: Vec<(u64, &String)> = names.iter().filter_map(|n| Some((number(n)?, n))).collect();
+    let mut found: Vec<(u64, &String)> =
+        names.iter().filter_map(|n| Some((number(n)?, n))).collect();
     found.sort();
     found.into_iter().map(|(_, n)| n).collect()
 }
@@ -108,7 +116,10 @@ pub(super) fn folders(folder: &Path) -> Result<Vec<String>> {
         if !entry.path().is_dir() {
             continue;
         }
-        let name = entry.file_name().into_string().map_err(|_| BlindError::BadName { folder: entry.path() })?;
+        let name = entry
+            .file_name()
+            .into_string()
+            .map_err(|_| BlindError::BadName { folder: entry.path() })?;
         if !name.starts_with('.') {
             names.push(name);
         }

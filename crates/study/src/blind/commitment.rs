@@ -108,14 +108,24 @@ mod tests {
 
     #[test]
     fn salt_is_cut_out_wherever_it_stands() {
-        let both = |text, first: &str, second: &str| assert_eq!(cuts(text), (first.to_owned(), second.to_owned()));
+        let both = |text, first: &str, second: &str| {
+            assert_eq!(cuts(text), (first.to_owned(), second.to_owned()))
+        };
         both(
             "{\"id\": \"a\", \"salt\": \"xyz\", \"b\": 1}\n",
             "{\"id\": \"a\", \"salt\": \"\", \"b\": 1}\n",
             "{\"id\": \"a\", \"b\": 1}\n",
         );
-        both("{\n  \"salt\": \"xyz\",\n  \"b\": 1\n}", "{\n  \"salt\": \"\",\n  \"b\": 1\n}", "{\n  \"b\": 1\n}");
-        both("{\n  \"b\": 1,\n  \"salt\": \"xyz\"\n}", "{\n  \"b\": 1,\n  \"salt\": \"\"\n}", "{\n  \"b\": 1\n}");
+        both(
+            "{\n  \"salt\": \"xyz\",\n  \"b\": 1\n}",
+            "{\n  \"salt\": \"\",\n  \"b\": 1\n}",
+            "{\n  \"b\": 1\n}",
+        );
+        both(
+            "{\n  \"b\": 1,\n  \"salt\": \"xyz\"\n}",
+            "{\n  \"b\": 1,\n  \"salt\": \"\"\n}",
+            "{\n  \"b\": 1\n}",
+        );
         both("{\"salt\":\"x\\\"}\"}", "{\"salt\":\"\"}", "{}");
     }
 

@@ -81,13 +81,17 @@ pub enum BlindError {
         got: usize,
     },
     /// A label with an effect that lacks its name or channel.
-    #[error("label of case {id}: an effect without name or channel; only what stands outside the catalogue may lack them")]
+    #[error(
+        "label of case {id}: an effect without name or channel; only what stands outside the catalogue may lack them"
+    )]
     LabelNameless {
         /// The case.
         id: String,
     },
     /// The salt cannot be found in the label's text.
-    #[error("label of case {id}: no text `salt` among its top-level members; the commitment cannot be checked without it")]
+    #[error(
+        "label of case {id}: no text `salt` among its top-level members; the commitment cannot be checked without it"
+    )]
     NoSalt {
         /// The case.
         id: String,
@@ -157,8 +161,11 @@ impl Remedied for BlindError {
     fn remedied(&self) -> Option<Message> {
         match self {
             Self::NoCommitment { ids } => Some(
-                Message::from(format!("no commitment.txt for case {}; give the folder of the cases by ", ids.join(", ")))
-                    .and(Remedy::Cases),
+                Message::from(format!(
+                    "no commitment.txt for case {}; give the folder of the cases by ",
+                    ids.join(", ")
+                ))
+                .and(Remedy::Cases),
             ),
             _ => None,
         }

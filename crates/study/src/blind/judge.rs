@@ -162,7 +162,8 @@ pub fn judge(case: &Scored) -> Judged {
             j.right = j.moving_class == Some(true);
         }
         Group::Pair => {
-            let classes: Vec<Vec<String>> = (0..truth.len()).map(|i| names.class(&truth[i], label.alias_class.of(i))).collect();
+            let classes: Vec<Vec<String>> =
+                (0..truth.len()).map(|i| names.class(&truth[i], label.alias_class.of(i))).collect();
             j.pair_exact = Some(exact);
             j.pair_class = Some(matches_classes(&verdict, &classes));
             j.pair_any = Some(verdict.iter().any(|v| truth.contains(v)));
@@ -175,15 +176,29 @@ pub fn judge(case: &Scored) -> Judged {
         Group::None | Group::Unknown => j.right = leading == truth[0],
     }
     place(&mut j, label, diagnosis);
-    let classes: Vec<Vec<String>> = truth.iter().enumerate().map(|(i, name)| names.class(name, label.alias_class.of(i))).collect();
+    let classes: Vec<Vec<String>> = truth
+        .iter()
+        .enumerate()
+        .map(|(i, name)| names.class(name, label.alias_class.of(i)))
+        .collect();
     let claim = |(c, (class, _)): (&Contribution, (Vec<String>, f64))| Claim {
         name: class.first().cloned().unwrap_or_default(),
         probability: c.probability,
         right: classes.iter().any(|truth| meets(&class, truth)),
     };
-    j.contributions = diagnosis.cause.contributions.iter().zip(names.contributions(diagnosis)).map(claim).collect();
+    j.contributions = diagnosis
+        .cause
+        .contributions
+        .iter()
+        .zip(names.contributions(diagnosis))
+        .map(claim)
+        .collect();
     j.of_oracle = of_oracle(label, diagnosis);
-    j.harm = diagnosis.shrink.before.zip(diagnosis.shrink.after).map(|(before, after)| after > HARM * before);
+    j.harm = diagnosis
+        .shrink
+        .before
+        .zip(diagnosis.shrink.after)
+        .map(|(before, after)| after > HARM * before);
     j.truth_probability = names.probability(diagnosis, &truth);
     j.verdict_probability = names.probability(diagnosis, &verdict);
     Judged {
@@ -198,7 +213,13 @@ pub fn judge(case: &Scored) -> Judged {
     }
 }
 
-fn single(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Names, verdict: &[String]) {
+fn single(
+    j: &mut Judgement,
+    label: &Label,
+    diagnosis: &Diagnosis,
+    names: &Names,
+    verdict: &[String],
+) {
     let Some(effect) = label.effects.first() else { return };
     let truth = names.name(&effect.effect, &effect.channel);
     let class = names.class(&truth, label.alias_class.of(0));
@@ -214,26 +235,56 @@ fn single(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Names
     let named = names.named_class(diagnosis, &leading);
     j.named_class_holds = Some(named.contains(&truth));
     j.named_class_size = Some(named.len());
-    if top1 && let Some(found) = diagnosis.cause.effects.iter().find(|f| names.name(&f.effect, &f.channel) == truth) {
+    if top1
+        && let Some(found) =
+            diagnosis.cause.effects.iter().find(|f| names.name(&f.effect, &f.channel) == truth)
+    {
         parameters(j, effect, found);
     }
 }
 
 /// A delay that moves: named up to its class, taken for lost commands, and worth writing down.
-fn moving(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Names, verdict: &[String]) {
+fn moving(
+    j: &mut Judgement,
+    label: &Label,
+    diagnosis: &Diagnosis,
+    names: &Names,
+    verdict: &[String],
+) {
     let mut named = Judgement::default();
     single(&mut named, label, diagnosis, names, verdict);
     j.moving_class = named.top1_class;
-    let lost = diagnosis.cause.ranking.iter().map(|row| names.row(row)).filter(|(effects, _)| effects.iter().any(|e| e.starts_with(LOST)));
+    let lost = diagnosis
+        .cause
+        .ranking
+        .iter()
+        .map(|row| names.row(row))
+        .filter(|(effects, _)| effects.iter().any(|e| e.starts_with(LOST)));
     j.moving_lost = Some(lost.map(|(_, probability)| probability).sum::<f64>() > PROBABLE);
-    j.moving_worse = diagnosis.shrink.before.zip(diagnosis.shrink.after).map(|(before, after)| after > before);
+    j.moving_worse =
+        diagnosis.shrink.before.zip(diagnosis.shrink.after).map(|(before, after)| after > before);
 }
 
 /// What contributes, beside what acts: each contribution stands for itself and for all that it could be exchanged with, by the diagnosis' word or the label's.
-fn mixture(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Names, truth: &[String]) {
+fn mixture(
+    j: &mut Judgement,
+    label: &Label,
+    diagnosis: &Diagnosis,
+    names: &Names,
+    truth: &[String],
+) {
     let named = names.contributions(diagnosis);
-    let classes: Vec<Vec<String>> = truth.iter().enumerate().map(|(i, name)| names.class(name, label.alias_class.of(i))).collect();
-    j.strongest = Some(named.first().zip(classes.first()).is_some_and(|((class, _), strongest)| meets(class, strongest)));
+    let classes: Vec<Vec<String>> = truth
+        .iter()
+        .enumerate()
+        .map(|(i, name)| names.class(name, label.alias_class.of(i)))
+        .collect();
+    j.strongest = Some(
+        named
+            .first()
+            .zip(classes.first())
+            .is_some_and(|((class, _), strongest)| meets(class, strongest)),
+    );
     let part = |some: f64, all: f64| (all > 0.0).then(|| some / all);
     // The numbers of a recalibration are named, too, and share what the block takes.
     let block = diagnosis.cause.recalibration.iter().filter(|r| r.accepted);
@@ -249,13 +300,21 @@ fn mixture(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Name
     let is_true = |named: &[String]| classes.iter().any(|class| meets(named, class));
     let right = named.iter().filter(|(class, _)| is_true(class)).map(|(_, share)| share).sum();
     j.precision = part(right, named.iter().map(|(_, share)| share).sum());
-    j.share_errors = rows().filter_map(|(class, share)| Some((found(class)?.1 - share).abs())).collect();
+    j.share_errors =
+        rows().filter_map(|(class, share)| Some((found(class)?.1 - share).abs())).collect();
     let is_number = |name: &str| name.split(':').next() == Some(NUMBER);
-    let wrong: Vec<_> = rows().zip(truth).filter(|((_, share), name)| is_number(name) && **share >= COUNTS).collect();
+    let wrong: Vec<_> = rows()
+        .zip(truth)
+        .filter(|((_, share), name)| is_number(name) && **share >= COUNTS)
+        .collect();
     let hits = wrong.iter().filter(|((class, _), _)| found(class).is_some()).count();
     let misses = wrong.len() - hits;
-    let false_ones = named.iter().filter(|(class, _)| class.first().is_some_and(|name| is_number(name)) && !is_true(class)).count();
-    j.numbers = (wrong.len() > 1).then(|| 2.0 * hits as f64 / (2 * hits + misses + false_ones) as f64);
+    let false_ones = named
+        .iter()
+        .filter(|(class, _)| class.first().is_some_and(|name| is_number(name)) && !is_true(class))
+        .count();
+    j.numbers =
+        (wrong.len() > 1).then(|| 2.0 * hits as f64 / (2 * hits + misses + false_ones) as f64);
     let complete = diagnosis.cause.explained == Some(Explained::All);
     j.false_cause = complete.then(|| named.iter().any(|(class, _)| !is_true(class)));
 }
@@ -263,13 +322,16 @@ fn mixture(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Name
 fn parameters(j: &mut Judgement, truth: &LabelEffect, found: &FoundEffect) {
     let estimate = |name: &str| found.parameters.iter().find(|p| p.name == name);
     let unit = |name: &str| estimate(name).map(|p| p.unit.as_str());
-    let acting = || truth.parameters.iter().filter_map(|(name, value)| Some((name.as_str(), (*value)?)));
+    let acting =
+        || truth.parameters.iter().filter_map(|(name, value)| Some((name.as_str(), (*value)?)));
     for (name, value) in acting() {
         let got = estimate(name).and_then(|p| p.value);
         j.parameter_missing.push(got.is_none());
         if let Some(got) = got {
             let error = distance(name, got, value);
-            let largest = acting().filter(|(other, _)| unit(other) == unit(name)).fold(0.0, |a: f64, (_, b)| a.max(b.abs()));
+            let largest = acting()
+                .filter(|(other, _)| unit(other) == unit(name))
+                .fold(0.0, |a: f64, (_, b)| a.max(b.abs()));
             j.parameter_errors.push(error / scale(name, value.abs().max(SMALL * largest)));
             if let Some(nominal) = nominal(&truth.effect, name) {
                 j.deviation_errors.push(error / scale(name, (value - nominal).abs()));
@@ -305,7 +367,9 @@ fn scale(parameter: &str, size: f64) -> f64 {
 fn nominal(effect: &str, parameter: &str) -> Option<f64> {
     match (effect, parameter) {
         ("input_gain" | "sensor_gain", "gain") | ("clock_skew", "ratio") => Some(1.0),
-        ("parameter_error", _) | (_, "lower" | "upper" | "frequency" | "damping" | "phase") | ("rate_limit", _) => None,
+        ("parameter_error", _)
+        | (_, "lower" | "upper" | "frequency" | "damping" | "phase")
+        | ("rate_limit", _) => None,
         _ => Some(0.0),
     }
 }
@@ -313,15 +377,31 @@ fn nominal(effect: &str, parameter: &str) -> Option<f64> {
 fn place(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis) {
     let inside = |output: &String| label.outputs.is_empty() || label.outputs.contains(output);
     if !label.outputs.is_empty() {
-        let top = diagnosis.place.outputs.iter().reduce(|best, o| if o.share > best.share { o } else { best });
+        let top = diagnosis
+            .place
+            .outputs
+            .iter()
+            .reduce(|best, o| if o.share > best.share { o } else { best });
         j.where_output = Some(top.is_some_and(|o| label.outputs.contains(&o.name)));
     }
     if let Some(truth) = label.from_s.zip(label.to_s) {
-        let spans = diagnosis.place.times.iter().filter(|t| inside(&t.output)).map(|t| (t.from_s, t.to_s)).collect();
+        let spans = diagnosis
+            .place
+            .times
+            .iter()
+            .filter(|t| inside(&t.output))
+            .map(|t| (t.from_s, t.to_s))
+            .collect();
         j.where_time = overlap(truth, spans);
     }
     if let Some(truth) = label.from_hz.zip(label.to_hz) {
-        let spans = diagnosis.place.bands.iter().filter(|b| inside(&b.output)).map(|b| (b.from_hz, b.to_hz)).collect();
+        let spans = diagnosis
+            .place
+            .bands
+            .iter()
+            .filter(|b| inside(&b.output))
+            .map(|b| (b.from_hz, b.to_hz))
+            .collect();
         j.where_band = overlap(truth, spans);
     }
 }
@@ -377,7 +457,8 @@ impl Names {
 
     /// The same for an `effect:channel`; `none` and `unknown` stay what they are.
     fn listed(&self, text: &str) -> String {
-        text.split_once(':').map_or_else(|| text.to_owned(), |(effect, channel)| self.name(effect, channel))
+        text.split_once(':')
+            .map_or_else(|| text.to_owned(), |(effect, channel)| self.name(effect, channel))
     }
 
     fn class(&self, truth: &str, listed: &[String]) -> Vec<String> {
@@ -393,7 +474,10 @@ impl Names {
     /// The leading effect, then the others; or `none`, `unknown`.
     fn verdict(&self, diagnosis: &Diagnosis) -> Vec<String> {
         let cause = &diagnosis.cause;
-        let leading = cause.channel.as_ref().map_or_else(|| cause.verdict.clone(), |c| self.name(&cause.verdict, c));
+        let leading = cause
+            .channel
+            .as_ref()
+            .map_or_else(|| cause.verdict.clone(), |c| self.name(&cause.verdict, c));
         let mut all = vec![leading];
         for name in cause.effects.iter().map(|e| self.name(&e.effect, &e.channel)) {
             if !all.contains(&name) {
@@ -405,16 +489,25 @@ impl Names {
 
     fn row(&self, row: &RankingRow) -> (Vec<String>, f64) {
         match row {
-            RankingRow::Single(s) => {
-                (vec![s.channel.as_ref().map_or_else(|| s.effect.clone(), |c| self.name(&s.effect, c))], s.probability)
-            }
-            RankingRow::Pair(p) => (p.effects.iter().map(|[effect, channel]| self.name(effect, channel)).collect(), p.probability),
+            RankingRow::Single(s) => (
+                vec![
+                    s.channel
+                        .as_ref()
+                        .map_or_else(|| s.effect.clone(), |c| self.name(&s.effect, c)),
+                ],
+                s.probability,
+            ),
+            RankingRow::Pair(p) => (
+                p.effects.iter().map(|[effect, channel]| self.name(effect, channel)).collect(),
+                p.probability,
+            ),
         }
     }
 
     /// The first answers: the verdict, then the ranking's rows by probability, each by its leading effect and each once.
     fn first(&self, diagnosis: &Diagnosis, leading: &str) -> Vec<String> {
-        let mut rows: Vec<(Vec<String>, f64)> = diagnosis.cause.ranking.iter().map(|r| self.row(r)).collect();
+        let mut rows: Vec<(Vec<String>, f64)> =
+            diagnosis.cause.ranking.iter().map(|r| self.row(r)).collect();
         rows.sort_by(|a, b| b.1.total_cmp(&a.1));
         let mut first = vec![leading.to_owned()];
         for name in rows.into_iter().filter_map(|(names, _)| names.into_iter().next()) {
@@ -453,7 +546,8 @@ impl Names {
 
     /// What the ranking gives to these effects together; 0 where it has rows but none for them, none where it has no rows.
     fn probability(&self, diagnosis: &Diagnosis, effects: &[String]) -> Option<f64> {
-        let rows: Vec<(Vec<String>, f64)> = diagnosis.cause.ranking.iter().map(|r| self.row(r)).collect();
+        let rows: Vec<(Vec<String>, f64)> =
+            diagnosis.cause.ranking.iter().map(|r| self.row(r)).collect();
         let sum = rows.iter().filter(|(names, _)| same_set(names, effects)).map(|(_, p)| p).sum();
         (!rows.is_empty()).then_some(sum)
     }

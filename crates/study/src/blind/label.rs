@@ -30,7 +30,8 @@ pub enum Group {
 
 impl Group {
     /// All of them, in the order of reports.
-    pub const ALL: [Self; 6] = [Self::Single, Self::None, Self::Unknown, Self::Pair, Self::Mixture, Self::Moving];
+    pub const ALL: [Self; 6] =
+        [Self::Single, Self::None, Self::Unknown, Self::Pair, Self::Mixture, Self::Moving];
 
     /// The word that labels use.
     #[must_use]
@@ -150,7 +151,8 @@ impl Label {
     /// [`crate::error::Error::Io`], [`BlindError::Label`], [`BlindError::LabelId`], [`BlindError::LabelEffects`], [`BlindError::LabelNameless`].
     pub fn read(path: &Path, id: &str) -> Result<(Self, Vec<u8>)> {
         let bytes = read_bytes(path)?;
-        let label: Self = serde_json::from_slice(&bytes).map_err(|source| BlindError::Label { file: path.to_owned(), source })?;
+        let label: Self = serde_json::from_slice(&bytes)
+            .map_err(|source| BlindError::Label { file: path.to_owned(), source })?;
         if label.id != id {
             return Err(BlindError::LabelId { file: path.to_owned(), id: label.id }.into());
         }
@@ -163,7 +165,13 @@ impl Label {
             Group::Mixture => label.effects.len().max(1),
         };
         if label.effects.len() != needed {
-            return Err(BlindError::LabelEffects { id: label.id, group: label.group.name(), needed, got: label.effects.len() }.into());
+            return Err(BlindError::LabelEffects {
+                id: label.id,
+                group: label.group.name(),
+                needed,
+                got: label.effects.len(),
+            }
+            .into());
         }
         let nameless = |e: &LabelEffect| e.effect.is_empty() || e.channel.is_empty();
         if label.group != Group::Unknown && label.effects.iter().any(nameless) {
@@ -174,12 +182,16 @@ impl Label {
 }
 
 /// A member that may be null.
-fn or_default<'de, D: Deserializer<'de>, T: Default + Deserialize<'de>>(deserializer: D) -> std::result::Result<T, D::Error> {
+fn or_default<'de, D: Deserializer<'de>, T: Default + Deserialize<'de>>(
+    deserializer: D,
+) -> std::result::Result<T, D::Error> {
     Ok(Option::<T>::deserialize(deserializer)?.unwrap_or_default())
 }
 
 /// A word, or a number or truth value as one.
-fn word<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Option<String>, D::Error> {
+fn word<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> std::result::Result<Option<String>, D::Error> {
     Ok(match Value::deserialize(deserializer)? {
         Value::Null => None,
         Value::String(text) => Some(text),
@@ -188,11 +200,18 @@ fn word<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Optio
 }
 
 /// Parameters as an object, or as a list of names and values. What is no number is passed over: it can be no parameter of the catalogue.
-fn parameters<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<BTreeMap<String, Option<f64>>, D::Error> {
-    let number = |value: &Value| value.is_null().then_some(None).or_else(|| value.as_f64().map(Some));
-    let listed = |entry: &Value| Some((entry.get("name")?.as_str()?.to_owned(), number(entry.get("value")?)?));
+fn parameters<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> std::result::Result<BTreeMap<String, Option<f64>>, D::Error> {
+    let number =
+        |value: &Value| value.is_null().then_some(None).or_else(|| value.as_f64().map(Some));
+    let listed = |entry: &Value| {
+        Some((entry.get("name")?.as_str()?.to_owned(), number(entry.get("value")?)?))
+    };
     Ok(match Value::deserialize(deserializer)? {
-        Value::Object(object) => object.into_iter().filter_map(|(name, value)| Some((name, number(&value)?))).collect(),
+        Value::Object(object) => {
+            object.into_iter().filter_map(|(name, value)| Some((name, number(&value)?))).collect()
+        }
         Value::Array(list) => list.iter().filter_map(listed).collect(),
         _ => BTreeMap::new(),
     })

@@ -80,7 +80,9 @@ impl Limit {
         let value = scores.get(self.name).and_then(|s| s.value);
         match self.judge(scores) {
             Verdict::Kept => None,
-            Verdict::Missed => Some(format!("{self} was not met: it is {}", value.unwrap_or(f64::NAN))),
+            Verdict::Missed => {
+                Some(format!("{self} was not met: it is {}", value.unwrap_or(f64::NAN)))
+            }
             Verdict::NotMeasured => Some(format!("{self} was not met: no case has this score")),
         }
     }
@@ -88,7 +90,9 @@ impl Limit {
     /// Whether the scores keep to it. A limit is missed only when chance does not explain it: when the 95 % interval lies beyond it as a whole.
     #[must_use]
     pub fn judge(&self, scores: &BlindScore) -> Verdict {
-        let Some((score, value)) = scores.get(self.name).and_then(|s| Some((s, s.value?))) else { return Verdict::NotMeasured };
+        let Some((score, value)) = scores.get(self.name).and_then(|s| Some((s, s.value?))) else {
+            return Verdict::NotMeasured;
+        };
         let [low, high] = score.ci95.unwrap_or([value; 2]);
         let missed = match self.side {
             Side::AtLeast => high < self.value,

@@ -39,15 +39,26 @@ pub fn load(verdicts: &Path, labels: &Path, cases: Option<&Path>) -> Result<Vec<
     if ids.is_empty() {
         return Err(BlindError::NoLabels { folder: labels.to_owned() }.into());
     }
-    let judged: Vec<String> = folders(verdicts)?.into_iter().filter(|id| verdicts.join(id).join(DIAGNOSIS).is_file()).collect();
+    let judged: Vec<String> = folders(verdicts)?
+        .into_iter()
+        .filter(|id| verdicts.join(id).join(DIAGNOSIS).is_file())
+        .collect();
     let cases_there = cases.map(folders).transpose()?;
-    let lacks = |id: &String| !judged.contains(id) || cases_there.as_ref().is_some_and(|there| !there.contains(id));
+    let lacks = |id: &String| {
+        !judged.contains(id) || cases_there.as_ref().is_some_and(|there| !there.contains(id))
+    };
     let without_verdict: Vec<String> = ids.iter().filter(|id| lacks(id)).cloned().collect();
-    let without_label: Vec<String> = judged.iter().filter(|id| !ids.contains(id)).cloned().collect();
+    let without_label: Vec<String> =
+        judged.iter().filter(|id| !ids.contains(id)).cloned().collect();
     if !without_verdict.is_empty() || !without_label.is_empty() {
-        return Err(BlindError::Unpaired { labels: without_verdict, verdicts: without_label }.into());
+        return Err(
+            BlindError::Unpaired { labels: without_verdict, verdicts: without_label }.into()
+        );
     }
-    let read: Vec<(Label, Vec<u8>)> = ids.iter().map(|id| Label::read(&labels.join(format!("{id}.json")), id)).collect::<Result<_>>()?;
+    let read: Vec<(Label, Vec<u8>)> = ids
+        .iter()
+        .map(|id| Label::read(&labels.join(format!("{id}.json")), id))
+        .collect::<Result<_>>()?;
     check_commitments(&read, verdicts, cases)?;
     read.into_iter()
         .map(|(label, _)| {
@@ -75,12 +86,17 @@ fn label_ids(labels: &Path) -> Result<Vec<String>> {
     Ok(ids)
 }
 
-fn check_commitments(labels: &[(Label, Vec<u8>)], verdicts: &Path, cases: Option<&Path>) -> Result<()> {
+fn check_commitments(
+    labels: &[(Label, Vec<u8>)],
+    verdicts: &Path,
+    cases: Option<&Path>,
+) -> Result<()> {
     let (mut missing, mut unequal, mut changed) = (Vec::new(), Vec::new(), Vec::new());
     for (label, bytes) in labels {
         let id = label.id.clone();
         let copy = committed(&verdicts.join(&id).join(COMMITMENT), &id)?;
-        let original = cases.map_or(Ok(None), |cases| committed(&cases.join(&id).join(COMMITMENT), &id))?;
+        let original =
+            cases.map_or(Ok(None), |cases| committed(&cases.join(&id).join(COMMITMENT), &id))?;
         if let (Some(copy), Some(original)) = (&copy, &original)
             && copy != original
         {
@@ -113,18 +129,24 @@ fn check_commitments(labels: &[(Label, Vec<u8>)], verdicts: &Path, cases: Option
 fn committed(path: &Path, id: &str) -> Result<Option<String>> {
     let text = match read_bytes(path) {
         Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
-        Err(deadtime_signal::file::FileError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(deadtime_signal::file::FileError::Io { source, .. })
+            if source.kind() == std::io::ErrorKind::NotFound =>
+        {
+            return Ok(None);
+        }
         Err(e) => return Err(e.into()),
     };
     let word = text.split_whitespace().next().unwrap_or_default().to_ascii_lowercase();
     if word.len() == 64 && word.bytes().all(|b| b.is_ascii_hexdigit()) {
         return Ok(Some(word));
     }
-    Err(BlindError::BadCommitment { id: id.to_owned(), found: word.chars().take(80).collect() }.into())
+    Err(BlindError::BadCommitment { id: id.to_owned(), found: word.chars().take(80).collect() }
+        .into())
 }
 
 /// Reads a run time.
 pub(super) fn run_time(path: &Path) -> Result<RunTime> {
     let bytes = read_bytes(path)?;
-    Ok(serde_json::from_slice(&bytes).map_err(|source| BlindError::RunTime { file: path.to_owned(), source })?)
+    Ok(serde_json::from_slice(&bytes)
+        .map_err(|source| BlindError::RunTime { file: path.to_owned(), source })?)
 }

@@ -156,7 +156,11 @@ struct Place {
 
 impl Place {
     fn new(folder: PathBuf) -> Self {
-        Self { commitment: folder.join(COMMITMENT), diagnosis: folder.join(load::DIAGNOSIS), time: folder.join(load::RUN_TIME) }
+        Self {
+            commitment: folder.join(COMMITMENT),
+            diagnosis: folder.join(load::DIAGNOSIS),
+            time: folder.join(load::RUN_TIME),
+        }
     }
 
     fn diagnose(
@@ -180,7 +184,10 @@ impl Place {
         }
         let clock = Instant::now();
         let diagnosis = catch_unwind(AssertUnwindSafe(|| diagnose(case))).map_err(|panic| {
-            let message = panic.downcast_ref::<&str>().map(|t| (*t).to_owned()).or_else(|| panic.downcast_ref::<String>().cloned());
+            let message = panic
+                .downcast_ref::<&str>()
+                .map(|t| (*t).to_owned())
+                .or_else(|| panic.downcast_ref::<String>().cloned());
             BlindError::Panicked { id: case.id.clone(), message: message.unwrap_or_default() }
         })??;
         let time_s = clock.elapsed().as_secs_f64();
@@ -194,22 +201,32 @@ impl Place {
     /// What stands there of an earlier run.
     fn state(&self, commitment: &[u8]) -> State {
         let Ok(run) = std::fs::read(&self.time) else { return State::Missing };
-        let Ok(RunTime { time_s, .. }) = load::run_time(&self.time) else { return State::Damaged("run.json cannot be read") };
+        let Ok(RunTime { time_s, .. }) = load::run_time(&self.time) else {
+            return State::Damaged("run.json cannot be read");
+        };
         if std::fs::read(&self.commitment).ok().as_deref() != Some(commitment) {
             return State::Damaged("its commitment is not the case's");
         }
-        let Ok(diagnosis) = std::fs::read(&self.diagnosis) else { return State::Damaged("diagnosis.json is missing") };
+        let Ok(diagnosis) = std::fs::read(&self.diagnosis) else {
+            return State::Damaged("diagnosis.json is missing");
+        };
         if sealed(time_s, &diagnosis, commitment).as_bytes() != run {
             return State::Damaged("the digest in run.json is not that of the verdict");
         }
-        if Diagnosis::read(&self.diagnosis).is_err() { State::Damaged("diagnosis.json cannot be read") } else { State::Done }
+        if Diagnosis::read(&self.diagnosis).is_err() {
+            State::Damaged("diagnosis.json cannot be read")
+        } else {
+            State::Done
+        }
     }
 
     /// Removes what an earlier run left, the mark of being done first.
     fn clear(&self) -> Result<()> {
         for file in [&self.time, &self.diagnosis, &self.commitment] {
             match std::fs::remove_file(file) {
-                Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(file, e)),
+                Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(Error::io(file, e));
+                }
                 _ => {}
             }
         }
@@ -228,7 +245,13 @@ enum State {
 fn sealed(time_s: f64, diagnosis: &[u8], commitment: &[u8]) -> String {
     let time = serde_json::json!(time_s).to_string();
     let lengths = format!("{time} {} {}\n", diagnosis.len(), commitment.len());
-    let digest = Sha256::new().chain_update(lengths).chain_update(diagnosis).chain_update(commitment).finalize();
+    let digest = Sha256::new()
+        .chain_update(lengths)
+        .chain_update(diagnosis)
+        .chain_update(commitment)
+        .finalize();
     let hex: String = digest.iter().map(|b| format!("{b:02x}")).collect();
-    format!("{{\n  \"format\": \"deadtime/blind-run@1\",\n  \"time_s\": {time},\n  \"sha256\": \"{hex}\"\n}}\n")
+    format!(
+        "{{\n  \"format\": \"deadtime/blind-run@1\",\n  \"time_s\": {time},\n  \"sha256\": \"{hex}\"\n}}\n"
+    )
 }

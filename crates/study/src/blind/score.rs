@@ -113,17 +113,28 @@ pub fn score(cases: &[Scored]) -> BlindScore {
                 sorted.entry(value).or_default().push(case);
             }
         }
-        by.extend(sorted.into_iter().map(|(value, cases)| Breakdown { key, value, cases: cases.len(), scores: measure_all(&cases) }));
+        by.extend(sorted.into_iter().map(|(value, cases)| Breakdown {
+            key,
+            value,
+            cases: cases.len(),
+            scores: measure_all(&cases),
+        }));
     }
     BlindScore {
         format: "deadtime/blind-score@1",
         cases: answers.len(),
-        groups: Group::ALL.map(|g| (g.name(), answers.iter().filter(|c| c.group == g).count())).into_iter().collect(),
+        groups: Group::ALL
+            .map(|g| (g.name(), answers.iter().filter(|c| c.group == g).count()))
+            .into_iter()
+            .collect(),
         scores: measure_all(&all),
         by,
         confusion: confusion(&answers),
         reliability: reliability(
-            &answers.iter().filter_map(|c| Some((c.judgement.verdict_probability?, c.judgement.exact))).collect::<Vec<_>>(),
+            &answers
+                .iter()
+                .filter_map(|c| Some((c.judgement.verdict_probability?, c.judgement.exact)))
+                .collect::<Vec<_>>(),
         ),
         contributions: reliability(&claims(&answers)),
         answers,
@@ -173,7 +184,8 @@ fn measure(definition: &Definition, cases: &[&Judged]) -> Score {
     };
     // Numbers that are none (an error over 0, say) are left out, as everywhere.
     let numbers = |of: fn(&Judged) -> Vec<f64>| -> Vec<Vec<f64>> {
-        let finite = |c: &&Judged| of(c).into_iter().filter(|v| v.is_finite()).collect::<Vec<f64>>();
+        let finite =
+            |c: &&Judged| of(c).into_iter().filter(|v| v.is_finite()).collect::<Vec<f64>>();
         cases.iter().map(finite).filter(|v| !v.is_empty()).collect()
     };
     let statistic = |of: fn(&Judged) -> Vec<f64>, f: &dyn Fn(&[f64]) -> Option<f64>| {
@@ -199,22 +211,36 @@ fn confusion(answers: &[Judged]) -> Vec<Confusion> {
     for case in answers {
         *counts.entry((kind(case), first_word(&case.verdict))).or_default() += 1;
     }
-    let mut rows: Vec<Confusion> = counts.into_iter().map(|((truth, verdict), cases)| Confusion { truth, verdict, cases }).collect();
+    let mut rows: Vec<Confusion> = counts
+        .into_iter()
+        .map(|((truth, verdict), cases)| Confusion { truth, verdict, cases })
+        .collect();
     // By truth, the commonest verdict first.
-    rows.sort_by(|a, b| a.truth.cmp(&b.truth).then(b.cases.cmp(&a.cases)).then_with(|| a.verdict.cmp(&b.verdict)));
+    rows.sort_by(|a, b| {
+        a.truth.cmp(&b.truth).then(b.cases.cmp(&a.cases)).then_with(|| a.verdict.cmp(&b.verdict))
+    });
     rows
 }
 
 fn claims(answers: &[Judged]) -> Vec<(f64, bool)> {
-    answers.iter().flat_map(|c| &c.judgement.contributions).filter_map(|c| Some((c.probability?, c.right))).collect()
+    answers
+        .iter()
+        .flat_map(|c| &c.judgement.contributions)
+        .filter_map(|c| Some((c.probability?, c.right)))
+        .collect()
 }
 
 /// Of what was said with a probability, and whether it is so.
 fn reliability(said: &[(f64, bool)]) -> Vec<Reliability> {
     (0..BINS)
         .map(|bin| {
-            let (from, to) = (f64::from(bin) / f64::from(BINS), f64::from(bin + 1) / f64::from(BINS));
-            let inside: Vec<(f64, bool)> = said.iter().copied().filter(|(p, _)| *p >= from && (*p < to || bin + 1 == BINS)).collect();
+            let (from, to) =
+                (f64::from(bin) / f64::from(BINS), f64::from(bin + 1) / f64::from(BINS));
+            let inside: Vec<(f64, bool)> = said
+                .iter()
+                .copied()
+                .filter(|(p, _)| *p >= from && (*p < to || bin + 1 == BINS))
+                .collect();
             let hits = inside.iter().filter(|(_, exact)| *exact).count();
             Reliability {
                 from,

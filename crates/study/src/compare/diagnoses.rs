@@ -151,8 +151,11 @@ impl Diagnoses {
     /// Causes that the first has and the last has not, and the other way round.
     #[must_use]
     pub fn gone_and_new(&self) -> [Vec<&CauseRow>; 2] {
-        let ends = |row: &CauseRow| [row.parts.first(), row.parts.last()].map(|p| p.is_some_and(Option::is_some));
-        [[true, false], [false, true]].map(|wanted| self.causes.iter().filter(|row| ends(row) == wanted).collect())
+        let ends = |row: &CauseRow| {
+            [row.parts.first(), row.parts.last()].map(|p| p.is_some_and(Option::is_some))
+        };
+        [[true, false], [false, true]]
+            .map(|wanted| self.causes.iter().filter(|row| ends(row) == wanted).collect())
     }
 }
 
@@ -172,25 +175,52 @@ fn standing(d: &Diagnosis) -> Standing {
 
 /// What contributes; of a file of `deadtime/diagnosis@1` the effects of its verdict.
 fn causes_of(d: &Diagnosis) -> Vec<Found<'_>> {
-    let contributing =
-        |c: &'_ Contribution| Part { share: c.share.held_out.or(c.share.learnt), strength: Some(c.strength), stands_in: None };
+    let contributing = |c: &'_ Contribution| Part {
+        share: c.share.held_out.or(c.share.learnt),
+        strength: Some(c.strength),
+        stands_in: None,
+    };
     let mut found: Vec<Found<'_>> = d
         .cause
         .contributions
         .iter()
-        .map(|c| Found { key: key(&c.effect, &c.channel), parameters: &c.parameters, part: contributing(c), class: &c.class })
+        .map(|c| Found {
+            key: key(&c.effect, &c.channel),
+            parameters: &c.parameters,
+            part: contributing(c),
+            class: &c.class,
+        })
         .collect();
     if found.is_empty() {
-        let class =
-            |key: &str| d.cause.indistinguishable.iter().find(|class| class.iter().any(|k| k == key)).map_or(&[][..], Vec::as_slice);
+        let class = |key: &str| {
+            d.cause
+                .indistinguishable
+                .iter()
+                .find(|class| class.iter().any(|k| k == key))
+                .map_or(&[][..], Vec::as_slice)
+        };
         found.extend(d.cause.effects.iter().map(|e| {
             let key = key(&e.effect, &e.channel);
-            Found { class: class(&key), key, parameters: &e.parameters, part: Part { share: None, strength: None, stands_in: None } }
+            Found {
+                class: class(&key),
+                key,
+                parameters: &e.parameters,
+                part: Part { share: None, strength: None, stands_in: None },
+            }
         }));
     }
     if let Some(all) = d.cause.recalibration.as_ref().filter(|r| r.accepted) {
-        let part = Part { share: all.share.held_out.or(all.share.learnt), strength: None, stands_in: None };
-        found.push(Found { key: RECALIBRATED.to_owned(), parameters: &all.parameters, part, class: &[] });
+        let part = Part {
+            share: all.share.held_out.or(all.share.learnt),
+            strength: None,
+            stands_in: None,
+        };
+        found.push(Found {
+            key: RECALIBRATED.to_owned(),
+            parameters: &all.parameters,
+            part,
+            class: &[],
+        });
     }
     found
 }
@@ -215,8 +245,12 @@ fn cause_rows(found: &[Vec<Found<'_>>]) -> Vec<CauseRow> {
         let parts = found.iter().zip(&mut taken).map(|(causes, taken)| {
             let itself = causes.iter().position(|c| c.key == name);
             // Its own name first; else what the data cannot tell from it, which then has no row of its own here.
-            let at =
-                itself.or_else(|| causes.iter().zip(taken.iter()).position(|(c, taken)| !taken && c.class.iter().any(|k| k == name)))?;
+            let at = itself.or_else(|| {
+                causes
+                    .iter()
+                    .zip(taken.iter())
+                    .position(|(c, taken)| !taken && c.class.iter().any(|k| k == name))
+            })?;
             let (cause, taken) = (causes.get(at)?, taken.get_mut(at)?);
             if *taken {
                 return None;
@@ -238,8 +272,13 @@ fn parameter_rows(causes: &[CauseRow], found: &[Vec<Found<'_>>]) -> Vec<Paramete
     let mut rows: Vec<ParameterRow> = Vec::new();
     for cause in causes {
         // Another effect's numbers have another meaning.
-        let of =
-            |causes: &'_ Vec<Found<'_>>| causes.iter().find(|c| c.key == cause.cause).map(|c| c.parameters.to_vec()).unwrap_or_default();
+        let of = |causes: &'_ Vec<Found<'_>>| {
+            causes
+                .iter()
+                .find(|c| c.key == cause.cause)
+                .map(|c| c.parameters.to_vec())
+                .unwrap_or_default()
+        };
         let each: Vec<Vec<FoundParameter>> = found.iter().map(of).collect();
         for p in each.iter().flatten() {
             if rows.iter().any(|r| r.cause == cause.cause && r.parameter == p.name) {
@@ -260,7 +299,17 @@ fn parameter_rows(causes: &[CauseRow], found: &[Vec<Found<'_>>]) -> Vec<Paramete
 
 fn row(cause: &str, parameter: &str, unit: &str, values: Vec<Option<Value>>) -> ParameterRow {
     let (cause, parameter, unit) = (cause.to_owned(), parameter.to_owned(), unit.to_owned());
-    let blank = ParameterRow { cause, parameter, unit, values, agree: None, p_value: None, mean: None, mean_ci95: None, spread: None };
+    let blank = ParameterRow {
+        cause,
+        parameter,
+        unit,
+        values,
+        agree: None,
+        p_value: None,
+        mean: None,
+        mean_ci95: None,
+        spread: None,
+    };
     let known: Vec<[f64; 2]> = blank
         .values
         .iter()
@@ -295,7 +344,11 @@ mod tests {
     use super::*;
 
     fn values(of: &[(f64, f64)]) -> Vec<Option<Value>> {
-        of.iter().map(|(value, half)| Some(Value { value: *value, ci95: Some([value - half, value + half]) })).collect()
+        of.iter()
+            .map(|(value, half)| {
+                Some(Value { value: *value, ci95: Some([value - half, value + half]) })
+            })
+            .collect()
     }
 
     #[test]
@@ -304,7 +357,11 @@ mod tests {
         let row = row("a:b", "p", "s", values(&[(1.0, 0.3 * NORMAL_95), (2.0, 0.4 * NORMAL_95)]));
         assert_abs_diff_eq!(row.p_value.unwrap(), 0.045_500_263_9, epsilon = 1e-9);
         // Weights 1/0.09 and 1/0.16.
-        assert_abs_diff_eq!(row.mean.unwrap(), (1.0 / 0.09 + 2.0 / 0.16) / (1.0 / 0.09 + 1.0 / 0.16), epsilon = 1e-12);
+        assert_abs_diff_eq!(
+            row.mean.unwrap(),
+            (1.0 / 0.09 + 2.0 / 0.16) / (1.0 / 0.09 + 1.0 / 0.16),
+            epsilon = 1e-12
+        );
         // Half the squared distance less the mean variance: 0.5 − 0.125.
         assert_abs_diff_eq!(row.spread.unwrap(), 0.375_f64.sqrt(), epsilon = 1e-12);
     }
@@ -314,11 +371,20 @@ mod tests {
         let mut some = values(&[(1.0, 0.1), (2.0, 0.1)]);
         some[1].as_mut().unwrap().ci95 = None;
         assert_eq!(row("a:b", "p", "s", some).p_value, None);
-        assert_eq!(row("a:b", "p", "s", values(&[(1.0, 0.0), (2.0, 0.0)])).p_value, None, "no width");
+        assert_eq!(
+            row("a:b", "p", "s", values(&[(1.0, 0.0), (2.0, 0.0)])).p_value,
+            None,
+            "no width"
+        );
     }
 
     fn found<'a>(key: &str, class: &'a [String]) -> Found<'a> {
-        Found { key: key.into(), parameters: &[], part: Part { share: Some(0.5), strength: None, stands_in: None }, class }
+        Found {
+            key: key.into(),
+            parameters: &[],
+            part: Part { share: Some(0.5), strength: None, stands_in: None },
+            class,
+        }
     }
 
     #[test]
@@ -331,15 +397,18 @@ mod tests {
         ]);
         assert_eq!(rows.len(), 1);
         assert_eq!(rows[0].cause, "input_delay:u");
-        let stand_ins: Vec<Option<String>> = rows[0].parts.iter().map(|p| p.clone().unwrap().stands_in).collect();
+        let stand_ins: Vec<Option<String>> =
+            rows[0].parts.iter().map(|p| p.clone().unwrap().stands_in).collect();
         assert_eq!(stand_ins, [None, Some("output_delay:*".to_owned()), None]);
     }
 
     #[test]
     fn one_that_has_both_keeps_both() {
         let class = vec!["input_delay:u".to_owned(), "output_delay:*".to_owned()];
-        let rows =
-            cause_rows(&[vec![found("input_delay:u", &class), found("output_delay:*", &class)], vec![found("output_delay:*", &class)]]);
+        let rows = cause_rows(&[
+            vec![found("input_delay:u", &class), found("output_delay:*", &class)],
+            vec![found("output_delay:*", &class)],
+        ]);
         let names: Vec<&str> = rows.iter().map(|r| r.cause.as_str()).collect();
         assert_eq!(names, ["output_delay:*", "input_delay:u"]);
         assert!(rows[1].parts[1].is_none());

@@ -61,8 +61,10 @@ pub struct MethodRow {
 /// Studies side by side, each with its name.
 #[must_use]
 pub fn studies(named: &[(String, Study)]) -> Studies {
-    let keyed: Vec<std::collections::HashMap<String, &Cell>> =
-        named.iter().map(|(_, study)| study.cells.iter().map(|c| (identity(c), c)).collect()).collect();
+    let keyed: Vec<std::collections::HashMap<String, &Cell>> = named
+        .iter()
+        .map(|(_, study)| study.cells.iter().map(|c| (identity(c), c)).collect())
+        .collect();
     let all = named.iter().flat_map(|(_, study)| study.cells.iter().map(identity));
     let every: std::collections::HashSet<String> = all.collect();
     // In the order of the first study.
@@ -71,7 +73,11 @@ pub fn studies(named: &[(String, Study)]) -> Studies {
     let mut shared = 0;
     for cell in first {
         let key = identity(cell);
-        let Some(across) = keyed.iter().map(|cells| cells.get(&key).copied()).collect::<Option<Vec<&Cell>>>() else { continue };
+        let Some(across) =
+            keyed.iter().map(|cells| cells.get(&key).copied()).collect::<Option<Vec<&Cell>>>()
+        else {
+            continue;
+        };
         shared += 1;
         let method = cell.method_text();
         match methods.iter_mut().find(|(name, _)| *name == method) {
@@ -84,11 +90,19 @@ pub fn studies(named: &[(String, Study)]) -> Studies {
         names: named.iter().map(|(name, _)| name.clone()).collect(),
         studies: named
             .iter()
-            .map(|(_, s)| StudyStanding { plan: s.plan.clone(), seed: s.seed, program: s.program.clone(), cells: s.cells.len() })
+            .map(|(_, s)| StudyStanding {
+                plan: s.plan.clone(),
+                seed: s.seed,
+                program: s.program.clone(),
+                cells: s.cells.len(),
+            })
             .collect(),
         shared,
         left_out: every.len() - shared,
-        methods: methods.into_iter().map(|(method, cells)| row(method, &cells, named.len())).collect(),
+        methods: methods
+            .into_iter()
+            .map(|(method, cells)| row(method, &cells, named.len()))
+            .collect(),
     }
 }
 
@@ -100,10 +114,15 @@ fn identity(cell: &Cell) -> String {
 fn row(method: String, cells: &[Vec<&Cell>], studies: usize) -> MethodRow {
     let mean = |value: &dyn Fn(&Cell) -> Option<f64>| -> Vec<Option<f64>> {
         // A cell that one study has no number for says nothing of the others beside it.
-        let whole: Vec<Vec<f64>> = cells.iter().filter_map(|across| across.iter().map(|c| value(c)).collect()).collect();
-        (0..studies).map(|s| stats::mean(whole.iter().filter_map(|across| across.get(s).copied()))).collect()
+        let whole: Vec<Vec<f64>> =
+            cells.iter().filter_map(|across| across.iter().map(|c| value(c)).collect()).collect();
+        (0..studies)
+            .map(|s| stats::mean(whole.iter().filter_map(|across| across.get(s).copied())))
+            .collect()
     };
-    let share = |count: &dyn Fn(&Cell) -> usize| mean(&|c: &Cell| (c.trials > 0).then(|| count(c) as f64 / c.trials as f64));
+    let share = |count: &dyn Fn(&Cell) -> usize| {
+        mean(&|c: &Cell| (c.trials > 0).then(|| count(c) as f64 / c.trials as f64))
+    };
     MethodRow {
         method,
         cells: cells.len(),

@@ -93,7 +93,9 @@ impl<'a> Problem<'a> {
     fn weigh(&self, parts: &mut [Option<Part>]) {
         let columns: Vec<Vec<f64>> = parts.iter().flatten().map(|p| p.model.clone()).collect();
         let y = self.output_of(parts.len(), &[]);
-        let Some((_, gains)) = project(&columns, &y).filter(|_| !columns.is_empty()) else { return };
+        let Some((_, gains)) = project(&columns, &y).filter(|_| !columns.is_empty()) else {
+            return;
+        };
         for (part, gain) in parts.iter_mut().flatten().zip(gains.iter()) {
             part.model.iter_mut().for_each(|v| *v *= gain);
         }
@@ -110,7 +112,11 @@ impl<'a> Problem<'a> {
             for input in 0..inputs {
                 let y = self.output_of(input, &parts);
                 // By then the valleys are known.
-                let from = parts.get(input).and_then(Option::as_ref).filter(|_| turn > SEARCHED).map(|p| p.found.clone());
+                let from = parts
+                    .get(input)
+                    .and_then(Option::as_ref)
+                    .filter(|_| turn > SEARCHED)
+                    .map(|p| p.found.clone());
                 if let Some(part) = self.part(input, &y, from.as_ref()) {
                     parts[input] = Some(part);
                 }
@@ -155,15 +161,29 @@ impl<'a> Problem<'a> {
         let parts: Vec<Option<Part>> = self.parts.iter().cloned().map(Some).collect();
         let left = self.output_of(parts.len(), &parts);
         let (cost, floor) = (dot(&left, &left), posterior::ROUNDING * self.power);
-        let needed = posterior::visible_gain(self.shape.denominator() + self.shape.numerator(), self.max_delay + 1);
+        let needed = posterior::visible_gain(
+            self.shape.denominator() + self.shape.numerator(),
+            self.max_delay + 1,
+        );
         let own = |(input, part): (usize, &Part)| {
             let y = self.output_of(input, &parts);
-            let under = if cost <= floor { 1.0 } else { posterior::samples_under(&part.model, &left) / left.len().max(1) as f64 };
-            let gain = self.samples * under * (dot(&y, &y) / cost.max(floor).max(f64::MIN_POSITIVE)).ln();
+            let under = if cost <= floor {
+                1.0
+            } else {
+                posterior::samples_under(&part.model, &left) / left.len().max(1) as f64
+            };
+            let gain =
+                self.samples * under * (dot(&y, &y) / cost.max(floor).max(f64::MIN_POSITIVE)).ln();
             let single = self.single(input, &y);
-            let signals = single.signals(&part.found.theta, part.found.place).filter(|_| gain >= needed)?;
+            let signals =
+                single.signals(&part.found.theta, part.found.place).filter(|_| gain >= needed)?;
             let share = dot(&signals.model, &signals.model) / self.power.max(f64::MIN_POSITIVE);
-            Some(Own { shape: self.shape, found: part.found.clone(), coefficients: signals.coefficients.as_slice().to_vec(), share })
+            Some(Own {
+                shape: self.shape,
+                found: part.found.clone(),
+                coefficients: signals.coefficients.as_slice().to_vec(),
+                share,
+            })
         };
         self.parts.iter().enumerate().map(own).collect()
     }
@@ -193,7 +213,11 @@ impl<'a> Problem<'a> {
 
     /// Of these, those that the first input adds to the others.
     pub(in crate::process) fn added(&self) -> usize {
-        if self.parts.is_empty() { self.parameters() - 1 } else { self.shape.denominator() + self.shape.numerator() }
+        if self.parts.is_empty() {
+            self.parameters() - 1
+        } else {
+            self.shape.denominator() + self.shape.numerator()
+        }
     }
 
     /// Those that poles for each input would add.

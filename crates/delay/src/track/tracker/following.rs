@@ -153,7 +153,9 @@ impl Following {
         if !fill(&mut self.row, u, y, now, options.na, lags) {
             return None;
         }
-        let left = now - self.shape.level - self.shape.a.iter().zip(&self.row).map(|(a, y)| a * y).sum::<f64>();
+        let left = now
+            - self.shape.level
+            - self.shape.a.iter().zip(&self.row).map(|(a, y)| a * y).sum::<f64>();
         let mut least = f64::INFINITY;
         for (d, e) in self.errors.iter_mut().enumerate() {
             *e = (left - self.drive.at(d)).powi(2);
@@ -163,7 +165,8 @@ impl Following {
         // A row unlike those that were learnt from, such as a frequency that is new, is predicted badly at any delay.
         let nearest = self.errors.iter().position(|e| *e <= least).unwrap_or(self.delay);
         fill(&mut self.other, u, y, now, options.na, nearest..nearest + options.nb);
-        let new = 1.0 + leverage(&self.inverse, &self.row).max(leverage(&self.inverse, &self.other));
+        let new =
+            1.0 + leverage(&self.inverse, &self.row).max(leverage(&self.inverse, &self.other));
         let half = 0.5 / (new * self.variance.max(self.near)).max(f64::MIN_POSITIVE);
         self.reweigh(half, least);
         let best = self.accumulate_gains(half, new, least, count);
@@ -208,7 +211,8 @@ impl Following {
         if self.louder.0 <= 0.0 {
             self.louder.1 = count;
         }
-        self.louder.0 = (self.louder.0 + 0.5 * (ratio * (1.0 - LOUDER.recip()) - LOUDER.ln())).max(0.0);
+        self.louder.0 =
+            (self.louder.0 + 0.5 * (ratio * (1.0 - LOUDER.recip()) - LOUDER.ln())).max(0.0);
         best
     }
 
@@ -230,12 +234,21 @@ impl Following {
         let rows = usize::try_from(count - since).unwrap_or(AGAIN) + 1;
         let rows = rows.saturating_sub(options.nb).clamp(self.waited - options.nb, AGAIN);
         let waits = self.waited <= options.nb + LONGEST_WAIT;
-        let seen: Vec<Option<Left>> = (0..=options.max_delay).map(|d| self.evidence(options, d, rows)).collect();
-        let smallest = seen.iter().flatten().map(|e| e.left / e.rows.max(1.0)).fold(f64::INFINITY, f64::min);
+        let seen: Vec<Option<Left>> =
+            (0..=options.max_delay).map(|d| self.evidence(options, d, rows)).collect();
+        let smallest =
+            seen.iter().flatten().map(|e| e.left / e.rows.max(1.0)).fold(f64::INFINITY, f64::min);
         let variance = self.variance.max(smallest).max(f64::MIN_POSITIVE);
-        let log = |d: usize| seen[d].as_ref().map_or(f64::NEG_INFINITY, |e| -0.5 * (e.left / variance + e.log_volume));
-        let (to, most) = (0..seen.len()).map(|d| (d, log(d))).fold((0, f64::NEG_INFINITY), |m, l| if l.1 > m.1 { l } else { m });
-        let second = (0..seen.len()).filter(|d| *d != to).map(log).fold(f64::NEG_INFINITY, f64::max);
+        let log = |d: usize| {
+            seen[d]
+                .as_ref()
+                .map_or(f64::NEG_INFINITY, |e| -0.5 * (e.left / variance + e.log_volume))
+        };
+        let (to, most) = (0..seen.len())
+            .map(|d| (d, log(d)))
+            .fold((0, f64::NEG_INFINITY), |m, l| if l.1 > m.1 { l } else { m });
+        let second =
+            (0..seen.len()).filter(|d| *d != to).map(log).fold(f64::NEG_INFINITY, f64::max);
         let certain = most - log(self.delay) > CERTAIN * options.alarm;
         if waits && (most - second <= CLEAR || !certain) {
             return None;
@@ -244,7 +257,9 @@ impl Following {
         self.waited = 0;
         self.gains.iter_mut().for_each(|g| *g = (0.0, count));
         // A delay that leaves much more than noise is none: the plant is moved as it never was while it was learnt.
-        let left = seen[to].as_ref().map_or(f64::INFINITY, |e| 0.5 * e.left / (self.variance * e.rows.max(1.0)));
+        let left = seen[to]
+            .as_ref()
+            .map_or(f64::INFINITY, |e| 0.5 * e.left / (self.variance * e.rows.max(1.0)));
         if to == from || !certain || left >= EXPLAINED {
             return None;
         }
@@ -254,13 +269,22 @@ impl Following {
 
     /// What a delay leaves of the last rows with the shape integrated out, normally distributed about what was learnt with a multiple of the covariance that learning left it.
     fn evidence(&self, options: &TrackerOptions, delay: usize, rows: usize) -> Option<Left> {
-        let theta: Vec<f64> = self.shape.a.iter().chain(&self.shape.b).copied().chain([self.shape.level]).collect();
+        let theta: Vec<f64> =
+            self.shape.a.iter().chain(&self.shape.b).copied().chain([self.shape.level]).collect();
         let mut unsure = Unsure::new(&self.gram, UNSURE);
         let mut row = vec![0.0; theta.len() + 1];
         for back in (0..rows).rev() {
             let Some(now) = self.recent.1.at(back) else { continue };
             let lags = delay..delay + options.nb;
-            if fill_earlier(&mut row, &self.recent.0, &self.recent.1, [back, back + 1], now, options.na, lags) {
+            if fill_earlier(
+                &mut row,
+                &self.recent.0,
+                &self.recent.1,
+                [back, back + 1],
+                now,
+                options.na,
+                lags,
+            ) {
                 let said: f64 = theta.iter().zip(&row).map(|(t, x)| t * x).sum();
                 unsure.add(&row[..theta.len()], now - said);
             }

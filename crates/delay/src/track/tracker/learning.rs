@@ -27,7 +27,13 @@ impl Learning {
     }
 
     /// One more row, where nothing in it is missing.
-    pub(super) fn add(&mut self, options: &TrackerOptions, u: &Past<f64>, y: &Past<Option<f64>>, now: f64) {
+    pub(super) fn add(
+        &mut self,
+        options: &TrackerOptions,
+        u: &Past<f64>,
+        y: &Past<Option<f64>>,
+        now: f64,
+    ) {
         if fill(&mut self.row, u, y, now, options.na, 0..options.max_delay + options.nb) {
             accumulate(&mut self.gram, &self.row, 1.0);
             self.rows += 1;
@@ -41,12 +47,15 @@ impl Learning {
         let mut full = self.gram.clone();
         full.fill_lower_triangle_with_upper_triangle();
         let part = |columns: &[usize]| full.select_columns(columns).select_rows(columns);
-        let columns = |d: usize| -> Vec<usize> { (0..na).chain(na + d..na + d + nb).chain([last - 1, last]).collect() };
+        let columns = |d: usize| -> Vec<usize> {
+            (0..na).chain(na + d..na + d + nb).chain([last - 1, last]).collect()
+        };
         let without: Vec<usize> = (0..na).chain([last - 1, last]).collect();
         let (_, alone) = solve(&part(&without))?;
         let fits = (0..=max_delay).filter_map(|d| Some((d, solve(&part(&columns(d)))?)));
         let (delay, (theta, left)) = fits.min_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
-        let power = full[(last, last)] - full[(last - 1, last)].powi(2) / full[(last - 1, last - 1)].max(1.0);
+        let power = full[(last, last)]
+            - full[(last - 1, last)].powi(2) / full[(last - 1, last - 1)].max(1.0);
         let left = left.max(1e-12 * power);
         if left <= 0.0 || 0.5 * self.rows as f64 * (alone / left).ln() < options.alarm {
             return None;
@@ -55,13 +64,23 @@ impl Learning {
         let variance = left / self.rows as f64;
         let inverse = inverse(&gram)?;
         let ahead = first_acting(&inverse, &theta, na, nb, variance)?;
-        let shape = Shape { a: theta[..na].to_vec(), b: theta[na..na + nb].to_vec(), level: theta[na + nb] };
+        let shape = Shape {
+            a: theta[..na].to_vec(),
+            b: theta[na..na + nb].to_vec(),
+            level: theta[na + nb],
+        };
         Some(Following::new(options, shape, Start { variance, delay, ahead, gram, inverse }, u))
     }
 }
 
 /// How many coefficients come before the first that stands out of its noise.
-fn first_acting(inverse: &DMatrix<f64>, theta: &[f64], na: usize, nb: usize, variance: f64) -> Option<f64> {
+fn first_acting(
+    inverse: &DMatrix<f64>,
+    theta: &[f64],
+    na: usize,
+    nb: usize,
+    variance: f64,
+) -> Option<f64> {
     let most = theta[na..na + nb].iter().fold(0.0, |m: f64, b| m.max(b.abs()));
     let acts = |j: &usize| {
         let b = theta[na + j].abs();

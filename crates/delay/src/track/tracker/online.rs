@@ -122,7 +122,12 @@ impl Tracker {
     /// # Errors
     /// [`DelayError::Option`] for an option out of its range.
     pub fn new(sample_time: SampleTime, options: TrackerOptions) -> Result<Self, DelayError> {
-        let wrong = |option, value: usize, allowed| DelayError::Option { method: "tracker", option, value: value as f64, allowed };
+        let wrong = |option, value: usize, allowed| DelayError::Option {
+            method: "tracker",
+            option,
+            value: value as f64,
+            allowed,
+        };
         for (option, value) in [("na", options.na), ("nb", options.nb)] {
             if !(1..=50).contains(&value) {
                 return Err(wrong(option, value, "from 1 to 50"));
@@ -133,13 +138,22 @@ impl Tracker {
         }
         let least = 2 * (options.na + options.nb + options.max_delay + 2);
         if options.learn < least {
-            return Err(wrong("learn", options.learn, "at least twice the sum of max_delay, na, nb and 2"));
+            return Err(wrong(
+                "learn",
+                options.learn,
+                "at least twice the sum of max_delay, na, nb and 2",
+            ));
         }
         if options.forget < options.learn {
             return Err(wrong("forget", options.forget, "at least `learn`"));
         }
         if !(options.alarm.is_finite() && options.alarm > 0.0) {
-            return Err(DelayError::Option { method: "tracker", option: "alarm", value: options.alarm, allowed: "finite and above 0" });
+            return Err(DelayError::Option {
+                method: "tracker",
+                option: "alarm",
+                value: options.alarm,
+                allowed: "finite and above 0",
+            });
         }
         let (u, y) = (Past::new(options.max_delay + options.nb, 0.0), Past::new(options.na, None));
         let stage = Stage::Learning(Learning::new(&options));
@@ -173,7 +187,9 @@ impl Tracker {
                     learning.add(&self.options, &self.u, &self.y, y);
                 }
                 if learning.rows >= self.options.learn && learning.rows.is_multiple_of(TRY_EVERY) {
-                    next = learning.learnt(&self.options, &self.u).map(|f| Stage::Following(Box::new(f)));
+                    next = learning
+                        .learnt(&self.options, &self.u)
+                        .map(|f| Stage::Following(Box::new(f)));
                     // Counted once: without another row there is nothing new to try.
                     learning.rows += usize::from(next.is_none());
                 }
@@ -196,7 +212,10 @@ impl Tracker {
             Stage::Learning(_) => (None, None),
             Stage::Following(f) => {
                 let [mean, low, high] = f.believed();
-                (Some(self.seconds(mean + f.ahead)), Some([self.seconds(low + f.ahead), self.seconds(high + f.ahead)]))
+                (
+                    Some(self.seconds(mean + f.ahead)),
+                    Some([self.seconds(low + f.ahead), self.seconds(high + f.ahead)]),
+                )
             }
         };
         Ok(Tracking { time_s, delay_s, band_s, alarm })
@@ -208,11 +227,15 @@ impl Tracker {
     }
 
     fn told(&self, event: Event) -> Alarm {
-        let since = |sample: u64| self.sample_time.to_seconds((sample as f64 - self.options.bias as f64).max(0.0));
+        let since = |sample: u64| {
+            self.sample_time.to_seconds((sample as f64 - self.options.bias as f64).max(0.0))
+        };
         match event {
-            Event::Delay { from, to, since: sample } => {
-                Alarm::DelayChanged { from_s: self.seconds(from), to_s: self.seconds(to), since_s: since(sample) }
-            }
+            Event::Delay { from, to, since: sample } => Alarm::DelayChanged {
+                from_s: self.seconds(from),
+                to_s: self.seconds(to),
+                since_s: since(sample),
+            },
             Event::Response(sample) => Alarm::ResponseChanged { since_s: since(sample) },
         }
     }

@@ -5,7 +5,14 @@ use nalgebra::{DMatrix, DVector};
 use super::past::Past;
 
 /// Fills `row` with past outputs, the inputs at the lags, 1 and the output; false where an output is missing.
-pub(super) fn fill(row: &mut [f64], u: &Past<f64>, y: &Past<Option<f64>>, now: f64, na: usize, lags: std::ops::Range<usize>) -> bool {
+pub(super) fn fill(
+    row: &mut [f64],
+    u: &Past<f64>,
+    y: &Past<Option<f64>>,
+    now: f64,
+    na: usize,
+    lags: std::ops::Range<usize>,
+) -> bool {
     fill_earlier(row, u, y, [0, 0], now, na, lags)
 }
 
@@ -55,7 +62,10 @@ pub(super) fn inverse(gram: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 /// xᵀ·P·x.
 pub(super) fn leverage(p: &DMatrix<f64>, x: &[f64]) -> f64 {
     let size = p.nrows();
-    (0..size).map(|i| x[i] * p.column(i).iter().zip(x).map(|(p, x)| p * x).sum::<f64>()).sum::<f64>().max(0.0)
+    (0..size)
+        .map(|i| x[i] * p.column(i).iter().zip(x).map(|(p, x)| p * x).sum::<f64>())
+        .sum::<f64>()
+        .max(0.0)
 }
 
 /// Errors of a regression whose coefficients are only known to be normally distributed about those that they were taken with.
@@ -101,6 +111,10 @@ impl Unsure {
         let factor = self.information.cholesky()?;
         let left = self.squares - self.common.dot(&factor.solve(&self.common));
         let log_volume = 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-        (left.is_finite() && log_volume.is_finite()).then_some(Left { left: left.max(0.0), log_volume, rows: self.rows })
+        (left.is_finite() && log_volume.is_finite()).then_some(Left {
+            left: left.max(0.0),
+            log_volume,
+            rows: self.rows,
+        })
     }
 }

@@ -6,8 +6,12 @@
 use super::criterion::{At, Norm};
 use crate::matching::system::Response;
 
-pub(super) const H2: Norm =
-    Norm { name: "h2", summary: "energy of the difference's impulse response within the band", difference, powers: &[2.0] };
+pub(super) const H2: Norm = Norm {
+    name: "h2",
+    summary: "energy of the difference's impulse response within the band",
+    difference,
+    powers: &[2.0],
+};
 
 fn difference(at: &At, structured: &Response) -> Response {
     let scale = (at.step_s * at.width_rad_s / std::f64::consts::PI).sqrt();

@@ -7,8 +7,12 @@
 use super::criterion::{At, Norm, TO_THE_LARGEST};
 use crate::matching::system::Response;
 
-pub(super) const HINF: Norm =
-    Norm { name: "hinf", summary: "largest gain of the difference within the band", difference, powers: TO_THE_LARGEST };
+pub(super) const HINF: Norm = Norm {
+    name: "hinf",
+    summary: "largest gain of the difference within the band",
+    difference,
+    powers: TO_THE_LARGEST,
+};
 
 fn difference(at: &At, structured: &Response) -> Response {
     structured - &at.target

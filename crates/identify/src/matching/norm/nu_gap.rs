@@ -18,7 +18,9 @@ pub(super) const NU_GAP: Norm = Norm {
 
 fn difference(at: &At, structured: &Response) -> Response {
     let target = &at.target;
-    shrunk(structured * structured.adjoint()) * (structured - target) * shrunk(target.adjoint() * target)
+    shrunk(structured * structured.adjoint())
+        * (structured - target)
+        * shrunk(target.adjoint() * target)
 }
 
 /// (I + M)^(−1/2) of a Hermitian M.

@@ -35,7 +35,11 @@ impl Effect for ClockOffset {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         if channel != channel::ALL {
-            return Err(EffectError::Channel { effect: self.name(), channel: channel.to_owned(), known: self.channels(system) });
+            return Err(EffectError::Channel {
+                effect: self.name(),
+                channel: channel.to_owned(),
+                known: self.channels(system),
+            });
         }
 
         Ok(vec![Parameter { role: Role::Clock, ..channel::free("offset", "s".to_owned(), 0.0) }])
@@ -50,7 +54,13 @@ impl Effect for ClockOffset {
         true
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let _ = (system, channel);
         plan.clock.offset_s += values[0];
         Ok(())

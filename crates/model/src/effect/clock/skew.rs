@@ -38,27 +38,45 @@ impl Effect for ClockSkew {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         if channel != channel::ALL {
-            return Err(EffectError::Channel { effect: self.name(), channel: channel.to_owned(), known: self.channels(system) });
+            return Err(EffectError::Channel {
+                effect: self.name(),
+                channel: channel.to_owned(),
+                known: self.channels(system),
+            });
         }
 
-        Ok(vec![Parameter { lower: 1e-3, upper: 1e3, ..channel::free("ratio", "1".to_owned(), 1.0) }])
+        Ok(vec![Parameter {
+            lower: 1e-3,
+            upper: 1e3,
+            ..channel::free("ratio", "1".to_owned(), 1.0)
+        }])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let _ = (system, channel);
         // Shifts of a tenth of a sample to ten samples at the end of the log.
-        let shift = |samples: f64| samples * scales.sample_time_s / scales.duration_s.max(f64::MIN_POSITIVE);
+        let shift = |samples: f64| {
+            samples * scales.sample_time_s / scales.duration_s.max(f64::MIN_POSITIVE)
+        };
         [1.0, 10.0].iter().flat_map(|&n| [vec![1.0 + shift(n)], vec![1.0 - shift(n)]]).collect()
     }
 
     fn scan(&self, scales: &Scales) -> Vec<Vec<f64>> {
         // A guess leads to the minimum from where the shift at the end of the log is off by less than the motion's own time.
         let step = scales.timescale_s / scales.duration_s.max(f64::MIN_POSITIVE);
-        let ratios = (1..=SCANNED).map(|n| f64::from(n) * step).take_while(|off| *off > 0.0 && *off <= FURTHEST);
+        let ratios = (1..=SCANNED)
+            .map(|n| f64::from(n) * step)
+            .take_while(|off| *off > 0.0 && *off <= FURTHEST);
         ratios.flat_map(|off| [vec![1.0 + off], vec![1.0 - off]]).collect()
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let _ = (system, channel);
         plan.clock.ratio *= values[0];
         Ok(())

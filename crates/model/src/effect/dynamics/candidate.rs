@@ -51,7 +51,11 @@ impl Effect for Candidate {
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         let (_, suspected) = self.place(system, channel)?;
         let parameter = |(name, said): &(String, crate::file::candidate::CandidateParameter)| {
-            let free = channel::free(name.clone(), said.unit.clone().unwrap_or_else(|| "1".to_owned()), said.value);
+            let free = channel::free(
+                name.clone(),
+                said.unit.clone().unwrap_or_else(|| "1".to_owned()),
+                said.value,
+            );
             Parameter {
                 role: if said.value == 0.0 { Role::Size } else { Role::Shape },
                 lower: said.lower.unwrap_or(free.lower),
@@ -65,16 +69,20 @@ impl Effect for Candidate {
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let Ok((all, suspected)) = self.place(system, channel) else { return Vec::new() };
         let moved = scales.derivatives.get(suspected.state).copied().unwrap_or(0.0);
-        let sizes: Vec<usize> = (0..suspected.parameters.len()).filter(|&i| suspected.parameters[i].1.value == 0.0).collect();
+        let sizes: Vec<usize> = (0..suspected.parameters.len())
+            .filter(|&i| suspected.parameters[i].1.value == 0.0)
+            .collect();
         let nominal: Vec<f64> = suspected.parameters.iter().map(|(_, p)| p.value).collect();
         let mut starts = Vec::new();
         for &i in &sizes {
             let unit = term_of_one(all, suspected, i, scales);
             let size = if unit > 0.0 && moved > 0.0 { FIRST_GUESS * moved / unit } else { 1.0 };
             for sign in [1.0, -1.0] {
-                let (lower, upper) = (suspected.parameters[i].1.lower, suspected.parameters[i].1.upper);
+                let (lower, upper) =
+                    (suspected.parameters[i].1.lower, suspected.parameters[i].1.upper);
                 let mut start = nominal.clone();
-                start[i] = (sign * size).clamp(lower.unwrap_or(f64::NEG_INFINITY), upper.unwrap_or(f64::INFINITY));
+                start[i] = (sign * size)
+                    .clamp(lower.unwrap_or(f64::NEG_INFINITY), upper.unwrap_or(f64::INFINITY));
                 if start[i] != 0.0 && !starts.contains(&start) {
                     starts.push(start);
                 }
@@ -88,7 +96,13 @@ impl Effect for Candidate {
         values.iter().zip(parameters).all(|(v, p)| p.role == Role::Shape || *v == p.nominal)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (all, suspected) = self.place(system, channel)?;
         let Dynamics::Equations(equations, parameters) = &mut plan.dynamics else { return Ok(()) };
         let nominal = all.equations.nominal();
@@ -104,10 +118,18 @@ impl Effect for Candidate {
 }
 
 impl Candidate {
-    fn place<'s>(&self, system: &'s System, channel: &str) -> Result<(&'s Candidates, &'s Suspected), EffectError> {
+    fn place<'s>(
+        &self,
+        system: &'s System,
+        channel: &str,
+    ) -> Result<(&'s Candidates, &'s Suspected), EffectError> {
         let all = system.candidates.as_deref();
         let found = all.and_then(|all| Some((all, all.list.iter().find(|c| c.name == channel)?)));
-        found.ok_or_else(|| EffectError::Channel { effect: self.name(), channel: channel.to_owned(), known: self.channels(system) })
+        found.ok_or_else(|| EffectError::Channel {
+            effect: self.name(),
+            channel: channel.to_owned(),
+            known: self.channels(system),
+        })
     }
 }
 
@@ -118,10 +140,11 @@ fn term_of_one(all: &Candidates, suspected: &Suspected, parameter: usize, scales
     let mut workspace = equations.workspace();
     let (states, inputs) = (equations.state_variables().len(), equations.input_symbols().len());
     let mut slope = |p: &[f64], turn: usize| {
-        let signed = |list: &[crate::effect::definition::Spread], count: usize, shift: usize| -> Vec<f64> {
-            let sign = |i: usize| if (turn >> ((i + shift) % 4)) & 1 == 1 { -1.0 } else { 1.0 };
-            (0..count).map(|i| sign(i) * list.get(i).map_or(0.0, |s| s.rms)).collect()
-        };
+        let signed =
+            |list: &[crate::effect::definition::Spread], count: usize, shift: usize| -> Vec<f64> {
+                let sign = |i: usize| if (turn >> ((i + shift) % 4)) & 1 == 1 { -1.0 } else { 1.0 };
+                (0..count).map(|i| sign(i) * list.get(i).map_or(0.0, |s| s.rms)).collect()
+            };
         let (x, u) = (signed(&scales.states, states, 0), signed(&scales.inputs, inputs, 1));
         let mut dx = vec![0.0; states];
         equations.derivatives(0.0, &x, &u, p, &mut workspace, &mut dx);
@@ -129,5 +152,8 @@ fn term_of_one(all: &Candidates, suspected: &Suspected, parameter: usize, scales
     };
     let own: Vec<f64> = (0..16).map(|turn| slope(&p, turn)).collect();
     p[suspected.first + parameter] = 1.0;
-    (0..16).map(|turn| (slope(&p, turn) - own[turn]).abs()).filter(|v| v.is_finite()).fold(0.0, f64::max)
+    (0..16)
+        .map(|turn| (slope(&p, turn) - own[turn]).abs())
+        .filter(|v| v.is_finite())
+        .fold(0.0, f64::max)
 }

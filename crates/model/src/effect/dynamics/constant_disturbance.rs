@@ -38,7 +38,11 @@ impl Effect for ConstantDisturbance {
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(size) = channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i)) else { return Vec::new() };
+        let Some(size) =
+            channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i))
+        else {
+            return Vec::new();
+        };
         channel::both_signs([0.1 * size])
     }
 
@@ -50,8 +54,15 @@ impl Effect for ConstantDisturbance {
         true
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
-        plan.terms.push(Term::Constant { to: channel::state(self, system, channel)?, level: values[0] });
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
+        plan.terms
+            .push(Term::Constant { to: channel::state(self, system, channel)?, level: values[0] });
         Ok(())
     }
 }

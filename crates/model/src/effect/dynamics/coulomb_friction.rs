@@ -39,7 +39,11 @@ impl Effect for CoulombFriction {
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(size) = channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i)) else { return Vec::new() };
+        let Some(size) =
+            channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i))
+        else {
+            return Vec::new();
+        };
         [0.05, 0.2, 0.6].map(|share| vec![share * size]).to_vec()
     }
 
@@ -47,8 +51,17 @@ impl Effect for CoulombFriction {
         Some(Telling::Amplitude)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
-        plan.terms.push(Term::Friction { state: channel::state(self, system, channel)?, level: values[0] });
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
+        plan.terms.push(Term::Friction {
+            state: channel::state(self, system, channel)?,
+            level: values[0],
+        });
         Ok(())
     }
 }

@@ -34,11 +34,14 @@ impl Effect for CrossCoupling {
 
     fn channels(&self, system: &System) -> Vec<String> {
         let mut channels = Vec::new();
-        let states = system.states.iter().enumerate().map(|(j, from)| (Source::State(j), &from.name));
-        let inputs = system.inputs.iter().enumerate().map(|(j, from)| (Source::Input(j), &from.name));
+        let states =
+            system.states.iter().enumerate().map(|(j, from)| (Source::State(j), &from.name));
+        let inputs =
+            system.inputs.iter().enumerate().map(|(j, from)| (Source::Input(j), &from.name));
         for (source, from) in states.chain(inputs) {
-            let apart =
-                system.states.iter().enumerate().filter(|&(i, _)| source != Source::State(i) && !channel::depends(system, i, source));
+            let apart = system.states.iter().enumerate().filter(|&(i, _)| {
+                source != Source::State(i) && !channel::depends(system, i, source)
+            });
             channels.extend(apart.map(|(_, to)| format!("{from}->{}", to.name)));
         }
         channels
@@ -52,7 +55,11 @@ impl Effect for CrossCoupling {
         };
         let unit = channel::unit(from);
         let derivative = channel::per(&system.states[to], "s");
-        Ok(vec![channel::free("gain", if unit == "1" { derivative } else { format!("({derivative})/({unit})") }, 0.0)])
+        Ok(vec![channel::free(
+            "gain",
+            if unit == "1" { derivative } else { format!("({derivative})/({unit})") },
+            0.0,
+        )])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
@@ -61,11 +68,19 @@ impl Effect for CrossCoupling {
             Source::State(i) => scales.states.get(i),
             Source::Input(i) => scales.inputs.get(i),
         };
-        let Some((size, derivative)) = size.zip(scales.derivatives.get(to)) else { return Vec::new() };
+        let Some((size, derivative)) = size.zip(scales.derivatives.get(to)) else {
+            return Vec::new();
+        };
         channel::both_signs([0.2 * derivative / size.rms.max(f64::MIN_POSITIVE)])
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (from, to) = channel::coupling(self, system, channel)?;
         plan.terms.push(Term::Linear { to, from, gain: values[0] });
         Ok(())

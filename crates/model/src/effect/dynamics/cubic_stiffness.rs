@@ -35,26 +35,50 @@ impl Effect for CubicStiffness {
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
-        let pairs = system.states.iter().flat_map(|from| system.states.iter().map(move |to| (from, to)));
-        pairs.filter(|(from, to)| from.name != to.name).map(|(from, to)| format!("{}->{}", from.name, to.name)).collect()
+        let pairs =
+            system.states.iter().flat_map(|from| system.states.iter().map(move |to| (from, to)));
+        pairs
+            .filter(|(from, to)| from.name != to.name)
+            .map(|(from, to)| format!("{}->{}", from.name, to.name))
+            .collect()
     }
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         let (from, to) = channel::arrow(self, system, channel, &system.states)?;
-        let (derivative, unit) = (channel::per(&system.states[to], "s"), channel::unit(&system.states[from]));
-        Ok(vec![channel::free("coefficient", if unit == "1" { derivative } else { format!("({derivative})/({unit})^3") }, 0.0)])
+        let (derivative, unit) =
+            (channel::per(&system.states[to], "s"), channel::unit(&system.states[from]));
+        Ok(vec![channel::free(
+            "coefficient",
+            if unit == "1" { derivative } else { format!("({derivative})/({unit})^3") },
+            0.0,
+        )])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Ok((from, to)) = channel::arrow(self, system, channel, &system.states) else { return Vec::new() };
-        let Some((size, derivative)) = scales.states.get(from).zip(scales.derivatives.get(to)) else { return Vec::new() };
+        let Ok((from, to)) = channel::arrow(self, system, channel, &system.states) else {
+            return Vec::new();
+        };
+        let Some((size, derivative)) = scales.states.get(from).zip(scales.derivatives.get(to))
+        else {
+            return Vec::new();
+        };
         channel::both_signs([0.2 * derivative / size.rms.powi(3).max(f64::MIN_POSITIVE)])
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (from, to) = channel::arrow(self, system, channel, &system.states)?;
         let coefficient = values[0];
-        plan.terms.push(Term::Function { to, from, f: Arc::new(move |x| -coefficient * x * x * x) });
+        plan.terms.push(Term::Function {
+            to,
+            from,
+            f: Arc::new(move |x| -coefficient * x * x * x),
+        });
         Ok(())
     }
 }

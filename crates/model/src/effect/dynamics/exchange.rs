@@ -34,10 +34,17 @@ impl Effect for Exchange {
 
     fn channels(&self, system: &System) -> Vec<String> {
         let states = &system.states;
-        let apart = |i: usize, j: usize| !channel::depends(system, i, Source::State(j)) && !channel::depends(system, j, Source::State(i));
-        let alike = |i: usize, j: usize| states[i].unit.is_some() && states[i].unit == states[j].unit;
+        let apart = |i: usize, j: usize| {
+            !channel::depends(system, i, Source::State(j))
+                && !channel::depends(system, j, Source::State(i))
+        };
+        let alike =
+            |i: usize, j: usize| states[i].unit.is_some() && states[i].unit == states[j].unit;
         let pairs = (0..states.len()).flat_map(|i| (i + 1..states.len()).map(move |j| (i, j)));
-        pairs.filter(|&(i, j)| alike(i, j) && apart(i, j)).map(|(i, j)| format!("{}<->{}", states[i].name, states[j].name)).collect()
+        pairs
+            .filter(|&(i, j)| alike(i, j) && apart(i, j))
+            .map(|(i, j)| format!("{}<->{}", states[i].name, states[j].name))
+            .collect()
     }
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
@@ -52,7 +59,13 @@ impl Effect for Exchange {
         channel::both_signs([0.2 * f64::max(moved(a), moved(b)) / f64::max(size(a), size(b))])
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (a, b) = channel::exchange(self, system, channel)?;
         for (to, sign) in [(b, 1.0), (a, -1.0)] {
             plan.terms.push(Term::Linear { to, from: Source::State(a), gain: sign * values[0] });

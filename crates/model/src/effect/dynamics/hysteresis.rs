@@ -48,14 +48,25 @@ impl Effect for Hysteresis {
         };
         Ok(vec![
             channel::not_negative("level", channel::per(state, "s"), 0.0),
-            Parameter { role: Role::Shape, lower: 1e-12, ..channel::free("displacement", way, 1.0) },
-            Parameter { role: Role::Shape, lower: 1.0, upper: 10.0, ..channel::free("sharpness", "1".to_owned(), 1.5) },
+            Parameter {
+                role: Role::Shape,
+                lower: 1e-12,
+                ..channel::free("displacement", way, 1.0)
+            },
+            Parameter {
+                role: Role::Shape,
+                lower: 1.0,
+                upper: 10.0,
+                ..channel::free("sharpness", "1".to_owned(), 1.5)
+            },
         ])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let Ok(i) = channel::state(self, system, channel) else { return Vec::new() };
-        let Some((speed, force)) = scales.states.get(i).zip(scales.derivatives.get(i)) else { return Vec::new() };
+        let Some((speed, force)) = scales.states.get(i).zip(scales.derivatives.get(i)) else {
+            return Vec::new();
+        };
         // A sine of that speed and that acceleration goes so far.
         let way = (speed.std * speed.std / force).max(1e-12);
         let guesses = |share: f64| [0.1, 0.5].map(|part| vec![share * force, part * way, 2.0]);
@@ -64,7 +75,10 @@ impl Effect for Hysteresis {
 
     /// A hundredth of the usual way within a sample: less changes a twentieth of what dry friction does, and takes ever more steps.
     fn least(&self, system: &System, channel: &str, scales: &Scales) -> Vec<f64> {
-        let speed = channel::state(self, system, channel).ok().and_then(|i| scales.states.get(i)).map_or(0.0, |speed| speed.rms);
+        let speed = channel::state(self, system, channel)
+            .ok()
+            .and_then(|i| scales.states.get(i))
+            .map_or(0.0, |speed| speed.rms);
         vec![0.0, 0.01 * speed * scales.sample_time_s, 1.0]
     }
 
@@ -76,9 +90,20 @@ impl Effect for Hysteresis {
         Some(Telling::Amplitude)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let velocity = channel::state(self, system, channel)?;
-        plan.terms.push(Term::Hysteresis { velocity, level: values[0], displacement: values[1], sharpness: values[2] });
+        plan.terms.push(Term::Hysteresis {
+            velocity,
+            level: values[0],
+            displacement: values[1],
+            sharpness: values[2],
+        });
         Ok(())
     }
 }

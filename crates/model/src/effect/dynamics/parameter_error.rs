@@ -60,7 +60,13 @@ impl Effect for ParameterError {
         vec![vec![nominal + 0.1 * size], vec![nominal - 0.1 * size]]
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (number, ..) = number(self, system, channel)?;
         plan.dynamics.set(number, values[0]);
         Ok(())
@@ -76,26 +82,41 @@ pub(super) fn channels(system: &System) -> Vec<String> {
         Dynamics::Equations(..) | Dynamics::BlackBox(..) => channel::names(&system.parameters),
         Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
             let entries = |letter: &'static str, matrix: &DMatrix<f64>, columns: &[Port]| {
-                let place = |(i, j): (usize, usize)| format!("{letter}[{},{}]", system.states[i].name, columns[j].name);
-                let all = (0..matrix.nrows()).flat_map(|i| (0..matrix.ncols()).map(move |j| (i, j)));
+                let place = |(i, j): (usize, usize)| {
+                    format!("{letter}[{},{}]", system.states[i].name, columns[j].name)
+                };
+                let all =
+                    (0..matrix.nrows()).flat_map(|i| (0..matrix.ncols()).map(move |j| (i, j)));
                 all.filter(|&at| matrix[at] != 0.0).map(place).collect::<Vec<_>>()
             };
-            [entries("A", &matrices.a, &system.states), entries("B", &matrices.b, &system.inputs)].concat()
+            [entries("A", &matrices.a, &system.states), entries("B", &matrices.b, &system.inputs)]
+                .concat()
         }
     }
 }
 
 /// The place that a channel names, its unit and what stands there.
-pub(super) fn number(effect: &dyn Effect, system: &System, channel: &str) -> Result<(ModelNumber, String, f64), EffectError> {
-    let unknown = || EffectError::Channel { effect: effect.name(), channel: channel.to_owned(), known: effect.channels(system) };
-    let at = |ports: &[Port], name: &str| ports.iter().position(|p| p.name == name).ok_or_else(unknown);
+pub(super) fn number(
+    effect: &dyn Effect,
+    system: &System,
+    channel: &str,
+) -> Result<(ModelNumber, String, f64), EffectError> {
+    let unknown = || EffectError::Channel {
+        effect: effect.name(),
+        channel: channel.to_owned(),
+        known: effect.channels(system),
+    };
+    let at =
+        |ports: &[Port], name: &str| ports.iter().position(|p| p.name == name).ok_or_else(unknown);
     match &system.dynamics {
         Dynamics::Equations(_, parameters) | Dynamics::BlackBox(_, parameters) => {
             let i = at(&system.parameters, channel)?;
             Ok((ModelNumber::Parameter(i), channel::unit(&system.parameters[i]), parameters[i]))
         }
         Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
-            let inside = |letter: &str| channel.strip_prefix(letter)?.strip_prefix('[')?.strip_suffix(']')?.split_once(',');
+            let inside = |letter: &str| {
+                channel.strip_prefix(letter)?.strip_prefix('[')?.strip_suffix(']')?.split_once(',')
+            };
             let derivative = |i: usize, from: &Port| {
                 let unit = channel::unit(from);
                 if unit == "1" {
@@ -106,7 +127,11 @@ pub(super) fn number(effect: &dyn Effect, system: &System, channel: &str) -> Res
             };
             if let Some((row, column)) = inside("A") {
                 let (i, j) = (at(&system.states, row)?, at(&system.states, column)?);
-                return Ok((ModelNumber::A(i, j), derivative(i, &system.states[j]), matrices.a[(i, j)]));
+                return Ok((
+                    ModelNumber::A(i, j),
+                    derivative(i, &system.states[j]),
+                    matrices.a[(i, j)],
+                ));
             }
             let (row, column) = inside("B").ok_or_else(unknown)?;
             let (i, j) = (at(&system.states, row)?, at(&system.inputs, column)?);

@@ -51,7 +51,11 @@ impl Effect for ParameterJump {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         let (_, unit, nominal) = number(self, system, channel)?;
-        Ok(vec![channel::free("value", unit.clone(), nominal), channel::instant(), channel::free("later", unit, nominal)])
+        Ok(vec![
+            channel::free("value", unit.clone(), nominal),
+            channel::instant(),
+            channel::free("later", unit, nominal),
+        ])
     }
 
     fn starts(&self, _: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
@@ -62,7 +66,13 @@ impl Effect for ParameterJump {
         values[0] == parameters[0].nominal && values[2] == parameters[2].nominal
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (number, ..) = number(self, system, channel)?;
         plan.dynamics.set(number, values[0]);
         plan.switches.push(Switch { time_s: values[1], number, value: values[2] });

@@ -42,8 +42,13 @@ impl Effect for PeriodicDisturbance {
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(size) = channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i)) else { return Vec::new() };
-        let guesses = |f: &f64| [0.0, std::f64::consts::FRAC_PI_2].map(|phase| vec![*f, 0.1 * size, phase]);
+        let Some(size) =
+            channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i))
+        else {
+            return Vec::new();
+        };
+        let guesses =
+            |f: &f64| [0.0, std::f64::consts::FRAC_PI_2].map(|phase| vec![*f, 0.1 * size, phase]);
         scales.peaks_hz.iter().flat_map(guesses).collect()
     }
 
@@ -59,9 +64,20 @@ impl Effect for PeriodicDisturbance {
         vec![frequency, amplitude.abs(), PI - (PI - phase).rem_euclid(TAU)]
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let to = channel::state(self, system, channel)?;
-        plan.terms.push(Term::Sine { to, omega_rad_s: std::f64::consts::TAU * values[0], amplitude: values[1], phase_rad: values[2] });
+        plan.terms.push(Term::Sine {
+            to,
+            omega_rad_s: std::f64::consts::TAU * values[0],
+            amplitude: values[1],
+            phase_rad: values[2],
+        });
         Ok(())
     }
 }

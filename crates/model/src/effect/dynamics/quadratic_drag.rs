@@ -43,7 +43,9 @@ impl Effect for QuadraticDrag {
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let Ok(i) = channel::state(self, system, channel) else { return Vec::new() };
-        let Some((size, derivative)) = scales.states.get(i).zip(scales.derivatives.get(i)) else { return Vec::new() };
+        let Some((size, derivative)) = scales.states.get(i).zip(scales.derivatives.get(i)) else {
+            return Vec::new();
+        };
         channel::both_signs([0.2 * derivative / (size.rms * size.rms).max(f64::MIN_POSITIVE)])
     }
 
@@ -51,10 +53,20 @@ impl Effect for QuadraticDrag {
         Some(Telling::Amplitude)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let state = channel::state(self, system, channel)?;
         let coefficient = values[0];
-        plan.terms.push(Term::Function { to: state, from: state, f: Arc::new(move |x| -coefficient * x * x.abs()) });
+        plan.terms.push(Term::Function {
+            to: state,
+            from: state,
+            f: Arc::new(move |x| -coefficient * x * x.abs()),
+        });
         Ok(())
     }
 }

@@ -48,20 +48,32 @@ impl Effect for StribeckFriction {
         Ok(vec![
             channel::not_negative("level", force.clone(), 0.0),
             channel::not_negative("extra", force, 0.0),
-            Parameter { role: Role::Shape, lower: 1e-9, ..channel::free("velocity", channel::unit(state), 1.0) },
+            Parameter {
+                role: Role::Shape,
+                lower: 1e-9,
+                ..channel::free("velocity", channel::unit(state), 1.0)
+            },
         ])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let Ok(i) = channel::state(self, system, channel) else { return Vec::new() };
-        let Some((speed, force)) = scales.states.get(i).zip(scales.derivatives.get(i)) else { return Vec::new() };
-        let guesses = |share: f64| [0.1, 0.4].map(|slow| vec![share * force, share * force, (slow * speed.rms).max(1e-9)]);
+        let Some((speed, force)) = scales.states.get(i).zip(scales.derivatives.get(i)) else {
+            return Vec::new();
+        };
+        let guesses = |share: f64| {
+            [0.1, 0.4].map(|slow| vec![share * force, share * force, (slow * speed.rms).max(1e-9)])
+        };
         [0.1, 0.4].into_iter().flat_map(guesses).collect()
     }
 
     /// A fiftieth of the usual change within a sample: less changes a twentieth of what the friction does; what is left is the force to break away.
     fn least(&self, system: &System, channel: &str, scales: &Scales) -> Vec<f64> {
-        let pull = channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i)).copied().unwrap_or(0.0);
+        let pull = channel::state(self, system, channel)
+            .ok()
+            .and_then(|i| scales.derivatives.get(i))
+            .copied()
+            .unwrap_or(0.0);
         vec![0.0, 0.0, 0.02 * pull * scales.sample_time_s]
     }
 
@@ -73,7 +85,13 @@ impl Effect for StribeckFriction {
         Some(Telling::Amplitude)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let state = channel::state(self, system, channel)?;
         let (level, extra, velocity) = (values[0], values[1], values[2]);
         plan.terms.push(Term::Friction { state, level: level + extra });

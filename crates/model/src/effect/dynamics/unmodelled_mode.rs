@@ -38,7 +38,8 @@ impl Effect for UnmodelledMode {
         for u in &system.inputs {
             channels.push(format!("{0}->input:{0}", u.name));
             channels.extend(system.states.iter().map(|x| format!("{}->state:{}", u.name, x.name)));
-            channels.extend(system.outputs.iter().map(|y| format!("{}->output:{}", u.name, y.name)));
+            channels
+                .extend(system.outputs.iter().map(|y| format!("{}->output:{}", u.name, y.name)));
         }
         channels
     }
@@ -54,14 +55,21 @@ impl Effect for UnmodelledMode {
         };
         Ok(vec![
             channel::frequency("frequency"),
-            Parameter { role: Role::Damping, lower: 1e-4, upper: 10.0, ..channel::free("damping", "1".to_owned(), 0.1) },
+            Parameter {
+                role: Role::Damping,
+                lower: 1e-4,
+                upper: 10.0,
+                ..channel::free("damping", "1".to_owned(), 0.1)
+            },
             channel::free("gain", gain, 0.0),
         ])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let Ok((input, site)) = self.place(system, channel) else { return Vec::new() };
-        let Some(drive) = scales.inputs.get(input).map(|s| s.std.max(f64::MIN_POSITIVE)) else { return Vec::new() };
+        let Some(drive) = scales.inputs.get(input).map(|s| s.std.max(f64::MIN_POSITIVE)) else {
+            return Vec::new();
+        };
         let size = match site {
             plan::Site::Input(_) => 1.0,
             plan::Site::State(i) => scales.derivatives.get(i).map_or(1.0, |v| v / drive),
@@ -79,9 +87,21 @@ impl Effect for UnmodelledMode {
         Some(Telling::Bandwidth)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (input, site) = self.place(system, channel)?;
-        let mode = Mode { input, site, omega_rad_s: std::f64::consts::TAU * values[0], damping: values[1], gain: values[2] };
+        let mode = Mode {
+            input,
+            site,
+            omega_rad_s: std::f64::consts::TAU * values[0],
+            damping: values[1],
+            gain: values[2],
+        };
         plan.modes.push(mode);
         Ok(())
     }
@@ -94,7 +114,8 @@ impl UnmodelledMode {
             let (from, to) = channel.split_once("->")?;
             let (kind, name) = to.split_once(':')?;
             let input = system.inputs.iter().position(|p| p.name == from)?;
-            let at = |ports: &[crate::simulate::system::Port]| ports.iter().position(|p| p.name == name);
+            let at =
+                |ports: &[crate::simulate::system::Port]| ports.iter().position(|p| p.name == name);
             let site = match kind {
                 "input" => plan::Site::Input(at(&system.inputs).filter(|&i| i == input)?),
                 "state" => plan::Site::State(at(&system.states)?),
@@ -103,6 +124,10 @@ impl UnmodelledMode {
             };
             Some((input, site))
         };
-        find().ok_or_else(|| EffectError::Channel { effect: self.name(), channel: channel.to_owned(), known: self.channels(system) })
+        find().ok_or_else(|| EffectError::Channel {
+            effect: self.name(),
+            channel: channel.to_owned(),
+            known: self.channels(system),
+        })
     }
 }

@@ -50,7 +50,13 @@ impl Effect for ActuatorLag {
         Some(Telling::Bandwidth)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         plan.inputs[channel::input(self, system, channel)?].lags_s.push(values[0]);
         Ok(())
     }

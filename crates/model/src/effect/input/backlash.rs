@@ -43,7 +43,11 @@ impl Effect for Backlash {
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
+        let Some(spread) =
+            channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i))
+        else {
+            return Vec::new();
+        };
         [0.05, 0.15, 0.35, 0.7].map(|share| vec![share * spread.quantiles[5]]).to_vec()
     }
 
@@ -51,9 +55,17 @@ impl Effect for Backlash {
         Some(Telling::Amplitude)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let width = values[0];
-        plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(move |signal| play(&signal, width)));
+        plan.inputs[channel::input(self, system, channel)?]
+            .maps
+            .push(Arc::new(move |signal| play(&signal, width)));
         Ok(())
     }
 }

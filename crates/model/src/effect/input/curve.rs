@@ -39,7 +39,11 @@ impl Effect for InputCurve {
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
+        let Some(spread) =
+            channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i))
+        else {
+            return Vec::new();
+        };
         channel::both_signs([0.3 / spread.quantiles[5].max(f64::MIN_POSITIVE)])
     }
 
@@ -47,8 +51,17 @@ impl Effect for InputCurve {
         Some(Telling::Amplitude)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
-        plan.inputs[channel::input(self, system, channel)?].curve.get_or_insert_default().quadratic += values[0];
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
+        plan.inputs[channel::input(self, system, channel)?]
+            .curve
+            .get_or_insert_default()
+            .quadratic += values[0];
         Ok(())
     }
 }

@@ -41,18 +41,34 @@ impl Effect for Deadband {
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
-        [0.1, 0.25, 0.5, 0.75].map(|share| vec![share * spread.quantiles[5]]).into_iter().chain([vec![0.5 * spread.quantiles[2]]]).collect()
+        let Some(spread) =
+            channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i))
+        else {
+            return Vec::new();
+        };
+        [0.1, 0.25, 0.5, 0.75]
+            .map(|share| vec![share * spread.quantiles[5]])
+            .into_iter()
+            .chain([vec![0.5 * spread.quantiles[2]]])
+            .collect()
     }
 
     fn told_by(&self) -> Option<Telling> {
         Some(Telling::Amplitude)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let width = values[0];
         plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(move |signal| {
-            signal.map_with_kinks(&[-width, width], |u| if u.abs() <= width { (0.0, 0.0) } else { (u - width * u.signum(), 1.0) })
+            signal.map_with_kinks(&[-width, width], |u| {
+                if u.abs() <= width { (0.0, 0.0) } else { (u - width * u.signum(), 1.0) }
+            })
         }));
         Ok(())
     }

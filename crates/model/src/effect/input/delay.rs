@@ -51,7 +51,13 @@ impl Effect for InputDelay {
         Some(Telling::Bandwidth)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         plan.inputs[channel::input(self, system, channel)?].delay_s += values[0];
         Ok(())
     }

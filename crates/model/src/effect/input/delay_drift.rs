@@ -47,7 +47,11 @@ impl Effect for DelayDrift {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         channel::input(self, system, channel)?;
-        let rate = Parameter { lower: -FASTEST, upper: FASTEST, ..channel::free("rate", "1".to_owned(), 0.0) };
+        let rate = Parameter {
+            lower: -FASTEST,
+            upper: FASTEST,
+            ..channel::free("rate", "1".to_owned(), 0.0)
+        };
         Ok(vec![channel::delay("delay"), rate])
     }
 
@@ -59,9 +63,16 @@ impl Effect for DelayDrift {
         Some(Telling::Bandwidth)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (delay_s, rate) = (values[0], values[1]);
-        let drifted = move |signal: crate::simulate::piecewise::Piecewise| signal.drifting(delay_s, rate);
+        let drifted =
+            move |signal: crate::simulate::piecewise::Piecewise| signal.drifting(delay_s, rate);
         plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(drifted));
         Ok(())
     }

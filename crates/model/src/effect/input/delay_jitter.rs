@@ -40,8 +40,16 @@ impl Effect for DelayJitter {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         channel::input(self, system, channel)?;
-        let ordered = Parameter { role: Role::Shape, upper: 1.0, ..channel::not_negative("ordered", "1".to_owned(), 0.0) };
-        Ok(vec![channel::delay("delay"), channel::not_negative("spread", "s".to_owned(), 0.0), ordered])
+        let ordered = Parameter {
+            role: Role::Shape,
+            upper: 1.0,
+            ..channel::not_negative("ordered", "1".to_owned(), 0.0)
+        };
+        Ok(vec![
+            channel::delay("delay"),
+            channel::not_negative("spread", "s".to_owned(), 0.0),
+            ordered,
+        ])
     }
 
     /// None: its mean is a plain delay's, and what tells it is the delay of every single command, which is decoded from the outputs.
@@ -61,8 +69,19 @@ impl Effect for DelayJitter {
         Some(Telling::Bandwidth)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
-        let late = Late { delay_s: values[0], spread_s: values[1], ordered: values[2] >= ORDERED, delays: Delays::Mean };
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
+        let late = Late {
+            delay_s: values[0],
+            spread_s: values[1],
+            ordered: values[2] >= ORDERED,
+            delays: Delays::Mean,
+        };
         plan.inputs[channel::input(self, system, channel)?].late = Some(late);
         Ok(())
     }

@@ -59,9 +59,17 @@ impl Effect for DelayJump {
         Some(Telling::Bandwidth)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (before_s, time_s, later_s) = (values[0], values[1], values[2]);
-        let jumped = move |signal: crate::simulate::piecewise::Piecewise| signal.delayed_until(before_s, time_s, later_s);
+        let jumped = move |signal: crate::simulate::piecewise::Piecewise| {
+            signal.delayed_until(before_s, time_s, later_s)
+        };
         plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(jumped));
         Ok(())
     }

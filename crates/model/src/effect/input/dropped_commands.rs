@@ -38,9 +38,14 @@ impl Effect for DroppedCommands {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         channel::input(self, system, channel)?;
-        let probability = Parameter { upper: 0.999, ..channel::not_negative("probability", "1".to_owned(), 0.0) };
+        let probability =
+            Parameter { upper: 0.999, ..channel::not_negative("probability", "1".to_owned(), 0.0) };
         // Commands; where it is left out losses are as long as chance makes them.
-        let burst = Parameter { role: Role::Shape, lower: 1.0, ..channel::free("burst", "1".to_owned(), f64::INFINITY) };
+        let burst = Parameter {
+            role: Role::Shape,
+            lower: 1.0,
+            ..channel::free("burst", "1".to_owned(), f64::INFINITY)
+        };
         Ok(vec![probability, burst])
     }
 
@@ -61,15 +66,30 @@ impl Effect for DroppedCommands {
         Some(Telling::Bandwidth)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (probability, burst) = (values[0], Some(values[1]).filter(|b| b.is_finite()));
         // A burst is at least so long as one where losses begin at once behind every command that arrives.
         let shortest = probability / (1.0 - probability);
         if let Some(value) = burst.filter(|b| *b < shortest) {
-            let (effect, channel, parameter) = (self.name(), channel.to_owned(), "burst".to_owned());
-            return Err(EffectError::Bounds { effect, channel, parameter, value, lower: shortest, upper: f64::INFINITY });
+            let (effect, channel, parameter) =
+                (self.name(), channel.to_owned(), "burst".to_owned());
+            return Err(EffectError::Bounds {
+                effect,
+                channel,
+                parameter,
+                value,
+                lower: shortest,
+                upper: f64::INFINITY,
+            });
         }
-        plan.inputs[channel::input(self, system, channel)?].drops = Some(Drops::Mean(Losses { probability, burst }));
+        plan.inputs[channel::input(self, system, channel)?].drops =
+            Some(Drops::Mean(Losses { probability, burst }));
         Ok(())
     }
 }

@@ -50,8 +50,15 @@ impl Effect for InputGain {
         Some(Telling::Amplitude)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
-        plan.inputs[channel::input(self, system, channel)?].curve.get_or_insert_default().gain *= values[0];
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
+        plan.inputs[channel::input(self, system, channel)?].curve.get_or_insert_default().gain *=
+            values[0];
         Ok(())
     }
 }

@@ -48,7 +48,13 @@ impl Effect for GainFade {
         Some(Telling::OperatingPoint)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let rate = values[0];
         plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(move |signal| {
             // A command is held, so its product with a straight line is straight.

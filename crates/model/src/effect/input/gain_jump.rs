@@ -61,9 +61,17 @@ impl Effect for GainJump {
         Some(Telling::Amplitude)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (gain, time_s, later) = (values[0], values[1], values[2]);
-        let stepped = move |signal: crate::simulate::piecewise::Piecewise| signal.scaled_until(gain, time_s, later);
+        let stepped = move |signal: crate::simulate::piecewise::Piecewise| {
+            signal.scaled_until(gain, time_s, later)
+        };
         plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(stepped));
         Ok(())
     }

@@ -63,10 +63,20 @@ impl Effect for MultiRate {
     /// The first passing time at or after the log's first sample.
     fn canonical(&self, values: Vec<f64>) -> Vec<f64> {
         let (period, phase) = (values[0], values[1]);
-        if period > 0.0 && !(0.0..period).contains(&phase) { vec![period, phase.rem_euclid(period)] } else { values }
+        if period > 0.0 && !(0.0..period).contains(&phase) {
+            vec![period, phase.rem_euclid(period)]
+        } else {
+            values
+        }
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         plan.inputs[channel::input(self, system, channel)?].passing = Some((values[0], values[1]));
         Ok(())
     }

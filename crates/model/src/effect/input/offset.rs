@@ -42,7 +42,11 @@ impl Effect for InputOffset {
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
+        let Some(spread) =
+            channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i))
+        else {
+            return Vec::new();
+        };
         channel::both_signs([0.2 * spread.rms.max(f64::MIN_POSITIVE)])
     }
 
@@ -54,9 +58,17 @@ impl Effect for InputOffset {
         true
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let offset = values[0];
-        plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(move |signal| signal.map(|p| (p.value + offset, p.slope))));
+        plan.inputs[channel::input(self, system, channel)?]
+            .maps
+            .push(Arc::new(move |signal| signal.map(|p| (p.value + offset, p.slope))));
         Ok(())
     }
 }

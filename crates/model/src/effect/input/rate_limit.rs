@@ -47,20 +47,38 @@ impl Effect for RateLimit {
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
+        let Some(spread) =
+            channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i))
+        else {
+            return Vec::new();
+        };
         // The time that a full swing takes: from half a sample to a quarter of a log, one per octave. It has nothing to do with how fast the plant is.
-        let (swing, longest_s) = (spread.largest - spread.smallest, LONGEST_SWING * scales.duration_s);
-        let times = std::iter::successors(Some(0.5 * scales.sample_time_s), |time| Some(2.0 * time).filter(|t| *t > 0.0));
-        times.take_while(|time| *time < longest_s).map(|time| vec![swing / time.max(f64::MIN_POSITIVE)]).collect()
+        let (swing, longest_s) =
+            (spread.largest - spread.smallest, LONGEST_SWING * scales.duration_s);
+        let times = std::iter::successors(Some(0.5 * scales.sample_time_s), |time| {
+            Some(2.0 * time).filter(|t| *t > 0.0)
+        });
+        times
+            .take_while(|time| *time < longest_s)
+            .map(|time| vec![swing / time.max(f64::MIN_POSITIVE)])
+            .collect()
     }
 
     fn told_by(&self) -> Option<Telling> {
         Some(Telling::Bandwidth)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let rate = values[0];
-        plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(move |signal| follow(&signal, rate)));
+        plan.inputs[channel::input(self, system, channel)?]
+            .maps
+            .push(Arc::new(move |signal| follow(&signal, rate)));
         Ok(())
     }
 }

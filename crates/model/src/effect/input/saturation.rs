@@ -38,11 +38,18 @@ impl Effect for Saturation {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         let unit = channel::unit(&system.inputs[channel::input(self, system, channel)?]);
-        Ok(vec![channel::free("lower", unit.clone(), f64::NEG_INFINITY), channel::free("upper", unit, f64::INFINITY)])
+        Ok(vec![
+            channel::free("lower", unit.clone(), f64::NEG_INFINITY),
+            channel::free("upper", unit, f64::INFINITY),
+        ])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
+        let Some(spread) =
+            channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i))
+        else {
+            return Vec::new();
+        };
         channel::limits(spread)
     }
 
@@ -50,7 +57,13 @@ impl Effect for Saturation {
         Some(Telling::Amplitude)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (lower, upper) = (values[0], values[1]);
         plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(move |signal| {
             signal.map_with_kinks(&[lower, upper], |u| {

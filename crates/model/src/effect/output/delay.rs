@@ -50,7 +50,13 @@ impl Effect for OutputDelay {
         Some(Telling::Bandwidth)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         for i in channel::outputs(self, system, channel)? {
             plan.outputs[i].delay_s += values[0];
         }

@@ -35,22 +35,40 @@ impl Effect for Misalignment {
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
-        let pairs = system.outputs.iter().flat_map(|from| system.outputs.iter().map(move |to| (from, to)));
-        pairs.filter(|(from, to)| from.name != to.name).map(|(from, to)| format!("{}->{}", from.name, to.name)).collect()
+        let pairs =
+            system.outputs.iter().flat_map(|from| system.outputs.iter().map(move |to| (from, to)));
+        pairs
+            .filter(|(from, to)| from.name != to.name)
+            .map(|(from, to)| format!("{}->{}", from.name, to.name))
+            .collect()
     }
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         let (from, to) = channel::arrow(self, system, channel, &system.outputs)?;
-        Ok(vec![channel::free("gain", channel::ratio(&system.outputs[to], &system.outputs[from]), 0.0)])
+        Ok(vec![channel::free(
+            "gain",
+            channel::ratio(&system.outputs[to], &system.outputs[from]),
+            0.0,
+        )])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Ok((from, to)) = channel::arrow(self, system, channel, &system.outputs) else { return Vec::new() };
-        let Some((from, to)) = scales.outputs.get(from).zip(scales.outputs.get(to)) else { return Vec::new() };
+        let Ok((from, to)) = channel::arrow(self, system, channel, &system.outputs) else {
+            return Vec::new();
+        };
+        let Some((from, to)) = scales.outputs.get(from).zip(scales.outputs.get(to)) else {
+            return Vec::new();
+        };
         channel::both_signs([0.1 * to.std / from.std.max(f64::MIN_POSITIVE)])
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (from, to) = channel::arrow(self, system, channel, &system.outputs)?;
         plan.outputs[to].mixing.push((from, values[0]));
         Ok(())

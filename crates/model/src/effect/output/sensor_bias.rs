@@ -40,7 +40,11 @@ impl Effect for SensorBias {
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) = channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i)) else { return Vec::new() };
+        let Some(spread) =
+            channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i))
+        else {
+            return Vec::new();
+        };
         channel::both_signs([0.2 * spread.std.max(f64::MIN_POSITIVE)])
     }
 
@@ -52,9 +56,17 @@ impl Effect for SensorBias {
         true
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let offset = values[0];
-        plan.outputs[channel::output(self, system, channel)?].maps.push(Arc::new(move |_, y| y + offset));
+        plan.outputs[channel::output(self, system, channel)?]
+            .maps
+            .push(Arc::new(move |_, y| y + offset));
         Ok(())
     }
 }

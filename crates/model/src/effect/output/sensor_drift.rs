@@ -40,17 +40,31 @@ impl Effect for SensorDrift {
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) = channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i)) else { return Vec::new() };
-        channel::both_signs([0.3 * spread.std.max(f64::MIN_POSITIVE) / scales.duration_s.max(f64::MIN_POSITIVE)])
+        let Some(spread) =
+            channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i))
+        else {
+            return Vec::new();
+        };
+        channel::both_signs([
+            0.3 * spread.std.max(f64::MIN_POSITIVE) / scales.duration_s.max(f64::MIN_POSITIVE)
+        ])
     }
 
     fn told_by(&self) -> Option<Telling> {
         Some(Telling::OperatingPoint)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let rate = values[0];
-        plan.outputs[channel::output(self, system, channel)?].maps.push(Arc::new(move |t, y| y + rate * t));
+        plan.outputs[channel::output(self, system, channel)?]
+            .maps
+            .push(Arc::new(move |t, y| y + rate * t));
         Ok(())
     }
 }

@@ -56,7 +56,13 @@ impl Effect for SensorGain {
         Some(Telling::Amplitude)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let gain = values[0];
         for i in channel::outputs(self, system, channel)? {
             plan.outputs[i].maps.push(Arc::new(move |_, y| gain * y));

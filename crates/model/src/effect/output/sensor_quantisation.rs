@@ -40,7 +40,11 @@ impl Effect for SensorQuantisation {
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) = channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i)) else { return Vec::new() };
+        let Some(spread) =
+            channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i))
+        else {
+            return Vec::new();
+        };
         // Raw values show their step exactly; without a lattice there is none.
         spread.lattice.into_iter().map(|step| vec![step]).collect()
     }
@@ -49,9 +53,17 @@ impl Effect for SensorQuantisation {
         true
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let step = values[0];
-        plan.outputs[channel::output(self, system, channel)?].maps.push(Arc::new(move |_, y| step * (y / step).round()));
+        plan.outputs[channel::output(self, system, channel)?]
+            .maps
+            .push(Arc::new(move |_, y| step * (y / step).round()));
         Ok(())
     }
 }

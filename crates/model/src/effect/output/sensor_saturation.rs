@@ -38,17 +38,32 @@ impl Effect for SensorSaturation {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         let unit = channel::unit(&system.outputs[channel::output(self, system, channel)?]);
-        Ok(vec![channel::free("lower", unit.clone(), f64::NEG_INFINITY), channel::free("upper", unit, f64::INFINITY)])
+        Ok(vec![
+            channel::free("lower", unit.clone(), f64::NEG_INFINITY),
+            channel::free("upper", unit, f64::INFINITY),
+        ])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) = channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i)) else { return Vec::new() };
+        let Some(spread) =
+            channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i))
+        else {
+            return Vec::new();
+        };
         channel::limits(spread)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (lower, upper) = (values[0], values[1]);
-        plan.outputs[channel::output(self, system, channel)?].maps.push(Arc::new(move |_, y| y.clamp(lower, upper)));
+        plan.outputs[channel::output(self, system, channel)?]
+            .maps
+            .push(Arc::new(move |_, y| y.clamp(lower, upper)));
         Ok(())
     }
 }

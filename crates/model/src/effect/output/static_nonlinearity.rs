@@ -38,11 +38,18 @@ impl Effect for StaticNonlinearity {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         let unit = channel::unit(&system.outputs[channel::output(self, system, channel)?]);
-        Ok(vec![channel::free("quadratic", format!("1/({unit})"), 0.0), channel::free("cubic", format!("1/({unit})^2"), 0.0)])
+        Ok(vec![
+            channel::free("quadratic", format!("1/({unit})"), 0.0),
+            channel::free("cubic", format!("1/({unit})^2"), 0.0),
+        ])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) = channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i)) else { return Vec::new() };
+        let Some(spread) =
+            channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i))
+        else {
+            return Vec::new();
+        };
         let largest = spread.quantiles[5].max(f64::MIN_POSITIVE);
         // The screen goes along both of either sign.
         vec![vec![0.2 / largest, 0.0], vec![0.0, 0.2 / (largest * largest)]]
@@ -56,7 +63,13 @@ impl Effect for StaticNonlinearity {
         Some(Telling::Amplitude)
     }
 
-    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(
+        &self,
+        system: &System,
+        channel: &str,
+        values: &[f64],
+        plan: &mut Plan,
+    ) -> Result<(), EffectError> {
         let (quadratic, cubic) = (values[0], values[1]);
         let (lower, upper) = rising(quadratic, cubic);
         let bent = move |_, y: f64| {
@@ -78,5 +91,8 @@ fn rising(quadratic: f64, cubic: f64) -> (f64, f64) {
     let one = -quadratic - square.sqrt().copysign(quadratic);
     let other = 3.0 * cubic / one;
     let (most, least) = (one.max(other), one.min(other));
-    (if least < 0.0 { 1.0 / least } else { f64::NEG_INFINITY }, if most > 0.0 { 1.0 / most } else { f64::INFINITY })
+    (
+        if least < 0.0 { 1.0 / least } else { f64::NEG_INFINITY },
+        if most > 0.0 { 1.0 / most } else { f64::INFINITY },
+    )
 }

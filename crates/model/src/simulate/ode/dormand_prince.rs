@@ -10,11 +10,19 @@ const A2: [f64; 1] = [1.0 / 5.0];
 const A3: [f64; 2] = [3.0 / 40.0, 9.0 / 40.0];
 const A4: [f64; 3] = [44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0];
 const A5: [f64; 4] = [19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0];
-const A6: [f64; 5] = [9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0];
+const A6: [f64; 5] =
+    [9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0];
 /// Of stages 1, 3, 4, 5, 6; that of stage 2 is 0.
 const B: [f64; 5] = [35.0 / 384.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0];
 /// Fifth minus fourth order, of stages 1, 3, 4, 5, 6, 7.
-const E: [f64; 6] = [71.0 / 57600.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339_200.0, 22.0 / 525.0, -1.0 / 40.0];
+const E: [f64; 6] = [
+    71.0 / 57600.0,
+    -71.0 / 16695.0,
+    71.0 / 1920.0,
+    -17253.0 / 339_200.0,
+    22.0 / 525.0,
+    -1.0 / 40.0,
+];
 /// Dense output, of stages 1, 3, 4, 5, 6, 7.
 const D: [f64; 6] = [
     -12_715_105_075.0 / 11_282_082_432.0,
@@ -52,7 +60,14 @@ impl DormandPrince {
 
     /// Steps from x by h into `to` (order 5): five evaluations, the slope at the start being known.
     #[inline]
-    pub(super) fn step<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t: f64, h: f64, x: &[f64], to: &mut [f64]) {
+    pub(super) fn step<R: Rhs + ?Sized>(
+        &mut self,
+        rhs: &mut R,
+        t: f64,
+        h: f64,
+        x: &[f64],
+        to: &mut [f64],
+    ) {
         // A number of states that the compiler knows unrolls the loops.
         match self.n {
             2 => self.step_of(2, rhs, t, h, x, to),
@@ -63,7 +78,15 @@ impl DormandPrince {
     }
 
     #[inline(always)]
-    fn step_of<R: Rhs + ?Sized>(&mut self, n: usize, rhs: &mut R, t: f64, h: f64, x: &[f64], to: &mut [f64]) {
+    fn step_of<R: Rhs + ?Sized>(
+        &mut self,
+        n: usize,
+        rhs: &mut R,
+        t: f64,
+        h: f64,
+        x: &[f64],
+        to: &mut [f64],
+    ) {
         let stage = &mut self.stage[..n];
         let (x, to) = (&x[..n], &mut to[..n]);
         let (k1, rest) = self.k.split_at_mut(n);
@@ -89,17 +112,31 @@ impl DormandPrince {
         }
         rhs.eval(t + C[3] * h, stage, k5);
         for i in 0..n {
-            stage[i] = x[i] + h * (A6[0] * k1[i] + A6[1] * k2[i] + A6[2] * k3[i] + A6[3] * k4[i] + A6[4] * k5[i]);
+            stage[i] = x[i]
+                + h * (A6[0] * k1[i]
+                    + A6[1] * k2[i]
+                    + A6[2] * k3[i]
+                    + A6[3] * k4[i]
+                    + A6[4] * k5[i]);
         }
         rhs.eval(t + C[4] * h, stage, k6);
         for i in 0..n {
-            to[i] = x[i] + h * (B[0] * k1[i] + B[1] * k3[i] + B[2] * k4[i] + B[3] * k5[i] + B[4] * k6[i]);
+            to[i] = x[i]
+                + h * (B[0] * k1[i] + B[1] * k3[i] + B[2] * k4[i] + B[3] * k5[i] + B[4] * k6[i]);
         }
     }
 
     /// The slope at the end of the step (the seventh evaluation), and the error estimate over the tolerance.
     #[inline]
-    pub(super) fn finish<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t: f64, h: f64, x: &[f64], to: &[f64], tolerance: (f64, f64)) -> f64 {
+    pub(super) fn finish<R: Rhs + ?Sized>(
+        &mut self,
+        rhs: &mut R,
+        t: f64,
+        h: f64,
+        x: &[f64],
+        to: &[f64],
+        tolerance: (f64, f64),
+    ) -> f64 {
         rhs.eval(t + h, to, &mut self.k[6 * self.n..]);
         match self.n {
             2 => self.error_of(2, h, x, to, tolerance),
@@ -115,7 +152,12 @@ impl DormandPrince {
         let mut sum = 0.0;
         for i in 0..n {
             let stage = |s: usize| k[s * n + i];
-            let e = E[0] * stage(0) + E[1] * stage(2) + E[2] * stage(3) + E[3] * stage(4) + E[4] * stage(5) + E[5] * stage(6);
+            let e = E[0] * stage(0)
+                + E[1] * stage(2)
+                + E[2] * stage(3)
+                + E[3] * stage(4)
+                + E[4] * stage(5)
+                + E[5] * stage(6);
             let scale = atol + rtol * x[i].abs().max(to[i].abs());
             sum += (h * e / scale).powi(2);
         }
@@ -140,7 +182,13 @@ impl DormandPrince {
             let difference = to[i] - x[i];
             let start = h * stage(0) - difference;
             let end = difference - h * stage(6) - start;
-            let curve = h * (D[0] * stage(0) + D[1] * stage(2) + D[2] * stage(3) + D[3] * stage(4) + D[4] * stage(5) + D[5] * stage(6));
+            let curve = h
+                * (D[0] * stage(0)
+                    + D[1] * stage(2)
+                    + D[2] * stage(3)
+                    + D[3] * stage(4)
+                    + D[4] * stage(5)
+                    + D[5] * stage(6));
             at[i] = x[i] + theta * (difference + rest * (start + theta * (end + rest * curve)));
         }
     }

@@ -32,7 +32,14 @@ pub(super) fn within<R: Rhs + ?Sized>(
         if *sign == 0.0 {
             *sign = value;
         } else if changed(*sign, value) {
-            let behind = located(before, before_value, look, value, |theta| on_curve(integrator, t, h, x, theta, event), *sign);
+            let behind = located(
+                before,
+                before_value,
+                look,
+                value,
+                |theta| on_curve(integrator, t, h, x, theta, event),
+                *sign,
+            );
             return Some(restep(integrator, rhs, (t, end), x, event, behind, *sign));
         }
         (before, before_value) = (look, value);
@@ -45,19 +52,29 @@ fn changed(sign: f64, value: f64) -> bool {
 }
 
 /// The event's value on the curve through the step (the step's own dense output, or a cubic through both ends).
-fn on_curve(integrator: &mut Integrator, t: f64, h: f64, x: &[f64], theta: f64, event: &mut dyn FnMut(f64, &[f64]) -> f64) -> f64 {
+fn on_curve(
+    integrator: &mut Integrator,
+    t: f64,
+    h: f64,
+    x: &[f64],
+    theta: f64,
+    event: &mut dyn FnMut(f64, &[f64]) -> f64,
+) -> f64 {
     if theta == 1.0 {
         return event(t + h, &integrator.next);
     }
     let n = integrator.n;
     match integrator.method {
-        Method::Explicit => integrator.explicit.dense(theta, h, x, &integrator.next, &mut integrator.between),
+        Method::Explicit => {
+            integrator.explicit.dense(theta, h, x, &integrator.next, &mut integrator.between)
+        }
         Method::Rosenbrock => {
             let (k, rest) = (&integrator.explicit.k, 1.0 - theta);
             for i in 0..n {
                 let difference = integrator.next[i] - x[i];
                 let (start, last) = (h * k[i] - difference, difference - h * k[6 * n + i]);
-                integrator.between[i] = x[i] + theta * (difference + rest * (start * rest + last * theta));
+                integrator.between[i] =
+                    x[i] + theta * (difference + rest * (start * rest + last * theta));
             }
         }
     }
@@ -65,7 +82,14 @@ fn on_curve(integrator: &mut Integrator, t: f64, h: f64, x: &[f64], theta: f64, 
 }
 
 /// Root of `value` between a and b (different signs there), from behind: regula falsi with the Illinois rule, and bisection where that is slow.
-fn located(mut a: f64, mut at_a: f64, mut b: f64, mut at_b: f64, mut value: impl FnMut(f64) -> f64, sign: f64) -> f64 {
+fn located(
+    mut a: f64,
+    mut at_a: f64,
+    mut b: f64,
+    mut at_b: f64,
+    mut value: impl FnMut(f64) -> f64,
+    sign: f64,
+) -> f64 {
     // The side that stayed last time: its value is halved when it stays again.
     let mut stayed = 0;
     for round in 0..200 {
@@ -105,10 +129,20 @@ fn restep<R: Rhs + ?Sized>(
     let h = end - t;
     let mut step = |integrator: &mut Integrator, share: f64| {
         match integrator.method {
-            Method::Explicit => integrator.explicit.step(rhs, t, share * h, x, &mut integrator.next),
+            Method::Explicit => {
+                integrator.explicit.step(rhs, t, share * h, x, &mut integrator.next)
+            }
             Method::Rosenbrock => {
                 let dx = &integrator.explicit.k[..integrator.n];
-                integrator.rosenbrock.step(rhs, t, share * h, x, dx, &mut integrator.next, &mut integrator.error);
+                integrator.rosenbrock.step(
+                    rhs,
+                    t,
+                    share * h,
+                    x,
+                    dx,
+                    &mut integrator.next,
+                    &mut integrator.error,
+                );
             }
         }
         event(t + share * h, &integrator.next)
@@ -133,7 +167,8 @@ fn restep<R: Rhs + ?Sized>(
         }
     }
     if changed(sign, value) && !changed(sign, before_value) {
-        behind = located(before, before_value, behind, value, |share| step(integrator, share), sign);
+        behind =
+            located(before, before_value, behind, value, |share| step(integrator, share), sign);
     }
     step(integrator, behind);
     x.copy_from_slice(&integrator.next);

@@ -156,14 +156,29 @@ impl Integrator {
 
     /// The error of equations that are too stiff, with the state to blame: the one with the largest √|Jᵢⱼ·Jⱼᵢ|, which is its own rate for i = j and the frequency of an
     /// oscillation between two states otherwise, whatever the units.
-    fn stiff<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t: f64, x: &[f64], steps: usize, step_s: f64) -> SimulateError {
+    fn stiff<R: Rhs + ?Sized>(
+        &mut self,
+        rhs: &mut R,
+        t: f64,
+        x: &[f64],
+        steps: usize,
+        step_s: f64,
+    ) -> SimulateError {
         let n = self.n;
-        let (mut at, mut dx, mut scratch, mut jacobian) = (x.to_vec(), vec![0.0; n], vec![0.0; 2 * n], vec![0.0; n * n]);
+        let (mut at, mut dx, mut scratch, mut jacobian) =
+            (x.to_vec(), vec![0.0; n], vec![0.0; 2 * n], vec![0.0; n * n]);
         rhs.eval(t, &at, &mut dx);
         rhs.jacobian(t, &mut at, &dx, &mut scratch, &mut jacobian);
         let entry = |i: usize, j: usize| jacobian.get(i + n * j).copied().unwrap_or(0.0);
-        let rate = |i: usize| (0..n).map(|j| (entry(i, j).abs().sqrt()) * entry(j, i).abs().sqrt()).fold(0.0, f64::max);
-        let fastest = (0..n).map(|i| (i, rate(i))).filter(|(_, rate)| rate.is_finite() && *rate > 0.0).max_by(|a, b| a.1.total_cmp(&b.1));
+        let rate = |i: usize| {
+            (0..n)
+                .map(|j| (entry(i, j).abs().sqrt()) * entry(j, i).abs().sqrt())
+                .fold(0.0, f64::max)
+        };
+        let fastest = (0..n)
+            .map(|i| (i, rate(i)))
+            .filter(|(_, rate)| rate.is_finite() && *rate > 0.0)
+            .max_by(|a, b| a.1.total_cmp(&b.1));
         self.fastest = fastest.map(|(state, rate)| (state, 1.0 / rate));
         SimulateError::Stiff { time_s: t, steps, step_s }
     }
@@ -173,7 +188,13 @@ impl Integrator {
     /// # Errors
     /// [`SimulateError`]: undefined at the start, explodes, too stiff, time that runs back.
     #[inline]
-    pub fn advance<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t0: f64, t1: f64, x: &mut [f64]) -> Result<(), SimulateError> {
+    pub fn advance<R: Rhs + ?Sized>(
+        &mut self,
+        rhs: &mut R,
+        t0: f64,
+        t1: f64,
+        x: &mut [f64],
+    ) -> Result<(), SimulateError> {
         self.drive(rhs, (t0, t1), t1, x, None).map(drop)
     }
 
@@ -221,7 +242,8 @@ impl Integrator {
             steps += 1;
             self.affords(rhs, t, x, &mut steps)?;
             let error = self.step(rhs, t, h, x);
-            let (order, growth) = if self.method == Method::Explicit { (5.0, 10.0) } else { (4.0, 6.0) };
+            let (order, growth) =
+                if self.method == Method::Explicit { (5.0, 10.0) } else { (4.0, 6.0) };
             if error > 1.0 || error.is_nan() {
                 after_rejection = true;
                 if !error.is_finite() {
@@ -264,7 +286,13 @@ impl Integrator {
     }
 
     /// Another step is within the limits; where an explicit method took too many of this call, the other one begins to count.
-    fn affords<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t: f64, x: &[f64], steps: &mut usize) -> Result<(), SimulateError> {
+    fn affords<R: Rhs + ?Sized>(
+        &mut self,
+        rhs: &mut R,
+        t: f64,
+        x: &[f64],
+        steps: &mut usize,
+    ) -> Result<(), SimulateError> {
         let too_many = if self.steps + self.rejected >= self.budget {
             self.budget
         } else if *steps > self.max_steps && self.method == Method::Rosenbrock {
@@ -280,10 +308,18 @@ impl Integrator {
     }
 
     /// Finds the slope where a call begins, or takes it from where the last one ended; `false`: there is nothing to integrate.
-    fn begin<R: Rhs + ?Sized>(&mut self, rhs: &mut R, (t0, t1): (f64, f64), x: &[f64]) -> Result<bool, SimulateError> {
+    fn begin<R: Rhs + ?Sized>(
+        &mut self,
+        rhs: &mut R,
+        (t0, t1): (f64, f64),
+        x: &[f64],
+    ) -> Result<bool, SimulateError> {
         let same = std::mem::take(&mut self.same);
         if x.len() != self.n || rhs.dim() != self.n {
-            return Err(SimulateError::InitialState { needed: self.n, got: if x.len() == self.n { rhs.dim() } else { x.len() } });
+            return Err(SimulateError::InitialState {
+                needed: self.n,
+                got: if x.len() == self.n { rhs.dim() } else { x.len() },
+            });
         }
         if t0 == t1 {
             return Ok(false);
@@ -309,7 +345,11 @@ impl Integrator {
     /// The step to try after one whose error was too large or not finite.
     fn reject(&mut self, h: f64, error: f64, order: f64) {
         self.rejected += 1;
-        self.h = if error.is_finite() { h * (SAFETY * error.powf(-1.0 / order)).max(0.1) } else { 0.1 * h };
+        self.h = if error.is_finite() {
+            h * (SAFETY * error.powf(-1.0 / order)).max(0.1)
+        } else {
+            0.1 * h
+        };
     }
 
     /// Tries a step into `next`; the error over the tolerance.
@@ -337,7 +377,11 @@ impl Integrator {
             return f64::NAN;
         }
         let states = self.error.iter().zip(x).zip(&self.next);
-        let sum: f64 = states.map(|((error, x), next)| (error / (self.atol + self.rtol * x.abs().max(next.abs()))).powi(2)).sum();
+        let sum: f64 = states
+            .map(|((error, x), next)| {
+                (error / (self.atol + self.rtol * x.abs().max(next.abs()))).powi(2)
+            })
+            .sum();
         let count = n.max(1) as f64;
         (sum / count).sqrt()
     }
@@ -362,7 +406,8 @@ impl Integrator {
             }
             Method::Explicit => {}
             Method::Rosenbrock => {
-                self.easy = if h * self.rosenbrock.jacobian_norm() < 1.0 { self.easy + 1 } else { 0 };
+                self.easy =
+                    if h * self.rosenbrock.jacobian_norm() < 1.0 { self.easy + 1 } else { 0 };
                 if self.easy >= EASY_STEPS {
                     self.method = Method::Explicit;
                     self.easy = 0;
@@ -375,7 +420,9 @@ impl Integrator {
     fn first_step<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t: f64, t1: f64, x: &[f64]) -> f64 {
         let n = self.n;
         let (rtol, atol) = (self.rtol, self.atol);
-        let norm = |v: &dyn Fn(usize) -> f64| (0..n).map(|i| (v(i) / (atol + rtol * x[i].abs())).powi(2)).sum::<f64>().sqrt();
+        let norm = |v: &dyn Fn(usize) -> f64| {
+            (0..n).map(|i| (v(i) / (atol + rtol * x[i].abs())).powi(2)).sum::<f64>().sqrt()
+        };
         let (dx, rest) = self.explicit.k.split_at_mut(n);
         let (size, slope) = (norm(&|i| x[i]), norm(&|i| dx[i]));
         let h0 = if size < 1e-10 || slope < 1e-10 { 1e-6 } else { 0.01 * size / slope }.min(t1 - t);
@@ -386,17 +433,26 @@ impl Integrator {
         rhs.eval(t + h0, &self.next, moved);
         let curve = norm(&|i| moved[i] - dx[i]) / h0;
         let largest = slope.max(curve);
-        let h1 = if largest <= 1e-15 { f64::max(1e-6, h0 * 1e-3) } else { (0.01 / largest).powf(0.2) };
+        let h1 =
+            if largest <= 1e-15 { f64::max(1e-6, h0 * 1e-3) } else { (0.01 / largest).powf(0.2) };
         let h = (100.0 * h0).min(h1).min(t1 - t);
         if h.is_finite() && h > 0.0 { h } else { h0.max(f64::MIN_POSITIVE) }
     }
 
     /// No step is small enough: why.
-    fn failure<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t: f64, x: &[f64], smallest: f64, broken_h: Option<f64>) -> SimulateError {
+    fn failure<R: Rhs + ?Sized>(
+        &mut self,
+        rhs: &mut R,
+        t: f64,
+        x: &[f64],
+        smallest: f64,
+        broken_h: Option<f64>,
+    ) -> SimulateError {
         let dx = self.explicit.first();
         let size = x.iter().fold(0.0, |s: f64, v| s.max(v.abs()));
         // The time in which some state would grow by its own size.
-        let runaway = x.iter().zip(dx.iter()).any(|(x, d)| d.abs() * 1e3 * smallest >= x.abs().max(1.0));
+        let runaway =
+            x.iter().zip(dx.iter()).any(|(x, d)| d.abs() * 1e3 * smallest >= x.abs().max(1.0));
         if size > 1e100 || runaway {
             return SimulateError::Explodes { time_s: t };
         }

@@ -78,7 +78,13 @@ impl Integrator {
         if t1 >= end {
             x.copy_from_slice(&self.next);
         } else {
-            self.explicit.dense((t1 - start) / (end - start), end - start, &self.past.from, &self.next, x);
+            self.explicit.dense(
+                (t1 - start) / (end - start),
+                end - start,
+                &self.past.from,
+                &self.next,
+                x,
+            );
         }
         Ok(())
     }

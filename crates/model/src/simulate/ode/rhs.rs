@@ -11,7 +11,14 @@ pub trait Rhs {
     /// ∂f/∂x, column by column: `jacobian[i + n*j]` is ∂f(i)/∂x(j). `dx` is f(t, x), `scratch` has room for two states.
     ///
     /// By default forward differences; x is changed on the way and put back.
-    fn jacobian(&mut self, t: f64, x: &mut [f64], dx: &[f64], scratch: &mut [f64], jacobian: &mut [f64]) {
+    fn jacobian(
+        &mut self,
+        t: f64,
+        x: &mut [f64],
+        dx: &[f64],
+        scratch: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
         let n = x.len();
         let shifted = &mut scratch[..n];
         for j in 0..n {

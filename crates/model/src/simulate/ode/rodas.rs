@@ -15,7 +15,13 @@ const A: [&[f64]; 6] = [
     &[0.946_678_528_081_582_6, 0.255_701_169_898_328_4],
     &[3.314_825_187_068_521, 2.896_124_015_972_201, 0.998_641_913_997_781_7],
     &[1.221_224_509_226_641, 6.019_134_481_288_629, 12.537_083_329_320_87, -0.687_886_036_105_895],
-    &[1.221_224_509_226_641, 6.019_134_481_288_629, 12.537_083_329_320_87, -0.687_886_036_105_895, 1.0],
+    &[
+        1.221_224_509_226_641,
+        6.019_134_481_288_629,
+        12.537_083_329_320_87,
+        -0.687_886_036_105_895,
+        1.0,
+    ],
 ];
 const C: [&[f64]; 6] = [
     &[],
@@ -23,7 +29,13 @@ const C: [&[f64]; 6] = [
     &[-2.430_093_356_833_875, -0.206_359_915_709_191_5],
     &[-0.107_352_905_815_137_5, -9.594_562_251_023_355, -20.470_286_148_096_16],
     &[7.496_443_313_967_647, -10.246_804_314_643_52, -33.999_903_528_199_05, 11.708_908_932_061_6],
-    &[8.083_246_795_921_522, -7.981_132_988_064_893, -31.521_594_328_743_71, 16.319_305_431_231_36, -6.058_818_238_834_054],
+    &[
+        8.083_246_795_921_522,
+        -7.981_132_988_064_893,
+        -31.521_594_328_743_71,
+        16.319_305_431_231_36,
+        -6.058_818_238_834_054,
+    ],
 ];
 
 /// Memory of a step.
@@ -54,7 +66,14 @@ impl Rodas {
     }
 
     /// Jacobian and time slope at the start of a step; `dx` = f(t, x).
-    pub(super) fn prepare<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t: f64, x: &[f64], dx: &[f64], h: f64) {
+    pub(super) fn prepare<R: Rhs + ?Sized>(
+        &mut self,
+        rhs: &mut R,
+        t: f64,
+        x: &[f64],
+        dx: &[f64],
+        h: f64,
+    ) {
         self.stage_x.copy_from_slice(x);
         rhs.jacobian(t, &mut self.stage_x, dx, &mut self.scratch, &mut self.jacobian);
         let step = (f64::EPSILON.sqrt() * t.abs().max(h.abs())).min(1e-3 * h.abs());
@@ -64,7 +83,9 @@ impl Rodas {
     /// The largest row sum of the Jacobian: a bound of its eigenvalues.
     pub(super) fn jacobian_norm(&self) -> f64 {
         let n = self.n;
-        (0..n).map(|i| (0..n).map(|j| self.jacobian[i + n * j].abs()).sum::<f64>()).fold(0.0, f64::max)
+        (0..n)
+            .map(|i| (0..n).map(|j| self.jacobian[i + n * j].abs()).sum::<f64>())
+            .fold(0.0, f64::max)
     }
 
     /// Steps from x by h into `to`; `error` gets the estimate. False where the matrix is singular or a stage undefined.
@@ -96,12 +117,14 @@ impl Rodas {
                 u.copy_from_slice(dx);
             } else {
                 for i in 0..n {
-                    self.stage_x[i] = x[i] + A[s].iter().enumerate().map(|(j, a)| a * done[j * n + i]).sum::<f64>();
+                    self.stage_x[i] = x[i]
+                        + A[s].iter().enumerate().map(|(j, a)| a * done[j * n + i]).sum::<f64>();
                 }
                 rhs.eval(t + ALPHA[s] * h, &self.stage_x, u);
             }
             for i in 0..n {
-                u[i] += C[s].iter().enumerate().map(|(j, c)| c / h * done[j * n + i]).sum::<f64>() + h * GAMMAS[s] * self.slope[i];
+                u[i] += C[s].iter().enumerate().map(|(j, c)| c / h * done[j * n + i]).sum::<f64>()
+                    + h * GAMMAS[s] * self.slope[i];
             }
             if u.iter().any(|v| !v.is_finite()) {
                 return false;

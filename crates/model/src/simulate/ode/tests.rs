@@ -71,7 +71,8 @@ fn the_dense_output_has_order_four_inside_a_step() {
 #[test]
 fn the_rosenbrock_method_has_order_four_with_time_in_the_equations() {
     let found = order(|count| {
-        let (mut f, mut x, mut to, mut error, mut dx) = (oscillator(), vec![1.0, 0.3], vec![0.0; 2], vec![0.0; 2], vec![0.0; 2]);
+        let (mut f, mut x, mut to, mut error, mut dx) =
+            (oscillator(), vec![1.0, 0.3], vec![0.0; 2], vec![0.0; 2], vec![0.0; 2]);
         let mut rodas = rodas::Rodas::new(2);
         let h = 4.0 / count as f64;
         for k in 0..count {
@@ -121,15 +122,19 @@ fn a_sample_costs_one_step_of_seven_evaluations() {
 #[test]
 fn steps_past_samples_are_fewer_and_their_curve_is_as_accurate() {
     let exact = {
-        let (mut f, mut integrator, mut x) = (oscillator(), Integrator::with_tolerance(2, 1e-13, 1e-15), [1.0, 0.3]);
+        let (mut f, mut integrator, mut x) =
+            (oscillator(), Integrator::with_tolerance(2, 1e-13, 1e-15), [1.0, 0.3]);
         let mut at = |k: u32| {
-            integrator.advance(&mut f, f64::from(k) * 0.01, f64::from(k + 1) * 0.01, &mut x).unwrap();
+            integrator
+                .advance(&mut f, f64::from(k) * 0.01, f64::from(k + 1) * 0.01, &mut x)
+                .unwrap();
             x
         };
         (0..1000).map(&mut at).collect::<Vec<_>>()
     };
     for method in [Method::Explicit, Method::Rosenbrock] {
-        let (mut f, mut integrator, mut x) = (oscillator(), Integrator::with_tolerance(2, 1e-7, 1e-9), [1.0, 0.3]);
+        let (mut f, mut integrator, mut x) =
+            (oscillator(), Integrator::with_tolerance(2, 1e-7, 1e-9), [1.0, 0.3]);
         integrator.method = method;
         let mut worst: f64 = 0.0;
         for k in 0..1000_u32 {
@@ -137,7 +142,9 @@ fn steps_past_samples_are_fewer_and_their_curve_is_as_accurate() {
                 integrator.same_right_hand_side();
             }
             let until = f64::from(k / 250 + 1) * 2.5;
-            integrator.advance_past(&mut f, (f64::from(k) * 0.01, f64::from(k + 1) * 0.01), until, &mut x).unwrap();
+            integrator
+                .advance_past(&mut f, (f64::from(k) * 0.01, f64::from(k + 1) * 0.01), until, &mut x)
+                .unwrap();
             let there = exact[k as usize];
             if (k, method) == (9, Method::Rosenbrock) {
                 // The implicit method's curve is not used: one step a sample, until it finds that the explicit one does as well.
@@ -156,11 +163,15 @@ fn steps_past_samples_are_fewer_and_their_curve_is_as_accurate() {
 fn a_bouncing_ball_hits_the_floor_when_it_should() {
     let mut f = System(2, |_: f64, x: &[f64], dx: &mut [f64]| (dx[0], dx[1]) = (x[1], -9.81), 0);
     for scale in [1.0, 1e-3] {
-        let (mut integrator, mut x, mut t) = (Integrator::with_tolerance(2, 1e-8, 1e-12), [scale, 0.0], 0.0);
+        let (mut integrator, mut x, mut t) =
+            (Integrator::with_tolerance(2, 1e-8, 1e-12), [scale, 0.0], 0.0);
         let first = (2.0 * scale / 9.81_f64).sqrt();
         let mut expect = first;
         for bounce in 1..=6 {
-            let hit = integrator.advance_until(&mut f, t, t + 10.0, &mut x, &mut |_, x| x[0]).unwrap().unwrap();
+            let hit = integrator
+                .advance_until(&mut f, t, t + 10.0, &mut x, &mut |_, x| x[0])
+                .unwrap()
+                .unwrap();
             assert!((hit - expect).abs() < 1e-11 * expect, "bounce {bounce}: {hit} {expect}");
             assert!(x[0] <= 0.0 && x[0] > -1e-11 * scale, "{x:?}");
             x = [0.0, -0.8 * x[1]];
@@ -178,25 +189,37 @@ fn an_event_needs_a_change_of_sign_after_the_start() {
     let mut x = [0.0, 1.0];
     assert_eq!(integrator.advance_until(&mut f, 0.0, 3.0, &mut x, &mut |_, x| x[0]).unwrap(), None);
     let mut x = [0.0, 1.0];
-    let at = integrator.advance_until(&mut f, 0.0, 10.0, &mut x, &mut |_, x| x[0]).unwrap().unwrap();
+    let at =
+        integrator.advance_until(&mut f, 0.0, 10.0, &mut x, &mut |_, x| x[0]).unwrap().unwrap();
     assert!((at - std::f64::consts::PI).abs() < 1e-6 && x[0] <= 0.0 && x[0] > -1e-11, "{at} {x:?}");
     // Going on from there the next change is that at 2π, not the one just found.
-    let next = integrator.advance_until(&mut f, at, 10.0, &mut x, &mut |_, x| x[0]).unwrap().unwrap();
+    let next =
+        integrator.advance_until(&mut f, at, 10.0, &mut x, &mut |_, x| x[0]).unwrap().unwrap();
     assert!((next - 2.0 * std::f64::consts::PI).abs() < 1e-6, "{next}");
     // An event in time alone, at the very end of the stretch.
     let mut x = [0.0, 1.0];
-    assert_eq!(integrator.advance_until(&mut f, 0.0, 0.25, &mut x, &mut |t, _| t - 0.25).unwrap(), Some(0.25));
+    assert_eq!(
+        integrator.advance_until(&mut f, 0.0, 0.25, &mut x, &mut |t, _| t - 0.25).unwrap(),
+        Some(0.25)
+    );
     // Two changes within one step.
     let mut x = [0.0, 0.0];
     let mut still = System(2, |_: f64, _: &[f64], dx: &mut [f64]| dx.fill(0.0), 0);
     let mut event = |t: f64, _: &[f64]| (t - 0.3) * (t - 0.6);
-    let at = Integrator::new(2).advance_until(&mut still, 0.0, 1.0, &mut x, &mut event).unwrap().unwrap();
+    let at = Integrator::new(2)
+        .advance_until(&mut still, 0.0, 1.0, &mut x, &mut event)
+        .unwrap()
+        .unwrap();
     assert!((at - 0.3).abs() < 1e-11, "{at}");
 }
 
 #[test]
 fn dry_friction_stops_a_sliding_mass() {
-    let mut f = System(2, |_: f64, x: &[f64], dx: &mut [f64]| (dx[0], dx[1]) = (x[1], -2.0 - 0.5 * x[1]), 0);
+    let mut f = System(
+        2,
+        |_: f64, x: &[f64], dx: &mut [f64]| (dx[0], dx[1]) = (x[1], -2.0 - 0.5 * x[1]),
+        0,
+    );
     let (mut integrator, mut x) = (Integrator::with_tolerance(2, 1e-10, 1e-10), [0.0, 3.0]);
     let at = integrator.advance_until(&mut f, 0.0, 5.0, &mut x, &mut |_, x| x[1]).unwrap().unwrap();
     // v = (3 + 4) e^{−t/2} − 4.
@@ -217,14 +240,21 @@ fn robertson() -> System<impl FnMut(f64, &[f64], &mut [f64])> {
 }
 
 fn van_der_pol(mu: f64) -> System<impl FnMut(f64, &[f64], &mut [f64])> {
-    System(2, move |_: f64, x: &[f64], dx: &mut [f64]| (dx[0], dx[1]) = (x[1], mu * ((1.0 - x[0] * x[0]) * x[1]) - x[0]), 0)
+    System(
+        2,
+        move |_: f64, x: &[f64], dx: &mut [f64]| {
+            (dx[0], dx[1]) = (x[1], mu * ((1.0 - x[0] * x[0]) * x[1]) - x[0])
+        },
+        0,
+    )
 }
 
 /// Expected values: scipy 1.17.1 solve_ivp, Radau, rtol 1e-12, atol 1e-16.
 #[test]
 fn stiff_problems_agree_with_radau() {
     let mut f = robertson();
-    let (mut integrator, mut x, mut t) = (Integrator::with_tolerance(3, 1e-6, 1e-10), [1.0, 0.0, 0.0], 0.0);
+    let (mut integrator, mut x, mut t) =
+        (Integrator::with_tolerance(3, 1e-6, 1e-10), [1.0, 0.0, 0.0], 0.0);
     for (end, expect) in ROBERTSON {
         integrator.advance(&mut f, t, end, &mut x).unwrap();
         for i in 0..3 {
@@ -247,7 +277,11 @@ fn stiff_problems_agree_with_radau() {
 
 #[test]
 fn a_fast_mode_far_below_the_sample_time_is_no_obstacle() {
-    let mut f = System(2, |t: f64, x: &[f64], dx: &mut [f64]| (dx[0], dx[1]) = (-1e6 * (x[0] - t.sin()), x[0] - x[1]), 0);
+    let mut f = System(
+        2,
+        |t: f64, x: &[f64], dx: &mut [f64]| (dx[0], dx[1]) = (-1e6 * (x[0] - t.sin()), x[0] - x[1]),
+        0,
+    );
     let (mut integrator, mut x) = (Integrator::with_tolerance(2, 1e-8, 1e-10), [0.0, 1.0]);
     for k in 0..100 {
         integrator.advance(&mut f, f64::from(k) * 0.1, f64::from(k + 1) * 0.1, &mut x).unwrap();
@@ -264,9 +298,13 @@ fn what_cannot_be_integrated_says_when_and_why() {
         e => panic!("{e}"),
     }
     let mut growth = System(1, |_: f64, x: &[f64], dx: &mut [f64]| dx[0] = x[0], 0);
-    assert!(matches!(fails(Integrator::new(1).advance(&mut growth, 0.0, 1e4, &mut [1.0])), SimulateError::Explodes { .. }));
+    assert!(matches!(
+        fails(Integrator::new(1).advance(&mut growth, 0.0, 1e4, &mut [1.0])),
+        SimulateError::Explodes { .. }
+    ));
     // The state reaches the edge of a square root's domain after 2 s.
-    let mut root = System(1, |_: f64, x: &[f64], dx: &mut [f64]| dx[0] = -1.0 - x[0].sqrt() * 0.0, 0);
+    let mut root =
+        System(1, |_: f64, x: &[f64], dx: &mut [f64]| dx[0] = -1.0 - x[0].sqrt() * 0.0, 0);
     let (mut integrator, mut x) = (Integrator::new(1), [2.0]);
     match fails(integrator.advance(&mut root, 0.0, 3.0, &mut x)) {
         SimulateError::Undefined { time_s } => assert!((time_s - 2.0).abs() < 1e-6, "{time_s}"),
@@ -274,12 +312,24 @@ fn what_cannot_be_integrated_says_when_and_why() {
     }
     assert!(integrator.breakdown().unwrap().1[0] < 0.0);
     let mut nan = System(1, |_: f64, _: &[f64], dx: &mut [f64]| dx[0] = f64::NAN, 0);
-    assert!(matches!(fails(Integrator::new(1).advance(&mut nan, 0.0, 1.0, &mut [0.0])), SimulateError::Undefined { time_s: 0.0 }));
-    assert!(matches!(fails(Integrator::new(1).advance(&mut square, 1.0, 0.0, &mut [0.0])), SimulateError::Backwards { .. }));
-    assert!(matches!(fails(Integrator::new(2).advance(&mut square, 0.0, 1.0, &mut [0.0])), SimulateError::InitialState { .. }));
+    assert!(matches!(
+        fails(Integrator::new(1).advance(&mut nan, 0.0, 1.0, &mut [0.0])),
+        SimulateError::Undefined { time_s: 0.0 }
+    ));
+    assert!(matches!(
+        fails(Integrator::new(1).advance(&mut square, 1.0, 0.0, &mut [0.0])),
+        SimulateError::Backwards { .. }
+    ));
+    assert!(matches!(
+        fails(Integrator::new(2).advance(&mut square, 0.0, 1.0, &mut [0.0])),
+        SimulateError::InitialState { .. }
+    ));
     let mut few = Integrator::new(2);
     few.max_steps = 5;
-    assert!(matches!(fails(few.advance(&mut oscillator(), 0.0, 1e3, &mut [1.0, 0.0])), SimulateError::Stiff { .. }));
+    assert!(matches!(
+        fails(few.advance(&mut oscillator(), 0.0, 1e3, &mut [1.0, 0.0])),
+        SimulateError::Stiff { .. }
+    ));
 }
 
 const ROBERTSON: [(f64, [f64; 3]); 4] = [

@@ -39,14 +39,21 @@ impl Children {
 #[cfg(unix)]
 fn end_group(process: u32) {
     // There is no way to signal a group without unsafe code; every Unix has the program.
-    let kill = Command::new("kill").args(["-KILL", "--", &format!("-{process}")]).stdout(Stdio::null()).stderr(Stdio::null()).status();
+    let kill = Command::new("kill")
+        .args(["-KILL", "--", &format!("-{process}")])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status();
     drop(kill);
 }
 
 #[cfg(not(unix))]
 fn end_group(process: u32) {
-    let kill =
-        Command::new("taskkill").args(["/F", "/T", "/PID", &process.to_string()]).stdout(Stdio::null()).stderr(Stdio::null()).status();
+    let kill = Command::new("taskkill")
+        .args(["/F", "/T", "/PID", &process.to_string()])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status();
     drop(kill);
 }
 
@@ -91,14 +98,19 @@ impl Running {
     ///
     /// # Errors
     /// As a phrase: what the operating system said.
-    pub(super) fn start(command: &str, folder: Option<&Path>, children: &Children) -> Result<Self, String> {
+    pub(super) fn start(
+        command: &str,
+        folder: Option<&Path>,
+        children: &Children,
+    ) -> Result<Self, String> {
         let mut shell = shell(command);
         if let Some(folder) = folder {
             shell.current_dir(folder);
         }
         shell.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut list = children.lock();
-        let mut child = shell.spawn().map_err(|e| format!("`{command}` could not be started: {e}"))?;
+        let mut child =
+            shell.spawn().map_err(|e| format!("`{command}` could not be started: {e}"))?;
         list.insert(child.id());
         drop(list);
         let words = Words::of(&mut child);

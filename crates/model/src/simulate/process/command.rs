@@ -50,22 +50,38 @@ impl EachRun {
 }
 
 impl Simulator for EachRun {
-    fn simulate(&self, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Result<DMatrix<f64>, String> {
+    fn simulate(
+        &self,
+        u: &DMatrix<f64>,
+        time_s: &[f64],
+        x0: &[f64],
+        parameters: &[f64],
+    ) -> Result<DMatrix<f64>, String> {
         let asked = Asked { u, time_s, x0, parameters };
         let until = Instant::now() + self.program.timeout;
-        let folder = tempfile::tempdir().map_err(|e| format!("no folder for the tables that go in and out: {e}"))?;
+        let folder = tempfile::tempdir()
+            .map_err(|e| format!("no folder for the tables that go in and out: {e}"))?;
         let [input, output] = ["in.csv", "out.csv"].map(|name| folder.path().join(name));
-        let files = [("{in}", input.display().to_string()), ("{out}", output.display().to_string())];
-        let [by_file, to_file] = ["{in}", "{out}"].map(|place| self.program.command.contains(place));
+        let files =
+            [("{in}", input.display().to_string()), ("{out}", output.display().to_string())];
+        let [by_file, to_file] =
+            ["{in}", "{out}"].map(|place| self.program.command.contains(place));
         let text = table::written(asked, &self.names);
         if by_file {
             write(&input, &text).map_err(|e| format!("{}: {e}", input.display()))?;
         }
-        let mut running = Running::start(&self.command(asked, &files), self.program.folder.as_deref(), &self.children)?;
+        let mut running = Running::start(
+            &self.command(asked, &files),
+            self.program.folder.as_deref(),
+            &self.children,
+        )?;
         if let Some(mut pipe) = running.child.stdin.take().filter(|_| !by_file) {
             // A program that ends without reading all has its reasons; what it answers tells them.
             let feed = move || drop(pipe.write_all(text.as_bytes()));
-            thread::Builder::new().name("deadtime stdin".to_owned()).spawn(feed).map_err(|e| e.to_string())?;
+            thread::Builder::new()
+                .name("deadtime stdin".to_owned())
+                .spawn(feed)
+                .map_err(|e| e.to_string())?;
         }
         let (sender, answers) = sync_channel(1);
         if let Some(mut pipe) = running.child.stdout.take() {
@@ -74,11 +90,18 @@ impl Simulator for EachRun {
                 let read = pipe.read_to_end(&mut bytes).map(|_| bytes);
                 let _ = sender.send(read);
             };
-            thread::Builder::new().name("deadtime stdout".to_owned()).spawn(listen).map_err(|e| e.to_string())?;
+            thread::Builder::new()
+                .name("deadtime stdout".to_owned())
+                .spawn(listen)
+                .map_err(|e| e.to_string())?;
         }
         let late = |running: &mut Running| {
             running.end();
-            format!("it did not answer within {} s{}", self.program.timeout.as_secs_f64(), running.last_words())
+            format!(
+                "it did not answer within {} s{}",
+                self.program.timeout.as_secs_f64(),
+                running.last_words()
+            )
         };
         let printed = match answers.recv_timeout(until.saturating_duration_since(Instant::now())) {
             Ok(read) => read.map_err(|e| format!("its standard output could not be read: {e}"))?,
@@ -90,10 +113,13 @@ impl Simulator for EachRun {
             return Err(format!("{}{}", ended(status), running.last_words()));
         }
         let answer = if to_file {
-            read_to_string(&output).map_err(|e| format!("it wrote no readable file {{out}}: {e}{}", running.last_words()))?
+            read_to_string(&output).map_err(|e| {
+                format!("it wrote no readable file {{out}}: {e}{}", running.last_words())
+            })?
         } else {
             String::from_utf8_lossy(&printed).into_owned()
         };
-        table::read(&answer, &self.names, time_s.len()).map_err(|why| format!("{why}{}", running.last_words()))
+        table::read(&answer, &self.names, time_s.len())
+            .map_err(|why| format!("{why}{}", running.last_words()))
     }
 }

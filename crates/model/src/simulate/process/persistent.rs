@@ -39,7 +39,8 @@ impl Talking {
     fn start(program: &Program, children: &Children) -> Result<Self, String> {
         let mut running = Running::start(&program.command, program.folder.as_deref(), children)?;
         let ((requests, asked), (sender, lines)) = (channel::<String>(), channel());
-        let (Some(mut pipe), Some(out)) = (running.child.stdin.take(), running.child.stdout.take()) else {
+        let (Some(mut pipe), Some(out)) = (running.child.stdin.take(), running.child.stdout.take())
+        else {
             return Err("its pipes could not be opened".to_owned());
         };
         let feed = move || {
@@ -61,7 +62,11 @@ impl Talking {
             }
         };
         let spawn = |name: &str, work: Box<dyn FnOnce() + Send>| {
-            thread::Builder::new().name(name.to_owned()).spawn(work).map(drop).map_err(|e| e.to_string())
+            thread::Builder::new()
+                .name(name.to_owned())
+                .spawn(work)
+                .map(drop)
+                .map_err(|e| e.to_string())
         };
         spawn("deadtime stdin", Box::new(feed))?;
         spawn("deadtime stdout", Box::new(listen))?;
@@ -102,33 +107,49 @@ impl Lines {
         let (mut columns, mut values) = (None, Vec::new());
         let mut rows = 0;
         while columns.is_none() || rows < samples {
-            let line = match talk.lines.recv_timeout(until.saturating_duration_since(Instant::now())) {
-                Ok(line) => line,
-                Err(RecvTimeoutError::Timeout) => {
-                    talk.running.end();
-                    let at = format!("after {rows} of {samples} rows");
-                    return Err(broken(format!(
-                        "it did not answer within {} s ({at}){}",
-                        self.program.timeout.as_secs_f64(),
-                        talk.running.last_words()
-                    )));
-                }
-                Err(RecvTimeoutError::Disconnected) => {
-                    let how = talk.running.wait(until).map_or_else(|| "it closed its standard output".to_owned(), ended);
-                    return Err(broken(format!("{how} after {rows} of {samples} rows{}", talk.running.last_words())));
-                }
-            };
+            let line =
+                match talk.lines.recv_timeout(until.saturating_duration_since(Instant::now())) {
+                    Ok(line) => line,
+                    Err(RecvTimeoutError::Timeout) => {
+                        talk.running.end();
+                        let at = format!("after {rows} of {samples} rows");
+                        return Err(broken(format!(
+                            "it did not answer within {} s ({at}){}",
+                            self.program.timeout.as_secs_f64(),
+                            talk.running.last_words()
+                        )));
+                    }
+                    Err(RecvTimeoutError::Disconnected) => {
+                        let how = talk
+                            .running
+                            .wait(until)
+                            .map_or_else(|| "it closed its standard output".to_owned(), ended);
+                        return Err(broken(format!(
+                            "{how} after {rows} of {samples} rows{}",
+                            talk.running.last_words()
+                        )));
+                    }
+                };
             if line.is_empty() || line.starts_with('#') {
                 continue;
             }
             if let Some(words) = line.strip_prefix("error") {
-                return Err(Failed::Said(format!("it answered: {}", deadtime_signal::text::shown(words.trim()))));
+                return Err(Failed::Said(format!(
+                    "it answered: {}",
+                    deadtime_signal::text::shown(words.trim())
+                )));
             }
             match &columns {
                 None => {
-                    let header = csv::ReaderBuilder::new().has_headers(false).from_reader(line.as_bytes()).into_records().next();
-                    let header: Vec<String> =
-                        header.and_then(Result::ok).map(|r| r.iter().map(str::to_owned).collect()).unwrap_or_default();
+                    let header = csv::ReaderBuilder::new()
+                        .has_headers(false)
+                        .from_reader(line.as_bytes())
+                        .into_records()
+                        .next();
+                    let header: Vec<String> = header
+                        .and_then(Result::ok)
+                        .map(|r| r.iter().map(str::to_owned).collect())
+                        .unwrap_or_default();
                     columns = Some(table::columns(&header, &self.names).map_err(broken)?);
                 }
                 Some(columns) => {
@@ -143,7 +164,13 @@ impl Lines {
 }
 
 impl Simulator for Lines {
-    fn simulate(&self, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Result<DMatrix<f64>, String> {
+    fn simulate(
+        &self,
+        u: &DMatrix<f64>,
+        time_s: &[f64],
+        x0: &[f64],
+        parameters: &[f64],
+    ) -> Result<DMatrix<f64>, String> {
         let mut slot = self.talk.lock().unwrap_or_else(PoisonError::into_inner);
         let mut talk = match slot.take() {
             Some(talk) => talk,

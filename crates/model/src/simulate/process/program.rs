@@ -37,7 +37,9 @@ impl Program {
     pub fn simulator(self, face: &Face, children: &Children) -> Arc<dyn Simulator> {
         let names = Names::of(face);
         match self.talk {
-            Talk::EachRun => Arc::new(command::EachRun { program: self, names, children: children.clone() }),
+            Talk::EachRun => {
+                Arc::new(command::EachRun { program: self, names, children: children.clone() })
+            }
             Talk::Lines => Arc::new(persistent::Lines::new(self, names, children.clone())),
         }
     }
@@ -54,7 +56,9 @@ pub(super) struct Names {
 
 impl Names {
     fn of(face: &Face) -> Self {
-        let of = |ports: &[crate::simulate::system::Port]| ports.iter().map(|p| p.name.clone()).collect();
+        let of = |ports: &[crate::simulate::system::Port]| {
+            ports.iter().map(|p| p.name.clone()).collect()
+        };
         Self {
             inputs: of(&face.inputs),
             outputs: of(&face.outputs),
@@ -76,7 +80,10 @@ pub(super) struct Asked<'a> {
 impl Asked<'_> {
     /// Parameters and starts by name.
     pub(super) fn named<'n>(&self, names: &'n Names) -> Vec<(&'n str, f64)> {
-        let parameters = names.parameters.iter().map(String::as_str).zip(self.parameters.iter().copied());
-        parameters.chain(names.starts.iter().map(String::as_str).zip(self.x0.iter().copied())).collect()
+        let parameters =
+            names.parameters.iter().map(String::as_str).zip(self.parameters.iter().copied());
+        parameters
+            .chain(names.starts.iter().map(String::as_str).zip(self.x0.iter().copied()))
+            .collect()
     }
 }

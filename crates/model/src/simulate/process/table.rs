@@ -28,7 +28,11 @@ pub(super) fn written(asked: Asked<'_>, names: &Names) -> String {
 
 /// A name as CSV has it.
 pub(super) fn quoted(name: &str) -> String {
-    if name.contains([',', '"', '\n', '\r']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_owned() }
+    if name.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", name.replace('"', "\"\""))
+    } else {
+        name.to_owned()
+    }
 }
 
 /// Where the outputs stand in a header.
@@ -37,7 +41,15 @@ pub(super) fn quoted(name: &str) -> String {
 /// As a phrase: which column is missing, and which there are.
 pub(super) fn columns(header: &[String], names: &Names) -> Result<Vec<usize>, String> {
     // `speed [rad/s]` is the column speed.
-    let bare = |text: &str| text.trim().trim_start_matches('\u{feff}').split(" [").next().unwrap_or_default().trim().to_owned();
+    let bare = |text: &str| {
+        text.trim()
+            .trim_start_matches('\u{feff}')
+            .split(" [")
+            .next()
+            .unwrap_or_default()
+            .trim()
+            .to_owned()
+    };
     let there: Vec<String> = header.iter().map(|h| bare(h)).collect();
     let find = |name: &String| {
         there.iter().position(|t| t == name).ok_or_else(|| {
@@ -52,11 +64,20 @@ pub(super) fn columns(header: &[String], names: &Names) -> Result<Vec<usize>, St
 ///
 /// # Errors
 /// As a phrase: the row, the column and what stands there.
-pub(super) fn row(fields: &[&str], columns: &[usize], names: &Names, number: usize) -> Result<Vec<f64>, String> {
+pub(super) fn row(
+    fields: &[&str],
+    columns: &[usize],
+    names: &Names,
+    number: usize,
+) -> Result<Vec<f64>, String> {
     let one = |(&at, name): (&usize, &String)| {
         let text = fields.get(at).map(|f| f.trim()).unwrap_or_default();
-        text.parse::<f64>()
-            .map_err(|_| format!("row {number} of its answer, column `{name}`: `{}` is no number", deadtime_signal::text::shown(text)))
+        text.parse::<f64>().map_err(|_| {
+            format!(
+                "row {number} of its answer, column `{name}`: `{}` is no number",
+                deadtime_signal::text::shown(text)
+            )
+        })
     };
     columns.iter().zip(&names.outputs).map(one).collect()
 }
@@ -66,10 +87,18 @@ pub(super) fn row(fields: &[&str], columns: &[usize], names: &Names, number: usi
 /// # Errors
 /// As a phrase.
 pub(super) fn read(text: &str, names: &Names, samples: usize) -> Result<DMatrix<f64>, String> {
-    let mut reader = csv::ReaderBuilder::new().flexible(true).comment(Some(b'#')).from_reader(text.as_bytes());
-    let header: Vec<String> = reader.headers().map_err(|e| format!("its answer is no CSV: {e}"))?.iter().map(str::to_owned).collect();
+    let mut reader =
+        csv::ReaderBuilder::new().flexible(true).comment(Some(b'#')).from_reader(text.as_bytes());
+    let header: Vec<String> = reader
+        .headers()
+        .map_err(|e| format!("its answer is no CSV: {e}"))?
+        .iter()
+        .map(str::to_owned)
+        .collect();
     if header.is_empty() {
-        return Err("it answered nothing; a header and a row for every sample are needed".to_owned());
+        return Err(
+            "it answered nothing; a header and a row for every sample are needed".to_owned()
+        );
     }
     let columns = columns(&header, names)?;
     let mut values = Vec::with_capacity(samples * columns.len());
@@ -80,7 +109,9 @@ pub(super) fn read(text: &str, names: &Names, samples: usize) -> Result<DMatrix<
         values.extend(row(&record.iter().collect::<Vec<_>>(), &columns, names, rows)?);
     }
     if rows != samples {
-        return Err(format!("it answered {rows} rows of numbers where {samples} are needed, one for every row that it got"));
+        return Err(format!(
+            "it answered {rows} rows of numbers where {samples} are needed, one for every row that it got"
+        ));
     }
     Ok(DMatrix::from_row_slice(samples, columns.len(), &values))
 }
