@@ -188,7 +188,7 @@ const FOLDER: Reader = Reader {
 /// The format of a file: by its first bytes, then by its name; text where neither tells.
 ///
 /// # Errors
-/// [`Error::Io`]; [`LogError::Format`] for a format that is known and not read.
+/// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`LogError::Format`] for a format that is known and not read.
 pub fn reader(path: &Path) -> Result<&'static Reader, Error> {
     let io = |e| Error::io(path, e);
     if path.is_dir() {
@@ -218,7 +218,7 @@ pub fn reader(path: &Path) -> Result<&'static Reader, Error> {
 /// Reads a file of any format.
 ///
 /// # Errors
-/// [`Error::Io`] when the operating system refuses the file; [`super::error::LogError`] naming what is wrong, and where.
+/// [`FileError::Io`](deadtime_signal::file::FileError::Io) when the operating system refuses the file; [`super::error::LogError`] naming what is wrong, and where.
 pub fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
     (reader(path)?.open)(path, options)
 }

@@ -15,7 +15,7 @@ const SMALL: f64 = 2.539_398_330_063_23e-1;
 /// exp(M), each part of M that touches no other alone.
 ///
 /// Source: Al-Mohy and Higham (2009), SIAM J. Matrix Anal. Appl. 31(3), 970-989, doi:10.1137/09074721X (nalgebra's implementation); large matrices that need
-/// no scaling by [`pade_13`].
+/// no scaling by its Padé approximant of order 13.
 pub fn exp(m: &DMatrix<f64>) -> DMatrix<f64> {
     let parts = parts(m.nrows(), &[m]);
     if parts.len() <= 1 {

@@ -28,7 +28,7 @@ pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
     found
 }
 
-/// Eigenvalues of a real square matrix of finite entries by the bounded iteration of [`eigenvalues`] alone: none without rows, NaN where it stands still.
+/// Eigenvalues of a real square matrix of finite entries by the bounded iteration alone: none without rows, NaN where it stands still.
 pub fn iterated_eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
     let n = a.nrows();
     if n == 0 {

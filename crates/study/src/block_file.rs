@@ -52,7 +52,7 @@ impl BlockFile<'_> {
     /// Writes the block, all of it or none.
     ///
     /// # Errors
-    /// [`super::error::Error::Io`].
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io).
     pub(super) fn write(&self, path: &Path, rows: &[Row]) -> super::error::Result<()> {
         let wrong = |e: csv::Error| super::error::Error::io(path, e.into());
         let mut csv = csv::Writer::from_writer(Vec::new());
@@ -67,7 +67,7 @@ impl BlockFile<'_> {
     /// The rows as text, once the file is known to be whole; else what is wrong with it.
     ///
     /// # Errors
-    /// [`super::error::Error::Io`]; what is wrong is no error.
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); what is wrong is no error.
     pub(super) fn body(&self, path: &Path) -> super::error::Result<Result<Vec<u8>, String>> {
         let mut bytes = std::fs::read(path).map_err(|e| super::error::Error::io(path, e))?;
         if bytes.is_empty() {
@@ -90,7 +90,7 @@ impl BlockFile<'_> {
     /// Reads the block.
     ///
     /// # Errors
-    /// [`StudyError::Results`] where it is damaged; [`super::error::Error::Io`].
+    /// [`StudyError::Results`] where it is damaged; [`FileError::Io`](deadtime_signal::file::FileError::Io).
     pub(super) fn read(&self, path: &Path) -> super::error::Result<Vec<Row>> {
         let wrong = |detail: String| StudyError::Results {
             path: path.to_owned(),

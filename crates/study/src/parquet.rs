@@ -391,7 +391,7 @@ fn spread<T>(
 /// All columns of files of estimates, one file after the other: `estimates.parquet`, or parts of one in their order.
 ///
 /// # Errors
-/// [`super::error::Error::Io`]; [`StudyError::Results`] for files that are damaged, or have other columns than the first.
+/// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`StudyError::Results`] for files that are damaged, or have other columns than the first.
 pub fn columns(
     paths: &[PathBuf],
     stop: &deadtime_signal::stop::Stop,

@@ -193,7 +193,7 @@ impl Tasks {
     /// The tasks of a folder in which this study was begun; `None` where it was not.
     ///
     /// # Errors
-    /// [`StudyError::Folder`] where the folder holds another study, or this one without `resume`; [`super::error::Error::Io`].
+    /// [`StudyError::Folder`] where the folder holds another study, or this one without `resume`; [`FileError::Io`](deadtime_signal::file::FileError::Io).
     pub fn open(
         runner: &Runner,
         folder: &Path,
@@ -238,7 +238,7 @@ impl Tasks {
     /// Begins a study in a folder: `ends` is one past the last block of every task.
     ///
     /// # Errors
-    /// [`StudyError::Folder`] where these tasks do not hold every block once; [`super::error::Error::Io`].
+    /// [`StudyError::Folder`] where these tasks do not hold every block once; [`FileError::Io`](deadtime_signal::file::FileError::Io).
     pub fn new(runner: &Runner, folder: &Path, ends: Vec<usize>) -> super::error::Result<Self> {
         if !tile(&ends, runner.blocks()) {
             return Err(StudyError::Folder {
@@ -299,7 +299,7 @@ impl Tasks {
     /// client left half-written is removed: whoever calls this holds the folder's [`deadtime_signal::file::Lock`].
     ///
     /// # Errors
-    /// [`super::error::Error::Io`]; [`super::error::Error::Stopped`].
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`super::error::Error::Stopped`].
     pub fn missing(&self, stop: &Stop) -> super::error::Result<(Vec<usize>, Vec<Damaged>)> {
         self.tidy()?;
         let state = |task: usize| -> super::error::Result<Option<(usize, Option<Damaged>)>> {
@@ -346,7 +346,7 @@ impl Tasks {
     /// Writes a task's part, all of it or none.
     ///
     /// # Errors
-    /// [`super::error::Error::Io`].
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io).
     pub fn keep(&self, task: usize, part: &[u8]) -> super::error::Result<()> {
         Ok(write_atomic(&self.path(task), |out| out.write_all(part))?)
     }
@@ -355,7 +355,7 @@ impl Tasks {
     /// much is in memory as one part for every thread.
     ///
     /// # Errors
-    /// [`StudyError::Results`] for a part that is missing, damaged or another study's; [`super::error::Error::Io`]; [`super::error::Error::Stopped`].
+    /// [`StudyError::Results`] for a part that is missing, damaged or another study's; [`FileError::Io`](deadtime_signal::file::FileError::Io); [`super::error::Error::Stopped`].
     pub fn gather(&self, runner: &Runner, stop: &Stop) -> super::error::Result<Study> {
         let cells = runner.layout.slots.len();
         // Tasks that share a setting are added up one after the other.

@@ -468,7 +468,7 @@ impl Plan {
     /// A shipped plan by its name, or a file.
     ///
     /// # Errors
-    /// [`StudyError::UnknownPlan`], [`StudyError::Plan`] naming the key, [`super::error::Error::Io`].
+    /// [`StudyError::UnknownPlan`], [`StudyError::Plan`] naming the key, [`FileError::Io`](deadtime_signal::file::FileError::Io).
     pub fn open(name: &str) -> super::error::Result<Self> {
         if let Some((name, text)) = PLANS.iter().find(|(n, _)| *n == name) {
             return Ok(Self::parse(name, text, Path::new("."))?);

@@ -253,7 +253,7 @@ impl Study {
     /// Reads `study.json`, or the folder that holds it.
     ///
     /// # Errors
-    /// [`super::error::Error::Io`]; [`StudyError::Results`] for another format.
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`StudyError::Results`] for another format.
     pub fn read(path: &Path) -> super::error::Result<Self> {
         let path = if path.is_dir() { path.join("study.json") } else { path.to_owned() };
         let text = read_text(&path)?;
@@ -275,7 +275,7 @@ impl Study {
     /// agree on), one line per cell.
     ///
     /// # Errors
-    /// [`super::error::Error::Io`].
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io).
     pub fn write_baseline(&self, path: &Path) -> super::error::Result<()> {
         let path =
             if path.extension().is_some() { path.to_owned() } else { path.join("study.json") };
@@ -303,7 +303,7 @@ impl Study {
     /// Writes `study.json`.
     ///
     /// # Errors
-    /// [`super::error::Error::Io`].
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io).
     pub fn write(&self, path: &Path) -> super::error::Result<()> {
         let text = serde_json::to_string_pretty(self).map_err(|e| StudyError::Results {
             path: path.to_owned(),

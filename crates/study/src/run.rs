@@ -143,8 +143,8 @@ impl Runner {
     /// Locks the folder, removes what killed runs left half-written, and checks every block that is there, byte by byte.
     ///
     /// # Errors
-    /// [`super::error::Error::Busy`] where another run writes to the folder; [`StudyError::Folder`] where it holds another plan's blocks, or some of this one without
-    /// `resume`; [`super::error::Error::Io`]; [`super::error::Error::Stopped`].
+    /// [`FileError::Busy`](deadtime_signal::file::FileError::Busy) where another run writes to the folder; [`StudyError::Folder`] where it holds another plan's blocks, or some of this one without
+    /// `resume`; [`FileError::Io`](deadtime_signal::file::FileError::Io); [`super::error::Error::Stopped`].
     pub fn begin(
         &self,
         folder: &Path,
@@ -374,7 +374,7 @@ impl Begun<'_> {
     /// Makes what is not done yet, and writes what came of all of it.
     ///
     /// # Errors
-    /// What keeps a record from being made; [`super::error::Error::Io`]; [`super::error::Error::Stopped`].
+    /// What keeps a record from being made; [`FileError::Io`](deadtime_signal::file::FileError::Io); [`super::error::Error::Stopped`].
     pub fn run(
         self,
         stop: &Stop,

@@ -114,7 +114,7 @@ impl Timings {
     /// A CSV file with the columns `bench`, `before_s` and `after_s`, a line a pair.
     ///
     /// # Errors
-    /// [`StudyError::Results`] naming the line; [`super::error::Error::Io`].
+    /// [`StudyError::Results`] naming the line; [`FileError::Io`](deadtime_signal::file::FileError::Io).
     pub fn read(path: &Path) -> super::error::Result<Self> {
         let file = std::fs::File::open(path).map_err(|e| super::error::Error::io(path, e))?;
         Ok(Self::from_csv(file, path)?)

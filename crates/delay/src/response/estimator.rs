@@ -21,7 +21,7 @@ pub trait ResponseEstimator: Send + Sync {
     /// The delay of a response.
     ///
     /// # Errors
-    /// [`DelayError`] where the data cannot be used at all; what the data do not show is an [`Outcome`].
+    /// [`DelayError`] where the data cannot be used at all; what the data do not show is an [`Outcome`](crate::estimate::Outcome).
     fn estimate(
         &self,
         response: &FrequencyResponse,

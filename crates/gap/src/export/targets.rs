@@ -41,7 +41,7 @@ pub static TARGETS: [Entry<dyn Target>; 4] = [
 /// A diagnosis for the target called `to`, with its options as an object.
 ///
 /// # Errors
-/// [`deadtime_signal::registry::RegistryError`] for an unknown target or option, [`ExportError`] for what cannot be handed over.
+/// [`deadtime_signal::registry::RegistryError`] for an unknown target or option, [`ExportError`](super::target::ExportError) for what cannot be handed over.
 pub fn export(source: &Source<'_>, to: &str, options: serde_json::Value) -> Result<Node> {
     let target = find(&TARGETS, "target", to)?.with(options)?;
     target.export(&Ranges::new(source)?, source)

@@ -344,7 +344,7 @@ impl Diagnosis {
     /// Reads a diagnosis file.
     ///
     /// # Errors
-    /// [`crate::error::Error::Io`], or [`DiagnosisError::Unreadable`] with line and column.
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io), or [`DiagnosisError::Unreadable`] with line and column.
     pub fn read(path: &Path) -> Result<Self> {
         let text = read_text(path)?;
         Ok(serde_json::from_str(&text).map_err(|source| DiagnosisError::Unreadable {
@@ -356,7 +356,7 @@ impl Diagnosis {
     /// Writes a diagnosis file as a whole.
     ///
     /// # Errors
-    /// [`crate::error::Error::Io`], or [`DiagnosisError::Unwritable`] where a number that must be given is NaN or infinite.
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io), or [`DiagnosisError::Unwritable`] where a number that must be given is NaN or infinite.
     pub fn write(&self, path: &Path) -> Result<()> {
         let refused =
             |source| DiagnosisError::Unwritable { file: path.display().to_string(), source };

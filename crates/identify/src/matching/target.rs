@@ -72,7 +72,7 @@ impl Target {
     /// Reads a linear model file, or what `deadtime identify --json` wrote, which carries the uncertainty too.
     ///
     /// # Errors
-    /// [`crate::error::Error::Io`], [`ModelError`], or [`MatchingError::NotIdentified`] for another kind of file.
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io), [`ModelError`], or [`MatchingError::NotIdentified`] for another kind of file.
     pub fn read(path: &Path) -> Result<Self> {
         if path.extension().is_some_and(|e| e == "json") {
             let text = deadtime_signal::file::read_text(path)?;

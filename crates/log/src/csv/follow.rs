@@ -103,7 +103,7 @@ impl Follower {
     /// A log of text from its first row on, of which these columns are wanted. Nothing is read yet.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io).
     pub fn open(path: &Path, columns: &[&str], options: &ReadOptions) -> Result<Self, Error> {
         let file = File::open(path).map_err(|e| Error::io(path, e))?;
         Ok(Self {
@@ -124,7 +124,7 @@ impl Follower {
     /// What was added, a megabyte at most. A file that is not there for a while is waited for.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`LogError`] for a header that cannot be used, a missing column, and what is no text.
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`LogError`] for a header that cannot be used, a missing column, and what is no text.
     pub fn poll(&mut self) -> Result<Polled, Error> {
         let mut polled = Polled::default();
         // What is left of a file that was moved is read before the one that took its place.

@@ -252,7 +252,7 @@ impl Log {
     /// each number in the fewest digits that read back to the same bits. Columns without numbers are left out.
     ///
     /// # Errors
-    /// [`Error::Io`]; an earlier file of that name is then untouched.
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); an earlier file of that name is then untouched.
     pub fn write_csv(&self, path: &Path) -> Result<(), Error> {
         let written = write_atomic(path, |file| {
             if is_gz(path) {

@@ -51,7 +51,7 @@ pub fn named(file: NamedTempFile, path: &Path) -> Result<(), FileError> {
     Ok(())
 }
 
-/// Removes what processes left behind that were killed while they wrote to this folder. Only for whoever holds the folder's [`Lock`]: nobody else writes there.
+/// Removes what processes left behind that were killed while they wrote to this folder. Only for whoever holds the folder's [`Lock`](super::lock::Lock): nobody else writes there.
 ///
 /// # Errors
 /// [`FileError::Io`].

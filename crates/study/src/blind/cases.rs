@@ -28,7 +28,7 @@ pub struct CaseFiles {
 /// All cases in a folder, in order of their names, each with its files or with what is missing. Files and hidden folders are passed over.
 ///
 /// # Errors
-/// [`Error::Io`], [`BlindError::NoCases`], [`BlindError::BadName`].
+/// [`FileError::Io`](deadtime_signal::file::FileError::Io), [`BlindError::NoCases`], [`BlindError::BadName`].
 pub fn find(cases: &Path) -> Result<Vec<(String, Result<CaseFiles>)>> {
     let ids = folders(cases)?;
     if ids.is_empty() {
@@ -41,7 +41,7 @@ impl CaseFiles {
     /// The files of the case in a folder.
     ///
     /// # Errors
-    /// [`Error::Io`], [`BlindError::Missing`], [`BlindError::Ambiguous`].
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io), [`BlindError::Missing`], [`BlindError::Ambiguous`].
     pub fn of(folder: PathBuf, id: &str) -> Result<Self> {
         let names = names(&folder)?;
         let has = |name: &str| names.iter().any(|n| n == name);

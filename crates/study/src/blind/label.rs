@@ -148,7 +148,7 @@ impl Label {
     /// Reads a label; also gives the file's bytes, for the commitment.
     ///
     /// # Errors
-    /// [`crate::error::Error::Io`], [`BlindError::Label`], [`BlindError::LabelId`], [`BlindError::LabelEffects`], [`BlindError::LabelNameless`].
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io), [`BlindError::Label`], [`BlindError::LabelId`], [`BlindError::LabelEffects`], [`BlindError::LabelNameless`].
     pub fn read(path: &Path, id: &str) -> Result<(Self, Vec<u8>)> {
         let bytes = read_bytes(path)?;
         let label: Self = serde_json::from_slice(&bytes)

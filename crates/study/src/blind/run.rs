@@ -88,7 +88,7 @@ impl Summary {
 /// an [`Outcome::Failed`] and stops no other; it leaves no earlier diagnosis behind. `progress` is called after every case, from its thread.
 ///
 /// # Errors
-/// Only when there are no cases to begin with: [`Error::Io`], [`BlindError::NoCases`], [`BlindError::BadName`]; [`Error::Busy`] where another run writes to `verdicts`;
+/// Only when there are no cases to begin with: [`FileError::Io`](deadtime_signal::file::FileError::Io), [`BlindError::NoCases`], [`BlindError::BadName`]; [`FileError::Busy`](deadtime_signal::file::FileError::Busy) where another run writes to `verdicts`;
 /// [`Error::Stopped`], with the cases done so far written.
 pub fn run(
     cases: &Path,
