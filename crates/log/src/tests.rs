@@ -902,7 +902,7 @@ fn resample_refuses_unknown_channels_and_absurd_sample_times() {
     ));
     let error = log.resample(SampleTime::new(1e-9).unwrap(), &[]).unwrap_err();
     assert!(matches!(error, LogError::TooFine { .. }));
-    says(&error, &["a.csv", "0.000000001 s", "100 s", "`resample`", "larger"]);
+    says(&error, &["a.csv", "0.000000001 s", "100 s", "`resample(sample_time)`", "larger"]);
 }
 
 // Names.
