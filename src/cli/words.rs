@@ -67,8 +67,10 @@ pub(super) fn worded(error: &(dyn Error + 'static)) -> String {
 mod tests {
     use super::{option, worded};
     use crate::delay::DelayError;
+    use crate::diagnose::GapError;
     use crate::log::{LogError, Place};
     use crate::remedy::{Message, Remedy};
+    use crate::study::StudyError;
 
     #[test]
     fn a_remedy_names_the_option_that_is_typed() {
@@ -84,5 +86,19 @@ mod tests {
         let text = worded(&crate::Error::from(uneven));
         assert!(text.ends_with("with `--resample TS`, for instance `--resample 0.125`"), "{text}");
         assert_eq!(Message::from(Remedy::ClosedLoop).worded(option), "--loop closed");
+        let unstable = GapError::Unstable { log: "a.csv".into(), factor: 2e21 };
+        assert!(worded(&deadtime_gap::Error::from(unstable)).contains("(--states \"NAME=CHANNEL,…\"), or close the loop"));
+        let option = Remedy::MaxDisk;
+        let budget = StudyError::Budget {
+            plan: "p".into(),
+            settings: 1.0,
+            cells: 1.0,
+            estimates: 1e12,
+            what: "room on the disk",
+            needed_gb: 400.0,
+            limit_gb: 50.0,
+            option,
+        };
+        assert!(worded(&budget).ends_with("lift the limit by --max-disk-gb 440"), "{budget}");
     }
 }

@@ -167,7 +167,7 @@ fn an_unstable_simulator_is_refused_with_the_remedy_and_so_are_states_and_window
     // Upright for good: a free run leaves all bounds.
     let error = refused(&system(|angle| angle, None));
     assert!(matches!(error, deadtime::diagnose::Error::Gap(GapError::Unstable { .. })), "{error}");
-    assert!(error.to_string().contains("--states"), "{error}");
+    assert!(error.to_string().contains("(`states`)"), "{error}");
     // One that falls and comes to rest upside down stays within bounds, and its free run says as little.
     match found(&system(f64::sin, None), Machine { late: 3, ..AS_SIMULATED }) {
         Err(error) => assert!(

@@ -33,7 +33,7 @@ fn too_many_trials_are_refused_with_the_estimate_and_the_option() {
     for trials in [1_000_000_000_000, usize::MAX, 2_000_000_000] {
         let said = refused(&plan(trials));
         assert!(
-            said.contains("--max-disk-gb")
+            said.contains("`max_disk_gb`")
                 && said.contains(&format!("{} estimates", trials as f64)),
             "{said}"
         );
@@ -57,7 +57,7 @@ fn a_grid_too_large_for_the_memory_is_refused_before_it_is_made() {
     plan.grids[0].max_delay = (1..=3000).collect();
     assert_eq!(Needs::of(&plan).cells, 9e6);
     let said = refused(&plan);
-    assert!(said.contains("9000000 settings") && said.contains("--max-memory-gb"), "{said}");
+    assert!(said.contains("9000000 settings") && said.contains("`max_memory_gb`"), "{said}");
     plan.grids[0].snr.truncate(1);
     plan.grids[0].max_delay.truncate(1);
     plan.grids[0].samples = vec![1_000_000_000_000];
@@ -85,7 +85,7 @@ fn the_program_answers_at_once_and_writes_nothing_outside() {
     assert_eq!(std::fs::read_dir(folder.path().join("a")).unwrap().count(), 1);
     assert_eq!(std::fs::read_dir(&inside).unwrap().count(), 2);
     let (code, said) = run(&["study", "p.toml", "--trials", "18446744073709551615"]);
-    assert!(code == Some(2) && said.contains("--max-disk-gb"), "{said}");
+    assert!(code == Some(2) && said.contains("`max_disk_gb`"), "{said}");
     let (code, said) = run(&["study", "no\u{1b}[31m\nplan"]);
     assert!(code == Some(2) && !said.contains('\u{1b}') && said.lines().count() == 1, "{said}");
     std::fs::File::create(inside.join("large.toml")).unwrap().set_len(3 << 30).unwrap();
