@@ -194,7 +194,7 @@ fn what_cannot_be_matched_is_refused_with_a_remedy_and_no_file() {
         )
         .refused(words);
     };
-    refused(&["--match", text(&lag)], &["lag.toml", "no identified model", "deadtime identify"]);
+    refused(&["--match", text(&lag)], &["lag.toml", "no identified model", "`identify` wrote"]);
     refused(&["--match", text(&broken)], &["broken.json", "sample_time_s"]);
     refused(&["--match", "nowhere.toml"], &["nowhere.toml"]);
     refused(&["--match", text(&lag), text(&data)], &["cannot be used with"]);

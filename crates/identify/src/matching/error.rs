@@ -76,7 +76,7 @@ pub enum MatchingError {
         remedy: &'static str,
     },
     /// The file is no linear model.
-    #[error("{path}: {found} is no identified model; give the model file that an identification wrote, or its report", path = path.display())]
+    #[error("{path}: {found} is no identified model; give the model file that `identify` wrote, or its report", path = path.display())]
     NotIdentified {
         /// The file.
         path: std::path::PathBuf,
