@@ -1,4 +1,6 @@
-//! Process models of one to three poles with and without a zero.
+//! Continuous models of low order whose dead time is a real number: P1D to P3DZ.
+//!
+//! Equation: (τ̂, θ̂) = argmin Σ (y(t) − ŷ(t))², ŷ = K·(1 + T_z·s)/D(s)·e^(−τs)·u sampled, u held between its samples, D of one to three poles (see `chain`).
 
 use super::chain::Shape;
 use super::fit::{Found, Place, Problem};
