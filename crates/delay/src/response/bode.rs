@@ -29,7 +29,7 @@ use deadtime_signal::stats::NORMAL_95;
 /// ```
 /// use deadtime_delay::{BodePhase, ResponseEstimator, ResponseSearch};
 /// use deadtime_log::{FrequencyResponse, Quality};
-/// use deadtime::nalgebra::Complex;
+/// use nalgebra::Complex;
 /// let omega: Vec<f64> = (0..60).map(|k| 0.1 * 10.0_f64.powf(f64::from(k) / 25.0)).collect();
 /// let values = omega.iter().map(|w| Complex::cis(-0.43 * w) * 2.0 / Complex::new(1.0, 0.8 * w)).collect();
 /// let response = FrequencyResponse::new("sweep", omega, values, Quality::Unknown)?;

@@ -34,7 +34,7 @@ use deadtime_signal::registry::entry;
 /// ```
 /// use deadtime_delay::{Rational, ResponseEstimator, ResponseSearch};
 /// use deadtime_log::{FrequencyResponse, Quality};
-/// use deadtime::nalgebra::Complex;
+/// use nalgebra::Complex;
 /// let omega: Vec<f64> = (0..60).map(|k| 0.1 * 10.0_f64.powf(f64::from(k) / 25.0)).collect();
 /// let plant = |w: &f64| Complex::cis(-0.43 * w) * 2.0 / Complex::new(1.0, 0.8 * w);
 /// let values = omega.iter().map(plant).collect();

@@ -79,7 +79,7 @@ pub struct Tracking {
 /// # Example
 /// ```
 /// use deadtime_delay::track::{Alarm, Tracker, TrackerOptions};
-/// use deadtime::rand::{RngExt, SeedableRng};
+/// use rand::{RngExt, SeedableRng};
 /// use deadtime_signal::time::SampleTime;
 /// let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
 /// let mut tracker = Tracker::new(SampleTime::new(0.01)?, TrackerOptions::default())?;
