@@ -85,7 +85,7 @@ fn the_program_answers_at_once_and_writes_nothing_outside() {
     assert_eq!(std::fs::read_dir(folder.path().join("a")).unwrap().count(), 1);
     assert_eq!(std::fs::read_dir(&inside).unwrap().count(), 2);
     let (code, said) = run(&["study", "p.toml", "--trials", "18446744073709551615"]);
-    assert!(code == Some(2) && said.contains("`max_disk_gb`"), "{said}");
+    assert!(code == Some(2) && said.contains("--max-disk-gb"), "{said}");
     let (code, said) = run(&["study", "no\u{1b}[31m\nplan"]);
     assert!(code == Some(2) && !said.contains('\u{1b}') && said.lines().count() == 1, "{said}");
     std::fs::File::create(inside.join("large.toml")).unwrap().set_len(3 << 30).unwrap();
