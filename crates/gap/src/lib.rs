@@ -11,6 +11,7 @@ mod input;
 
 mod baseline;
 
+mod causes;
 mod checks;
 
 mod likelihood;
@@ -20,8 +21,6 @@ mod hypothesis;
 mod search;
 
 mod judge;
-
-mod compose;
 
 mod answer;
 

@@ -27,8 +27,8 @@ use crate::answer::trims::constant_caveats;
 use crate::baseline::motion::Motion;
 use crate::baseline::predictor::Predictor;
 use crate::baseline::runaway::must_not_explode;
+use crate::causes::conclusion::{ActiveCauses, Conclusion};
 use crate::checks::every::checks;
-use crate::compose::composed::{Compose, Composed};
 use crate::format::caveat::Caveat;
 use crate::format::diagnosis::{
     Cause, Check, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, Mode, NotTried,
@@ -260,7 +260,7 @@ impl Baseline {
 
 /// The verdict with all that it rests on.
 struct Judgement {
-    composed: Composed,
+    composed: ActiveCauses,
     sensitivities: Vec<PriorSensitivity>,
 }
 
@@ -275,8 +275,8 @@ impl Judgement {
         progress: &dyn Fn(Stage),
     ) -> Option<Self> {
         let judged = judge(likelihood, found, candidates, scales)?;
-        let composed = Compose { likelihood, found, catalogue: candidates, scales, smallest }
-            .from(judged, progress)?;
+        let conclusion = Conclusion { likelihood, catalogue: candidates, scales, smallest };
+        let composed = conclusion.from(judged, progress)?;
         let judged = &composed.judged;
         let searched = judged.found.as_ref().is_none_or(|e| e.effects.len() < 3);
         let sensitivities = match judged.verdict {

@@ -8,7 +8,7 @@ use super::experiment;
 use super::experiment::experiment;
 use super::found_effects::found_effects;
 use super::probabilities::Probabilities;
-use crate::compose::composed::Composed;
+use crate::causes::conclusion::ActiveCauses;
 use crate::format::diagnosis::{Cause, RankedPair, RankedSingle, RankingRow};
 use crate::format::found::FoundEffect;
 use crate::hypothesis::effects::Hypothesis;
@@ -26,13 +26,13 @@ const PAIRS: usize = 5;
 /// The section `cause`, without its budget; `after` gives a hypothesis's training nrmse.
 pub(crate) fn cause(
     likelihood: &Likelihood<'_>,
-    composed: &Composed,
+    composed: &ActiveCauses,
     found: &SearchResult,
     scales: &Scales,
     sensitivities: &[PriorSensitivity],
     after: impl Fn(&Hypothesis) -> Option<f64> + Sync,
 ) -> Cause {
-    let Composed { judged, stand_ins, estimate, .. } = composed;
+    let ActiveCauses { judged, aliases, estimate, .. } = composed;
     let estimate = estimate.as_ref();
     let effects: Vec<FoundEffect> =
         judged.found.iter().flat_map(|e| found_effects(likelihood, e, estimate)).collect();
@@ -62,7 +62,7 @@ pub(crate) fn cause(
     };
     let mut indistinguishable: Vec<Vec<String>> =
         classes.iter().map(|class| class.iter().map(Applied::key).collect()).collect();
-    for (effect, instead) in judged.found.iter().flat_map(|e| e.effects.iter().zip(stand_ins)) {
+    for (effect, instead) in judged.found.iter().flat_map(|e| e.effects.iter().zip(aliases)) {
         stand_in_class(&mut indistinguishable, effect, instead);
     }
     start_classes(&mut indistinguishable, judged.found.as_ref(), sensitivities);

@@ -10,7 +10,7 @@ use super::acts::probability;
 use super::found_effects::found_effects;
 use super::improvement::{bootstrap, held_out_blocks};
 use super::location::{locate, output_shares};
-use crate::compose::composed::Composed;
+use crate::causes::conclusion::ActiveCauses;
 use crate::format::contributions::{
     Contribution, Explained, Recalibration, Remainder, Share, Strength,
 };
@@ -26,13 +26,16 @@ use deadtime_model::effect::{Applied, Scales};
 /// A nominal value that is further off than this factor is no value of the physics.
 const FAR: f64 = 10.0;
 
+/// An effect that takes a smaller part of the gap stays in the model and is not named as a cause.
+const NAMED: f64 = 0.01;
+
 /// Two numbers whose changes act alike by more than this correlation are hardly told apart: each alone is known 1/√(1 − r²) = 3.2 times worse.
 const TRADE: f64 = 0.95;
 
 /// What the budget is made of.
 pub(crate) struct GapBudget<'b, 'a> {
     pub(crate) likelihood: &'b Likelihood<'a>,
-    pub(crate) composed: &'b Composed,
+    pub(crate) composed: &'b ActiveCauses,
     /// Residuals of the model as it came, and of the model as it is handed over; of a hidden sequence those once it is known.
     pub(crate) before: &'b [DMatrix<f64>],
     pub(crate) after: &'b [DMatrix<f64>],
@@ -132,7 +135,7 @@ impl GapBudget<'_, '_> {
             without_it: without[part].as_ref().and_then(|r| {
                 overall(&Errors::of(self.likelihood.records, r, |r| r.train).nrmse())
             }),
-            class: self.composed.stand_ins[at].iter().map(Applied::key).collect(),
+            class: self.composed.aliases[at].iter().map(Applied::key).collect(),
             surrogate: self.composed.hypothesis.as_ref().is_some_and(|e| self.is_surrogate(e, at)),
         };
         let contributions: Vec<Contribution> =
@@ -155,6 +158,12 @@ impl GapBudget<'_, '_> {
             }
         };
         let left = share(&|s: &Squares| Some(1.0 - s.together()?));
+        let named = |c: &Contribution| c.share.learnt.is_none_or(|share| share >= NAMED);
+        let contributions = contributions
+            .into_iter()
+            .enumerate()
+            .filter_map(|(at, c)| (at == 0 || named(&c)).then_some(c))
+            .collect();
         (contributions, recalibration, self.remainder(left, &learnt))
     }
 
@@ -256,7 +265,7 @@ pub(crate) fn share_classes(contributions: &mut [Contribution], indistinguishabl
 }
 
 /// Whether what was found explains the gap.
-pub(crate) fn explained(composed: &Composed) -> Explained {
+pub(crate) fn explained(composed: &ActiveCauses) -> Explained {
     match (composed.judged.verdict, &composed.hypothesis) {
         (GapVerdict::Effects, _) => Explained::All,
         (_, Some(_)) => Explained::Part,

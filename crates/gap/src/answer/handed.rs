@@ -71,7 +71,7 @@ pub(crate) fn in_a_form_that_helps(
     }
     let (hidden, plain): (Vec<Applied>, Vec<Applied>) =
         found.effects.iter().cloned().partition(|a| a.effect.loses_commands());
-    let mut forms: Vec<(f64, Vec<Applied>)> = stand_ins(likelihood, &hidden, &plain, scales);
+    let mut forms: Vec<(f64, Vec<Applied>)> = aliases(likelihood, &hidden, &plain, scales);
     forms.push((1.0, plain));
     let known: Vec<([f64; 2], Vec<Applied>)> = (forms.into_iter())
         .filter_map(|(factor, effects)| {
@@ -106,7 +106,7 @@ pub(crate) fn in_a_form_that_helps(
 }
 
 /// What could stand in for the hidden sequences beside the other effects, fitted, each with the part of the error to which it must come down.
-fn stand_ins(
+fn aliases(
     likelihood: &Likelihood<'_>,
     hidden: &[Applied],
     plain: &[Applied],

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::effects::Hypothesis;
-use super::slopes::{Slopes, Still, slopes};
+use super::slopes::{Slopes, slopes};
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, Scales};
@@ -40,29 +40,6 @@ impl Hypothesis {
         scales: &Scales,
         nominal_cost: f64,
         iterations: usize,
-    ) -> Option<Self> {
-        Self::refit_beside(likelihood, from, scales, nominal_cost, (iterations, &Still::NONE))
-    }
-
-    /// What a fit is free to change.
-    pub(crate) fn parameters_to_fit(&self) -> Vec<(usize, usize)> {
-        (self.effects.iter().enumerate())
-            .filter(|(_, a)| {
-                (self.lost.is_none() || !a.effect.loses_commands()) && !a.effect.leaves_residual()
-            })
-            .flat_map(|(e, a)| {
-                (0..a.values.len()).filter(|&i| a.values[i].is_finite()).map(move |i| (e, i))
-            })
-            .collect()
-    }
-
-    /// The same with derivatives that stand still: a first approach of few simulations.
-    pub(crate) fn refit_beside(
-        likelihood: &Likelihood<'_>,
-        from: Self,
-        scales: &Scales,
-        nominal_cost: f64,
-        (iterations, still): (usize, &Still),
     ) -> Option<Self> {
         let free = from.parameters_to_fit();
         let (effects, lost) = (&from.effects, from.lost.as_ref());
@@ -109,7 +86,7 @@ impl Hypothesis {
             }
             let mut normal = normal(
                 likelihood,
-                &slopes(likelihood, active, residual, &free, scales, (still, &mut steps))?,
+                &slopes(likelihood, active, residual, &free, scales, &mut steps)?,
             );
             add_prior(likelihood, &there, &free, &mut normal);
             lowest = cost;
@@ -125,6 +102,18 @@ impl Hypothesis {
             applied.values = applied.effect.canonical(std::mem::take(&mut applied.values));
         }
         Some(Self { effects: best, free: kept, gain: priced(cost), fitted: true, lost: from.lost })
+    }
+
+    /// What a fit is free to change.
+    pub(crate) fn parameters_to_fit(&self) -> Vec<(usize, usize)> {
+        (self.effects.iter().enumerate())
+            .filter(|(_, a)| {
+                (self.lost.is_none() || !a.effect.loses_commands()) && !a.effect.leaves_residual()
+            })
+            .flat_map(|(e, a)| {
+                (0..a.values.len()).filter(|&i| a.values[i].is_finite()).map(move |i| (e, i))
+            })
+            .collect()
     }
 
     /// The gain under the likelihood's present noise, parameters as they are.

@@ -7,7 +7,7 @@ use super::direction::difference;
 use super::effects::Hypothesis;
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
-use deadtime_model::effect::{Applied, Scales};
+use deadtime_model::effect::Scales;
 
 /// Whitened residuals and their derivatives by the free parameters, at one set of parameters.
 pub(crate) struct Slopes {
@@ -25,37 +25,8 @@ impl Hypothesis {
             likelihood.whitened(active)?,
             &self.free,
             scales,
-            (&Still::NONE, &mut vec![None; self.free.len()]),
+            &mut vec![None; self.free.len()],
         )
-    }
-}
-
-/// Derivatives by an effect's parameters that stand still: taken once, near where many hypotheses are fitted.
-pub(crate) struct Still(Vec<(String, usize, Whitened)>);
-
-impl Still {
-    /// None: all are taken anew.
-    pub(crate) const NONE: Self = Self(Vec::new());
-
-    /// Those of a hypothesis, whether it was fitted or not; `None` where it cannot be simulated.
-    pub(crate) fn of(
-        hypothesis: &Hypothesis,
-        likelihood: &Likelihood<'_>,
-        scales: &Scales,
-    ) -> Option<Self> {
-        let hypothesis = Hypothesis { free: hypothesis.parameters_to_fit(), ..hypothesis.clone() };
-        let columns = hypothesis.slopes(likelihood, scales)?.columns;
-        let place = |((e, i), column): (&(usize, usize), Whitened)| {
-            (hypothesis.effects[*e].key(), *i, column)
-        };
-        Some(Self(hypothesis.free.iter().zip(columns).map(place).collect()))
-    }
-
-    fn by(&self, applied: &Applied, parameter: usize) -> Option<&Whitened> {
-        self.0
-            .iter()
-            .find(|(key, i, _)| *i == parameter && *key == applied.key())
-            .map(|(.., column)| column)
     }
 }
 
@@ -66,7 +37,7 @@ pub(crate) fn slopes(
     residual: Whitened,
     free: &[(usize, usize)],
     scales: &Scales,
-    (still, steps): (&Still, &mut [Option<f64>]),
+    steps: &mut [Option<f64>],
 ) -> Option<Slopes> {
     let effects = active.effects;
     let column_of = |(e, i): (usize, usize), h: f64| {
@@ -78,11 +49,7 @@ pub(crate) fn slopes(
         column_of((e, i), effects[e].parameters[i].derivative_step(effects[e].values[i], scales))
     };
     if !effects.iter().any(|a| likelihood.calls(a)) {
-        let known = |(e, i): (usize, usize)| still.by(&effects[e], i).cloned();
-        let columns = free
-            .par_iter()
-            .map(|&at| known(at).or_else(|| plain(at)))
-            .collect::<Option<Vec<_>>>()?;
+        let columns = free.par_iter().map(|&at| plain(at)).collect::<Option<Vec<_>>>()?;
         return Some(Slopes { residual, columns });
     }
     let mut columns = Vec::with_capacity(free.len());

@@ -22,33 +22,6 @@ pub(crate) struct Allowance {
     pub(crate) pairs: usize,
 }
 
-/// What the search for several causes may cost. Where two counts stand together: candidates that are fitted a few steps, and how many of them to the end.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Composing {
-    /// First guesses of a candidate that are looked at beside what is found already.
-    pub(crate) guesses: usize,
-    /// Candidates that are refitted together with everything else when one is added.
-    pub(crate) added: [usize; 2],
-    /// The same in the place of an earlier effect.
-    pub(crate) swapped: [usize; 2],
-    /// And so many at most, where more of them promise about what the best does: what cannot be told apart from an effect is told beside it.
-    pub(crate) alike: [usize; 2],
-    /// Steps of the first fits.
-    pub(crate) trial_steps: usize,
-    /// Pairs that may begin where no single effect is accepted, and that may join what is found.
-    pub(crate) pairs: usize,
-    /// So many of the most promising candidates of every step are tried in the place of earlier effects.
-    pub(crate) listed: usize,
-    /// So many of what could stand in the place of an effect are tried together with those of another.
-    pub(crate) exchanged: usize,
-    /// Numbers of a law from which on all is done again without it: it may take the shape of several plain ones.
-    pub(crate) elaborate: usize,
-    /// Effects that are doubted one after the other where something is left above the noise: each costs as much as the whole composition.
-    pub(crate) doubted: usize,
-    /// The model's own numbers that are freed together, at most: each is a simulation for every step of the fit.
-    pub(crate) numbers: usize,
-}
-
 /// All counts and limits of a search.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Budget {
@@ -56,8 +29,6 @@ pub(crate) struct Budget {
     pub(crate) plain: Allowance,
     /// What needs calls.
     pub(crate) called: Allowance,
-    /// The search for several causes.
-    pub(crate) composing: Composing,
     /// Runs come one after the other: calls in their order.
     pub(crate) one_by_one: bool,
     /// Starts of one candidate that are fitted.
@@ -113,19 +84,6 @@ pub(crate) const MODEL_FILE: Budget = {
     Budget {
         plain,
         called: plain,
-        composing: Composing {
-            guesses: 12,
-            added: [14, 8],
-            swapped: [6, 3],
-            alike: [12, 6],
-            trial_steps: 4,
-            pairs: 5,
-            listed: 20,
-            exchanged: 2,
-            elaborate: 3,
-            doubted: 3,
-            numbers: 40,
-        },
         one_by_one: false,
         starts: 2,
         on: 10,

@@ -96,63 +96,16 @@ pub struct Criteria {
     pub longer_than_moved: f64,
     /// A delay explains much where it gains this part of what the best effect gains, or takes this part of the squared error; 1. Chosen.
     pub much: f64,
-    /// A further cause must lower the squared error over blocks of time left out in turn by this part; 1. Chosen.
-    pub added_falls: f64,
-    /// The same, block by block: Student's t of the paired differences; 1. Null: with ten blocks 1.8 comes by chance once in twenty.
-    pub added_t: f64,
-    /// Where the logarithms of the blocks' errors are compared instead, this part of the blocks must improve: friction acts at times only; 1. Chosen.
-    pub added_blocks: f64,
-    /// A cause that lowers both, over the blocks and on held-out data, and by this part in the mean need not do so in most blocks: a limit acts in few of them; 1. Chosen.
-    pub added_plainly: f64,
-    /// Twice the log-likelihood that a further cause must gain. Null: as `selection_penalty`.
-    pub added_gains: f64,
-    /// The part by which it must lower the squared error of held-out data; 1. Chosen.
-    pub added_held_out: f64,
-    /// The same as a part of the fall over the blocks; 1. Chosen.
-    pub added_generalises: f64,
     /// The part of the gap's original square that it must take, learnt and held out: a simulator's own inexactness is certain on a precise machine; 1. Chosen.
     /// An elaborate form of a plain effect must take as much beyond it, or lower the rms by `clear`.
     pub added_matters: f64,
-    /// A smaller part of a large gap matters, too, where it is this part of what is left, over the blocks and on held-out data; 1. Chosen.
-    pub added_of_rest: f64,
-    /// And where it is an error of this size, relative to the spread of the outputs: what a simulator is off by grows with the motion, not with the gap; nrmse. Chosen.
-    pub added_shows: f64,
-    /// Further causes whose errors over the blocks differ by less than this part are as good as each other; 1. Chosen.
-    pub added_equals: f64,
-    /// What takes this part of the best one's fall, and does not differ from it over the blocks, could stand in its place; 1. Chosen.
-    pub stands_in: f64,
-    /// An earlier cause without which the blocks are worse by less than this t is dropped; 1. Chosen.
-    pub dropped_t: f64,
-    /// What promises this part of what the best candidate does promises as much; 1. Chosen: a promise is that of a small step.
-    pub promises_as_much: f64,
-    /// Two numbers that differ by this part of the larger one may be one number: each was fitted beside the other; 1. Chosen.
-    pub one_number: f64,
     /// The error may rise by this factor when parameters are fitted beside the noise's colour, or when laws without chance take a sequence's place; 1. Chosen.
     pub settled: f64,
-    /// The model's own numbers, each off by this part of itself at most, are as exact as those of any model; 1. Chosen.
-    pub a_little_off: f64,
     /// A number of a block that moved by less stays where it was, in standard deviations of what the data leave open. Chosen.
     pub moved: f64,
     /// Held-out data are quiet beside a plain effect where its squared error there is so many times the noise at most: nothing is there for its elaborate form to
     /// explain. Chosen: well above what the chance of some hundred samples does to a mean square.
     pub quiet: f64,
-    /// So many causes at most. Chosen.
-    pub most_causes: f64,
-    /// A weak effect must gain this, in twice the log-likelihood under noise of the nominal residual's colour. Null: as `selection_penalty`, less what the next
-    /// five ask for.
-    pub weak_gains: f64,
-    /// The same on held-out data, parameters and noise kept; twice a log-likelihood. Chosen.
-    pub weak_held_out: f64,
-    /// Student's t over blocks of what was learnt from; 1. Chosen.
-    pub weak_t: f64,
-    /// Student's t over blocks of held-out data; 1. Chosen.
-    pub weak_held_out_t: f64,
-    /// The best further effect beside a weak one promises less, in twice the log-likelihood: beside a true one little is left, beside a simulator that is a
-    /// little off everywhere much. Chosen.
-    pub weak_beside: f64,
-    /// A weak effect is further from doing nothing than any of the catalogue is by chance, in standard deviations of its interval; the chance. Null: the normal
-    /// distribution with Bonferroni's inequality.
-    pub weak_chance: f64,
 }
 
 impl Default for Criteria {
@@ -198,32 +151,10 @@ impl Default for Criteria {
             moved_explains: 0.5,
             longer_than_moved: 1.5,
             much: 0.25,
-            added_falls: 0.02,
-            added_t: 1.8,
-            added_blocks: 0.7,
-            added_plainly: 0.25,
-            added_gains: 30.0,
-            added_held_out: 0.01,
-            added_generalises: 0.2,
             added_matters: 0.01,
-            added_of_rest: 0.1,
-            added_shows: 0.015,
-            added_equals: 0.01,
-            stands_in: 0.7,
-            dropped_t: 1.0,
-            promises_as_much: 0.95,
-            one_number: 0.5,
             settled: 1.02,
-            a_little_off: 0.05,
             moved: 1.0,
             quiet: 1.1,
-            most_causes: 5.0,
-            weak_gains: 20.0,
-            weak_held_out: 3.0,
-            weak_t: 1.5,
-            weak_held_out_t: 0.5,
-            weak_beside: 20.0,
-            weak_chance: 0.01,
         }
     }
 }

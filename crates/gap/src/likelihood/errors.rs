@@ -44,12 +44,6 @@ impl Errors {
         errors
     }
 
-    /// Of one output whose spread is 1.
-    #[cfg(test)]
-    pub(crate) fn of_one(rms: f64, count: f64) -> Self {
-        Self { squares: vec![count * rms * rms], deviations: vec![count], count: vec![count] }
-    }
-
     /// Of residuals so many times as large.
     pub(crate) fn times(mut self, factor: f64) -> Self {
         self.squares.iter_mut().for_each(|s| *s *= factor * factor);
@@ -59,14 +53,6 @@ impl Errors {
     /// Root of the mean squared error, per output.
     pub(crate) fn rms(&self) -> Vec<f64> {
         self.squares.iter().zip(&self.count).map(|(e, n)| (e / n.max(1.0)).sqrt()).collect()
-    }
-
-    /// Twice the log-likelihood that white noise of unknown size gains from one to the other, over all outputs.
-    pub(crate) fn log_ratio(&self, after: &Self) -> f64 {
-        let ratio = |((b, a), n): ((&f64, &f64), &f64)| {
-            if *b > 0.0 && *a > 0.0 { n * (b / a).ln() } else { 0.0 }
-        };
-        self.squares.iter().zip(&after.squares).zip(&self.count).map(ratio).sum()
     }
 
     /// Mean squared error over that of others, every output counting alike.

@@ -262,13 +262,18 @@ impl<'a> Likelihood<'a> {
         (parts.sum::<f64>() * samples).sqrt()
     }
 
-    /// The nuisances' whitened responses of one record, as columns.
-    pub(super) fn nuisances_of(&self, record: usize) -> &DMatrix<f64> {
-        self.nuisances[record].whitened()
+    /// How the outputs of one record respond to the nuisances, samples × outputs each.
+    pub(crate) fn responses_of(&self, record: usize) -> impl Iterator<Item = &DMatrix<f64>> {
+        self.nuisances[record].raw().all()
+    }
+
+    /// Whoever asked for a diagnosis does not wait for it any more.
+    pub(crate) fn is_stopped(&self) -> bool {
+        self.stop.is_set()
     }
 
     /// The precision of their prior.
-    pub(super) fn precision_of(&self, record: usize) -> DMatrix<f64> {
+    pub(crate) fn precision_of(&self, record: usize) -> DMatrix<f64> {
         self.nuisances[record].precision(&self.prior)
     }
 

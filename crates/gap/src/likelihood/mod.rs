@@ -3,7 +3,6 @@
 pub(crate) mod active_effects;
 mod best_start;
 pub(crate) mod constants;
-mod cross_validation;
 pub(crate) mod errors;
 pub(crate) mod gaussian;
 mod nuisances;

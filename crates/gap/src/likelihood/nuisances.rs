@@ -47,7 +47,7 @@ impl Responses {
         self.starts.iter().chain(&self.declared)
     }
 
-    fn all(&self) -> impl Iterator<Item = &DMatrix<f64>> {
+    pub(super) fn all(&self) -> impl Iterator<Item = &DMatrix<f64>> {
         self.known().chain(&self.feedback)
     }
 
@@ -97,11 +97,6 @@ impl Nuisances {
     pub(super) fn with_prior(&self, prior: &[f64]) -> Self {
         let factor = (self.whitened.tr_mul(&self.whitened) + self.precision(prior)).cholesky();
         Self { factor, ..self.clone() }
-    }
-
-    /// W, of the training span.
-    pub(super) fn whitened(&self) -> &DMatrix<f64> {
-        &self.whitened
     }
 
     /// P⁻¹.

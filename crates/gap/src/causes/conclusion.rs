@@ -1,0 +1,326 @@
+//! What acts: the best set of the search with its shares, intervals and aliases, and the verdict on it.
+//!
+//! How it can be wrong: a sequence of lost or late commands that is decoded from the outputs takes a little of everything, so it must beat the best set of
+//! deterministic effects under the same score; a lattice lowers no error, so the trace in the raw values decides on it alone.
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use super::search::{Found, Search};
+use super::set::CauseSet;
+use super::training::Training;
+use crate::baseline::noise::Noise;
+use crate::format::progress::Stage;
+use crate::hypothesis::effects::Hypothesis;
+use crate::hypothesis::level::Level;
+use crate::judge::floor::Floor;
+use crate::judge::intervals;
+use crate::judge::intervals::Estimate;
+use crate::judge::rule::{GapVerdict, Ruling};
+use crate::judge::verdict::{Judged, ruled};
+use crate::likelihood::active_effects::NO_EFFECT;
+use crate::likelihood::errors::{Errors, overall};
+use crate::likelihood::gaussian::Likelihood;
+use crate::likelihood::residuals::residuals;
+use crate::search::catalogue::numbers;
+use crate::search::catalogue_search::noise_of;
+use deadtime_model::effect::{Applied, Scales};
+
+/// A refit under coloured noise may raise the training error by this factor; by more, the colour is that of another effect.
+const SETTLED: f64 = 1.02;
+
+/// What acts.
+pub(crate) struct ActiveCauses {
+    /// The verdict, with all that was found.
+    pub(crate) judged: Judged,
+    /// Everything that was found to act, whatever the verdict; `None`: nothing.
+    pub(crate) hypothesis: Option<Hypothesis>,
+    /// Per effect of the hypothesis, its aliases.
+    pub(crate) aliases: Vec<Vec<Applied>>,
+    /// Per effect, all the others as they are without it; the joint recalibration comes last, and goes as one.
+    pub(crate) taken_out: Vec<Hypothesis>,
+    /// The same with all the others refitted. `None`: cannot be simulated.
+    pub(crate) without: Vec<Option<Hypothesis>>,
+    /// The relative size of the parameters' errors, where all are recalibrated jointly.
+    pub(crate) recalibration: Option<f64>,
+    /// Standard deviations of its parameters.
+    pub(crate) estimate: Option<Estimate>,
+}
+
+impl ActiveCauses {
+    /// Nothing was found to act.
+    fn nothing(judged: Judged) -> Self {
+        Self {
+            judged,
+            hypothesis: None,
+            aliases: Vec::new(),
+            taken_out: Vec::new(),
+            without: Vec::new(),
+            recalibration: None,
+            estimate: None,
+        }
+    }
+
+    /// Places of the effects that have a share of their own.
+    pub(crate) fn singly(&self) -> Vec<usize> {
+        self.places(false)
+    }
+
+    /// Places of the parameters that are recalibrated jointly.
+    pub(crate) fn block(&self) -> Vec<usize> {
+        self.places(true)
+    }
+
+    fn places(&self, block: bool) -> Vec<usize> {
+        let Some(hypothesis) = &self.hypothesis else { return Vec::new() };
+        (0..hypothesis.effects.len())
+            .filter(|&at| in_block(self.recalibration, &hypothesis.effects[at]) == block)
+            .collect()
+    }
+}
+
+fn in_block(recalibration: Option<f64>, applied: &Applied) -> bool {
+    recalibration.is_some() && applied.effect.corrects_model()
+}
+
+/// What a conclusion is drawn from.
+pub(crate) struct Conclusion<'c, 'a> {
+    /// As the search of single effects left it.
+    pub(crate) likelihood: &'c Likelihood<'a>,
+    pub(crate) catalogue: &'c [Applied],
+    pub(crate) scales: &'c Scales,
+    /// Per output, what is no more than rounding.
+    pub(crate) smallest: &'c [f64],
+}
+
+impl Conclusion<'_, '_> {
+    /// What acts, in place of what was judged from single effects and pairs; `None` where the model cannot be simulated.
+    pub(crate) fn from(&self, judged: Judged, progress: &dyn Fn(Stage)) -> Option<ActiveCauses> {
+        let begin = judged.best.clone().filter(|_| judged.verdict != GapVerdict::None);
+        let lattice = |e: &Hypothesis| e.effects.iter().any(|a| a.effect.leaves_residual());
+        if self.likelihood.system.is_black_box() || begin.as_ref().is_some_and(lattice) {
+            return self.as_judged(judged);
+        }
+        progress(Stage::Composing(0));
+        let hidden = begin.as_ref().filter(|e| e.lost.is_some());
+        let start = begin.as_ref().filter(|e| e.lost.is_none()).map(|e| e.effects.clone());
+        let training = Training::of(self.likelihood);
+        let deterministic =
+            |a: &&Applied| !a.effect.leaves_residual() && !a.effect.loses_commands();
+        let candidates: Vec<Applied> =
+            self.catalogue.iter().filter(deterministic).cloned().collect();
+        let scaled = |a: &Applied| a.parameters.iter().all(|p| p.nominal != 0.0);
+        let numbers: Vec<Applied> =
+            numbers(self.likelihood.system).into_iter().filter(scaled).collect();
+        let search = Search::new(&training, &candidates, &numbers, self.scales, self.smallest)?;
+        let found = search.from(start.into_iter().collect(), hidden)?;
+        let (score, best) = found.sets.first()?;
+        if found.hidden.is_some_and(|hidden| hidden < *score) {
+            return self.as_judged(judged);
+        }
+        self.concluded(judged, &found, best)
+    }
+
+    /// What was judged, as it is.
+    fn as_judged(&self, judged: Judged) -> Option<ActiveCauses> {
+        let begin = match (&judged.verdict, &judged.found) {
+            (GapVerdict::Effects, Some(found)) => found.clone(),
+            _ => return Some(ActiveCauses::nothing(judged)),
+        };
+        let (hypothesis, taken_out) = self.by_share(begin, None);
+        let without = self.refitted(&hypothesis, &taken_out);
+        let estimate = intervals::estimate(self.likelihood, &hypothesis, self.scales);
+        let judged =
+            Judged { found: Some(hypothesis.clone()), best: Some(hypothesis.clone()), ..judged };
+        Some(ActiveCauses {
+            judged,
+            aliases: vec![Vec::new(); hypothesis.effects.len()],
+            hypothesis: Some(hypothesis),
+            taken_out,
+            without,
+            recalibration: None,
+            estimate,
+        })
+    }
+
+    /// The verdict on the best set.
+    fn concluded(&self, judged: Judged, found: &Found, best: &CauseSet) -> Option<ActiveCauses> {
+        let mut reached = judged.reached.clone();
+        if best.effects.is_empty() {
+            let nothing = Level::of(self.likelihood, None)?;
+            let levels = [&nothing, &nothing];
+            let (floor, ruling) = self.ruled(levels, &reached);
+            return Some(ActiveCauses::nothing(Judged {
+                found: None,
+                best: None,
+                of_the_numbers: None,
+                ..with(judged, ruling, floor, reached)
+            }));
+        }
+        let shrunk = best.recalibration.map(|size| self.likelihood.with_shrinkage(size));
+        let shrunk = Conclusion { likelihood: shrunk.as_ref().unwrap_or(self.likelihood), ..*self };
+        let mut begin = of(best.effects.clone());
+        if best.singly().next().is_none() {
+            begin.effects.sort_by(|a, b| relative(b).total_cmp(&relative(a)));
+        }
+        let beside =
+            shrunk.likelihood.with_noise(noise_of(shrunk.likelihood, Some(&begin), self.smallest)?);
+        let settled = shrunk.settled(&beside, begin)?;
+        let (hypothesis, taken_out) = shrunk.by_share(settled, best.recalibration);
+        let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
+        let without = shrunk.refitted(&hypothesis, &taken_out);
+        let alias = found.aliases();
+        let aliases_of = |a: &Applied| {
+            let at = best.effects.iter().position(|own| own.key() == a.key());
+            at.and_then(|at| alias.get(at).cloned()).unwrap_or_default()
+        };
+        let (nothing, with_all) =
+            (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
+        reached.push(with_all.noise(self.likelihood));
+        let (floor, mut ruling) = self.ruled([&nothing, &with_all], &reached);
+        // Every model's parameters are a little off: a recalibration that lowers a small gap is no cause.
+        let overall_of = |level: &Level| overall(&level.train.nrmse());
+        let small = overall_of(&nothing)
+            .zip(overall_of(&with_all))
+            .is_some_and(|(before, after)| before < self.likelihood.criteria.clear * after);
+        let of_the_numbers = small && best.singly().next().is_none();
+        if of_the_numbers && ruling.verdict == GapVerdict::Effects {
+            ruling.verdict = GapVerdict::None;
+        }
+        let judged = Judged {
+            found: (ruling.verdict == GapVerdict::Effects).then(|| hypothesis.clone()),
+            best: Some(hypothesis.clone()),
+            of_the_numbers: of_the_numbers.then(|| hypothesis.key()),
+            ..with(judged, ruling, floor, reached)
+        };
+        Some(ActiveCauses {
+            judged,
+            aliases: hypothesis.effects.iter().map(aliases_of).collect(),
+            hypothesis: Some(hypothesis),
+            taken_out,
+            without,
+            recalibration: best.recalibration,
+            estimate,
+        })
+    }
+
+    /// The rules of the verdict beside the floor that the best of what was `reached` leaves.
+    fn ruled(
+        &self,
+        levels: [&Level; 2],
+        reached: &[(Errors, Vec<DMatrix<f64>>)],
+    ) -> (Floor, Ruling) {
+        ruled(self.likelihood, levels, reached, self.catalogue, self.scales, [true, false])
+    }
+
+    /// In the order of what each effect explains beside the others, the block of the model's numbers last; and all the others without each.
+    fn by_share(
+        &self,
+        hypothesis: Hypothesis,
+        recalibration: Option<f64>,
+    ) -> (Hypothesis, Vec<Hypothesis>) {
+        let (block, singly): (Vec<usize>, Vec<usize>) = (0..hypothesis.effects.len())
+            .partition(|&at| in_block(recalibration, &hypothesis.effects[at]));
+        let mut parts: Vec<Vec<usize>> = singly.into_iter().map(|at| vec![at]).collect();
+        parts.extend((!block.is_empty()).then_some(block));
+        let taken_out = Self::taken_out(&hypothesis, &parts);
+        let error = |e: &Hypothesis| self.error_of(e).unwrap_or(f64::INFINITY);
+        let errors: Vec<f64> = taken_out.iter().map(error).collect();
+        let place =
+            |a: &Applied| hypothesis.effects.iter().position(|e| e.key() == a.key()).unwrap_or(0);
+        let part = |a: &Applied| parts.iter().position(|p| p.contains(&place(a))).unwrap_or(0);
+        let rank = |a: &Applied| {
+            if in_block(recalibration, a) { f64::NEG_INFINITY } else { errors[part(a)] }
+        };
+        let ordered = hypothesis.clone().ordered(rank);
+        let mut sorted: Vec<usize> = ordered.effects.iter().map(part).collect();
+        sorted.dedup();
+        (ordered, sorted.into_iter().map(|p| taken_out[p].clone()).collect())
+    }
+
+    /// The parameters under the noise of what is left, unless that makes the errors larger: under a colour that is another effect's, slow effects vanish.
+    fn settled(&self, beside: &Likelihood<'_>, composed: Hypothesis) -> Option<Hypothesis> {
+        let before = self.error_of(&composed)?;
+        let refitted = Hypothesis::refit(
+            beside,
+            composed.clone(),
+            self.scales,
+            cost(beside)?,
+            beside.budget.steps,
+        );
+        let mut settled = refitted
+            .filter(|e| self.error_of(e).is_some_and(|after| after <= SETTLED * before))
+            .unwrap_or(composed);
+        // Compared with all others under their likelihood.
+        settled.rescore(self.likelihood, cost(self.likelihood)?);
+        Some(settled)
+    }
+
+    /// The training nrmse of all outputs.
+    fn error_of(&self, hypothesis: &Hypothesis) -> Option<f64> {
+        overall(&Level::of(self.likelihood, Some(hypothesis))?.train.nrmse())
+    }
+
+    /// Hypotheses refitted under white weights as large as what is left by all.
+    fn refitted(&self, hypothesis: &Hypothesis, without: &[Hypothesis]) -> Vec<Option<Hypothesis>> {
+        let Some(left) = residuals(self.likelihood, hypothesis) else {
+            return vec![None; without.len()];
+        };
+        let rms = Errors::of(self.likelihood.records, &left, |r| r.train)
+            .times(hypothesis.noise_over_left(self.likelihood))
+            .rms();
+        let std: Vec<f64> = rms.iter().zip(self.smallest).map(|(r, s)| r.max(*s)).collect();
+        let white =
+            self.likelihood.with_noise(vec![Noise::white(&std); self.likelihood.records.len()]);
+        let one = |e: &Hypothesis| {
+            Hypothesis::refit(&white, e.clone(), self.scales, cost(&white)?, white.budget.steps)
+        };
+        without.par_iter().map(one).collect()
+    }
+
+    /// Per part, all the others as they are without it.
+    fn taken_out(hypothesis: &Hypothesis, parts: &[Vec<usize>]) -> Vec<Hypothesis> {
+        let one = |part: &Vec<usize>| {
+            let others: Vec<Applied> = hypothesis
+                .effects
+                .iter()
+                .enumerate()
+                .filter(|(at, _)| !part.contains(at))
+                .map(|(_, a)| a.clone())
+                .collect();
+            let lost = hypothesis
+                .lost
+                .clone()
+                .filter(|_| others.iter().any(|a| a.effect.loses_commands()));
+            Hypothesis { lost, ..of(others) }
+        };
+        parts.iter().map(one).collect()
+    }
+}
+
+/// Effects that are to be fitted.
+fn of(effects: Vec<Applied>) -> Hypothesis {
+    Hypothesis { effects, free: Vec::new(), gain: 0.0, fitted: false, lost: None }
+}
+
+/// What the model as it came costs.
+fn cost(likelihood: &Likelihood<'_>) -> Option<f64> {
+    let there = likelihood.whitened(NO_EFFECT)?;
+    Some(likelihood.inner(&there, &there))
+}
+
+/// The same judgement with another ruling and floor.
+fn with(
+    judged: Judged,
+    Ruling { verdict, unknown, left_over }: Ruling,
+    floor: Floor,
+    reached: Vec<(Errors, Vec<DMatrix<f64>>)>,
+) -> Judged {
+    Judged { verdict, unknown, left_over, floor, reached, ..judged }
+}
+
+/// How far a parameter of the model is from its nominal value, relative to it.
+fn relative(applied: &Applied) -> f64 {
+    let nominal = applied.parameters[0].nominal;
+    ((applied.values[0] - nominal) / nominal).abs()
+}

@@ -1,0 +1,10 @@
+//! The active effects: one score for every set of effects, and one search over sets.
+
+pub(crate) mod conclusion;
+mod fit;
+mod gram;
+mod proposals;
+mod score;
+mod search;
+mod set;
+mod training;

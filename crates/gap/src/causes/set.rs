@@ -1,0 +1,54 @@
+//! A set of effects with jointly fitted parameters.
+
+use deadtime_model::effect::{Applied, row};
+
+/// Effects that act together, fitted jointly.
+#[derive(Debug, Clone)]
+pub(crate) struct CauseSet {
+    /// In the order of the table of effects.
+    pub(crate) effects: Vec<Applied>,
+    /// The relative size of the joint recalibration of all parameters, where it is part of the set.
+    pub(crate) recalibration: Option<f64>,
+    /// Parameters that act on the outputs, as effect and place.
+    pub(crate) free: Vec<(usize, usize)>,
+    /// How many of them belong to single effects.
+    pub(super) acting: usize,
+    /// Per output, the sum of squared residuals.
+    pub(super) squares: Vec<f64>,
+    /// All that the priors cost.
+    pub(super) priors: f64,
+}
+
+/// What identifies a set: its single effects, and whether all parameters are recalibrated.
+pub(crate) type SetKey = String;
+
+impl CauseSet {
+    /// Whether an effect belongs to the joint recalibration.
+    pub(crate) fn recalibrates(&self, applied: &Applied) -> bool {
+        self.recalibration.is_some() && applied.effect.corrects_model()
+    }
+
+    /// The effects aside from the joint recalibration.
+    pub(crate) fn singly(&self) -> impl Iterator<Item = &Applied> {
+        self.effects.iter().filter(|a| !self.recalibrates(a))
+    }
+
+    pub(crate) fn key(&self) -> SetKey {
+        key(self.singly(), self.recalibration.is_some())
+    }
+}
+
+/// The key of single effects with or without a joint recalibration.
+pub(super) fn key<'e>(effects: impl Iterator<Item = &'e Applied>, recalibrated: bool) -> SetKey {
+    let mut keys: Vec<String> = effects.map(Applied::key).collect();
+    keys.sort();
+    keys.extend(recalibrated.then(|| "*".to_owned()));
+    keys.join(" + ")
+}
+
+/// Effects in the order of the table, in which they act.
+pub(super) fn in_order(effects: impl Iterator<Item = Applied>) -> Vec<Applied> {
+    let mut effects: Vec<Applied> = effects.collect();
+    effects.sort_by_key(|a| (row(a.effect), a.channel.clone()));
+    effects
+}
