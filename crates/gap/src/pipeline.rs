@@ -30,6 +30,7 @@ use crate::baseline::runaway::must_not_explode;
 use crate::causes::conclusion::{ActiveCauses, Conclusion};
 use crate::checks::every::checks;
 use crate::format::caveat::Caveat;
+use crate::format::contributions::Description;
 use crate::format::diagnosis::{
     Cause, Check, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, Mode, NotTried,
 };
@@ -269,13 +270,20 @@ impl Judgement {
     fn of(
         likelihood: &Likelihood<'_>,
         found: &SearchResult,
-        candidates: &[Applied],
+        [candidates, remedies]: [&[Applied]; 2],
         scales: &Scales,
         smallest: &[f64],
         progress: &dyn Fn(Stage),
     ) -> Option<Self> {
         let judged = judge(likelihood, found, candidates, scales)?;
-        let conclusion = Conclusion { likelihood, catalogue: candidates, scales, smallest };
+        let conclusion = Conclusion {
+            likelihood,
+            catalogue: candidates,
+            singles: &found.singles,
+            remedies,
+            scales,
+            smallest,
+        };
         let composed = conclusion.from(judged, progress)?;
         let judged = &composed.judged;
         let searched = judged.found.as_ref().is_none_or(|e| e.effects.len() < 3);
@@ -354,7 +362,8 @@ fn in_stages(
 
     progress(Stage::Judging);
     let smallest = &baseline.motion.smallest;
-    let judgement = Judgement::of(&likelihood, &found, &candidates, &scales, smallest, progress)
+    let tried = [candidates.as_slice(), checked.remedies.as_slice()];
+    let judgement = Judgement::of(&likelihood, &found, tried, &scales, smallest, progress)
         .ok_or_else(|| not_finite(&inputs.records))?;
     progress(Stage::Describing);
     let answer = Answer {
@@ -420,8 +429,14 @@ impl Answer<'_> {
         share_classes(&mut contributions, &cause.indistinguishable);
         let mut missing_force = None;
         if composed.judged.verdict != GapVerdict::Effects {
-            (remainder.description, missing_force) =
-                describe(likelihood, &handed.effects, &after, seed).unzip();
+            // Effects that are none of the causes bend what they leave: the force that predicts more of what it is fitted to is reported.
+            let of_all = describe(likelihood, &[], &before, seed);
+            let of_rest = (!handed.effects.is_empty())
+                .then(|| describe(likelihood, &handed.effects, &after, seed))
+                .flatten();
+            let r2 = |found: &(Description, _)| found.0.held_out_r2;
+            let more = of_rest.into_iter().chain(of_all).max_by(|a, b| r2(a).total_cmp(&r2(b)));
+            (remainder.description, missing_force) = more.unzip();
         }
         let diagnosis = Diagnosis {
             format: DiagnosisFormat::V2,

@@ -26,7 +26,7 @@ use deadtime_model::effect::{Applied, Scales};
 /// A nominal value that is further off than this factor is no value of the physics.
 const FAR: f64 = 10.0;
 
-/// An effect that takes a smaller part of the gap stays in the model and is not named as a cause.
+/// A weak effect that takes a smaller part of the gap stays in the model and is not named as a cause.
 const NAMED: f64 = 0.01;
 
 /// Two numbers whose changes act alike by more than this correlation are hardly told apart: each alone is known 1/√(1 − r²) = 3.2 times worse.
@@ -158,7 +158,9 @@ impl GapBudget<'_, '_> {
             }
         };
         let left = share(&|s: &Squares| Some(1.0 - s.together()?));
-        let named = |c: &Contribution| c.share.learnt.is_none_or(|share| share >= NAMED);
+        let named = |c: &Contribution| {
+            c.strength == Strength::Clear || c.share.learnt.is_none_or(|share| share >= NAMED)
+        };
         let contributions = contributions
             .into_iter()
             .enumerate()

@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::search::{Found, Search};
-use super::set::CauseSet;
+use super::set::{CauseSet, in_order};
 use super::training::Training;
 use crate::baseline::noise::Noise;
 use crate::format::progress::Stage;
@@ -28,6 +28,9 @@ use deadtime_model::effect::{Applied, Scales};
 
 /// A refit under coloured noise may raise the training error by this factor; by more, the colour is that of another effect.
 const SETTLED: f64 = 1.02;
+
+/// Single effects from which the search begins: their own fit had more first guesses.
+const ALONE: usize = 10;
 
 /// What acts.
 pub(crate) struct ActiveCauses {
@@ -88,6 +91,10 @@ pub(crate) struct Conclusion<'c, 'a> {
     /// As the search of single effects left it.
     pub(crate) likelihood: &'c Likelihood<'a>,
     pub(crate) catalogue: &'c [Applied],
+    /// Single effects as they were fitted alone, the best first.
+    pub(crate) singles: &'c [Hypothesis],
+    /// What the checks of the logs ask for.
+    pub(crate) remedies: &'c [Applied],
     pub(crate) scales: &'c Scales,
     /// Per output, what is no more than rounding.
     pub(crate) smallest: &'c [f64],
@@ -102,8 +109,6 @@ impl Conclusion<'_, '_> {
             return self.as_judged(judged);
         }
         progress(Stage::Composing(0));
-        let hidden = begin.as_ref().filter(|e| e.lost.is_some());
-        let start = begin.as_ref().filter(|e| e.lost.is_none()).map(|e| e.effects.clone());
         let training = Training::of(self.likelihood);
         let deterministic =
             |a: &&Applied| !a.effect.leaves_residual() && !a.effect.loses_commands();
@@ -113,11 +118,13 @@ impl Conclusion<'_, '_> {
         let numbers: Vec<Applied> =
             numbers(self.likelihood.system).into_iter().filter(scaled).collect();
         let search = Search::new(&training, &candidates, &numbers, self.scales, self.smallest)?;
-        let found = search.from(start.into_iter().collect(), hidden)?;
-        let (score, best) = found.sets.first()?;
-        if found.hidden.is_some_and(|hidden| hidden < *score) {
-            return self.as_judged(judged);
-        }
+        let begun = |e: &Hypothesis| CauseSet::begun(e.effects.clone(), None, e.lost.clone());
+        let asked = (!self.remedies.is_empty())
+            .then(|| CauseSet::begun(in_order(self.remedies.iter().cloned()), None, None));
+        let alone = self.singles.iter().filter(|e| e.fitted && !lattice(e)).take(ALONE);
+        let starts = begin.iter().map(begun).chain(asked).chain(alone.map(begun));
+        let found = search.from(starts.collect())?;
+        let (_, best) = found.sets.first()?;
         self.concluded(judged, &found, best)
     }
 
@@ -159,7 +166,7 @@ impl Conclusion<'_, '_> {
         }
         let shrunk = best.recalibration.map(|size| self.likelihood.with_shrinkage(size));
         let shrunk = Conclusion { likelihood: shrunk.as_ref().unwrap_or(self.likelihood), ..*self };
-        let mut begin = of(best.effects.clone());
+        let mut begin = Hypothesis { lost: best.lost.clone(), ..of(best.effects.clone()) };
         if best.singly().next().is_none() {
             begin.effects.sort_by(|a, b| relative(b).total_cmp(&relative(a)));
         }
@@ -177,20 +184,30 @@ impl Conclusion<'_, '_> {
         let (nothing, with_all) =
             (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
         reached.push(with_all.noise(self.likelihood));
-        let (floor, mut ruling) = self.ruled([&nothing, &with_all], &reached);
         // Every model's parameters are a little off: a recalibration that lowers a small gap is no cause.
         let overall_of = |level: &Level| overall(&level.train.nrmse());
         let small = overall_of(&nothing)
             .zip(overall_of(&with_all))
             .is_some_and(|(before, after)| before < self.likelihood.criteria.clear * after);
         let of_the_numbers = small && best.singly().next().is_none();
-        if of_the_numbers && ruling.verdict == GapVerdict::Effects {
-            ruling.verdict = GapVerdict::None;
+        let (floor, ruling) = if of_the_numbers {
+            let recalibrated = Level { hypothesis: None, ..with_all };
+            self.ruled([&recalibrated, &recalibrated], &reached)
+        } else {
+            self.ruled([&nothing, &with_all], &reached)
+        };
+        if of_the_numbers {
+            return Some(ActiveCauses::nothing(Judged {
+                found: None,
+                best: None,
+                of_the_numbers: Some(hypothesis.key()),
+                ..with(judged, ruling, floor, reached)
+            }));
         }
         let judged = Judged {
             found: (ruling.verdict == GapVerdict::Effects).then(|| hypothesis.clone()),
             best: Some(hypothesis.clone()),
-            of_the_numbers: of_the_numbers.then(|| hypothesis.key()),
+            of_the_numbers: None,
             ..with(judged, ruling, floor, reached)
         };
         Some(ActiveCauses {
@@ -210,7 +227,8 @@ impl Conclusion<'_, '_> {
         levels: [&Level; 2],
         reached: &[(Errors, Vec<DMatrix<f64>>)],
     ) -> (Floor, Ruling) {
-        ruled(self.likelihood, levels, reached, self.catalogue, self.scales, [true, false])
+        let beaten = levels[1].hypothesis.is_some();
+        ruled(self.likelihood, levels, reached, self.catalogue, self.scales, [beaten, false])
     }
 
     /// In the order of what each effect explains beside the others, the block of the model's numbers last; and all the others without each.

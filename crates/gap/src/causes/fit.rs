@@ -10,7 +10,7 @@ use super::gram::{Gram, Left};
 use super::score::Score;
 use super::set::CauseSet;
 use super::training::{Stacked, Training};
-use crate::hypothesis::effects::Hypothesis;
+use crate::likelihood::active_effects::ActiveEffects;
 use deadtime_model::effect::{Applied, Parameter, Role, Scales};
 
 /// Steps of a fit.
@@ -54,17 +54,10 @@ impl Directions {
 type Prior = Option<(f64, f64)>;
 
 impl Fit<'_, '_, '_> {
-    /// Fits a set from the values of its effects; `None` where it cannot be simulated.
-    pub(super) fn of(&self, effects: Vec<Applied>, recalibration: Option<f64>) -> Option<CauseSet> {
-        let mut set = CauseSet {
-            free: free(&effects),
-            effects,
-            recalibration,
-            acting: 0,
-            squares: Vec::new(),
-            priors: 0.0,
-        };
-        let mut residual = self.training.residual(&set.effects)?;
+    /// Fits a set from the values of its effects; `None` where it cannot be simulated. A decoded sequence stays as it is.
+    pub(super) fn of(&self, mut set: CauseSet) -> Option<CauseSet> {
+        set.free = free(&set.effects);
+        let mut residual = self.training.residual(&set)?;
         let (mut value, mut left) = self.profiled(&residual, &self.priors(&set), None)?;
         let mut directions = None;
         for _ in 0..STEPS {
@@ -89,8 +82,11 @@ impl Fit<'_, '_, '_> {
         let parameters: f64 =
             self.priors(&set).iter().flatten().map(|(off, s)| (off / s).powi(2)).sum();
         set.free = places.iter().map(|&at| set.free[at]).collect();
-        set.acting = set.free.iter().filter(|(e, _)| !set.recalibrates(&set.effects[*e])).count();
-        set.priors = left.prior + parameters + determinant + self.moved_alone(&set);
+        let hidden = set.effects.iter().filter(|a| a.effect.loses_commands());
+        set.acting = set.free.iter().filter(|(e, _)| !set.recalibrates(&set.effects[*e])).count()
+            + hidden.map(|a| a.values.len()).sum::<usize>();
+        let sequence = set.lost.as_ref().map_or(0.0, |lost| lost.price);
+        set.priors = left.prior + parameters + determinant + sequence + self.moved_alone(&set);
         set.squares = left.squares;
         for applied in &mut set.effects {
             applied.values = applied.effect.canonical(std::mem::take(&mut applied.values));
@@ -98,23 +94,9 @@ impl Fit<'_, '_, '_> {
         Some(set)
     }
 
-    /// A hypothesis with a decoded sequence as a set: its parameters stay, and the sequence costs what its decisions do.
-    pub(super) fn decoded(&self, hypothesis: &Hypothesis) -> Option<CauseSet> {
-        let (_, left) = self.profiled(&self.training.residual(hypothesis)?, &[], None)?;
-        let sequence = hypothesis.lost.as_ref().map_or(0.0, |lost| lost.price);
-        Some(CauseSet {
-            effects: hypothesis.effects.clone(),
-            recalibration: None,
-            free: hypothesis.free.clone(),
-            acting: hypothesis.effects.iter().map(|a| a.values.len()).sum(),
-            squares: left.squares,
-            priors: left.prior + sequence,
-        })
-    }
-
     /// Derivatives at the values of a set that is fitted; `None` where it cannot be simulated.
     pub(super) fn directions(&self, set: &CauseSet) -> Option<Directions> {
-        let residual = self.training.residual(&set.effects)?;
+        let residual = self.training.residual(set)?;
         Some(Directions { columns: self.columns(set, &residual), residual })
     }
 
@@ -177,8 +159,8 @@ impl Fit<'_, '_, '_> {
                 return None;
             }
             let effects = moved(set, &steps, self.scales);
-            if let Some(residual) = self.training.residual(&effects) {
-                let there = CauseSet { effects, ..set.clone() };
+            let there = CauseSet { effects, ..set.clone() };
+            if let Some(residual) = self.training.residual(&there) {
                 let found = self.profiled(&residual, &self.priors(&there), Some(squares));
                 if let Some((cost, left)) = found.filter(|(cost, _)| *cost < value) {
                     return Some((there.effects, residual, cost, left));
@@ -199,7 +181,7 @@ impl Fit<'_, '_, '_> {
                 .find_map(|h| {
                     let mut effects = set.effects.clone();
                     effects[e].values[i] += h;
-                    let moved = self.training.residual(&effects)?;
+                    let moved = self.training.residual(ActiveEffects::from(set).with(&effects))?;
                     let scale = unit / h;
                     Some(residual.iter().zip(&moved).map(|(a, b)| (a - b) * scale).collect())
                 })
@@ -265,7 +247,7 @@ impl Fit<'_, '_, '_> {
         };
         let gap = relative(&self.training.squares(self.nominal)).max(f64::MIN_POSITIVE);
         let one = |applied: &Applied| {
-            let alone = self.training.residual(std::slice::from_ref(applied));
+            let alone = self.training.residual(&set.with(vec![applied.clone()]));
             let moved = alone.map(|alone| -> Stacked {
                 alone.iter().zip(self.nominal).map(|(a, b)| a - b).collect()
             });

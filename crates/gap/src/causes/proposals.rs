@@ -9,6 +9,7 @@ use super::set::{CauseSet, in_order};
 use super::training::Stacked;
 use crate::baseline::spectrum::peaks_hz;
 use crate::hypothesis::direction::{NEAR, between, has_limit, with};
+use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::residuals::trained;
 use deadtime_model::effect::{Applied, Scales};
 
@@ -29,7 +30,7 @@ impl Fit<'_, '_, '_> {
         let Some(directions) = self.directions(set) else { return Vec::new() };
         let gram = Gram::of(self.training, &directions.all());
         let likelihood = self.training.likelihood;
-        let scales = match trained(likelihood, &set.effects) {
+        let scales = match trained(likelihood, set) {
             Some(left) => Scales {
                 peaks_hz: peaks_hz(likelihood.records, &left, likelihood.system.outputs.len()),
                 ..self.scales.clone()
@@ -65,7 +66,7 @@ impl Fit<'_, '_, '_> {
         let tried = smooth.into_iter().chain(whole).filter_map(|(guess, share)| {
             let there = with(candidate, &between(candidate, &guess, share));
             let effects = in_order(set.effects.iter().cloned().chain([there]));
-            let moved = self.training.residual(&effects)?;
+            let moved = self.training.residual(ActiveEffects::from(set).with(&effects))?;
             let residual = &at.0.residual;
             let column: Stacked = residual.iter().zip(&moved).map(|(a, b)| a - b).collect();
             let (factor, reduction) = self.along(set, at, &column, limited)?;

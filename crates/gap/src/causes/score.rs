@@ -12,8 +12,6 @@
 use super::set::CauseSet;
 use super::training::{Stacked, Training};
 
-/// The part of the gap below which a residual does not count: no simulator is exact.
-const INEXACT: f64 = 0.05;
 /// Lags of the Parzen window for the residual's autocorrelation, samples.
 const WINDOW: usize = 60;
 
@@ -38,11 +36,11 @@ impl Score {
         smallest: &[f64],
         candidates: usize,
     ) -> Self {
-        let gap = training.squares(nominal);
+        let (gap, part) = (training.squares(nominal), training.likelihood.criteria.inexact_gap);
         let parts = gap.iter().zip(&training.counts).zip(&training.variances).zip(smallest);
         let inexact = parts.map(|(((gap, count), variance), smallest)| {
             let gap = f64::min(gap / count.max(1.0), *variance);
-            (INEXACT * INEXACT * gap).max(smallest * smallest).max(f64::MIN_POSITIVE)
+            (part * part * gap).max(smallest * smallest).max(f64::MIN_POSITIVE)
         });
         Self {
             counts: training.counts.clone(),

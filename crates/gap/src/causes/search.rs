@@ -8,15 +8,17 @@ use std::collections::HashMap;
 use rayon::prelude::*;
 
 use super::fit::Fit;
+use super::proposals::Proposal;
 use super::score::Score;
-use super::set::{CauseSet, SetKey, in_order, key};
+use super::set::{CauseSet, SetKey, in_order};
 use super::training::{Stacked, Training};
-use crate::hypothesis::effects::Hypothesis;
 use crate::likelihood::active_effects::NO_EFFECT;
-use deadtime_model::effect::{Applied, Scales};
+use deadtime_model::effect::{Applied, Scales, row};
 
 /// Additions of a set that are fitted.
 const FITTED: usize = 6;
+/// Up to twice as many are fitted where they predict this part of the best reduction: aliases tie.
+const ALIKE: f64 = 0.9;
 /// Effects of a set, at most.
 const MOST: usize = 7;
 /// Expansions without a new best set after which a search ends.
@@ -30,35 +32,44 @@ const SIZE: f64 = 0.05;
 const SIZES: (f64, f64) = (0.005, 0.3);
 /// Single parameters that may take the place of the joint recalibration.
 const MOST_MOVED: usize = 3;
-/// A difference in score up to which a set is as good as the best.
-pub(crate) const AS_GOOD: f64 = 6.0;
+/// Differences in score that are no evidence, and up to which a set is as good as the best (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572).
+const NO_EVIDENCE: f64 = 2.0;
+const AS_GOOD: f64 = 6.0;
 
 /// What a search found.
 pub(crate) struct Found {
-    /// Every set that was fitted with its score, the best first.
+    /// Every set that was fitted with its score, the best first; of those that no evidence separates from the best and that differ in one effect, the one with the
+    /// fewest parameters, then the first in the table of effects, leads.
     pub(crate) sets: Vec<(f64, CauseSet)>,
-    /// The score of the decoded sequence that the best set competes with.
-    pub(crate) hidden: Option<f64>,
+    /// Per output, the variance of what was measured.
+    variances: Vec<f64>,
+    /// The part of the energy that an effect explains within which every simulator is inexact.
+    inexact: f64,
 }
 
 impl Found {
-    /// Per effect of the best set, the effects that replace it alone in a set as good as the best.
+    /// Per effect of the best set, the effects that replace it alone in a set as good as the best, or in one whose additional misfit is within what any simulator is
+    /// inexact by.
     pub(crate) fn aliases(&self) -> Vec<Vec<Applied>> {
-        let Some((least, best)) = self.sets.first() else { return Vec::new() };
-        let near = || self.sets.iter().skip(1).take_while(|(score, _)| *score <= least + AS_GOOD);
-        let instead = |out: &Applied, other: &CauseSet| -> Option<Applied> {
-            let same = other.recalibration.is_some() == best.recalibration.is_some()
-                && other.singly().count() == best.singly().count();
-            let mut fresh =
-                other.singly().filter(|a| best.singly().all(|own| own.key() != a.key()));
-            let first = fresh.next().filter(|_| same && fresh.next().is_none())?;
-            other.singly().all(|a| a.key() != out.key()).then(|| first.clone())
-        };
+        let Some((_, best)) = self.sets.first() else { return Vec::new() };
+        let least = self.sets.iter().map(|(score, _)| *score).fold(f64::INFINITY, f64::min);
+        let energy =
+            |set: &CauseSet| -> f64 { set.squares.iter().zip(&self.variances).map(relative).sum() };
         let of = |out: &Applied| -> Vec<Applied> {
             if best.recalibrates(out) {
                 return Vec::new();
             }
-            near().filter_map(|(_, other)| instead(out, other)).collect()
+            let key = best.without(out).key();
+            let without = self.sets.iter().find(|(_, set)| set.key() == key);
+            let own = without.map_or(0.0, |(_, set)| energy(set) - energy(best));
+            let others = self.sets.iter().skip(1);
+            let replacing = others.filter_map(|(score, other)| {
+                let instead = replaces(best, out, other)?;
+                let alike =
+                    *score <= least + AS_GOOD || energy(other) - energy(best) <= self.inexact * own;
+                alike.then_some(instead)
+            });
+            replacing.collect()
         };
         best.effects.iter().map(of).collect()
     }
@@ -100,14 +111,10 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         })
     }
 
-    /// Searches from no effect and from these sets; `hidden`: a decoded sequence that is scored with the sets.
-    pub(crate) fn from(
-        mut self,
-        starts: Vec<Vec<Applied>>,
-        hidden: Option<&Hypothesis>,
-    ) -> Option<Found> {
-        let starts = starts.into_iter().map(|effects| (effects, None));
-        self.fit_all(std::iter::once((Vec::new(), None)).chain(starts).collect());
+    /// Searches from no effect and from these sets.
+    pub(crate) fn from(mut self, starts: Vec<CauseSet>) -> Option<Found> {
+        let nothing = CauseSet::begun(Vec::new(), None, None);
+        self.fit_all(std::iter::once(nothing).chain(starts).collect());
         self.renew();
         let mut failures = 0;
         while failures < PATIENCE && !self.training.likelihood.is_stopped() {
@@ -116,10 +123,18 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
             self.expand(&next);
             self.renew();
             failures = if self.ranked().first()?.1.key() == best { failures + 1 } else { 0 };
+            // What could replace an effect of the best set is known once the set without it was expanded.
+            if failures == PATIENCE && self.next_without().is_some() {
+                failures -= 1;
+            }
         }
-        let sets = self.ranked().into_iter().map(|(score, set)| (score, set.clone())).collect();
-        let hidden = hidden.and_then(|e| Some(self.score.total(&self.fit().decoded(e)?)));
-        Some(Found { sets, hidden })
+        self.under_a_sequence();
+        let mut sets: Vec<(f64, CauseSet)> =
+            self.ranked().into_iter().map(|(score, set)| (score, set.clone())).collect();
+        let leader = leader(&sets)?;
+        sets[..=leader].rotate_right(1);
+        let variances = self.training.variances.clone();
+        Some(Found { sets, variances, inexact: self.training.likelihood.criteria.inexact })
     }
 
     fn fit(&self) -> Fit<'_, 'l, 'a> {
@@ -143,10 +158,33 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
     fn renew(&mut self) {
         for _ in 0..DIFFERENT {
             let Some(best) = self.ranked().first().map(|(_, set)| (*set).clone()) else { return };
-            let left = self.training.residual(&best.effects).and_then(|r| self.fit().remainder(&r));
+            let left = self.training.residual(&best).and_then(|r| self.fit().remainder(&r));
             let Some(left) = left else { return };
             self.score = self.score.under(self.training, &left);
             if self.ranked().first().is_some_and(|(_, set)| set.key() == best.key()) {
+                return;
+            }
+        }
+    }
+
+    /// Takes the effective samples of a set with a decoded sequence where that set leads under its own: what a sequence leaves is white, and what a deterministic effect
+    /// leaves of it is not.
+    fn under_a_sequence(&mut self) {
+        let decoded: Vec<CauseSet> = self
+            .ranked()
+            .into_iter()
+            .filter(|(_, s)| s.lost.is_some())
+            .map(|(_, s)| s.clone())
+            .collect();
+        for set in decoded {
+            let Some(left) = self.training.residual(&set).and_then(|r| self.fit().remainder(&r))
+            else {
+                continue;
+            };
+            let score = self.score.under(self.training, &left);
+            let own = score.total(&set);
+            if self.sets.values().all(|other| score.total(other) >= own) {
+                self.score = score;
                 return;
             }
         }
@@ -160,10 +198,8 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         if open(best) {
             return Some(best.key());
         }
-        let without: Vec<SetKey> = dropped(best).map(|(e, b)| key(e.iter(), b.is_some())).collect();
-        let found = ranked.iter().find(|(_, set)| open(set) && without.contains(&set.key()));
-        if let Some((_, set)) = found {
-            return Some(set.key());
+        if let Some(without) = self.next_without() {
+            return Some(without);
         }
         let energy: f64 = best.squares.iter().zip(&self.training.variances).map(relative).sum();
         let mut different: Vec<(usize, Stacked)> = Vec::new();
@@ -173,7 +209,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
             if of_size >= DIFFERENT {
                 continue;
             }
-            let Some(residual) = self.training.residual(&set.effects) else { continue };
+            let Some(residual) = self.training.residual(*set) else { continue };
             let apart = |other: &Stacked| -> f64 {
                 let between: Stacked = residual.iter().zip(other).map(|(a, b)| a - b).collect();
                 let squares = self.training.squares(&between);
@@ -190,23 +226,38 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         None
     }
 
+    /// The best set without one of its effects that was not expanded yet.
+    fn next_without(&self) -> Option<SetKey> {
+        let ranked = self.ranked();
+        let (_, best) = ranked.first()?;
+        let without: Vec<SetKey> = dropped(best).map(|set| set.key()).collect();
+        ranked
+            .iter()
+            .map(|(_, set)| set.key())
+            .find(|key| without.contains(key) && !self.expanded.contains(key))
+    }
+
     /// Fits what a set leads to.
     fn expand(&mut self, at: &SetKey) {
         self.expanded.push(at.clone());
         let Some(set) = self.sets.get(at).cloned() else { return };
-        let mut trials: Vec<(Vec<Applied>, Option<f64>)> = dropped(&set).collect();
+        let mut trials: Vec<CauseSet> = dropped(&set).collect();
         if set.singly().count() < MOST {
             let proposals = self.fit().proposals(&set, self.candidates);
-            trials.extend(proposals.into_iter().take(FITTED).map(|proposal| {
-                let effects = set.effects.iter().cloned().chain([proposal.applied]);
-                (in_order(effects), set.recalibration)
+            let alike = proposals.first().map_or(0.0, |best| ALIKE * best.reduction);
+            let worth = |(at, proposal): &(usize, Proposal)| {
+                *at < FITTED || (*at < 2 * FITTED && proposal.reduction >= alike)
+            };
+            let fitted = proposals.into_iter().enumerate().filter(worth);
+            trials.extend(fitted.map(|(_, proposal)| {
+                set.with(in_order(set.effects.iter().cloned().chain([proposal.applied])))
             }));
         }
         match set.recalibration {
             None if self.numbers.len() > 1 => {
                 let singly = set.effects.iter().filter(|a| !a.effect.corrects_model()).cloned();
                 let effects = in_order(singly.chain(self.numbers.iter().cloned()));
-                trials.push((effects, Some(SIZE)));
+                trials.push(CauseSet::begun(effects, Some(SIZE), set.lost.clone()));
             }
             None => {}
             Some(_) => trials.extend(self.most_moved(&set)),
@@ -215,7 +266,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
     }
 
     /// The set with its one, two, three most moved parameters in the place of the joint recalibration.
-    fn most_moved(&self, set: &CauseSet) -> Vec<(Vec<Applied>, Option<f64>)> {
+    fn most_moved(&self, set: &CauseSet) -> Vec<CauseSet> {
         let relative = |a: &Applied| {
             let nominal = a.parameters[0].nominal;
             if nominal == 0.0 { 0.0 } else { ((a.values[0] - nominal) / nominal).abs() }
@@ -226,42 +277,58 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         (1..=MOST_MOVED.min(moved.len()))
             .map(|count| {
                 let singles = moved.iter().take(count).cloned();
-                (in_order(set.singly().cloned().chain(singles)), None)
+                let effects = in_order(set.singly().cloned().chain(singles));
+                CauseSet::begun(effects, None, set.lost.clone())
             })
             .collect()
     }
 
     /// Fits sets that are not known yet.
-    fn fit_all(&mut self, trials: Vec<(Vec<Applied>, Option<f64>)>) {
-        let mut fresh: Vec<(Vec<Applied>, Option<f64>)> = Vec::new();
-        let mut keys: Vec<SetKey> = Vec::new();
-        for (effects, recalibration) in trials {
-            let singly =
-                effects.iter().filter(|a| recalibration.is_none() || !a.effect.corrects_model());
-            let key = key(singly, recalibration.is_some());
-            if !self.sets.contains_key(&key) && !keys.contains(&key) {
-                keys.push(key);
-                fresh.push((effects, recalibration));
+    fn fit_all(&mut self, trials: Vec<CauseSet>) {
+        let mut fresh: Vec<(SetKey, CauseSet)> = Vec::new();
+        for trial in trials {
+            let key = trial.key();
+            if !self.sets.contains_key(&key) && fresh.iter().all(|(known, _)| *known != key) {
+                fresh.push((key, trial));
             }
         }
-        let one = |(effects, recalibration): (Vec<Applied>, Option<f64>)| {
-            let set = self.fit().of(effects, recalibration)?;
-            let Some(size) = size(&set) else { return Some(set) };
-            self.fit().of(set.effects.clone(), Some(size)).or(Some(set))
+        let one = |(key, trial): (SetKey, CauseSet)| {
+            let set = self.fit().of(trial)?;
+            let Some(size) = size(&set) else { return Some((key, set)) };
+            let again = CauseSet { recalibration: Some(size), ..set.clone() };
+            Some((key, self.fit().of(again).unwrap_or(set)))
         };
-        let fitted: Vec<CauseSet> = fresh.into_par_iter().filter_map(one).collect();
-        self.sets.extend(fitted.into_iter().map(|set| (set.key(), set)));
+        let fitted: Vec<(SetKey, CauseSet)> = fresh.into_par_iter().filter_map(one).collect();
+        self.sets.extend(fitted);
     }
 }
 
 /// A set without each of its effects, and without its joint recalibration.
-fn dropped(set: &CauseSet) -> impl Iterator<Item = (Vec<Applied>, Option<f64>)> {
-    let one = |out: &Applied| {
-        let kept = set.effects.iter().filter(|a| a.key() != out.key()).cloned().collect();
-        (kept, set.recalibration)
-    };
-    let alone = set.recalibration.map(|_| (set.singly().cloned().collect(), None));
-    set.singly().map(one).chain(alone)
+fn dropped(set: &CauseSet) -> impl Iterator<Item = CauseSet> {
+    let alone = set
+        .recalibration
+        .map(|_| CauseSet::begun(set.singly().cloned().collect(), None, set.lost.clone()));
+    set.singly().map(|out| set.without(out)).chain(alone)
+}
+
+/// Of the sets that replace one effect of the best and that no evidence separates from it, the one with the fewest parameters, then the first in the table of effects.
+fn leader(sets: &[(f64, CauseSet)]) -> Option<usize> {
+    let (least, best) = sets.first()?;
+    let near = sets.iter().enumerate().take_while(|(_, (score, _))| *score <= least + NO_EVIDENCE);
+    let alike = near.filter(|(_, (_, set))| {
+        set.key() == best.key() || best.singly().any(|out| replaces(best, out, set).is_some())
+    });
+    let rows = |set: &CauseSet| set.singly().map(|a| row(a.effect)).collect::<Vec<_>>();
+    alike.min_by_key(|(_, (_, set))| (set.acting, rows(set))).map(|(at, _)| at)
+}
+
+/// The effect by which another set replaces one of a set's, all others being the same.
+fn replaces(set: &CauseSet, out: &Applied, other: &CauseSet) -> Option<Applied> {
+    let same = other.recalibration.is_some() == set.recalibration.is_some()
+        && other.singly().count() == set.singly().count();
+    let mut fresh = other.singly().filter(|a| set.singly().all(|own| own.key() != a.key()));
+    let first = fresh.next().filter(|_| same && fresh.next().is_none())?;
+    other.singly().all(|a| a.key() != out.key()).then(|| first.clone())
 }
 
 /// The relative size of the parameters' errors as the fitted ones have it.

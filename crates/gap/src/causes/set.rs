@@ -1,5 +1,7 @@
 //! A set of effects with jointly fitted parameters.
 
+use crate::hypothesis::effects::Dropouts;
+use crate::likelihood::active_effects::ActiveEffects;
 use deadtime_model::effect::{Applied, row};
 
 /// Effects that act together, fitted jointly.
@@ -9,6 +11,8 @@ pub(crate) struct CauseSet {
     pub(crate) effects: Vec<Applied>,
     /// The relative size of the joint recalibration of all parameters, where it is part of the set.
     pub(crate) recalibration: Option<f64>,
+    /// The decoded sequence, where an effect loses or delays single commands.
+    pub(crate) lost: Option<Dropouts>,
     /// Parameters that act on the outputs, as effect and place.
     pub(crate) free: Vec<(usize, usize)>,
     /// How many of them belong to single effects.
@@ -22,7 +26,41 @@ pub(crate) struct CauseSet {
 /// What identifies a set: its single effects, and whether all parameters are recalibrated.
 pub(crate) type SetKey = String;
 
+impl<'e> From<&'e CauseSet> for ActiveEffects<'e> {
+    fn from(set: &'e CauseSet) -> Self {
+        Self { effects: &set.effects, lost: set.lost.as_ref().map(|l| l.sequences.as_slice()) }
+    }
+}
+
 impl CauseSet {
+    /// A set that is not fitted yet; a sequence without the effect that causes it is none.
+    pub(super) fn begun(
+        effects: Vec<Applied>,
+        recalibration: Option<f64>,
+        lost: Option<Dropouts>,
+    ) -> Self {
+        let lost = lost.filter(|_| effects.iter().any(|a| a.effect.loses_commands()));
+        Self {
+            effects,
+            recalibration,
+            lost,
+            free: Vec::new(),
+            acting: 0,
+            squares: Vec::new(),
+            priors: 0.0,
+        }
+    }
+
+    /// The set with other effects, not fitted yet.
+    pub(super) fn with(&self, effects: Vec<Applied>) -> Self {
+        Self::begun(effects, self.recalibration, self.lost.clone())
+    }
+
+    /// The set without one of its effects, not fitted yet.
+    pub(super) fn without(&self, out: &Applied) -> Self {
+        self.with(self.effects.iter().filter(|a| a.key() != out.key()).cloned().collect())
+    }
+
     /// Whether an effect belongs to the joint recalibration.
     pub(crate) fn recalibrates(&self, applied: &Applied) -> bool {
         self.recalibration.is_some() && applied.effect.corrects_model()

@@ -94,6 +94,8 @@ pub struct Criteria {
     pub moved_explains: f64,
     /// Then delays are looked for up to so many times that shift; 1. Chosen: the best of an interval must not stand at its end.
     pub longer_than_moved: f64,
+    /// The part of the gap below which a residual does not count as misfit: no simulator is exact; rms, 1. Chosen.
+    pub inexact_gap: f64,
     /// A delay explains much where it gains this part of what the best effect gains, or takes this part of the squared error; 1. Chosen.
     pub much: f64,
     /// The part of the gap's original square that it must take, learnt and held out: a simulator's own inexactness is certain on a precise machine; 1. Chosen.
@@ -150,6 +152,7 @@ impl Default for Criteria {
             longer_at_least: 1.2,
             moved_explains: 0.5,
             longer_than_moved: 1.5,
+            inexact_gap: 0.05,
             much: 0.25,
             added_matters: 0.01,
             settled: 1.02,

@@ -52,8 +52,11 @@ pub(crate) fn search<'a>(
         pairs: Vec::new(),
         held_back: Vec::new(),
     };
-    progress(Stage::Pairing);
-    found.pairs = pairs(&likelihood, &found.singles, remedies, &pool, scales, &nominal);
+    // The search over sets finds what acts together, but would call a simulator too often.
+    if likelihood.system.is_black_box() {
+        progress(Stage::Pairing);
+        found.pairs = pairs(&likelihood, &found.singles, remedies, &pool, scales, &nominal);
+    }
     members_alone(&likelihood, &mut found, scales, &nominal);
     for hypotheses in [&mut found.singles, &mut found.pairs] {
         give_up_what_breaks(&likelihood, hypotheses, usize::MAX);
