@@ -34,12 +34,23 @@ pub(crate) fn cause(
 ) -> Cause {
     let ActiveCauses { judged, aliases, estimate, .. } = composed;
     let estimate = estimate.as_ref();
-    let effects: Vec<FoundEffect> =
-        judged.found.iter().flat_map(|e| found_effects(likelihood, e, estimate)).collect();
-    let list = acts::list(judged.found.as_ref().map_or(&[], |e| &e.effects), &effects);
+    let named = composed.named();
+    let is_named = |e: &FoundEffect| {
+        named
+            .iter()
+            .flat_map(|n| &n.effects)
+            .any(|a| a.effect.name() == e.effect && a.channel == e.channel)
+    };
+    let effects: Vec<FoundEffect> = judged
+        .found
+        .iter()
+        .flat_map(|e| found_effects(likelihood, e, estimate))
+        .filter(is_named)
+        .collect();
+    let list = acts::list(named.as_ref().map_or(&[], |e| &e.effects), &effects);
     let ranking = ranking(
         judged,
-        found,
+        (found, named.as_ref()),
         &Probabilities::new(judged, found, Penalties::of(likelihood)),
         list,
         after,
@@ -90,19 +101,19 @@ pub(crate) fn cause(
 /// well. `after` gives a hypothesis's training nrmse.
 fn ranking(
     judged: &Judged,
-    found: &SearchResult,
+    (found, named): (&SearchResult, Option<&Hypothesis>),
     scale: &Probabilities,
     list: f64,
     after: impl Fn(&Hypothesis) -> Option<f64> + Sync,
 ) -> Vec<RankingRow> {
-    let several = judged.found.iter().filter(|e| {
+    let several = named.into_iter().filter(|e| {
         e.effects.len() > 1 && found.pairs.iter().take(PAIRS).all(|p| p.key() != e.key())
     });
     let listed: Vec<&Hypothesis> =
         found.singles.iter().chain(found.pairs.iter().take(PAIRS)).chain(several).collect();
     let sum: f64 = listed.iter().map(|e| scale.of(e)).sum::<f64>() + scale.share(scale.none);
     let rest = 1.0 - judged.unknown;
-    let leading = judged.found.as_ref().map(Hypothesis::key);
+    let leading = named.map(Hypothesis::key);
     let leads = |e: &Hypothesis| leading.as_ref().is_some_and(|key| *key == e.key());
     let given = |e: &Hypothesis| rest * scale.of(e) / sum * if leads(e) { list } else { 1.0 };
     // What a list may lack or have too much is another list, and that is none of the rows.

@@ -64,6 +64,22 @@ impl ActiveCauses {
         }
     }
 
+    /// What the verdict names: the effects that have a share of their own, or the recalibrated parameters where there is nothing else.
+    pub(crate) fn named(&self) -> Option<Hypothesis> {
+        let found = self.judged.found.as_ref()?;
+        let singly = |e: usize| !in_block(self.recalibration, &found.effects[e]);
+        let kept: Vec<usize> = (0..found.effects.len()).filter(|&e| singly(e)).collect();
+        if kept.is_empty() {
+            return Some(found.clone());
+        }
+        let place = |&(e, i): &(usize, usize)| Some((kept.iter().position(|&k| k == e)?, i));
+        Some(Hypothesis {
+            effects: kept.iter().map(|&e| found.effects[e].clone()).collect(),
+            free: found.free.iter().filter_map(place).collect(),
+            ..found.clone()
+        })
+    }
+
     /// Places of the effects that have a share of their own.
     pub(crate) fn singly(&self) -> Vec<usize> {
         self.places(false)

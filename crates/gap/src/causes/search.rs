@@ -18,7 +18,7 @@ use deadtime_model::effect::{Applied, Scales, row};
 /// Additions of a set that are fitted.
 const FITTED: usize = 6;
 /// Up to twice as many are fitted where they predict this part of the best reduction: aliases tie.
-const ALIKE: f64 = 0.9;
+const ALIKE: f64 = 0.7;
 /// Effects of a set, at most.
 const MOST: usize = 7;
 /// Expansions without a new best set after which a search ends.
