@@ -17,8 +17,8 @@ mod parameter;
 mod table;
 
 pub use applied::{Applied, Chance, Fates};
-pub use channel::depends;
-pub use definition::{Change, Effect, Lateness, Scales, Scanned, Site, Spread, Telling};
+pub use channel::{OnChannel, depends};
+pub use definition::{Change, Effect, Facts, Lateness, Scales, Scanned, Site, Spread, Telling};
 pub use effects::{EFFECTS, find, row};
 pub use error::EffectError;
 pub use on_log::{OnLog, Still, check_units};

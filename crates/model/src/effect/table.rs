@@ -3,6 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::applied::Applied;
+use super::channel::OnChannel;
 use super::definition::Site;
 use super::effects::EFFECTS;
 use super::parameter::Parameter;
@@ -36,12 +37,14 @@ pub fn table() -> Vec<Line> {
         Line {
             site: effect.site(),
             effect: effect.name(),
-            channels: effect.rule(),
+            channels: effect.facts().rule,
             parameters: channels
-                .filter_map(|channel| effect.parameters(&system, channel).ok())
+                .filter_map(|channel| {
+                    effect.parameters(OnChannel { effect: *effect, system: &system, channel }).ok()
+                })
                 .next()
                 .unwrap_or_default(),
-            summary: effect.summary(),
+            summary: effect.facts().summary,
         }
     };
     EFFECTS.iter().map(line).collect()

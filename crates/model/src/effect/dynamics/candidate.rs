@@ -4,9 +4,9 @@
 
 use std::sync::Arc;
 
-use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site};
-use crate::effect::error::EffectError;
+use crate::effect::channel::{self, OnChannel};
+use crate::effect::definition::{Effect, Facts, Scales, Site};
+use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
 use crate::file::candidate::{Candidate as Suspected, Candidates};
 use crate::simulate::plan::Plan;
@@ -24,32 +24,20 @@ const FIRST_GUESS: f64 = 0.2;
 pub(crate) struct Candidate;
 
 impl Effect for Candidate {
-    fn name(&self) -> &'static str {
-        "candidate"
-    }
-
-    fn summary(&self) -> &'static str {
-        "a term that the user suspects to be missing"
-    }
-
-    fn site(&self) -> Site {
-        Site::Dynamics
-    }
-
-    fn rule(&self) -> &'static str {
-        "a candidate of the model file or of `--candidate`: `state += expression`"
-    }
-
-    fn is_declared(&self) -> bool {
-        true
+    fn facts(&self) -> Facts {
+        Facts {
+            rule: "a candidate of the model file or of `--candidate`: `state += expression`",
+            is_declared: true,
+            ..Facts::of("candidate", Site::Dynamics, "a term that the user suspects to be missing")
+        }
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
         system.candidates.iter().flat_map(|all| &all.list).map(|c| c.name.clone()).collect()
     }
 
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let (_, suspected) = self.place(system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let (_, suspected) = named(on)?;
         let parameter = |(name, said): &(String, crate::file::candidate::CandidateParameter)| {
             let free = channel::free(
                 name.clone(),
@@ -66,8 +54,8 @@ impl Effect for Candidate {
         Ok(suspected.parameters.iter().map(parameter).collect())
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Ok((all, suspected)) = self.place(system, channel) else { return Vec::new() };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok((all, suspected)) = named(on) else { return Vec::new() };
         let moved = scales.derivatives.get(suspected.state).copied().unwrap_or(0.0);
         let sizes: Vec<usize> = (0..suspected.parameters.len())
             .filter(|&i| suspected.parameters[i].1.value == 0.0)
@@ -91,19 +79,8 @@ impl Effect for Candidate {
         starts
     }
 
-    /// Without any size it is nothing, whatever its shape.
-    fn is_identity(&self, values: &[f64], parameters: &[Parameter]) -> bool {
-        values.iter().zip(parameters).all(|(v, p)| p.role == Role::Shape || *v == p.nominal)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let (all, suspected) = self.place(system, channel)?;
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        let (all, suspected) = named(on)?;
         let Dynamics::Equations(equations, parameters) = &mut plan.dynamics else { return Ok(()) };
         let nominal = all.equations.nominal();
         if let Some(added) = nominal.get(parameters.len()..) {
@@ -117,20 +94,11 @@ impl Effect for Candidate {
     }
 }
 
-impl Candidate {
-    fn place<'s>(
-        &self,
-        system: &'s System,
-        channel: &str,
-    ) -> Result<(&'s Candidates, &'s Suspected), EffectError> {
-        let all = system.candidates.as_deref();
-        let found = all.and_then(|all| Some((all, all.list.iter().find(|c| c.name == channel)?)));
-        found.ok_or_else(|| EffectError::Channel {
-            effect: self.name(),
-            channel: channel.to_owned(),
-            known: self.channels(system),
-        })
-    }
+/// The term that a channel names, among all of them.
+fn named(on: OnChannel<'_>) -> Result<(&Candidates, &Suspected)> {
+    let all = on.system.candidates.as_deref();
+    let found = all.and_then(|all| Some((all, all.list.iter().find(|c| c.name == on.channel)?)));
+    found.ok_or_else(|| on.unknown())
 }
 
 /// The largest size of the term for a parameter of 1, over states and inputs that are as large as in the nominal run, of either sign.
