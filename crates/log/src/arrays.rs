@@ -5,6 +5,7 @@ use super::error::LogError;
 use super::numbers::Numbers;
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
 use crate::csv::clock::{Times, named_time, seconds};
+use crate::notes::Notes;
 use deadtime_signal::remedy::{Message, Remedy};
 
 /// What a variable holds; arrays run column by column.
@@ -44,7 +45,7 @@ pub(super) fn assemble(
     format: &'static str,
     title: &'static str,
     variables: Vec<(String, Array)>,
-    mut notes: crate::notes::Notes,
+    mut notes: Notes,
     options: &ReadOptions,
 ) -> Result<Recording, Error> {
     let mut found = Vec::new();
@@ -98,7 +99,7 @@ fn collect<'a>(
     name: &str,
     fields: &'a [(String, Array)],
     found: &mut Vec<Found<'a>>,
-    notes: &mut crate::notes::Notes,
+    notes: &mut Notes,
     options: &ReadOptions,
 ) {
     let vectors = || {
@@ -150,7 +151,7 @@ fn nested<'a>(
     path: &str,
     array: &'a Array,
     found: &mut Vec<Found<'a>>,
-    notes: &mut crate::notes::Notes,
+    notes: &mut Notes,
     options: &ReadOptions,
 ) {
     match array {
@@ -187,7 +188,7 @@ fn channels<'a>(
     array: &'a Array,
     rows: usize,
     columns: &mut Vec<(String, &'a [f64])>,
-    notes: &mut crate::notes::Notes,
+    notes: &mut Notes,
 ) {
     match array {
         Array::Numbers { values, .. } if values.len() == rows => {

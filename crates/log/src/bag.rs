@@ -11,6 +11,7 @@ use super::protobuf::Messages;
 use super::recording::Topic;
 use super::recording::{Recording, Stamps, Table};
 use super::ros::{Decoder, Definitions, Encoding, MOST_ELEMENTS, Node};
+use crate::notes::Notes;
 
 /// How messages of a topic are written.
 pub(super) struct Schema<'a> {
@@ -31,7 +32,7 @@ pub(super) struct Bag {
     streams: BTreeMap<u64, Stream>,
     /// Channels that go into the stream of another one: of several senders of one topic.
     same: HashMap<u64, u64>,
-    pub(super) notes: crate::notes::Notes,
+    pub(super) notes: Notes,
 }
 
 struct Stream {
@@ -66,7 +67,7 @@ impl Bag {
             origin_ns: None,
             streams: BTreeMap::new(),
             same: HashMap::new(),
-            notes: crate::notes::Notes::default(),
+            notes: Notes::default(),
         }
     }
 

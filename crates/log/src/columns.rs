@@ -4,6 +4,7 @@ use super::error::Error;
 use super::error::LogError;
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
 use crate::csv::clock::{named_time, seconds};
+use crate::notes::Notes;
 use deadtime_signal::remedy::{Message, Remedy};
 
 /// What a reader of another crate found, or that it gave up in the middle: some stop the program where parts of a damaged file lie outside of it.
@@ -74,7 +75,7 @@ pub(super) fn assemble(
     format: &'static str,
     title: &'static str,
     columns: Vec<Column>,
-    mut notes: crate::notes::Notes,
+    mut notes: Notes,
     options: &ReadOptions,
 ) -> Result<Recording, Error> {
     let place = |test: &dyn Fn(&Column) -> bool| columns.iter().position(test);

@@ -7,7 +7,9 @@ use deadtime_signal::remedied;
 use deadtime_signal::remedy::{Message, Remedied, Remedy};
 use deadtime_signal::time::TimeError;
 
+use super::frequency::FrequencyError;
 use super::log::Place;
+use crate::notes::Notes;
 
 /// Whatever keeps a log from being read or used.
 #[derive(Debug, thiserror::Error)]
@@ -129,7 +131,7 @@ pub enum LogError {
         /// What the file is.
         format: &'static str,
         /// What was said while it was read.
-        notes: crate::notes::Notes,
+        notes: Notes,
     },
     /// A channel in another unit than the model's.
     #[error(
@@ -328,7 +330,7 @@ pub enum LogError {
         /// The file.
         file: String,
         /// What is wrong with it.
-        error: super::frequency::FrequencyError,
+        error: FrequencyError,
     },
     /// A step that a table of its response cannot have.
     #[error("{}", self.remedied().unwrap_or_default())]

@@ -18,6 +18,7 @@ use super::error::Error;
 use super::error::LogError;
 use super::mcos;
 use super::recording::{ReadOptions, Recording};
+use crate::notes::Notes;
 
 const NAME: &str = "HDF5";
 /// Groups within groups deeper than this are left out: a file may hold itself.
@@ -64,7 +65,7 @@ struct Parts {
     /// What was not read yet of what cells refer to, by its place: each is read once, so that no file holds itself.
     referred: HashMap<u64, Referred>,
     read: HashSet<u64>,
-    notes: crate::notes::Notes,
+    notes: Notes,
 }
 
 impl Parts {

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use serde::Serialize;
 
 use super::align::shortest_name;
+use crate::notes::Notes;
 
 use super::log::{Channel, Log, neighbours};
 use super::recording::{Recording, Topic};
@@ -26,7 +27,7 @@ pub struct Listing {
     /// The reader that read it.
     pub reader: &'static str,
     /// What was guessed, left out or cut off.
-    pub notes: crate::notes::Notes,
+    pub notes: Notes,
     /// Its topics.
     pub topics: Vec<TopicListing>,
 }

@@ -13,6 +13,7 @@ use super::error::Error;
 use super::error::LogError;
 use super::mcos;
 use super::recording::{ReadOptions, Recording};
+use crate::notes::Notes;
 
 const NAME: &str = "MAT 5";
 const HEADER: usize = 128;
@@ -49,8 +50,7 @@ pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<
         _ => return Err(refused("the header is not one of version 5 to 7.3 (version 4, say); save it with `save -v7` or `-v7.3`, in Python with scipy.io.savemat(FILE, data)").into()),
     };
     let mut file = Elements { bytes: bytes.get(HEADER..).unwrap_or_default(), big };
-    let (mut variables, mut notes, mut objects) =
-        (Vec::new(), crate::notes::Notes::default(), None);
+    let (mut variables, mut notes, mut objects) = (Vec::new(), Notes::default(), None);
     let subsystem = subsystem_at(bytes, big);
     let unpacking = options.far.part(READING, 1.0);
     while !file.bytes.is_empty() {
@@ -110,7 +110,7 @@ fn wrapper(content: &[u8], big: bool) -> Option<Vec<Array>> {
 }
 
 /// A compressed element, as far as it unpacks.
-fn unpacked(data: &[u8], notes: &mut crate::notes::Notes, at: usize) -> Vec<u8> {
+fn unpacked(data: &[u8], notes: &mut Notes, at: usize) -> Vec<u8> {
     let mut plain = Vec::new();
     if let Err(error) = ZlibDecoder::new(data).take(LARGEST).read_to_end(&mut plain) {
         notes.push(format!("the variable at byte {at} does not unpack ({error})"));

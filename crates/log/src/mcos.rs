@@ -7,6 +7,7 @@ use std::borrow::Cow;
 
 use super::arrays::Array;
 use super::recording::TimeUnit;
+use crate::notes::Notes;
 
 /// What numbers begin with that refer to an object.
 const MARK: f64 = 3_707_764_736.0;
@@ -24,7 +25,7 @@ pub(super) fn refers(values: &[f64]) -> bool {
 pub(super) fn resolve(
     variables: &mut [(String, Array)],
     cells: Option<Vec<Array>>,
-    notes: &mut crate::notes::Notes,
+    notes: &mut Notes,
 ) {
     let wrapper = cells.and_then(Wrapper::new);
     let left =
@@ -221,7 +222,7 @@ struct Objects<'a, 'n> {
     wrapper: Option<&'a Wrapper>,
     /// How much may still be taken out of the wrapper.
     left: usize,
-    notes: &'n mut crate::notes::Notes,
+    notes: &'n mut Notes,
 }
 
 impl<'a> Objects<'a, '_> {

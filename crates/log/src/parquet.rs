@@ -16,6 +16,7 @@ use super::columns::{Cells, Column, assemble, guarded};
 use super::error::Error;
 use super::error::LogError;
 use super::recording::{ReadOptions, Recording, TimeUnit};
+use crate::notes::Notes;
 use deadtime_signal::progress::HowFar;
 
 const NAME: &str = "Parquet";
@@ -37,7 +38,7 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
     assemble(source, "parquet", NAME, columns, notes, options)
 }
 
-fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, crate::notes::Notes), ParquetError> {
+fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, Notes), ParquetError> {
     let reader = SerializedFileReader::new(file)?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let packed = reader
@@ -51,7 +52,7 @@ fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, crate::notes::Notes), 
             "compressed by {name}, which is not read; {remedy}"
         )));
     }
-    let (mut columns, mut notes) = (Vec::new(), crate::notes::Notes::default());
+    let (mut columns, mut notes) = (Vec::new(), Notes::default());
     let steps = far.steps(schema.num_columns(), "reading columns");
     for (at, leaf) in schema.columns().iter().enumerate() {
         let name = leaf.path().string();

@@ -3,6 +3,7 @@
 use super::error::LogError;
 use super::log::{Channel, Log, Origin, Rows, neighbours};
 use super::numbers::Numbers;
+use crate::notes::Notes;
 use deadtime_signal::progress::HowFar;
 
 /// The unit of time stamps in a file.
@@ -79,7 +80,7 @@ pub struct Recording {
     /// What it holds, in the file's order.
     pub topics: Vec<Topic>,
     /// What was guessed, left out, or cut off, a sentence each.
-    pub notes: crate::notes::Notes,
+    pub notes: Notes,
 }
 
 /// Channels that share their time stamps.
@@ -93,7 +94,7 @@ pub struct Topic {
 
 impl Recording {
     /// A file without topics.
-    pub(super) fn single(format: &'static str, log: Log, notes: crate::notes::Notes) -> Self {
+    pub(super) fn single(format: &'static str, log: Log, notes: Notes) -> Self {
         Self {
             source: log.source.clone(),
             format,
@@ -281,7 +282,7 @@ impl Table {
     pub(super) fn finish(
         mut self,
         source: &str,
-        notes: &mut crate::notes::Notes,
+        notes: &mut Notes,
     ) -> Result<Option<Topic>, LogError> {
         let rows = self.time_s.len();
         let what = if self.name.is_empty() { String::new() } else { format!("{}: ", self.name) };

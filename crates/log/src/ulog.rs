@@ -13,6 +13,7 @@ use super::error::LogError;
 use super::numbers::Numbers;
 use super::recording::Topic;
 use super::recording::{ReadOptions, Recording, Table};
+use crate::notes::Notes;
 
 pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
 const NAME: &str = "ULog";
@@ -345,7 +346,7 @@ struct Ulog {
     dropouts: (usize, f64),
     short: usize,
     strange: usize,
-    notes: crate::notes::Notes,
+    notes: Notes,
     refused: Option<String>,
 }
 

@@ -3,6 +3,7 @@
 use nalgebra::{Complex, DMatrix, DVector};
 
 use super::error::ModelError;
+use super::hinf::Peak;
 use super::transfer_function::TransferFunction;
 use super::zeros;
 use deadtime_signal::time::SampleTime;
@@ -391,7 +392,7 @@ impl<T: TimeDomain> StateSpace<T> {
     ///
     /// Source: Bruinsma and Steinbuch (1990), doi:10.1016/0167-6911(90)90049-Z.
     #[must_use]
-    pub fn norm_hinf(&self) -> super::hinf::Peak {
+    pub fn norm_hinf(&self) -> Peak {
         super::hinf::peak(self)
     }
 
@@ -401,7 +402,7 @@ impl<T: TimeDomain> StateSpace<T> {
     ///
     /// Source: Bruinsma and Steinbuch (1990), doi:10.1016/0167-6911(90)90049-Z, with the band's ends among the crossings.
     #[must_use]
-    pub fn norm_linf(&self, band: [f64; 2]) -> Option<super::hinf::Peak> {
+    pub fn norm_linf(&self, band: [f64; 2]) -> Option<Peak> {
         super::hinf::peak_within(self, band)
     }
 

@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 
+use super::error::Result;
 use super::error::StudyError;
 use super::passages::EVENTS;
 use super::plan::{Delay, Grid, Loop, PLAIN, Place, Plan, spelt_out};
@@ -40,7 +41,7 @@ pub(super) struct Layout {
 
 impl Layout {
     /// Every setting of every grid, in the order of the lists, the last list running fastest.
-    pub(super) fn new(plan: &Plan) -> super::error::Result<Self> {
+    pub(super) fn new(plan: &Plan) -> Result<Self> {
         let wrong = |detail: String| StudyError::Plan { plan: plan.name.clone(), detail };
         let (mut settings, mut methods) = (Vec::new(), Vec::new());
         for (number, grid) in plan.grids.iter().enumerate() {
@@ -49,7 +50,7 @@ impl Layout {
                 .iter()
                 .flat_map(|text| spelt_out(text))
                 .map(|text| choose(&text))
-                .collect::<super::error::Result<Vec<_>>>()?;
+                .collect::<Result<Vec<_>>>()?;
             let states = chosen.iter().any(|c| c.method.scope == Scope::States);
             for key in keys(grid) {
                 let events = key.excitation == EVENTS;
@@ -120,7 +121,7 @@ impl Layout {
 }
 
 /// `NAME KEY=VALUE …`.
-fn choose(text: &str) -> super::error::Result<Chosen> {
+fn choose(text: &str) -> Result<Chosen> {
     let mut words = text.split_whitespace();
     let name = words.next().unwrap_or_default();
     let Some(method) = METHODS.iter().find(|m| m.entry.name == name) else {

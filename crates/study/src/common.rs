@@ -10,6 +10,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, Exp1, StandardNormal};
 use rayon::prelude::*;
 
+use super::error::Result;
 use deadtime_delay::{
     Class, DelayError, DelayEstimator, Detrend, Events, Experiment, METHODS, Method, PlantModel,
     Recording, ReferenceExperiment, Scope, Search, Start,
@@ -82,7 +83,7 @@ impl Common {
     ///
     /// # Errors
     /// Whatever keeps a record from being made or a method from being set up.
-    pub fn run(&self, progress: &mut dyn FnMut(&str)) -> super::error::Result<Vec<MethodRow>> {
+    pub fn run(&self, progress: &mut dyn FnMut(&str)) -> Result<Vec<MethodRow>> {
         let mut records =
             vec![(ReferenceExperiment::Plant, self.records(ReferenceExperiment::Plant)?)];
         for method in METHODS {
@@ -93,8 +94,7 @@ impl Common {
         let of = |kind: ReferenceExperiment| {
             records.iter().find(|(k, _)| *k == kind).map_or(&[][..], |(_, r)| r)
         };
-        let loops: Vec<Known> =
-            (0..self.trials).map(|t| self.closed(t)).collect::<super::error::Result<_>>()?;
+        let loops: Vec<Known> = (0..self.trials).map(|t| self.closed(t)).collect::<Result<_>>()?;
         METHODS
             .iter()
             .map(|method| {
@@ -117,7 +117,7 @@ impl Common {
             .collect()
     }
 
-    fn records(&self, kind: ReferenceExperiment) -> super::error::Result<Vec<Known>> {
+    fn records(&self, kind: ReferenceExperiment) -> Result<Vec<Known>> {
         (0..self.trials)
             .into_par_iter()
             .map(|t| self.experiment(kind, t).map(|(experiment, delay)| (experiment, delay, 0)))
@@ -140,7 +140,7 @@ impl Common {
         &self,
         kind: ReferenceExperiment,
         trial: usize,
-    ) -> super::error::Result<(Experiment<'static>, f64)> {
+    ) -> Result<(Experiment<'static>, f64)> {
         let (mut rng, delay) = self.draw(trial);
         let sample_time = SampleTime::new(1.0)?;
         let n = self.samples;
@@ -212,7 +212,7 @@ impl Common {
                     |m: &DMatrix<f64>, i: usize| m.column(i).iter().copied().collect::<Vec<f64>>();
                 let states = (0..plant.order())
                     .map(|i| Ok(noisy(&column(&response.x, i), &mut rng)?.into()))
-                    .collect::<super::error::Result<_>>()?;
+                    .collect::<Result<_>>()?;
                 let recording = Recording {
                     inputs: vec![u.into()],
                     outputs: vec![column(&response.y, 0).into()],
@@ -243,7 +243,7 @@ impl Common {
     }
 
     /// The plant of [`ReferenceExperiment::Plant`] under proportional feedback of a noisy output, with a random binary reference.
-    fn closed(&self, trial: usize) -> super::error::Result<Known> {
+    fn closed(&self, trial: usize) -> Result<Known> {
         let (mut rng, delay) = self.draw(trial);
         let reference =
             Rbs { band: [0.0, 0.3], ..Rbs::default() }.generate(self.samples, &mut rng)?;
@@ -298,7 +298,7 @@ impl First {
 }
 
 /// (zs + 1)/((t₁s + 1)(t₂s + 1)…), a chain of first-order lags.
-fn lags(times: &[f64], zero: Option<f64>) -> super::error::Result<StateSpace<Continuous>> {
+fn lags(times: &[f64], zero: Option<f64>) -> Result<StateSpace<Continuous>> {
     let order = times.len();
     // Each lag follows the one before, the first the input; the zero adds the rate of the last.
     let a = DMatrix::from_fn(order, order, |i, j| match i.checked_sub(j) {
@@ -319,7 +319,7 @@ fn held(
     u: &[f64],
     delay: f64,
     sample_time: SampleTime,
-) -> super::error::Result<Vec<f64>> {
+) -> Result<Vec<f64>> {
     let delayed = plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
     let response = lsim(
         &delayed,
@@ -337,13 +337,13 @@ fn copy(
     at: impl Fn(f64) -> f64,
     siso: impl Fn(Vec<f64>, Vec<f64>) -> Result<Experiment<'static>, DelayError>,
     rng: &mut ChaCha8Rng,
-) -> super::error::Result<Experiment<'static>> {
+) -> Result<Experiment<'static>> {
     let u = (0..n).map(|t| at(f(t))).collect();
     let y: Vec<f64> = (0..n).map(|t| at(f(t) - delay - 1.0)).collect();
     Ok(siso(u, noisy(&y, rng)?)?)
 }
 
-fn noisy(y: &[f64], rng: &mut ChaCha8Rng) -> super::error::Result<Vec<f64>> {
+fn noisy(y: &[f64], rng: &mut ChaCha8Rng) -> Result<Vec<f64>> {
     Ok(Noise { snr: 100.0, colour: NoiseColour::White, scaling: NoiseScaling::Expected }
         .add(y, rng)?)
 }

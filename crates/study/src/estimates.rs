@@ -6,6 +6,8 @@ use cpu_time::ThreadTime;
 use serde::{Deserialize, Serialize};
 
 use super::cell::{Layout, Slot};
+use super::error::Error;
+use super::error::Result;
 use super::error::StudyError;
 use super::plan::{PLAIN, Place, Plan, Scoring, Shown, Truth};
 use super::results::Cell;
@@ -37,8 +39,8 @@ pub(super) struct Row {
 }
 
 /// A record; the error of one that cannot be made says which one.
-pub(super) fn made(plan: &Plan, setting: &Setting, trial: usize) -> super::error::Result<Record> {
-    let because = |source: super::error::Error| StudyError::Record {
+pub(super) fn made(plan: &Plan, setting: &Setting, trial: usize) -> Result<Record> {
+    let because = |source: Error| StudyError::Record {
         plan: plan.name.clone(),
         setting: setting.key.to_string(),
         trial,
@@ -55,7 +57,7 @@ pub(super) fn of_record(
     number: usize,
     trial: usize,
     stop: &Stop,
-) -> super::error::Result<Vec<Row>> {
+) -> Result<Vec<Row>> {
     let setting = &layout.settings[number];
     let grid = &plan.grids[setting.grid];
     let record = made(plan, setting, trial)?;
@@ -299,9 +301,9 @@ pub(super) trait Sink {
         &mut self,
         key: &[(&'static str, Field)],
         values: &[(&'static str, Field)],
-    ) -> super::error::Result<()>;
+    ) -> Result<()>;
     /// Gives the file its name, once all is written.
-    fn finish(self: Box<Self>) -> super::error::Result<()>;
+    fn finish(self: Box<Self>) -> Result<()>;
 }
 
 /// `estimates.csv`.
@@ -312,7 +314,7 @@ pub(super) struct CsvSink {
 }
 
 impl CsvSink {
-    pub(super) fn new(path: PathBuf) -> super::error::Result<Self> {
+    pub(super) fn new(path: PathBuf) -> Result<Self> {
         let file = temporary(&path)?;
         Ok(Self { path, file: csv::Writer::from_writer(file), headed: false })
     }
@@ -323,8 +325,8 @@ impl Sink for CsvSink {
         &mut self,
         key: &[(&'static str, Field)],
         values: &[(&'static str, Field)],
-    ) -> super::error::Result<()> {
-        let wrong = |e: csv::Error| super::error::Error::io(&self.path, e.into());
+    ) -> Result<()> {
+        let wrong = |e: csv::Error| Error::io(&self.path, e.into());
         if !self.headed {
             self.file.write_record(key.iter().chain(values).map(|f| f.0)).map_err(wrong)?;
             self.headed = true;
@@ -332,10 +334,11 @@ impl Sink for CsvSink {
         self.file.write_record(key.iter().chain(values).map(|f| f.1.to_string())).map_err(wrong)
     }
 
-    fn finish(self: Box<Self>) -> super::error::Result<()> {
-        let file = self.file.into_inner().map_err(|e| {
-            super::error::Error::io(&self.path, std::io::Error::other(e.to_string()))
-        })?;
+    fn finish(self: Box<Self>) -> Result<()> {
+        let file = self
+            .file
+            .into_inner()
+            .map_err(|e| Error::io(&self.path, std::io::Error::other(e.to_string())))?;
         Ok(named(file, &self.path)?)
     }
 }

@@ -17,6 +17,8 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
+use super::error::Error;
+use super::error::Result;
 use super::error::StudyError;
 use super::estimates::{Field, Row, Sink};
 use deadtime_delay::Outcome;
@@ -164,8 +166,8 @@ impl ParquetSink {
 }
 
 /// What Parquet said of a file that is written.
-pub(super) fn unwritten(path: &Path, e: &ParquetError) -> super::error::Error {
-    super::error::Error::io(path, std::io::Error::other(e.to_string()))
+pub(super) fn unwritten(path: &Path, e: &ParquetError) -> Error {
+    Error::io(path, std::io::Error::other(e.to_string()))
 }
 
 impl Sink for ParquetSink {
@@ -173,7 +175,7 @@ impl Sink for ParquetSink {
         &mut self,
         key: &[(&'static str, Field)],
         values: &[(&'static str, Field)],
-    ) -> super::error::Result<()> {
+    ) -> Result<()> {
         let fields = key.iter().chain(values);
         let path = &self.path;
         let table = match &mut self.table {
@@ -186,7 +188,7 @@ impl Sink for ParquetSink {
         table.write(fields).map_err(|e| unwritten(path, &e))
     }
 
-    fn finish(self: Box<Self>) -> super::error::Result<()> {
+    fn finish(self: Box<Self>) -> Result<()> {
         let Self { path, table } = *self;
         let Some(table) = table else { return Ok(()) };
         Ok(named(table.finish().map_err(|e| unwritten(&path, &e))?, &path)?)
@@ -211,14 +213,14 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    pub(super) fn open(path: &Path) -> super::error::Result<Self> {
-        let file = File::open(path).map_err(|e| super::error::Error::io(path, e))?;
+    pub(super) fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path).map_err(|e| Error::io(path, e))?;
         let file = SerializedFileReader::new(file).map_err(|e| unread(path, &e.to_string()))?;
         Ok(Self { path: path.to_owned(), file: Box::new(file) })
     }
 
     /// A file whose bytes are at hand.
-    pub(super) fn of(path: &Path, bytes: Vec<u8>) -> super::error::Result<Self> {
+    pub(super) fn of(path: &Path, bytes: Vec<u8>) -> Result<Self> {
         let file = SerializedFileReader::new(bytes::Bytes::from(bytes))
             .map_err(|e| unread(path, &e.to_string()))?;
         Ok(Self { path: path.to_owned(), file: Box::new(file) })
@@ -243,7 +245,7 @@ impl Reader {
     }
 
     /// A column of one row group.
-    fn column(&self, group: usize, name: &str) -> super::error::Result<Column> {
+    fn column(&self, group: usize, name: &str) -> Result<Column> {
         let wrong = |detail: &str| unread(&self.path, detail);
         let failed = |e: ParquetError| wrong(&e.to_string());
         let Some(at) = self.names().iter().position(|n| n == name) else {
@@ -268,14 +270,14 @@ impl Reader {
     }
 
     /// Numbers of one row group, with those that are missing.
-    fn numbers(&self, group: usize, name: &str) -> super::error::Result<Vec<Option<f64>>> {
+    fn numbers(&self, group: usize, name: &str) -> Result<Vec<Option<f64>>> {
         match self.column(group, name)? {
             Column::Number(values, there) => Ok(spread(values, &there, |v| v).collect()),
             _ => Err(unread(&self.path, &format!("column `{name}` holds no numbers"))),
         }
     }
 
-    fn counts(&self, group: usize, name: &str) -> super::error::Result<Vec<i64>> {
+    fn counts(&self, group: usize, name: &str) -> Result<Vec<i64>> {
         match self.column(group, name)? {
             Column::Count(values) => Ok(values),
             _ => Err(unread(&self.path, &format!("column `{name}` holds no counts"))),
@@ -283,7 +285,7 @@ impl Reader {
     }
 
     /// The estimates, in order.
-    pub(super) fn rows(&self) -> super::error::Result<Vec<Row>> {
+    pub(super) fn rows(&self) -> Result<Vec<Row>> {
         let mut rows = Vec::new();
         for group in 0..self.file.num_row_groups() {
             let cells = self.counts(group, "cell")?;
@@ -352,7 +354,7 @@ impl Reader {
 }
 
 /// A file that cannot be used.
-pub(super) fn unread(path: &Path, detail: &str) -> super::error::Error {
+pub(super) fn unread(path: &Path, detail: &str) -> Error {
     let detail = Message::from(detail)
         .and("; go on where it was (")
         .and(Remedy::Resume)
@@ -395,7 +397,7 @@ fn spread<T>(
 pub fn columns(
     paths: &[PathBuf],
     stop: &deadtime_signal::stop::Stop,
-) -> super::error::Result<Vec<(String, Values)>> {
+) -> Result<Vec<(String, Values)>> {
     let mut whole: Vec<(String, Values)> = Vec::new();
     let mut words: Vec<BTreeMap<String, i32>> = Vec::new();
     for path in paths {

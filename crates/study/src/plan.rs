@@ -9,6 +9,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::aim::Aim;
+use super::error::Result;
 use super::error::StudyError;
 use super::logging::Logging;
 use super::origin::Origin;
@@ -469,7 +470,7 @@ impl Plan {
     ///
     /// # Errors
     /// [`StudyError::UnknownPlan`], [`StudyError::Plan`] naming the key, [`FileError::Io`](deadtime_signal::file::FileError::Io).
-    pub fn open(name: &str) -> super::error::Result<Self> {
+    pub fn open(name: &str) -> Result<Self> {
         if let Some((name, text)) = PLANS.iter().find(|(n, _)| *n == name) {
             return Ok(Self::parse(name, text, Path::new("."))?);
         }

@@ -9,6 +9,7 @@ use rand_chacha::rand_core::SeedableRng;
 use sha2::{Digest, Sha256};
 
 use super::bound::bound_samples;
+use super::error::Result;
 use super::error::StudyError;
 use super::feedback;
 use super::logging::{Logging, STEPS, held};
@@ -131,7 +132,7 @@ pub(super) fn named<T: ?Sized>(
     entries: &'static [Entry<T>],
     kind: &'static str,
     text: &str,
-) -> super::error::Result<(&'static Entry<T>, serde_json::Value)> {
+) -> Result<(&'static Entry<T>, serde_json::Value)> {
     let mut words = text.split_whitespace();
     let entry = registry::find(entries, kind, words.next().unwrap_or_default())?;
     Ok((entry, registry::options(words)?))
@@ -141,11 +142,7 @@ pub(super) fn named<T: ?Sized>(
 type Wrong<'w> = &'w dyn Fn(String) -> StudyError;
 
 /// The conversion that a key names; one that rounds delays takes whole ones only.
-fn conversion(
-    key: &Key,
-    sample_time: SampleTime,
-    wrong: Wrong<'_>,
-) -> super::error::Result<Box<dyn Conversion>> {
+fn conversion(key: &Key, sample_time: SampleTime, wrong: Wrong<'_>) -> Result<Box<dyn Conversion>> {
     let (entry, options) = named(CONVERSIONS, "conversion", &key.c2d)?;
     let conversion = entry.with(options.clone())?;
     // These two put a delay on the nearest sample unless told otherwise: what was injected would not be what acts.
@@ -177,7 +174,7 @@ fn conversion(
 }
 
 /// The noise that a key names.
-fn colour(plan: &Plan, key: &Key, wrong: Wrong<'_>) -> super::error::Result<Colour> {
+fn colour(plan: &Plan, key: &Key, wrong: Wrong<'_>) -> Result<Colour> {
     let colour = match (key.noise.as_str(), plan.noises.get(&key.noise)) {
         ("white", _) => Colour::default(),
         (_, Some(colour)) => colour.clone(),
@@ -207,7 +204,7 @@ fn controller(
     key: &Key,
     channels: (usize, usize),
     wrong: Wrong<'_>,
-) -> super::error::Result<Option<Controller>> {
+) -> Result<Option<Controller>> {
     let controller = match key.controller.as_deref() {
         None | Some("dlqr") => None,
         Some(name) => match plan.controllers.get(name) {
@@ -241,7 +238,7 @@ fn logging(
     source: &Source,
     states: bool,
     wrong: Wrong<'_>,
-) -> super::error::Result<Logging> {
+) -> Result<Logging> {
     let logging = match (key.logging.as_str(), plan.loggings.get(&key.logging)) {
         (PLAIN, _) => Logging::default(),
         (_, Some(logging)) => *logging,
@@ -268,7 +265,7 @@ fn logging(
 }
 
 /// Events pass through a dead time and nothing else.
-fn only_events(key: &Key, logging: &Logging, wrong: Wrong<'_>) -> super::error::Result<()> {
+fn only_events(key: &Key, logging: &Logging, wrong: Wrong<'_>) -> Result<()> {
     let plain = key.plant == "gain"
         && key.c2d == "zoh"
         && key.noise == "white"
@@ -291,7 +288,7 @@ impl Setting {
         key: Key,
         max_delay: usize,
         states: bool,
-    ) -> super::error::Result<Self> {
+    ) -> Result<Self> {
         let grid: &Grid = &plan.grids[number];
         let wrong: Wrong<'_> = &|detail| StudyError::Plan { plan: plan.name.clone(), detail };
         let (source, inputs, outputs) = source(&key.plant, &plan.folder)?;
@@ -354,7 +351,7 @@ impl Setting {
         Ok(setting)
     }
 
-    fn is_repeatable(&self) -> super::error::Result<bool> {
+    fn is_repeatable(&self) -> Result<bool> {
         let fixed = match &self.source {
             Source::Listed(entry) => !entry.random,
             Source::File(_) => true,
@@ -377,7 +374,7 @@ impl Setting {
     }
 
     /// Record `trial`.
-    pub(super) fn record(&self, plan_seed: u64, trial: usize) -> super::error::Result<Record> {
+    pub(super) fn record(&self, plan_seed: u64, trial: usize) -> Result<Record> {
         let seed = self.seed(plan_seed, trial);
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let delay_s = self.delays(&mut rng);
@@ -439,17 +436,13 @@ impl Setting {
         let outputs = clean
             .iter()
             .map(|y| if inside { Ok(y.clone()) } else { noise(&mut rng, y) })
-            .collect::<super::error::Result<Vec<_>>>()?;
+            .collect::<Result<Vec<_>>>()?;
         let order = match &model {
             PlantModel::Continuous(m) => m.order(),
             PlantModel::Sampled(m) => m.order(),
         };
         let states = if self.states {
-            states
-                .iter()
-                .take(order)
-                .map(|x| noise(&mut rng, x))
-                .collect::<super::error::Result<Vec<_>>>()?
+            states.iter().take(order).map(|x| noise(&mut rng, x)).collect::<Result<Vec<_>>>()?
         } else {
             Vec::new()
         };
@@ -500,12 +493,7 @@ impl Setting {
     }
 
     /// Record `seed` of events.
-    fn passages(
-        &self,
-        seed: u64,
-        delay_s: Vec<f64>,
-        rng: &mut ChaCha8Rng,
-    ) -> super::error::Result<Record> {
+    fn passages(&self, seed: u64, delay_s: Vec<f64>, rng: &mut ChaCha8Rng) -> Result<Record> {
         let name = |names: &[String]| names.first().cloned().unwrap_or_default();
         let (first, second, delay) =
             (name(&self.inputs), name(&self.outputs), delay_s.first().copied().unwrap_or(0.0));
@@ -534,7 +522,7 @@ impl Setting {
         delay_s: &[f64],
         drive: &[Vec<f64>],
         stamps: &[usize],
-    ) -> super::error::Result<Vec<Vec<f64>>> {
+    ) -> Result<Vec<Vec<f64>>> {
         let PlantModel::Continuous(continuous) = model else { return Ok(Vec::new()) };
         let step = SampleTime::new(self.sample_time.to_seconds(1.0 / STEPS as f64))?;
         let fine =
@@ -570,16 +558,12 @@ impl Setting {
         }
     }
 
-    fn drive(&self, rng: &mut ChaCha8Rng) -> super::error::Result<Vec<Vec<f64>>> {
+    fn drive(&self, rng: &mut ChaCha8Rng) -> Result<Vec<Vec<f64>>> {
         let Some(excitation) = &self.excitation else { return Ok(Vec::new()) };
         self.inputs.iter().map(|_| Ok(excitation.generate(self.key.samples, rng)?)).collect()
     }
 
-    fn sampled(
-        &self,
-        model: &PlantModel,
-        delay_s: &[f64],
-    ) -> super::error::Result<StateSpace<Sampled>> {
+    fn sampled(&self, model: &PlantModel, delay_s: &[f64]) -> Result<StateSpace<Sampled>> {
         match model {
             PlantModel::Continuous(m) => Ok(self
                 .conversion
@@ -588,7 +572,7 @@ impl Setting {
                 let whole = delay_s
                     .iter()
                     .map(|s| Ok(self.sample_time.samples(*s)?.whole))
-                    .collect::<super::error::Result<Vec<_>>>()?;
+                    .collect::<Result<Vec<_>>>()?;
                 m.sample_time().must_equal(self.sample_time)?;
                 Ok(m.clone().with_input_delay(whole)?)
             }
@@ -627,7 +611,7 @@ impl Setting {
         (white && self.key.snr.is_finite()).then(|| spread(clean) / self.key.snr.sqrt())
     }
 
-    fn noisy(&self, clean: &[f64], rng: &mut ChaCha8Rng) -> super::error::Result<Vec<f64>> {
+    fn noisy(&self, clean: &[f64], rng: &mut ChaCha8Rng) -> Result<Vec<f64>> {
         if let Some(std) = self.colour.innovation_std {
             return Ok(clean
                 .iter()
@@ -665,7 +649,7 @@ impl Setting {
         controller: &Controller,
         drive: &[Vec<f64>],
         rng: &mut ChaCha8Rng,
-    ) -> super::error::Result<Vec<f64>> {
+    ) -> Result<Vec<f64>> {
         let samples = self.key.samples;
         if let Some(std) = self.colour.innovation_std {
             return Ok(self.innovations_through(samples, std, rng));
@@ -693,12 +677,7 @@ fn hash(text: &str) -> u64 {
 }
 
 /// Digest of what stands behind the names of a key in this plan, and of what else its answers hang on.
-fn definition(
-    plan: &Plan,
-    grid: &Grid,
-    key: &Key,
-    signal: &Signal,
-) -> super::error::Result<String> {
+fn definition(plan: &Plan, grid: &Grid, key: &Key, signal: &Signal) -> Result<String> {
     let Scoring { invalid_samples, wrong_samples, .. } = grid.scoring;
     let noise = plan.noises.get(&key.noise);
     let controller = key.controller.as_ref().and_then(|c| plan.controllers.get(c));
@@ -721,7 +700,7 @@ fn definition(
     Ok(format!("{:016x}", hash(&all.to_string())))
 }
 
-fn source(name: &str, folder: &Path) -> super::error::Result<(Source, Vec<String>, Vec<String>)> {
+fn source(name: &str, folder: &Path) -> Result<(Source, Vec<String>, Vec<String>)> {
     if let Some(entry) = PLANTS.iter().find(|p| p.name == name) {
         // Names do not depend on what is drawn.
         let plant = entry.build(&mut ChaCha8Rng::seed_from_u64(0))?;
@@ -759,10 +738,7 @@ fn source(name: &str, folder: &Path) -> super::error::Result<(Source, Vec<String
 }
 
 /// Outputs and states of a plant that rests before the first sample.
-fn simulated(
-    sys: &StateSpace<Sampled>,
-    inputs: &[Vec<f64>],
-) -> super::error::Result<[Vec<Vec<f64>>; 2]> {
+fn simulated(sys: &StateSpace<Sampled>, inputs: &[Vec<f64>]) -> Result<[Vec<Vec<f64>>; 2]> {
     let u = DMatrix::from_fn(inputs.first().map_or(0, Vec::len), inputs.len(), |t, j| inputs[j][t]);
     let options = Options {
         initial: Some(DVector::zeros(sys.order())),
@@ -779,7 +755,7 @@ fn fed_back(
     delayed: &StateSpace<Sampled>,
     bare: &StateSpace<Sampled>,
     k: &DMatrix<f64>,
-) -> super::error::Result<StateSpace<Sampled>> {
+) -> Result<StateSpace<Sampled>> {
     let n = bare.order();
     let (mut a, mut c) = (delayed.a().clone(), delayed.c().clone());
     let mut upper = a.view_mut((0, 0), (n, n));

@@ -9,6 +9,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use super::clock::Stamps;
+use super::lines::Separator;
 use super::lines::{LONGEST_LINE, Lines};
 use super::table::{GZIP_MAGIC, Header};
 use super::utf16::byte_order;
@@ -266,10 +267,8 @@ impl Follower {
     }
 
     fn below<'a>(&self, source: &'a str, whole: &'a [u8]) -> Lines<'a> {
-        let separator = self
-            .header
-            .as_ref()
-            .map_or(super::lines::Separator::Blanks, |(header, _)| header.separator);
+        let separator =
+            self.header.as_ref().map_or(Separator::Blanks, |(header, _)| header.separator);
         Lines::rows(source, whole, separator, self.lines)
     }
 

@@ -9,6 +9,7 @@ use crate::counted::Counted;
 use crate::error::Error;
 use crate::error::LogError;
 use crate::log::{Channel, Log, Origin, Place, Rows, Unusable, time_follows};
+use crate::notes::Notes;
 use crate::recording::{ReadOptions, Recording, TimeUnit};
 use deadtime_signal::file::write_atomic;
 use deadtime_signal::progress::HowFar;
@@ -190,7 +191,7 @@ pub fn records(
     path: &Path,
     column: &str,
     options: &ReadOptions,
-) -> Result<(Vec<Log>, crate::notes::Notes), Error> {
+) -> Result<(Vec<Log>, Notes), Error> {
     records_from(&path.display().to_string(), open(path, &options.far)?, column, options)
 }
 
@@ -199,7 +200,7 @@ pub(super) fn records_from(
     bytes: impl Read,
     column: &str,
     options: &ReadOptions,
-) -> Result<(Vec<Log>, crate::notes::Notes), Error> {
+) -> Result<(Vec<Log>, Notes), Error> {
     let mut lines = Lines::to_break(source, bytes)?;
     let mut header = Header::read(&mut lines, options)?;
     let place = header.place(source, column)?;
@@ -346,7 +347,7 @@ pub(super) struct Header {
     cells: usize,
     /// Its line, where a separator stands behind its last name.
     trailing: Option<usize>,
-    pub(super) notes: crate::notes::Notes,
+    pub(super) notes: Notes,
 }
 
 /// What is known of the time before its stamps are read.
@@ -360,7 +361,7 @@ pub(super) struct Clock {
 pub(super) type Names = Vec<(String, Option<String>)>;
 
 /// The cells of the current line as names and units; in Latin-1 where they are no UTF-8, which is said.
-pub(super) fn names(lines: &Lines<'_>, notes: &mut crate::notes::Notes) -> Result<Names, LogError> {
+pub(super) fn names(lines: &Lines<'_>, notes: &mut Notes) -> Result<Names, LogError> {
     let mut names = Vec::with_capacity(lines.len());
     for place in 0..lines.len() {
         let cell = lines.cell(place);
@@ -417,7 +418,7 @@ impl Header {
         if !lines.header()? {
             return Err(lines.nothing(LogError::Empty { file: file.into() }).into());
         }
-        let mut notes = crate::notes::Notes::default();
+        let mut notes = Notes::default();
         let mut names = names(lines, &mut notes)?;
         let trailing = (names.len() > 1
             && names.last().is_some_and(|last| *last == Default::default()))
@@ -683,7 +684,7 @@ pub(super) fn unnamed_first(
     names: &mut Names,
     below: &[u8],
     options: &ReadOptions,
-    notes: &mut crate::notes::Notes,
+    notes: &mut Notes,
 ) -> bool {
     let time =
         names.iter().enumerate().any(|(place, (name, _))| clock::named(name, place == 0).is_some());

@@ -4,6 +4,7 @@ use nalgebra::DMatrix;
 
 use super::applied::Applied;
 use super::channel::OnChannel;
+use super::definition::Effect;
 use super::definition::Site;
 use super::effects::EFFECTS;
 use super::parameter::Parameter;
@@ -31,7 +32,7 @@ const TELLING: [&str; 5] = ["from->x", "from->y", "u->output:y", "A[x,from]", "x
 #[must_use]
 pub fn table() -> Vec<Line> {
     let system = template();
-    let line = |effect: &&'static dyn super::definition::Effect| {
+    let line = |effect: &&'static dyn Effect| {
         let first = effect.channels(&system);
         let channels = TELLING.iter().copied().chain(first.iter().map(String::as_str));
         Line {
@@ -84,7 +85,7 @@ fn template() -> System {
 /// Every effect on every channel of a system that it can act on, at its nominal parameters. None acts on the dynamics of a sampled model.
 #[must_use]
 pub fn menu(system: &System) -> Vec<Applied> {
-    let on_channels = |effect: &&'static dyn super::definition::Effect| {
+    let on_channels = |effect: &&'static dyn Effect| {
         let effect = *effect;
         effect
             .channels(system)

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::equations::EquationsFile;
+use super::equations::ParameterEntry;
 use super::table;
 use crate::equations::parse::reserved;
 use crate::equations::system::{Equations, Workspace};
@@ -153,10 +154,7 @@ impl EquationsFile {
             }
             let first = extended.parameters.len();
             let added = parameters.iter().map(|(name, p)| {
-                (
-                    name.clone(),
-                    super::equations::ParameterEntry { unit: p.unit.clone(), value: p.value },
-                )
+                (name.clone(), ParameterEntry { unit: p.unit.clone(), value: p.value })
             });
             extended.parameters.extend(added);
             if let Some((_, derivative)) =

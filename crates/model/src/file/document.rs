@@ -8,6 +8,7 @@ use super::candidate::CandidateEntry;
 use super::channel::{Channel, EffectEntry, Operating};
 use super::equations::{EquationsFile, GroupEntry, GroupKind};
 use super::lti::ModelFile;
+use super::lti::State;
 use super::nuisance::NuisanceEntry;
 use super::text::{Syntax, read_text};
 use crate::error::ModelError;
@@ -38,7 +39,7 @@ impl ModelDocument {
     ///
     /// # Errors
     /// A [`ModelError`] that says what is wrong in it.
-    pub fn from_toml(text: &str, source: &Path) -> std::result::Result<Self, ModelError> {
+    pub fn from_toml(text: &str, source: &Path) -> Result<Self, ModelError> {
         Self::parse(text, Syntax::Toml, source)
     }
 
@@ -46,11 +47,11 @@ impl ModelDocument {
     ///
     /// # Errors
     /// As [`Self::from_toml`].
-    pub fn from_json(text: &str, source: &Path) -> std::result::Result<Self, ModelError> {
+    pub fn from_json(text: &str, source: &Path) -> Result<Self, ModelError> {
         Self::parse(text, Syntax::Json, source)
     }
 
-    fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
+    fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<Self, ModelError> {
         let kind = super::text::kind(text, syntax, path)?;
         Ok(if kind == "equations" {
             Self::Equations(EquationsFile::parse(text, syntax, path)?)
@@ -74,7 +75,7 @@ impl ModelDocument {
     ///
     /// # Errors
     /// [`ModelError::File`] if the writer refuses it.
-    pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
+    pub fn to_toml(&self) -> Result<String, ModelError> {
         match self {
             Self::Lti(file) => file.to_toml(),
             Self::Equations(file) => file.to_toml(),
@@ -112,7 +113,7 @@ impl ModelDocument {
     ///
     /// # Errors
     /// [`deadtime_log::LogError`] where the log lacks the input of a slope, or samples of it.
-    pub fn complete(&self, mut log: Log) -> std::result::Result<Log, LogError> {
+    pub fn complete(&self, mut log: Log) -> Result<Log, LogError> {
         for (channel, turn) in
             self.inputs().iter().chain(self.outputs()).filter_map(|c| Some((c, c.turn()?)))
         {
@@ -176,7 +177,7 @@ impl ModelDocument {
             Self::Lti(file) => (&file.states, &[]),
             Self::Equations(file) => (&[], &file.states),
         };
-        let lti = lti.iter().map(|s: &super::lti::State| (s.name.as_str(), s.unit.as_deref()));
+        let lti = lti.iter().map(|s: &State| (s.name.as_str(), s.unit.as_deref()));
         lti.chain(equations.iter().map(|(name, s)| (name.as_str(), s.unit.as_deref())))
     }
 
@@ -185,7 +186,7 @@ impl ModelDocument {
     ///
     /// # Errors
     /// [`ModelError`] for a sampled model, a name that cannot stand in an expression, or an operating point `"mean"`.
-    pub fn structure(&self) -> std::result::Result<EquationsFile, ModelError> {
+    pub fn structure(&self) -> Result<EquationsFile, ModelError> {
         let file = match self {
             Self::Equations(file) => return Ok(file.clone()),
             Self::Lti(file) => file,
@@ -201,12 +202,12 @@ impl ModelDocument {
                     ),
                 }),
             };
-            channels.iter().map(value).collect::<std::result::Result<Vec<f64>, ModelError>>()
+            channels.iter().map(value).collect::<Result<Vec<f64>, ModelError>>()
         };
         let (inputs, outputs) = (about(&file.inputs)?, about(&file.outputs)?);
         // A state that is measured under its own name has the measurement's level.
         let sys = file.continuous()?;
-        let level = |(j, state): (usize, &super::lti::State)| {
+        let level = |(j, state): (usize, &State)| {
             let Some(i) = file.outputs.iter().position(|o| o.name == state.name) else {
                 return Ok(0.0);
             };
@@ -222,12 +223,8 @@ impl ModelDocument {
                 lacks: "has the name of an output that is another quantity; windows of a log would start there: give it another name",
             })
         };
-        let states = file
-            .states
-            .iter()
-            .enumerate()
-            .map(level)
-            .collect::<std::result::Result<Vec<f64>, ModelError>>()?;
+        let states =
+            file.states.iter().enumerate().map(level).collect::<Result<Vec<f64>, ModelError>>()?;
         file.to_equations([&inputs, &states, &outputs])
     }
 
@@ -235,7 +232,7 @@ impl ModelDocument {
     ///
     /// # Errors
     /// [`ModelError`] where the model cannot have it.
-    pub fn suspect(&mut self, candidate: CandidateEntry) -> std::result::Result<(), ModelError> {
+    pub fn suspect(&mut self, candidate: CandidateEntry) -> Result<(), ModelError> {
         match self {
             Self::Lti(file) => {
                 file.candidates.push(candidate);

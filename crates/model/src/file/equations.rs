@@ -122,7 +122,7 @@ pub struct EquationsFile {
 fn without_operating<S: Serializer>(
     channels: &[Channel],
     serializer: S,
-) -> std::result::Result<S::Ok, S::Error> {
+) -> Result<S::Ok, S::Error> {
     #[derive(Serialize)]
     struct Named<'a> {
         name: &'a str,
@@ -224,11 +224,7 @@ impl EquationsFile {
         Ok(Self::parse(&text, syntax, path)?)
     }
 
-    pub(super) fn parse(
-        text: &str,
-        syntax: Syntax,
-        path: &Path,
-    ) -> std::result::Result<Self, ModelError> {
+    pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<Self, ModelError> {
         let kind = super::text::kind(text, syntax, path)?;
         if kind != "equations" {
             return Err(ModelError::Kind {
@@ -243,7 +239,7 @@ impl EquationsFile {
         Ok(file)
     }
 
-    fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
+    fn check(&self, path: &Path) -> Result<(), ModelError> {
         super::check::check_sizes(
             path,
             [self.inputs.len(), self.states.len(), self.parameters.len(), self.outputs.len()],
@@ -285,7 +281,7 @@ impl EquationsFile {
     }
 
     /// Groups and slopes name what there is.
-    fn check_groups(&self, path: &Path) -> std::result::Result<(), ModelError> {
+    fn check_groups(&self, path: &Path) -> Result<(), ModelError> {
         let unmatched = |what, name: &str, lacks| {
             Err(ModelError::Unmatched { path: path.to_owned(), what, name: name.to_owned(), lacks })
         };
@@ -337,7 +333,7 @@ impl EquationsFile {
     ///
     /// # Errors
     /// [`ModelError::Equations`], which points into the expression; [`ModelError::Unmatched`] for a state without a derivative and its like.
-    pub fn equations(&self) -> std::result::Result<Equations, ModelError> {
+    pub fn equations(&self) -> Result<Equations, ModelError> {
         self.compile(Path::new(&self.name))
     }
 
@@ -345,7 +341,7 @@ impl EquationsFile {
     ///
     /// # Errors
     /// As [`Self::equations`].
-    pub fn start_equations(&self) -> std::result::Result<Option<Equations>, ModelError> {
+    pub fn start_equations(&self) -> Result<Option<Equations>, ModelError> {
         self.compile_starts(Path::new(&self.name))
     }
 
@@ -353,11 +349,11 @@ impl EquationsFile {
     ///
     /// # Errors
     /// As [`Self::equations`], and [`ModelError::Candidate`].
-    pub fn candidates(&self) -> std::result::Result<Option<Candidates>, ModelError> {
+    pub fn candidates(&self) -> Result<Option<Candidates>, ModelError> {
         self.compile_candidates(Path::new(&self.name))
     }
 
-    fn compile_starts(&self, path: &Path) -> std::result::Result<Option<Equations>, ModelError> {
+    fn compile_starts(&self, path: &Path) -> Result<Option<Equations>, ModelError> {
         if self.starts.is_empty() {
             return Ok(None);
         }
@@ -384,7 +380,7 @@ impl EquationsFile {
         .map(Some)
     }
 
-    pub(super) fn compile(&self, path: &Path) -> std::result::Result<Equations, ModelError> {
+    pub(super) fn compile(&self, path: &Path) -> Result<Equations, ModelError> {
         let unmatched = |what, name: &str, lacks| ModelError::Unmatched {
             path: path.to_owned(),
             what,
@@ -424,7 +420,7 @@ impl EquationsFile {
                 derivative: derivative.clone(),
             })
         });
-        let states = states.collect::<std::result::Result<_, ModelError>>()?;
+        let states = states.collect::<Result<_, ModelError>>()?;
         let outputs = self.outputs.iter().map(|output| {
             let equation = entry(&self.output_equations, &output.name).ok_or_else(|| {
                 unmatched(
@@ -439,7 +435,7 @@ impl EquationsFile {
                 equation: equation.clone(),
             })
         });
-        let outputs = outputs.collect::<std::result::Result<_, ModelError>>()?;
+        let outputs = outputs.collect::<Result<_, ModelError>>()?;
         let inputs = self
             .inputs
             .iter()
@@ -475,7 +471,7 @@ impl EquationsFile {
     ///
     /// # Errors
     /// [`ModelError::File`] if the writer refuses it.
-    pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
+    pub fn to_toml(&self) -> Result<String, ModelError> {
         super::text::text(self, Syntax::Toml)
             .map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
     }

@@ -84,11 +84,7 @@ impl ModelFile {
         Ok(Self::parse(&text, syntax, path)?)
     }
 
-    pub(super) fn parse(
-        text: &str,
-        syntax: Syntax,
-        path: &Path,
-    ) -> std::result::Result<Self, ModelError> {
+    pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<Self, ModelError> {
         let kind = super::text::kind(text, syntax, path)?;
         if kind == "tf" || kind == "zpk" {
             return super::transfer::parse(text, syntax, path);
@@ -101,7 +97,7 @@ impl ModelFile {
         Ok(model)
     }
 
-    pub(super) fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
+    pub(super) fn check(&self, path: &Path) -> Result<(), ModelError> {
         let states: Vec<&str> = self.states.iter().map(|s| s.name.as_str()).collect();
         super::check::check_sizes(path, [self.inputs.len(), states.len(), 0, self.outputs.len()])?;
         super::check::check_channels(path, &self.inputs, &self.outputs)?;
@@ -152,7 +148,7 @@ impl ModelFile {
         inputs: Vec<Channel>,
         states: Vec<State>,
         outputs: Vec<Channel>,
-    ) -> std::result::Result<Self, ModelError> {
+    ) -> Result<Self, ModelError> {
         let delays = sys.input_delay().to_vec();
         Self::from_matrices(
             name,
@@ -173,7 +169,7 @@ impl ModelFile {
         inputs: Vec<Channel>,
         mut states: Vec<State>,
         outputs: Vec<Channel>,
-    ) -> std::result::Result<Self, ModelError> {
+    ) -> Result<Self, ModelError> {
         let ts = sys.sample_time();
         let delays = sys.input_delay().iter().map(|&d| ts.to_seconds(d as f64)).collect();
         // A realisation with fewer states than named (after cancellation) or of another kind has states of its own.
@@ -201,7 +197,7 @@ impl ModelFile {
         conversion: &dyn Conversion,
         sample_time: SampleTime,
         pair: Option<(usize, usize)>,
-    ) -> std::result::Result<Self, ModelError> {
+    ) -> Result<Self, ModelError> {
         if !self.effects.is_empty() {
             return Err(ModelError::Effects { name: self.name.clone() });
         }
@@ -231,7 +227,7 @@ impl ModelFile {
         [a, b, c, d]: [&DMatrix<f64>; 4],
         input_delay_s: Vec<f64>,
         (inputs, states, outputs): (Vec<Channel>, Vec<State>, Vec<Channel>),
-    ) -> std::result::Result<Self, ModelError> {
+    ) -> Result<Self, ModelError> {
         for (what, got, needed) in [
             ("input names", inputs.len(), d.ncols()),
             ("state names", states.len(), a.nrows()),
@@ -271,7 +267,7 @@ impl ModelFile {
     pub fn to_equations(
         &self,
         [about_inputs, about_states, about_outputs]: [&[f64]; 3],
-    ) -> std::result::Result<EquationsFile, ModelError> {
+    ) -> Result<EquationsFile, ModelError> {
         let sys = self.continuous()?;
         let deviation = |name: &str, about: Option<&f64>| match about {
             Some(about) if *about != 0.0 => format!("({name} - ({about:e}))"),
@@ -360,12 +356,12 @@ impl ModelFile {
     ///
     /// # Errors
     /// [`ModelError::File`] if the writer refuses it.
-    pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
+    pub fn to_toml(&self) -> Result<String, ModelError> {
         super::text::text(self, Syntax::Toml)
             .map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
     }
 
-    fn matrices(&self) -> std::result::Result<[DMatrix<f64>; 4], ModelError> {
+    fn matrices(&self) -> Result<[DMatrix<f64>; 4], ModelError> {
         let (n, m, p) = (self.states.len(), self.inputs.len(), self.outputs.len());
         let matrix = |matrix: &'static str, rows: &[Vec<f64>], needed: (usize, usize)| {
             // No states: the file may write [] for a matrix of no rows or of no columns.
@@ -405,7 +401,7 @@ impl ModelFile {
     ///
     /// # Errors
     /// [`ModelError::Domain`] if it is sampled, [`ModelError::Shape`] or [`ModelError::NotFinite`].
-    pub fn continuous(&self) -> std::result::Result<StateSpace<Continuous>, ModelError> {
+    pub fn continuous(&self) -> Result<StateSpace<Continuous>, ModelError> {
         if self.is_sampled() {
             return Err(ModelError::Domain {
                 what: "this step",
@@ -422,7 +418,7 @@ impl ModelFile {
     ///
     /// # Errors
     /// [`ModelError::Domain`] if it is continuous, [`ModelError::Shape`], [`ModelError::NotFinite`] or [`ModelError::Number`].
-    pub fn sampled(&self) -> std::result::Result<StateSpace<Sampled>, ModelError> {
+    pub fn sampled(&self) -> Result<StateSpace<Sampled>, ModelError> {
         if !self.is_sampled() {
             return Err(ModelError::Domain {
                 what: "this step",

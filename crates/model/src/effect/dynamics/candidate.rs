@@ -5,9 +5,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel::{self, OnChannel};
+use crate::effect::definition::Spread;
 use crate::effect::definition::{Effect, Facts, Scales, Site};
 use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
+use crate::file::candidate::CandidateParameter;
 use crate::file::candidate::{Candidate as Suspected, Candidates};
 use crate::simulate::plan::Plan;
 use crate::simulate::system::{Dynamics, System};
@@ -38,7 +40,7 @@ impl Effect for Candidate {
 
     fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
         let (_, suspected) = named(on)?;
-        let parameter = |(name, said): &(String, crate::file::candidate::CandidateParameter)| {
+        let parameter = |(name, said): &(String, CandidateParameter)| {
             let free = channel::free(
                 name.clone(),
                 said.unit.clone().unwrap_or_else(|| "1".to_owned()),
@@ -108,11 +110,10 @@ fn term_of_one(all: &Candidates, suspected: &Suspected, parameter: usize, scales
     let mut workspace = equations.workspace();
     let (states, inputs) = (equations.state_variables().len(), equations.input_symbols().len());
     let mut slope = |p: &[f64], turn: usize| {
-        let signed =
-            |list: &[crate::effect::definition::Spread], count: usize, shift: usize| -> Vec<f64> {
-                let sign = |i: usize| if (turn >> ((i + shift) % 4)) & 1 == 1 { -1.0 } else { 1.0 };
-                (0..count).map(|i| sign(i) * list.get(i).map_or(0.0, |s| s.rms)).collect()
-            };
+        let signed = |list: &[Spread], count: usize, shift: usize| -> Vec<f64> {
+            let sign = |i: usize| if (turn >> ((i + shift) % 4)) & 1 == 1 { -1.0 } else { 1.0 };
+            (0..count).map(|i| sign(i) * list.get(i).map_or(0.0, |s| s.rms)).collect()
+        };
         let (x, u) = (signed(&scales.states, states, 0), signed(&scales.inputs, inputs, 1));
         let mut dx = vec![0.0; states];
         equations.derivatives(0.0, &x, &u, p, &mut workspace, &mut dx);

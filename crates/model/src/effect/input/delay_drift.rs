@@ -6,6 +6,7 @@ use crate::effect::channel::{self, OnChannel};
 use crate::effect::definition::{Change, Effect, Facts, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::simulate::piecewise::Piecewise;
 use crate::simulate::plan::Plan;
 
 /// No delay grows or shrinks faster than this, in seconds per second: at 1 no later command would ever arrive.
@@ -45,8 +46,7 @@ impl Effect for DelayDrift {
 
     fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let (delay_s, rate) = (values[0], values[1]);
-        let drifted =
-            move |signal: crate::simulate::piecewise::Piecewise| signal.drifting(delay_s, rate);
+        let drifted = move |signal: Piecewise| signal.drifting(delay_s, rate);
         plan.inputs[on.input()?].maps.push(Arc::new(drifted));
         Ok(())
     }

@@ -6,6 +6,7 @@ use crate::effect::channel::{self, OnChannel};
 use crate::effect::definition::{Change, Effect, Facts, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::simulate::piecewise::Piecewise;
 use crate::simulate::plan::Plan;
 
 /// A dead time that jumps, at the same time in every log.
@@ -37,9 +38,7 @@ impl Effect for DelayJump {
 
     fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let (before_s, time_s, later_s) = (values[0], values[1], values[2]);
-        let jumped = move |signal: crate::simulate::piecewise::Piecewise| {
-            signal.delayed_until(before_s, time_s, later_s)
-        };
+        let jumped = move |signal: Piecewise| signal.delayed_until(before_s, time_s, later_s);
         plan.inputs[on.input()?].maps.push(Arc::new(jumped));
         Ok(())
     }

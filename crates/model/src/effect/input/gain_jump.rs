@@ -6,6 +6,7 @@ use crate::effect::channel::{self, OnChannel};
 use crate::effect::definition::{Change, Effect, Facts, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::simulate::piecewise::Piecewise;
 use crate::simulate::plan::Plan;
 
 /// The gain of an actuator that steps, at the same time in every log: a motor that is lost, a load that drops.
@@ -35,9 +36,7 @@ impl Effect for GainJump {
 
     fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let (gain, time_s, later) = (values[0], values[1], values[2]);
-        let stepped = move |signal: crate::simulate::piecewise::Piecewise| {
-            signal.scaled_until(gain, time_s, later)
-        };
+        let stepped = move |signal: Piecewise| signal.scaled_until(gain, time_s, later);
         plan.inputs[on.input()?].maps.push(Arc::new(stepped));
         Ok(())
     }
