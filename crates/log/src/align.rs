@@ -2,8 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::error;
-use super::error::LogError;
+use super::error::{self, LogError};
 use super::listing::GAP_STEPS;
 use super::log::{Channel, Log, Output};
 use super::recording::{Recording, Topic};

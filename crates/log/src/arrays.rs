@@ -1,7 +1,6 @@
 //! Topics out of named arrays and structs, as MATLAB and Simulink save them.
 
 use super::error::Error;
-use super::error::LogError;
 use super::numbers::Numbers;
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
 use crate::csv::clock::{Times, named_time, seconds};
@@ -56,20 +55,14 @@ pub(super) fn assemble(
     for found in found {
         topics.extend(found.table(origin_ns).finish(source, &mut notes)?);
     }
-    if topics.is_empty() {
-        if variables.iter().any(|(_, array)| {
-            matches!(array, Array::Numbers { .. } | Array::Struct(_) | Array::List(_))
-        }) {
-            notes.push(
-                Message::from(
-                    "no vector of time was found: call one `time` or `t`, or name it with ",
-                )
-                .and(Remedy::TimeColumn),
-            );
-        }
-        return Err(LogError::NoTopics { file: source.into(), format: title, notes }.into());
+    let numbers = |(_, array): &(String, Array)| {
+        matches!(array, Array::Numbers { .. } | Array::Struct(_) | Array::List(_))
+    };
+    if topics.is_empty() && variables.iter().any(numbers) {
+        let missing = "no vector of time was found: call one `time` or `t`, or name it with ";
+        notes.push(Message::from(missing).and(Remedy::TimeColumn));
     }
-    Ok(Recording { source: source.into(), format, topics, notes })
+    Recording::of_topics(source, (format, title), topics, notes)
 }
 
 impl Found<'_> {

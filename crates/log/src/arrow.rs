@@ -21,8 +21,7 @@ use arrow_schema::{DataType, TimeUnit as Unit};
 
 use super::columns::{Cells, Column, assemble, guarded};
 use super::counted::{READING, whole};
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::recording::{ReadOptions, Recording, TimeUnit};
 use crate::notes::Notes;
 
@@ -48,7 +47,7 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
     let begin = if bytes.starts_with(MAGIC) { HEAD } else { 0 };
     let mut notes = Notes::default();
     let end = sound(&bytes, begin, &mut notes);
-    let refused = |what: String| LogError::Format { file: source.to_owned(), format: NAME, what };
+    let refused = |what: String| LogError::format(source, NAME, what);
     let stream = bytes.get(begin..end).unwrap_or_default();
     let reader =
         StreamReader::try_new(Cursor::new(stream), None).map_err(|e| refused(e.to_string()))?;

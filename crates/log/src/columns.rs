@@ -1,7 +1,6 @@
 //! Logs out of tables of typed columns, as Parquet and Arrow files hold them.
 
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
 use crate::csv::clock::{named_time, seconds};
 use crate::notes::Notes;
@@ -14,8 +13,8 @@ pub(super) fn guarded<T>(
     read: impl FnOnce() -> Result<T, Error>,
 ) -> Result<T, Error> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(read)).unwrap_or_else(|_| {
-        let what = "damaged: its parts do not fit together; write it again".into();
-        Err(LogError::Format { file: source.into(), format, what }.into())
+        let what = "damaged: its parts do not fit together; write it again";
+        Err(LogError::format(source, format, what).into())
     })
 }
 
@@ -126,9 +125,6 @@ pub(super) fn assemble(
             }
         }
     }
-    let topics: Vec<_> = table.finish(source, &mut notes)?.into_iter().collect();
-    if topics.is_empty() {
-        return Err(LogError::NoTopics { file: source.into(), format: title, notes }.into());
-    }
-    Ok(Recording { source: source.into(), format, topics, notes })
+    let topics = table.finish(source, &mut notes)?.into_iter().collect();
+    Recording::of_topics(source, (format, title), topics, notes)
 }

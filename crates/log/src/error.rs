@@ -496,6 +496,27 @@ pub enum LogError {
 
 remedied!(Error { Log });
 
+impl LogError {
+    /// A file that is not as its format says.
+    pub(super) fn format(file: &str, format: &'static str, what: impl Into<String>) -> Self {
+        Self::Format { file: file.to_owned(), format, what: what.into() }
+    }
+
+    /// A channel that is none of these.
+    pub(super) fn unknown_channel<'a>(
+        file: &str,
+        wanted: &str,
+        names: impl Iterator<Item = &'a str> + Clone,
+    ) -> Self {
+        Self::UnknownChannel {
+            file: file.to_owned(),
+            channel: wanted.to_owned(),
+            closest: closest(wanted, names.clone()).map(Into::into),
+            existing: names.map(Into::into).collect(),
+        }
+    }
+}
+
 impl Remedied for LogError {
     fn remedied(&self) -> Option<Message> {
         let said = |text: String| Message::from(text);

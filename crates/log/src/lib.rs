@@ -35,6 +35,7 @@ mod recording;
 mod ros;
 mod ros_types;
 mod rosbag2;
+mod scalar;
 mod sqlite;
 mod step;
 #[cfg(test)]

@@ -1,6 +1,5 @@
 //! Time stamps and named channels, checked once when built.
 
-use super::error;
 use super::error::LogError;
 use super::numbers::Values;
 use crate::csv::table::name_and_unit;
@@ -437,12 +436,7 @@ impl Log {
         }
         match self.unusable.iter().find(|column| column.name == name) {
             Some(column) => Err(column.error.clone()),
-            None => Err(LogError::UnknownChannel {
-                file: self.source.clone(),
-                channel: name.into(),
-                closest: error::closest(name, self.all_names()).map(Into::into),
-                existing: self.all_names().map(Into::into).collect(),
-            }),
+            None => Err(LogError::unknown_channel(&self.source, name, self.all_names())),
         }
     }
 
@@ -515,8 +509,9 @@ impl Log {
     }
 
     /// All columns' names, those that hold no numbers last.
-    fn all_names(&self) -> impl Iterator<Item = &str> {
-        self.names().chain(self.unusable.iter().map(|column| column.name.as_str()))
+    fn all_names(&self) -> impl Iterator<Item = &str> + Clone {
+        let unusable = self.unusable.iter().map(|column| column.name.as_str());
+        self.channels.iter().map(Channel::name).chain(unusable)
     }
 
     pub(super) fn start_s(&self) -> f64 {

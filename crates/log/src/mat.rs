@@ -9,10 +9,10 @@ use flate2::read::ZlibDecoder;
 
 use super::arrays::{Array, assemble};
 use super::counted::{READING, whole};
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::mcos;
 use super::recording::{ReadOptions, Recording};
+use super::scalar::Scalar;
 use crate::notes::Notes;
 
 const NAME: &str = "MAT 5";
@@ -42,8 +42,7 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 
 /// Reads the bytes of a file.
 pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<Recording, Error> {
-    let refused =
-        |what: &str| LogError::Format { file: source.into(), format: NAME, what: what.into() };
+    let refused = |what: &str| LogError::format(source, NAME, what);
     let big = match bytes.get(124..128) {
         Some([0, 1, b'I', b'M']) => false,
         Some([1, 0, b'M', b'I']) => true,
@@ -159,32 +158,20 @@ impl<'a> Elements<'a> {
 }
 
 fn numbers(kind: u32, content: &[u8], big: bool) -> Option<Vec<f64>> {
-    fn all<const N: usize>(content: &[u8], big: bool, value: fn([u8; N]) -> f64) -> Vec<f64> {
-        let (whole, _) = content.as_chunks::<N>();
-        whole
-            .iter()
-            .map(|bytes| {
-                let mut bytes = *bytes;
-                if big {
-                    bytes.reverse();
-                }
-                value(bytes)
-            })
-            .collect()
-    }
-    Some(match kind {
-        INT8 => all(content, big, |b| f64::from(i8::from_le_bytes(b))),
-        2 | UTF8 => all(content, big, |b| f64::from(u8::from_le_bytes(b))),
-        3 => all(content, big, |b| f64::from(i16::from_le_bytes(b))),
-        4 => all(content, big, |b| f64::from(u16::from_le_bytes(b))),
-        5 => all(content, big, |b| f64::from(i32::from_le_bytes(b))),
-        6 => all(content, big, |b| f64::from(u32::from_le_bytes(b))),
-        7 => all(content, big, |b| f64::from(f32::from_le_bytes(b))),
-        9 => all(content, big, f64::from_le_bytes),
-        12 => all(content, big, |b| i64::from_le_bytes(b) as f64),
-        13 => all(content, big, |b| u64::from_le_bytes(b) as f64),
+    let number = match kind {
+        INT8 => Scalar::I8,
+        2 | UTF8 => Scalar::U8,
+        3 => Scalar::I16,
+        4 => Scalar::U16,
+        5 => Scalar::I32,
+        6 => Scalar::U32,
+        7 => Scalar::F32,
+        9 => Scalar::F64,
+        12 => Scalar::I64,
+        13 => Scalar::U64,
         _ => return None,
-    })
+    };
+    Some(content.chunks_exact(number.size()).filter_map(|b| number.value(b, big)).collect())
 }
 
 /// So many structs of the same fields.

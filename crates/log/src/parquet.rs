@@ -13,8 +13,7 @@ use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 
 use super::columns::{Cells, Column, assemble, guarded};
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::recording::{ReadOptions, Recording, TimeUnit};
 use crate::notes::Notes;
 use deadtime_signal::progress::HowFar;
@@ -30,11 +29,8 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 
 fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Recording, Error> {
     let file = File::open(path).map_err(|e| Error::io(path, e))?;
-    let (columns, notes) = read(file, &options.far).map_err(|e| LogError::Format {
-        file: source.to_owned(),
-        format: NAME,
-        what: e.to_string(),
-    })?;
+    let (columns, notes) =
+        read(file, &options.far).map_err(|e| LogError::format(source, NAME, e.to_string()))?;
     assemble(source, "parquet", NAME, columns, notes, options)
 }
 

@@ -6,8 +6,7 @@ use std::path::Path;
 
 use super::bag::{Bag, Schema};
 use super::counted::Counted;
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::recording::{ReadOptions, Recording};
 use super::sqlite::Database;
 
@@ -34,8 +33,7 @@ pub(super) fn journal(path: &Path) -> Option<String> {
 
 /// Reads a database, perhaps one of several, into a bag.
 pub(super) fn fill(source: &str, bytes: impl Read + Seek, bag: &mut Bag) -> Result<(), Error> {
-    let refused =
-        |what: &str| LogError::Format { file: source.into(), format: NAME, what: what.into() };
+    let refused = |what: &str| LogError::format(source, NAME, what);
     let Some(mut base) = Database::open(bytes).map_err(|e| Error::io(Path::new(source), e))? else {
         return Err(
             refused("the file is cut off or damaged at its beginning; copy it again").into()

@@ -3,6 +3,7 @@
 use crate::log::neighbours;
 use crate::recording::TimeUnit;
 use deadtime_signal::remedy::{Message, Remedy};
+use deadtime_signal::stats;
 
 /// Whole numbers beyond this are counted from the first stamp, so that differences of nanoseconds since 1970 keep every digit; seconds since 1970 are, too.
 const COUNTED_FROM_FIRST: i128 = 100_000_000_000;
@@ -218,9 +219,8 @@ fn parts(text: &str) -> Option<(i128, f64)> {
 
 /// The median difference of neighbours; 0 for fewer than two stamps.
 pub(crate) fn median_step(stamps: &[f64]) -> f64 {
-    let mut steps: Vec<f64> = neighbours(stamps).map(|(before, after)| after - before).collect();
-    let middle = steps.len() / 2;
-    if steps.is_empty() { 0.0 } else { *steps.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    let steps = neighbours(stamps).map(|(before, after)| after - before).collect();
+    stats::upper_median(steps).unwrap_or(0.0)
 }
 
 /// Nanoseconds since 1970 of a date by ISO 8601: `2024-03-01`, `2024-03-01T12:30:01.25Z`, `2024-03-01 12:30:01,25+01:00`. Without a zone it is taken as UTC.

@@ -9,12 +9,10 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use super::clock::Stamps;
-use super::lines::Separator;
-use super::lines::{LONGEST_LINE, Lines};
+use super::lines::{LONGEST_LINE, Lines, Separator};
 use super::table::{GZIP_MAGIC, Header};
 use super::utf16::byte_order;
-use crate::error::Error;
-use crate::error::LogError;
+use crate::error::{Error, LogError};
 use crate::log::{Place, time_follows};
 use crate::recording::ReadOptions;
 

@@ -8,8 +8,7 @@ use nalgebra::Complex;
 
 use super::lines::Lines;
 use super::table::{open, parse, shown};
-use crate::error::Error;
-use crate::error::LogError;
+use crate::error::{Error, LogError};
 use crate::frequency::{FrequencyError, FrequencyResponse, Quality};
 use crate::log::Place;
 use deadtime_signal::progress::HowFar;
@@ -132,15 +131,7 @@ pub fn read_frequency_response_from(
         (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let mut empty = 0;
     while lines.next()? {
-        if lines.len() != cells {
-            return Err(LogError::RowLength {
-                file: file(),
-                row: lines.row,
-                expected: cells,
-                found: lines.len(),
-            }
-            .into());
-        }
+        lines.must_have(cells)?;
         let row = wanted
             .iter()
             .map(|column| number(&lines, column))
@@ -228,10 +219,7 @@ fn said(
 fn columns(lines: &Lines<'_>) -> Result<Vec<Column>, LogError> {
     let text = |place| std::str::from_utf8(lines.cell(place)).map(str::to_owned);
     let column = |place| text(place).map(|name| Column { place, words: words(&name), name });
-    (0..lines.len())
-        .map(column)
-        .collect::<Result<_, _>>()
-        .map_err(|_| LogError::NotText { file: lines.file.to_owned(), row: lines.row })
+    (0..lines.len()).map(column).collect::<Result<_, _>>().map_err(|_| lines.not_text())
 }
 
 /// What a column is: the first role that one of its words names.

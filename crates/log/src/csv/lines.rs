@@ -9,8 +9,7 @@ use flate2::bufread::MultiGzDecoder;
 
 use super::table::{GZIP_MAGIC, first_bytes};
 use super::utf16::{Utf16, byte_order};
-use crate::error::Error;
-use crate::error::LogError;
+use crate::error::{Error, LogError};
 
 /// A longer line is no row of a log, whatever the file is.
 pub(super) const LONGEST_LINE: u64 = 1 << 24;
@@ -300,12 +299,12 @@ impl<'a> Lines<'a> {
             self.open = !self.line.ends_with(b"\n");
             if let Some(at) = self.line.iter().position(|byte| *byte == 0) {
                 if !self.zeros_from(at)? {
-                    return Err(LogError::NotText { file: self.file.into(), row: self.row }.into());
+                    return Err(self.not_text().into());
                 }
                 self.line.truncate(at);
                 self.broken = Some(Break::Zeros);
             } else if read == LONGEST_LINE && self.open {
-                return Err(LogError::NotText { file: self.file.into(), row: self.row }.into());
+                return Err(self.not_text().into());
             }
             if !self.open {
                 self.ended = self.read;
@@ -423,6 +422,20 @@ impl<'a> Lines<'a> {
     /// The number of cells in the current line.
     pub(super) fn len(&self) -> usize {
         self.cells.len()
+    }
+
+    /// The current line has as many cells as the header.
+    pub(super) fn must_have(&self, expected: usize) -> Result<(), LogError> {
+        let (file, row, found) = (self.file.to_owned(), self.row, self.len());
+        if found == expected {
+            return Ok(());
+        }
+        Err(LogError::RowLength { file, row, expected, found })
+    }
+
+    /// The current line is no text.
+    pub(super) fn not_text(&self) -> LogError {
+        LogError::NotText { file: self.file.to_owned(), row: self.row }
     }
 
     /// A cell of the current line without spaces around it; empty beyond the last one.

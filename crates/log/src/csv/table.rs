@@ -1,13 +1,10 @@
 //! Tables of text.
 
-use super::clock;
-use super::clock::median_step;
-use super::clock::{Stamps, Why};
+use super::clock::{self, Stamps, Why, median_step};
 use super::lines::{Lines, Separator};
 use super::number::decimal;
 use crate::counted::Counted;
-use crate::error::Error;
-use crate::error::LogError;
+use crate::error::{Error, LogError};
 use crate::log::{Channel, Log, Origin, Place, Rows, Unusable, time_follows};
 use crate::notes::Notes;
 use crate::recording::{ReadOptions, Recording, TimeUnit};
@@ -75,27 +72,11 @@ pub fn read_events_from(
     let cells = lines.len();
     let text =
         |place| std::str::from_utf8(lines.cell(place)).map(|cell| name_and_unit(cell).0.to_owned());
-    let names: Vec<String> = (0..cells)
-        .map(text)
-        .collect::<Result<_, _>>()
-        .map_err(|_| LogError::NotText { file: file(), row: lines.row })?;
+    let names: Vec<String> =
+        (0..cells).map(text).collect::<Result<_, _>>().map_err(|_| lines.not_text())?;
     let mut found = Vec::with_capacity(2);
     for column in columns {
-        let mut places = (0..cells).filter(|&i| names.get(i).is_some_and(|name| name == column));
-        let Some(place) = places.next() else {
-            let closest =
-                crate::error::closest(column, names.iter().map(String::as_str)).map(Into::into);
-            return Err(LogError::UnknownChannel {
-                file: file(),
-                channel: column.into(),
-                closest,
-                existing: names,
-            }
-            .into());
-        };
-        if places.next().is_some() {
-            return Err(LogError::DuplicateChannel { file: file(), channel: column.into() }.into());
-        }
+        let place = only(&names, source, column)?;
         let unit = std::str::from_utf8(lines.cell(place))
             .ok()
             .and_then(|cell| name_and_unit(cell).1)
@@ -103,15 +84,7 @@ pub fn read_events_from(
         found.push((place, EventTimes { name: column.into(), unit, times: Vec::new() }));
     }
     while lines.next()? {
-        if lines.len() != cells {
-            return Err(LogError::RowLength {
-                file: file(),
-                row: lines.row,
-                expected: cells,
-                found: lines.len(),
-            }
-            .into());
-        }
+        lines.must_have(cells)?;
         for (place, events) in &mut found {
             let (cell, row, channel) = (lines.cell(*place), lines.row, events.name.clone());
             let found = parse(cell, lines.separator.allows_decimal_comma());
@@ -133,6 +106,18 @@ pub fn read_events_from(
     match (columns.next(), columns.next()) {
         (Some(first), Some(second)) => Ok([first, second]),
         _ => Err(LogError::NoSamples { file: file() }.into()),
+    }
+}
+
+/// The place of the one column of this name.
+fn only(names: &[String], file: &str, column: &str) -> Result<usize, LogError> {
+    let mut places = (0..names.len()).filter(|&i| names.get(i).is_some_and(|name| name == column));
+    match (places.next(), places.next()) {
+        (Some(place), None) => Ok(place),
+        (Some(_), Some(_)) => {
+            Err(LogError::DuplicateChannel { file: file.to_owned(), channel: column.to_owned() })
+        }
+        (None, _) => Err(LogError::unknown_channel(file, column, names.iter().map(String::as_str))),
     }
 }
 
@@ -373,10 +358,10 @@ pub(super) fn names(lines: &Lines<'_>, notes: &mut Notes) -> Result<Names, LogEr
                 notes.push_once(note);
                 cell.iter().map(|byte| char::from(*byte)).collect()
             }
-            Err(_) => return Err(LogError::NotText { file: lines.file.into(), row: lines.row }),
+            Err(_) => return Err(lines.not_text()),
         };
         if text.chars().any(|c| c.is_control() && c != '\t') {
-            return Err(LogError::NotText { file: lines.file.into(), row: lines.row });
+            return Err(lines.not_text());
         }
         let (name, unit) = name_and_unit(&text);
         names.push((name.to_owned(), unit.map(ToOwned::to_owned)));
@@ -412,6 +397,44 @@ pub(super) fn take_units(names: &mut Names, time: usize, below: &[Vec<u8>]) -> b
     true
 }
 
+/// The name of the column of time, and the others with their places; `index`: the first has no name and counts the rows.
+fn channels(
+    lines: &Lines<'_>,
+    names: Names,
+    (time, index): (usize, bool),
+    options: &ReadOptions,
+    notes: &mut Notes,
+) -> Result<(String, Vec<(usize, String, Option<String>)>), LogError> {
+    let file = || lines.file.to_owned();
+    let (mut clock, mut columns) = (String::new(), Vec::with_capacity(names.len()));
+    for (place, (name, unit)) in names.into_iter().enumerate() {
+        if place == time {
+            clock = name;
+            continue;
+        }
+        match name.as_str() {
+            "" if place == 0 && index => {
+                notes.push("column 1 has no name and counts the rows; left out".to_owned())
+            }
+            "" => {
+                let (row, column) = (lines.row, place + 1);
+                return Err(LogError::UnnamedColumn { file: file(), row, column });
+            }
+            "time" if options.time.is_none() => {
+                return Err(LogError::DuplicateChannel { file: file(), channel: name });
+            }
+            "time" => notes
+                .push("the column `time` is left out: another one is taken as the time".to_owned()),
+            _ => columns.push((place, name, unit)),
+        }
+    }
+    let mut seen = std::collections::HashSet::new();
+    if let Some((_, twice, _)) = columns.iter().find(|(_, name, _)| !seen.insert(name)) {
+        return Err(LogError::DuplicateChannel { file: file(), channel: twice.clone() });
+    }
+    Ok((clock, columns))
+}
+
 impl Header {
     pub(super) fn read(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<Self, Error> {
         let file = lines.file;
@@ -431,12 +454,8 @@ impl Header {
         if let (Some(row), true) =
             (trailing, matches!(parse(cell(names.len()), true), Cell::Number(_)))
         {
-            return Err(LogError::UnnamedColumn {
-                file: file.into(),
-                row,
-                column: names.len() + 1,
-            }
-            .into());
+            let column = names.len() + 1;
+            return Err(LogError::UnnamedColumn { file: file.into(), row, column }.into());
         }
         let index = unnamed_first(&mut names, cell(0), options, &mut notes);
         let (time, _) = time_column(lines, &names, options)?;
@@ -445,43 +464,9 @@ impl Header {
             lines.skip_below();
         }
         let (_, unit) = time_column(lines, &names, options)?;
-        let mut columns = Vec::with_capacity(names.len());
-        let mut clock = Clock { column: String::new(), unit };
         let cells = names.len();
-        for (place, (name, unit)) in names.into_iter().enumerate() {
-            if place == time {
-                clock.column = name;
-                continue;
-            }
-            match name.as_str() {
-                "" if place == 0 && index => {
-                    notes.push("column 1 has no name and counts the rows; left out".to_owned())
-                }
-                "" => {
-                    return Err(LogError::UnnamedColumn {
-                        file: file.into(),
-                        row: lines.row,
-                        column: place + 1,
-                    }
-                    .into());
-                }
-                "time" if options.time.is_none() => {
-                    return Err(
-                        LogError::DuplicateChannel { file: file.into(), channel: name }.into()
-                    );
-                }
-                "time" => notes.push(
-                    "the column `time` is left out: another one is taken as the time".to_owned(),
-                ),
-                _ => columns.push((place, name, unit)),
-            }
-        }
-        let mut seen = std::collections::HashSet::new();
-        if let Some((_, twice, _)) = columns.iter().find(|(_, name, _)| !seen.insert(name)) {
-            return Err(
-                LogError::DuplicateChannel { file: file.into(), channel: twice.clone() }.into()
-            );
-        }
+        let (column, columns) = channels(lines, names, (time, index), options, &mut notes)?;
+        let clock = Clock { column, unit };
         let separator = lines.separator;
         let decimal_comma = separator.allows_decimal_comma()
             || lines.below().iter().any(|cell| has_decimal_comma(cell));
@@ -499,16 +484,10 @@ impl Header {
     /// The cell of a column in each line.
     pub(super) fn place(&self, file: &str, column: &str) -> Result<usize, LogError> {
         let names = || self.columns.iter().map(|(_, name, _)| name.as_str());
-        self.columns
-            .iter()
-            .find(|(_, name, _)| name == column)
+        let found = self.columns.iter().find(|(_, name, _)| name == column);
+        found
             .map(|(place, ..)| *place)
-            .ok_or_else(|| LogError::UnknownChannel {
-                file: file.into(),
-                channel: column.into(),
-                closest: crate::error::closest(column, names()).map(Into::into),
-                existing: names().map(Into::into).collect(),
-            })
+            .ok_or_else(|| LogError::unknown_channel(file, column, names()))
     }
 
     pub(super) fn check_length(&self, lines: &Lines<'_>) -> Result<(), LogError> {
@@ -521,12 +500,7 @@ impl Header {
             Some(row) if one_more => {
                 Err(LogError::UnnamedColumn { file: lines.file.into(), row, column: found })
             }
-            _ => Err(LogError::RowLength {
-                file: lines.file.into(),
-                row: lines.row,
-                expected,
-                found,
-            }),
+            _ => lines.must_have(expected),
         }
     }
 
@@ -641,13 +615,8 @@ pub(super) fn time_column(
     let first = || names.first().map_or_else(String::new, |(name, _)| shown(name.as_bytes()));
     let time = match &options.time {
         Some(wanted) => names.iter().position(|(name, _)| name == wanted).ok_or_else(|| {
-            LogError::UnknownChannel {
-                file: file(),
-                channel: wanted.clone(),
-                closest: crate::error::closest(wanted, names.iter().map(|(n, _)| n.as_str()))
-                    .map(Into::into),
-                existing: names.iter().map(|(n, _)| n.clone()).collect(),
-            }
+            let known = names.iter().map(|(name, _)| name.as_str());
+            LogError::unknown_channel(lines.file, wanted, known)
         })?,
         None => {
             let called = |place: usize, name: &str| clock::named(name, place == 0).is_some();

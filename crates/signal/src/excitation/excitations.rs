@@ -11,8 +11,7 @@ use super::staircase::Staircase;
 use super::step::Step;
 use super::three_two_one_one::ThreeTwoOneOne;
 use super::two_ramps::TwoRamps;
-use crate::registry;
-use crate::registry::{Entry, RegistryError, entry};
+use crate::registry::{self, Entry, RegistryError, entry};
 
 /// Every excitation there is.
 pub const EXCITATIONS: &[Entry<dyn Excitation>] = &[
