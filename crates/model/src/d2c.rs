@@ -4,8 +4,7 @@ use nalgebra::DMatrix;
 
 use super::error::ModelError;
 use super::matrix;
-use super::state_space::Continuous;
-use super::state_space::{Sampled, StateSpace};
+use super::state_space::{Continuous, Sampled, StateSpace};
 
 /// The continuous model whose zero-order-hold conversion is `sys`: log of [A B; 0 I] over Ts. Whole-sample delays become seconds.
 ///

@@ -11,8 +11,7 @@ use nalgebra::{DMatrix, SVD, SymmetricEigen};
 use serde::Serialize;
 
 use super::error::ModelError;
-use super::hinf;
-use super::hinf::Matrices;
+use super::hinf::{self, Matrices};
 use super::state_space::{StateSpace, TimeDomain};
 use super::zeros;
 

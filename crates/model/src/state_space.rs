@@ -4,6 +4,7 @@ use nalgebra::{Complex, DMatrix, DVector};
 
 use super::error::ModelError;
 use super::hinf::Peak;
+use super::matrix::check_matrix;
 use super::transfer_function::TransferFunction;
 use super::zeros;
 use deadtime_signal::time::SampleTime;
@@ -156,12 +157,6 @@ impl StateSpace<Sampled> {
         }
         Self::new(a, b, c, d, self.domain)
     }
-
-    /// The dead time and relative degree together: samples from a change of the input to the first change of the output, `None` if it never comes.
-    #[must_use]
-    pub fn first_response(&self, output: usize, input: usize) -> Option<usize> {
-        Some(self.relative_degree(output, input)? + self.input_delay.get(input)?)
-    }
 }
 
 impl<T: TimeDomain> StateSpace<T> {
@@ -180,24 +175,7 @@ impl<T: TimeDomain> StateSpace<T> {
         for (matrix, got, rows, columns) in
             [("A", &a, n, n), ("B", &b, n, m), ("C", &c, p, n), ("D", &d, p, m)]
         {
-            if got.shape() != (rows, columns) {
-                return Err(ModelError::Shape {
-                    matrix,
-                    rows,
-                    columns,
-                    got_rows: got.nrows(),
-                    got_columns: got.ncols(),
-                });
-            }
-            if let Some(at) = got.iter().position(|v| !v.is_finite()) {
-                let (row, column) = (at % rows + 1, at / rows + 1);
-                return Err(ModelError::NotFinite {
-                    matrix,
-                    row,
-                    column,
-                    value: got[(row - 1, column - 1)],
-                });
-            }
+            check_matrix(matrix, got, (rows, columns))?;
         }
         Ok(Self { a, b, c, d, input_delay: vec![T::Delay::default(); m], domain })
     }

@@ -16,9 +16,8 @@ use crate::simulate::run::Commands;
 use crate::simulate::system::System;
 use deadtime_log::{Channel, Log, LogError};
 use deadtime_signal::progress::HowFar;
-use deadtime_signal::stats;
 use deadtime_signal::time::TimeError;
-use deadtime_signal::{Noise, NoiseColour, NoiseScaling, SignalError};
+use deadtime_signal::{Noise, NoiseColour, NoiseScaling, SignalError, stats};
 
 /// Tight: a simulation on paper is to differ from a measurement by the model alone.
 const TOLERANCE: Tolerance = Tolerance {

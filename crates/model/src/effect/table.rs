@@ -4,8 +4,7 @@ use nalgebra::DMatrix;
 
 use super::applied::Applied;
 use super::channel::OnChannel;
-use super::definition::Effect;
-use super::definition::Site;
+use super::definition::{Effect, Site};
 use super::effects::EFFECTS;
 use super::parameter::Parameter;
 use crate::simulate::system::{Dynamics, Matrices, Port, System};

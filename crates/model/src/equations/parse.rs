@@ -9,8 +9,7 @@ use winnow::stream::{Stateful, TokenSlice};
 use winnow::token::any;
 
 use super::error::{EquationError, Fault, closest};
-use super::function;
-use super::function::Operation;
+use super::function::{self, Operation};
 use super::token::{Span, Token, Word, Wrong, is_function, words};
 
 /// What a name stands for.

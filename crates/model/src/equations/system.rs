@@ -2,8 +2,7 @@
 
 use super::error::EquationError;
 use super::explain::NonFinite;
-use super::parse::reserved;
-use super::parse::{Leaf, Scope, Tree, parse};
+use super::parse::{Leaf, Scope, Tree, parse, reserved};
 use super::program::{Point, Program, Registers, Seeds, Sizes};
 use super::{explain, token};
 use nalgebra::DMatrix;
@@ -529,28 +528,6 @@ impl Equations {
         );
     }
 
-    /// ∂(dx/dt)/∂t, by the equations' own `time`.
-    pub fn derivatives_time_slope(
-        &self,
-        t: f64,
-        x: &[f64],
-        u: &[f64],
-        p: &[f64],
-        workspace: &mut Workspace,
-        slope: &mut [f64],
-    ) {
-        if (0..self.states.len()).any(|i| self.derivative_program.depends(i, 0)) {
-            self.derivative_program.differentiate(
-                Point { t, x, u, p },
-                (0, 1),
-                &mut workspace.derivatives,
-                slope,
-            );
-        } else {
-            slope.fill(0.0);
-        }
-    }
-
     /// The equations are linear in states and inputs, but for a constant, and `time` does not enter: the linear model about any point is the whole of them.
     #[must_use]
     pub fn is_affine(&self) -> bool {
@@ -576,13 +553,6 @@ impl Equations {
     pub fn derivative_depends(&self, state: usize, wrt: Wrt, j: usize) -> bool {
         let (first, count) = self.leaves(wrt);
         j < count && self.derivative_program.depends(state, first + j)
-    }
-
-    /// Whether an output is built from the j-th of `wrt` at all.
-    #[must_use]
-    pub fn output_depends(&self, output: usize, wrt: Wrt, j: usize) -> bool {
-        let (first, count) = self.leaves(wrt);
-        j < count && self.output_program.depends(output, first + j)
     }
 
     /// Operations of one evaluation of the derivatives and of the outputs, those on parameters alone aside.

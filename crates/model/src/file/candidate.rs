@@ -5,8 +5,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::equations::EquationsFile;
-use super::equations::ParameterEntry;
+use super::equations::{EquationsFile, ParameterEntry};
 use super::table;
 use crate::equations::parse::reserved;
 use crate::equations::system::{Equations, Workspace};

@@ -6,13 +6,12 @@ use serde::Serialize;
 
 use super::candidate::CandidateEntry;
 use super::channel::{Channel, EffectEntry, Operating};
+use super::check::unmatched;
 use super::equations::{EquationsFile, GroupEntry, GroupKind};
-use super::lti::ModelFile;
-use super::lti::State;
+use super::lti::{ModelFile, State};
 use super::nuisance::NuisanceEntry;
 use super::text::{Syntax, read_text};
-use crate::error::ModelError;
-use crate::error::Result;
+use crate::error::{ModelError, Result};
 use deadtime_log::{Log, LogError};
 
 /// A model file, linear or as equations.
@@ -23,6 +22,16 @@ pub enum ModelDocument {
     Lti(ModelFile),
     /// `kind = "equations"`.
     Equations(EquationsFile),
+}
+
+/// The same of a file of either kind.
+macro_rules! either {
+    ($document:expr, $file:ident => $value:expr) => {
+        match $document {
+            ModelDocument::Lti($file) => $value,
+            ModelDocument::Equations($file) => $value,
+        }
+    };
 }
 
 impl ModelDocument {
@@ -65,10 +74,7 @@ impl ModelDocument {
     /// # Errors
     /// [`FileError`](deadtime_signal::file::FileError), [`ModelError::Extension`].
     pub fn write(&self, path: &Path) -> Result<()> {
-        match self {
-            Self::Lti(file) => file.write(path),
-            Self::Equations(file) => file.write(path),
-        }
+        either!(self, file => file.write(path))
     }
 
     /// The file's text as TOML.
@@ -76,10 +82,7 @@ impl ModelDocument {
     /// # Errors
     /// [`ModelError::File`] if the writer refuses it.
     pub fn to_toml(&self) -> Result<String, ModelError> {
-        match self {
-            Self::Lti(file) => file.to_toml(),
-            Self::Equations(file) => file.to_toml(),
-        }
+        either!(self, file => file.to_toml())
     }
 
     /// The file's kind, `lti` or `equations`.
@@ -94,19 +97,13 @@ impl ModelDocument {
     /// The model's name.
     #[must_use]
     pub fn name(&self) -> &str {
-        match self {
-            Self::Lti(file) => &file.name,
-            Self::Equations(file) => &file.name,
-        }
+        either!(self, file => &file.name)
     }
 
     /// The inputs, in order.
     #[must_use]
     pub fn inputs(&self) -> &[Channel] {
-        match self {
-            Self::Lti(file) => &file.inputs,
-            Self::Equations(file) => &file.inputs,
-        }
+        either!(self, file => &file.inputs)
     }
 
     /// The log as the model takes it: angles without whole turns, attitudes of one sign, and the slopes that inputs ask for (`derivative_of`) and the log lacks.
@@ -165,10 +162,7 @@ impl ModelDocument {
     /// The outputs, in order.
     #[must_use]
     pub fn outputs(&self) -> &[Channel] {
-        match self {
-            Self::Lti(file) => &file.outputs,
-            Self::Equations(file) => &file.outputs,
-        }
+        either!(self, file => &file.outputs)
     }
 
     /// Name and unit of each state, in order.
@@ -216,12 +210,8 @@ impl ModelDocument {
             if itself {
                 return Ok(outputs.get(i).copied().unwrap_or(0.0));
             }
-            Err(ModelError::Unmatched {
-                path: file.name.clone().into(),
-                what: "the state",
-                name: state.name.clone(),
-                lacks: "has the name of an output that is another quantity; windows of a log would start there: give it another name",
-            })
+            let lacks = "has the name of an output that is another quantity; windows of a log would start there: give it another name";
+            Err(unmatched(Path::new(&file.name), "the state", &state.name, lacks))
         };
         let states =
             file.states.iter().enumerate().map(level).collect::<Result<Vec<f64>, ModelError>>()?;
@@ -248,27 +238,18 @@ impl ModelDocument {
     /// Effects that already belong to the simulator.
     #[must_use]
     pub fn effects(&self) -> &[EffectEntry] {
-        match self {
-            Self::Lti(file) => &file.effects,
-            Self::Equations(file) => &file.effects,
-        }
+        either!(self, file => &file.effects)
     }
 
     /// The same, to be changed.
     pub fn effects_mut(&mut self) -> &mut Vec<EffectEntry> {
-        match self {
-            Self::Lti(file) => &mut file.effects,
-            Self::Equations(file) => &mut file.effects,
-        }
+        either!(self, file => &mut file.effects)
     }
 
     /// What is unknown anew in every log and no cause of a gap.
     #[must_use]
     pub fn nuisances(&self) -> &[NuisanceEntry] {
-        match self {
-            Self::Lti(file) => &file.nuisances,
-            Self::Equations(file) => &file.nuisances,
-        }
+        either!(self, file => &file.nuisances)
     }
 
     /// Sampled, not continuous.

@@ -7,14 +7,14 @@ use serde::{Deserialize, Serialize};
 
 use super::candidate::CandidateEntry;
 use super::channel::{Channel, EffectEntry, Operating};
-use super::check::Sign;
+use super::check::{
+    Sign, check_channels, check_list, check_names, check_sample_time, check_sizes, number,
+};
 use super::equations::{EquationsFile, ParameterEntry, StateEntry};
-use super::nuisance::NuisanceEntry;
-use super::nuisance::check_nuisances;
+use super::nuisance::{NuisanceEntry, check_nuisances};
 use super::text::{FORMAT, Syntax, parse_text, read_text, syntax, write_text};
 use crate::c2d::conversion::Conversion;
-use crate::error::ModelError;
-use crate::error::Result;
+use crate::error::{ModelError, Result};
 use crate::state_space::{Continuous, Sampled, StateSpace};
 use deadtime_signal::time::SampleTime;
 
@@ -99,33 +99,20 @@ impl ModelFile {
 
     pub(super) fn check(&self, path: &Path) -> Result<(), ModelError> {
         let states: Vec<&str> = self.states.iter().map(|s| s.name.as_str()).collect();
-        super::check::check_sizes(path, [self.inputs.len(), states.len(), 0, self.outputs.len()])?;
-        super::check::check_channels(path, &self.inputs, &self.outputs)?;
-        super::check::check_names(path, "state", &states)?;
+        check_sizes(path, [self.inputs.len(), states.len(), 0, self.outputs.len()])?;
+        check_channels(path, &self.inputs, &self.outputs)?;
+        check_names(path, "state", &states)?;
         check_nuisances(path, &self.nuisances)?;
-        super::check::check_list(
+        check_list(
             path,
             "input_delay_s",
             &self.input_delay_s,
             self.inputs.len(),
             Sign::NotNegative,
         )?;
-        super::check::check_list(path, "initial", &self.initial, states.len(), Sign::Any)?;
-        super::check::check_list(
-            path,
-            "initial_std",
-            &self.initial_std,
-            states.len(),
-            Sign::NotNegative,
-        )?;
-        if !(self.sample_time_s.is_finite() && self.sample_time_s >= 0.0) {
-            return Err(ModelError::Number {
-                path: path.to_owned(),
-                key: "sample_time_s",
-                value: self.sample_time_s,
-                rule: "it must be above 0, or 0 for continuous time",
-            });
-        }
+        check_list(path, "initial", &self.initial, states.len(), Sign::Any)?;
+        check_list(path, "initial_std", &self.initial_std, states.len(), Sign::NotNegative)?;
+        check_sample_time(path, self.sample_time_s)?;
         let named =
             |e: ModelError| ModelError::File { path: path.to_owned(), detail: e.to_string() };
         if !self.candidates.is_empty() {
@@ -273,18 +260,11 @@ impl ModelFile {
             Some(about) if *about != 0.0 => format!("({name} - ({about:e}))"),
             _ => name.to_owned(),
         };
-        let states: Vec<String> = self
-            .states
-            .iter()
-            .enumerate()
-            .map(|(i, s)| deviation(&s.name, about_states.get(i)))
-            .collect();
-        let inputs: Vec<String> = self
-            .inputs
-            .iter()
-            .enumerate()
-            .map(|(j, c)| deviation(&c.name, about_inputs.get(j)))
-            .collect();
+        let deviations = |names: &mut dyn Iterator<Item = &String>, about: &[f64]| {
+            names.enumerate().map(|(i, name)| deviation(name, about.get(i))).collect::<Vec<_>>()
+        };
+        let states = deviations(&mut self.states.iter().map(|s| &s.name), about_states);
+        let inputs = deviations(&mut self.inputs.iter().map(|c| &c.name), about_inputs);
         let mut parameters = Vec::new();
         let mut derivatives = Vec::new();
         for (i, state) in self.states.iter().map(|s| s.name.as_str()).enumerate() {
@@ -371,13 +351,9 @@ impl ModelFile {
                 .or(rows.first())
                 .map_or(needed.1, Vec::len);
             if rows.len() != needed.0 || columns != needed.1 {
-                return Err(ModelError::Shape {
-                    matrix,
-                    rows: needed.0,
-                    columns: needed.1,
-                    got_rows: rows.len(),
-                    got_columns: columns,
-                });
+                let (got_rows, got_columns) = (rows.len(), columns);
+                let (rows, columns) = needed;
+                return Err(ModelError::Shape { matrix, rows, columns, got_rows, got_columns });
             }
             Ok(DMatrix::from_row_iterator(needed.0, needed.1, rows.iter().flatten().copied()))
         };
@@ -397,19 +373,23 @@ impl ModelFile {
         }
     }
 
+    fn must_be(
+        &self,
+        needed: &'static str,
+        found: &'static str,
+        is: bool,
+    ) -> Result<(), ModelError> {
+        let name = || self.name.clone();
+        let what = "this step";
+        if is { Ok(()) } else { Err(ModelError::Domain { what, needed, name: name(), found }) }
+    }
+
     /// The continuous model.
     ///
     /// # Errors
     /// [`ModelError::Domain`] if it is sampled, [`ModelError::Shape`] or [`ModelError::NotFinite`].
     pub fn continuous(&self) -> Result<StateSpace<Continuous>, ModelError> {
-        if self.is_sampled() {
-            return Err(ModelError::Domain {
-                what: "this step",
-                needed: "continuous",
-                name: self.name.clone(),
-                found: "sampled",
-            });
-        }
+        self.must_be("continuous", "sampled", !self.is_sampled())?;
         let [a, b, c, d] = self.matrices()?;
         StateSpace::continuous(a, b, c, d)?.with_input_delay(self.delays())
     }
@@ -419,26 +399,15 @@ impl ModelFile {
     /// # Errors
     /// [`ModelError::Domain`] if it is continuous, [`ModelError::Shape`], [`ModelError::NotFinite`] or [`ModelError::Number`].
     pub fn sampled(&self) -> Result<StateSpace<Sampled>, ModelError> {
-        if !self.is_sampled() {
-            return Err(ModelError::Domain {
-                what: "this step",
-                needed: "sampled",
-                name: self.name.clone(),
-                found: "continuous",
-            });
-        }
+        self.must_be("sampled", "continuous", self.is_sampled())?;
         let ts = SampleTime::new(self.sample_time_s)?;
         let [a, b, c, d] = self.matrices()?;
         let mut whole = Vec::with_capacity(self.inputs.len());
         for delay_s in self.delays() {
             let delay = ts.samples(delay_s)?;
             if delay.fraction != 0.0 {
-                return Err(ModelError::Number {
-                    path: self.name.clone().into(),
-                    key: "input_delay_s",
-                    value: delay_s,
-                    rule: "a sampled model's delays are multiples of its sample time; convert the continuous model instead",
-                });
+                let rule = "a sampled model's delays are multiples of its sample time; convert the continuous model instead";
+                return Err(number(Path::new(&self.name), "input_delay_s", delay_s, rule));
             }
             whole.push(delay.whole);
         }

@@ -1,7 +1,6 @@
 //! The text of a model file.
 
-use crate::error::ModelError;
-use crate::error::Result;
+use crate::error::{ModelError, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::Path;

@@ -6,8 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use pulp::{Arch, Simd, WithSimd};
 
 use super::error::SimulateError;
-use crate::c2d::hold::Hold;
-use crate::c2d::hold::{delayed_taps, transition};
+use crate::c2d::hold::{Hold, delayed_taps, transition};
 use crate::state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 use deadtime_signal::time::SampleTime;
 
@@ -645,8 +644,7 @@ fn rounding(time_s: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::uav;
-    use crate::uav::Dynamics;
+    use crate::uav::{self, Dynamics};
 
     fn input(samples: usize, m: usize) -> DMatrix<f64> {
         DMatrix::from_fn(samples, m, |k, j| ((k * 7919 + j * 104_729) % 23) as f64 / 11.0 - 1.0)

@@ -4,8 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::error::SimulateError;
 use super::lsim::{Options, Prehistory, lsim};
-use crate::c2d::hold::Hold;
-use crate::c2d::hold::transition;
+use crate::c2d::hold::{Hold, transition};
 use crate::matrix::exp;
 use crate::state_space::{Continuous, Sampled, StateSpace};
 use deadtime_signal::time::SampleTime;

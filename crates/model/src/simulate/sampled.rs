@@ -6,8 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::assembly::Assembly;
-use super::black_box;
-use super::black_box::Simulator;
+use super::black_box::{self, Simulator};
 use super::error::SimulateError;
 use super::linear::Linear;
 use super::piecewise::{Piece, Piecewise};
@@ -283,12 +282,7 @@ pub(super) fn run(
     };
     let after = |x: &DVector<f64>, k: usize| &matrices.a * x + &matrices.b * about(&mean, k);
     let mut sensors = Sensors::new(plan, &grid);
-    let mut run = Run {
-        y: DMatrix::zeros(samples, plan.outputs.len()),
-        x: DMatrix::zeros(samples, x0.len()),
-        steps: 0,
-        begins: Vec::new(),
-    };
+    let mut run = Run::of(samples, plan.outputs.len(), (samples, x0.len()));
     let mut x = DVector::from_column_slice(x0);
     let horizon = correction.and_then(|c| c.horizon);
     let mut predicted = horizon.map(|every| Ahead {
@@ -370,12 +364,7 @@ pub(super) fn called(
     for row in own.row_iter() {
         sensors.push(&row.iter().copied().collect::<Vec<_>>())?;
     }
-    let mut run = Run {
-        y: DMatrix::zeros(time_s.len(), plan.outputs.len()),
-        x: DMatrix::zeros(0, 0),
-        steps: 0,
-        begins: Vec::new(),
-    };
+    let mut run = Run::of(time_s.len(), plan.outputs.len(), (0, 0));
     sensors.readings(time_s, &mut run.y)?;
     Ok(run)
 }

@@ -133,6 +133,14 @@ pub struct Run {
     pub(super) begins: Vec<Vec<f64>>,
 }
 
+impl Run {
+    /// One of so many samples and outputs, and of so many samples and states, to be filled in.
+    pub(super) fn of(samples: usize, outputs: usize, (rows, states): (usize, usize)) -> Self {
+        let (y, x) = (DMatrix::zeros(samples, outputs), DMatrix::zeros(rows, states));
+        Self { y, x, steps: 0, begins: Vec::new() }
+    }
+}
+
 /// Outputs that are sampled at the same instants.
 struct Group {
     delay_s: f64,
@@ -233,12 +241,7 @@ pub(super) fn walk(
     let states = plan.wanted.states;
     let rows = if states { samples } else { 0 };
     let stamps = &time_s[..samples.min(plan.wanted.samples)];
-    let mut run = Run {
-        y: DMatrix::zeros(samples, outputs),
-        x: DMatrix::zeros(rows, system.plant_state().len()),
-        steps: 0,
-        begins: Vec::new(),
-    };
+    let mut run = Run::of(samples, outputs, (rows, system.plant_state().len()));
     let mut begins = guide.every().map(|every| Begins::new(every, plan, stamps));
     let mut groups = groups(plan, states, stamps);
     let end = time_s.last().copied().unwrap_or(0.0);

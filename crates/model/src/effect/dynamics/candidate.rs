@@ -5,8 +5,7 @@
 use std::sync::Arc;
 
 use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::Spread;
-use crate::effect::definition::{Effect, Facts, Scales, Site};
+use crate::effect::definition::{Effect, Facts, Scales, Site, Spread};
 use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
 use crate::file::candidate::CandidateParameter;

@@ -4,8 +4,7 @@ use crate::effect::channel::{self, OnChannel};
 use crate::effect::definition::{Effect, Facts, Scales, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
-use crate::simulate::plan;
-use crate::simulate::plan::{Mode, Plan};
+use crate::simulate::plan::{self, Mode, Plan};
 use crate::simulate::system::System;
 
 /// A resonance that the model lacks.
