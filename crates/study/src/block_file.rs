@@ -7,9 +7,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use super::error::Error;
-use super::error::Result;
-use super::error::StudyError;
+use super::error::{Error, Result, StudyError};
 use super::estimates::Row;
 use deadtime_signal::file::write_atomic;
 

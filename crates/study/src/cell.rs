@@ -2,8 +2,7 @@
 
 use serde_json::Value;
 
-use super::error::Result;
-use super::error::StudyError;
+use super::error::{Result, StudyError};
 use super::passages::EVENTS;
 use super::plan::{Delay, Grid, Loop, PLAIN, Place, Plan, spelt_out};
 use super::setting::{Key, Setting};

@@ -15,13 +15,12 @@ use deadtime_delay::{
     Class, DelayError, DelayEstimator, Detrend, Events, Experiment, METHODS, Method, PlantModel,
     Recording, ReferenceExperiment, Scope, Search, Start,
 };
-use deadtime_model::simulate::{Options, lsim};
+use deadtime_model::simulate::{Options, Response, lsim};
 use deadtime_model::uav::Dynamics;
 use deadtime_model::{Continuous, StateSpace};
 use deadtime_signal::excitation::Rbs;
-use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
-use deadtime_signal::{Excitation, Noise, NoiseColour, NoiseScaling};
+use deadtime_signal::{Excitation, Noise, NoiseColour, NoiseScaling, stats};
 
 /// A small study that every method of the list takes part in.
 ///
@@ -163,30 +162,11 @@ impl Common {
                 siso(u, noisy(&y, &mut rng)?)?
             }
             ReferenceExperiment::Copy => {
-                let tones: Vec<[f64; 2]> = (0..200)
-                    .map(|_| [rng.random_range(0.0..0.8 * PI), rng.random_range(0.0..2.0 * PI)])
-                    .collect();
-                let at = |t: f64| tones.iter().map(|[w, phase]| (w * t + phase).cos()).sum::<f64>();
+                let at = tones(&mut rng);
                 copy(n, delay, at, siso, &mut rng)?
             }
             ReferenceExperiment::Skewed => {
-                let mut pulses = Vec::new();
-                let mut when = -40.0;
-                while when < f(n) + 40.0 {
-                    let gap: f64 = Exp1.sample(&mut rng);
-                    let size: f64 = Exp1.sample(&mut rng);
-                    when += 4.0 * gap;
-                    pulses.push([when, size]);
-                }
-                let at = |t: f64| {
-                    // Beyond 12 samples a pulse is below rounding.
-                    let near = pulses.partition_point(|p| p[0] < t - 12.0)
-                        ..pulses.partition_point(|p| p[0] < t + 12.0);
-                    pulses[near]
-                        .iter()
-                        .map(|[when, size]| size * (-((t - when) / 1.5).powi(2)).exp())
-                        .sum::<f64>()
-                };
+                let at = pulses(f(n), &mut rng);
                 copy(n, delay, at, siso, &mut rng)?
             }
             ReferenceExperiment::Steps => {
@@ -196,47 +176,9 @@ impl Common {
                 let y = held(&lags(&[10.0, 1.0], None)?, &u, delay, sample_time)?;
                 siso(u, noisy(&y, &mut rng)?)?
             }
-            ReferenceExperiment::States => {
-                let u = Rbs::default().generate(n, &mut rng)?;
-                let sample_time = SampleTime::new(0.1)?;
-                let plant = Dynamics::Directional.model();
-                let delayed =
-                    plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
-                let response = lsim(
-                    &delayed,
-                    &DMatrix::from_column_slice(n, 1, &u),
-                    sample_time,
-                    &Options::default(),
-                )?;
-                let column =
-                    |m: &DMatrix<f64>, i: usize| m.column(i).iter().copied().collect::<Vec<f64>>();
-                let states = (0..plant.order())
-                    .map(|i| Ok(noisy(&column(&response.x, i), &mut rng)?.into()))
-                    .collect::<Result<_>>()?;
-                let recording = Recording {
-                    inputs: vec![u.into()],
-                    outputs: vec![column(&response.y, 0).into()],
-                    states,
-                };
-                Experiment::new(sample_time, vec!["u".into()], vec!["y".into()], vec![recording])?
-                    .with_model(PlantModel::Continuous(plant))
-            }
+            ReferenceExperiment::States => states(n, delay, &mut rng)?,
             ReferenceExperiment::Events => {
-                let mut time = 0.0;
-                let mut first = Vec::with_capacity(n);
-                let mut second = Vec::with_capacity(n);
-                for _ in 0..n {
-                    let gap: f64 = Exp1.sample(&mut rng);
-                    let jitter: f64 = StandardNormal.sample(&mut rng);
-                    time += 2.0 + 4.0 * gap;
-                    first.push(time);
-                    second.push(time + delay + 0.2 * jitter);
-                }
-                Experiment::of_events(
-                    sample_time,
-                    ["a", "b"],
-                    vec![Events { first, second, ..Events::default() }],
-                )?
+                Experiment::of_events(sample_time, ["a", "b"], vec![events(n, delay, &mut rng)])?
             }
         };
         Ok((experiment, delay))
@@ -260,6 +202,63 @@ impl Common {
         // The controller answers within the sample, the plant does not.
         Ok((Experiment::siso(SampleTime::new(1.0)?, u, y)?, delay, 1))
     }
+}
+
+/// A sum of 200 cosines.
+fn tones(rng: &mut ChaCha8Rng) -> impl Fn(f64) -> f64 + use<> {
+    let tones: Vec<[f64; 2]> = (0..200)
+        .map(|_| [rng.random_range(0.0..0.8 * PI), rng.random_range(0.0..2.0 * PI)])
+        .collect();
+    move |t| tones.iter().map(|[w, phase]| (w * t + phase).cos()).sum::<f64>()
+}
+
+/// Pulses of random times and sizes.
+fn pulses(end: f64, rng: &mut ChaCha8Rng) -> impl Fn(f64) -> f64 + use<> {
+    let mut pulses = Vec::new();
+    let mut when = -40.0;
+    while when < end + 40.0 {
+        let gap: f64 = Exp1.sample(rng);
+        let size: f64 = Exp1.sample(rng);
+        when += 4.0 * gap;
+        pulses.push([when, size]);
+    }
+    move |t| {
+        // Beyond 12 samples a pulse is below rounding.
+        let near = pulses.partition_point(|p| p[0] < t - 12.0)
+            ..pulses.partition_point(|p| p[0] < t + 12.0);
+        let shape = |[when, size]: &[f64; 2]| size * (-((t - when) / 1.5).powi(2)).exp();
+        pulses[near].iter().map(shape).sum::<f64>()
+    }
+}
+
+/// A plant whose states are measured too.
+fn states(n: usize, delay: f64, rng: &mut ChaCha8Rng) -> Result<Experiment<'static>> {
+    let u = Rbs::default().generate(n, rng)?;
+    let sample_time = SampleTime::new(0.1)?;
+    let plant = Dynamics::Directional.model();
+    let response = respond(&plant, &u, delay, sample_time)?;
+    let column = |m: &DMatrix<f64>, i: usize| m.column(i).iter().copied().collect::<Vec<f64>>();
+    let states = (0..plant.order())
+        .map(|i| Ok(noisy(&column(&response.x, i), rng)?.into()))
+        .collect::<Result<_>>()?;
+    let outputs = vec![column(&response.y, 0).into()];
+    let recording = Recording { inputs: vec![u.into()], outputs, states };
+    Ok(Experiment::new(sample_time, vec!["u".into()], vec!["y".into()], vec![recording])?
+        .with_model(PlantModel::Continuous(plant)))
+}
+
+/// Events at two places, with errors of their times.
+fn events(n: usize, delay: f64, rng: &mut ChaCha8Rng) -> Events {
+    let mut time = 0.0;
+    let (mut first, mut second) = (Vec::with_capacity(n), Vec::with_capacity(n));
+    for _ in 0..n {
+        let gap: f64 = Exp1.sample(rng);
+        let jitter: f64 = StandardNormal.sample(rng);
+        time += 2.0 + 4.0 * gap;
+        first.push(time);
+        second.push(time + delay + 0.2 * jitter);
+    }
+    Events { first, second, ..Events::default() }
 }
 
 fn f(n: usize) -> f64 {
@@ -314,20 +313,25 @@ fn lags(times: &[f64], zero: Option<f64>) -> Result<StateSpace<Continuous>> {
 }
 
 /// The response of a plant to a held input, later by `delay` samples.
+fn respond(
+    plant: &StateSpace<Continuous>,
+    u: &[f64],
+    delay: f64,
+    sample_time: SampleTime,
+) -> Result<Response> {
+    let delayed = plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
+    let u = DMatrix::from_column_slice(u.len(), 1, u);
+    Ok(lsim(&delayed, &u, sample_time, &Options::default())?)
+}
+
+/// Its first output.
 fn held(
     plant: &StateSpace<Continuous>,
     u: &[f64],
     delay: f64,
     sample_time: SampleTime,
 ) -> Result<Vec<f64>> {
-    let delayed = plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
-    let response = lsim(
-        &delayed,
-        &DMatrix::from_column_slice(u.len(), 1, u),
-        sample_time,
-        &Options::default(),
-    )?;
-    Ok(response.y.column(0).iter().copied().collect())
+    Ok(respond(plant, u, delay, sample_time)?.y.column(0).iter().copied().collect())
 }
 
 /// A signal and the same signal later, one sample of it being the hold's that every method takes off.

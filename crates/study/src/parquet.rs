@@ -17,9 +17,7 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
-use super::error::Error;
-use super::error::Result;
-use super::error::StudyError;
+use super::error::{Error, Result, StudyError};
 use super::estimates::{Field, Row, Sink};
 use deadtime_delay::Outcome;
 use deadtime_signal::file::{named, temporary};

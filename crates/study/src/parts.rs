@@ -13,9 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::block_file::Damaged;
 use super::blocks::BLOCK;
-use super::error::Error;
-use super::error::Result;
-use super::error::StudyError;
+use super::error::{Error, Result, StudyError};
 use super::estimates::{Row, of_record, value_fields};
 use super::parquet::{Reader, Table, unread, unwritten};
 use super::results::Study;

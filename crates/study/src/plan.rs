@@ -9,8 +9,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::aim::Aim;
-use super::error::Result;
-use super::error::StudyError;
+use super::error::{Result, StudyError};
 use super::logging::Logging;
 use super::origin::Origin;
 use super::published::{Published, spread};

@@ -5,8 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::error::Result;
-use super::error::StudyError;
+use super::error::{Result, StudyError};
 use super::plan::{Delay, Loop, Place, Truth};
 use deadtime_signal::file::{read_text, write_atomic};
 

@@ -9,8 +9,7 @@ use rand_chacha::rand_core::SeedableRng;
 use sha2::{Digest, Sha256};
 
 use super::bound::bound_samples;
-use super::error::Result;
-use super::error::StudyError;
+use super::error::{Result, StudyError};
 use super::feedback;
 use super::logging::{Logging, STEPS, held};
 use super::passages::{EVENTS, passages};
@@ -23,8 +22,7 @@ use deadtime_model::c2d::{CONVERSIONS, Conversion, Tustin};
 use deadtime_model::simulate::{Options, Prehistory, lsim};
 use deadtime_model::{ModelFile, Sampled, StateSpace, dlqr};
 use deadtime_signal::file::read_text;
-use deadtime_signal::registry;
-use deadtime_signal::registry::Entry;
+use deadtime_signal::registry::{self, Entry};
 use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
 use deadtime_signal::{EXCITATIONS, Excitation, Noise, NoiseColour, NoiseScaling, unit_noise};
@@ -105,6 +103,14 @@ pub(super) struct Setting {
     pub(super) repeatable: bool,
 }
 
+/// What a plant does, and the model that methods are told of it.
+struct Clean {
+    input: Vec<Vec<f64>>,
+    outputs: Vec<Vec<f64>>,
+    states: Vec<Vec<f64>>,
+    model: PlantModel,
+}
+
 /// What a trial measured, and what is known of it.
 pub(super) struct Record {
     pub(super) seed: u64,
@@ -138,6 +144,11 @@ pub(super) fn named<T: ?Sized>(
     Ok((entry, registry::options(words)?))
 }
 
+/// What to say of a name that a plan does not know.
+fn unknown<'k>(what: &str, name: &str, known: impl Iterator<Item = &'k str>) -> String {
+    format!("there is no {what} `{name}`; there are: {}", known.collect::<Vec<_>>().join(", "))
+}
+
 /// A plan's error.
 type Wrong<'w> = &'w dyn Fn(String) -> StudyError;
 
@@ -153,16 +164,14 @@ fn conversion(key: &Key, sample_time: SampleTime, wrong: Wrong<'_>) -> Result<Bo
         "matched" => true,
         _ => false,
     };
-    let fractional = match &key.delay {
-        Delay::Same(s) => sample_time.samples(*s)?.fraction != 0.0,
-        Delay::PerInput(all) => all
-            .iter()
-            .map(|s| sample_time.samples(*s))
-            .collect::<Result<Vec<_>, _>>()?
-            .iter()
-            .any(|d| d.fraction != 0.0),
-        Delay::Drawn(d) => !d.whole,
+    let delays = match &key.delay {
+        Delay::Same(s) => std::slice::from_ref(s),
+        Delay::PerInput(all) => all,
+        Delay::Drawn(_) => &[],
     };
+    let delays = delays.iter().map(|s| sample_time.samples(*s)).collect::<Result<Vec<_>, _>>()?;
+    let fractional = matches!(&key.delay, Delay::Drawn(drawn) if !drawn.whole)
+        || delays.iter().any(|d| d.fraction != 0.0);
     if rounds && fractional {
         let detail = format!(
             "`{}` puts a delay on the nearest sample: inject whole samples, or give tustin fractional_delay_order=3",
@@ -179,13 +188,8 @@ fn colour(plan: &Plan, key: &Key, wrong: Wrong<'_>) -> Result<Colour> {
         ("white", _) => Colour::default(),
         (_, Some(colour)) => colour.clone(),
         (name, None) => {
-            let known: Vec<&str> =
-                plan.noises.keys().map(String::as_str).chain(["white"]).collect();
-            return Err(wrong(format!(
-                "there is no noise `{name}`; there are: {}",
-                known.join(", ")
-            ))
-            .into());
+            let known = plan.noises.keys().map(String::as_str).chain(["white"]);
+            return Err(wrong(unknown("noise", name, known)).into());
         }
     };
     if colour.innovation_std.is_some() && key.snr.is_finite() {
@@ -210,13 +214,8 @@ fn controller(
         Some(name) => match plan.controllers.get(name) {
             Some(controller) => Some(controller.clone()),
             None => {
-                let known: Vec<&str> =
-                    plan.controllers.keys().map(String::as_str).chain(["dlqr"]).collect();
-                return Err(wrong(format!(
-                    "there is no controller `{name}`; there are: {}",
-                    known.join(", ")
-                ))
-                .into());
+                let known = plan.controllers.keys().map(String::as_str).chain(["dlqr"]);
+                return Err(wrong(unknown("controller", name, known)).into());
             }
         },
     };
@@ -243,13 +242,8 @@ fn logging(
         (PLAIN, _) => Logging::default(),
         (_, Some(logging)) => *logging,
         (name, None) => {
-            let known: Vec<&str> =
-                plan.loggings.keys().map(String::as_str).chain([PLAIN]).collect();
-            return Err(wrong(format!(
-                "there is no logging `{name}`; there are: {}",
-                known.join(", ")
-            ))
-            .into());
+            let known = plan.loggings.keys().map(String::as_str).chain([PLAIN]);
+            return Err(wrong(unknown("logging", name, known)).into());
         }
     };
     let sampled =
@@ -280,6 +274,22 @@ fn only_events(key: &Key, logging: &Logging, wrong: Wrong<'_>) -> Result<()> {
     Err(wrong(detail).into())
 }
 
+/// The excitation that a key names; `None`: events.
+fn excitation(
+    key: &Key,
+    signal: Signal,
+    logging: &Logging,
+    wrong: Wrong<'_>,
+) -> Result<Option<Box<dyn Excitation>>> {
+    if key.excitation == EVENTS {
+        return only_events(key, logging, wrong).map(|()| None);
+    }
+    let (entry, more) = named(EXCITATIONS, "excitation", &signal.signal)?;
+    let mut options = signal.options;
+    options.extend(more.as_object().cloned().unwrap_or_default());
+    Ok(Some(entry.with(serde_json::Value::Object(options))?))
+}
+
 impl Setting {
     /// Looks up what a key names.
     pub(super) fn new(
@@ -305,25 +315,15 @@ impl Setting {
             ))
             .into());
         }
-        let signal = match plan.excitations.get(&key.excitation) {
-            Some(signal) => signal.clone(),
-            None => Signal {
-                signal: key.excitation.clone(),
-                options: serde_json::Map::new(),
-                draw: Draw::EachTrial,
-            },
-        };
+        let signal = plan.excitations.get(&key.excitation).cloned().unwrap_or_else(|| Signal {
+            signal: key.excitation.clone(),
+            options: serde_json::Map::new(),
+            draw: Draw::EachTrial,
+        });
         let definition = definition(plan, grid, &key, &signal)?;
         let logging = logging(plan, &key, &source, states, wrong)?;
-        let excitation = if key.excitation == EVENTS {
-            only_events(&key, &logging, wrong)?;
-            None
-        } else {
-            let (entry, more) = named(EXCITATIONS, "excitation", &signal.signal)?;
-            let mut options = signal.options;
-            options.extend(more.as_object().cloned().unwrap_or_default());
-            Some(entry.with(serde_json::Value::Object(options))?)
-        };
+        let draw = signal.draw;
+        let excitation = excitation(&key, signal, &logging, wrong)?;
         let colour = colour(plan, &key, wrong)?;
         let controller = controller(plan, &key, (inputs.len(), outputs.len()), wrong)?;
         let mut setting = Self {
@@ -336,7 +336,7 @@ impl Setting {
             source,
             conversion,
             excitation,
-            draw: signal.draw,
+            draw,
             logging,
             colour,
             controller,
@@ -393,83 +393,25 @@ impl Setting {
             ))))?,
         };
         let bare = self.sampled(&plant.model, &vec![0.0; delay_s.len()])?;
-        let delayed = self.sampled(&plant.model, &delay_s)?;
-        let noise = |rng: &mut ChaCha8Rng, clean: &[f64]| self.noisy(clean, rng);
         let stamps = self.logging.stamps(self.key.samples, &mut rng);
-        let (plant_in, clean, states, model) = match self.key.loops {
-            Loop::Open if let Some(stamps) = &stamps => (
-                drive.clone(),
-                self.between(&plant.model, &delay_s, &drive, stamps)?,
-                Vec::new(),
-                self.told(&plant.model, &bare),
-            ),
-            Loop::Open => {
-                let [y, x] = simulated(&delayed, &drive)?;
-                (drive.clone(), y, x, self.told(&plant.model, &bare))
-            }
-            Loop::Stabilised => {
-                let identity = DMatrix::identity;
-                let k = dlqr(
-                    bare.a(),
-                    bare.b(),
-                    &identity(bare.order(), bare.order()),
-                    &identity(bare.inputs(), bare.inputs()),
-                    None,
-                )?
-                .k;
-                let [y, x] = simulated(&fed_back(&delayed, &bare, &k)?, &drive)?;
-                (drive.clone(), y, x, PlantModel::Sampled(bare.with_state_feedback(&k)?))
-            }
-            Loop::Closed => {
-                let closed = match &self.controller {
-                    Some(controller) => {
-                        let noises = self.added_noise(&delayed, controller, &drive, &mut rng)?;
-                        feedback::through(&delayed, controller, &drive[0], &noises)?
-                    }
-                    None => feedback::of_states(&delayed, &drive)?,
-                };
-                (closed.u, closed.y, closed.x, self.told(&plant.model, &bare))
-            }
-        };
+        let Clean { input, outputs: clean, states, model } =
+            self.respond(&plant.model, &bare, &delay_s, &drive, stamps.as_deref(), &mut rng)?;
         // A controller's loop has its noise inside.
-        let inside = self.is_closed() && self.controller.is_some();
-        let outputs = clean
-            .iter()
-            .map(|y| if inside { Ok(y.clone()) } else { noise(&mut rng, y) })
-            .collect::<Result<Vec<_>>>()?;
+        let outputs = if self.is_closed() && self.controller.is_some() {
+            clean.clone()
+        } else {
+            self.all_noisy(&clean, &mut rng)?
+        };
         let order = match &model {
             PlantModel::Continuous(m) => m.order(),
             PlantModel::Sampled(m) => m.order(),
         };
-        let states = if self.states {
-            states.iter().take(order).map(|x| noise(&mut rng, x)).collect::<Result<Vec<_>>>()?
-        } else {
-            Vec::new()
-        };
-        let degree = self.degree(&bare);
-        let bound_samples = (clean.iter().enumerate())
-            .map(|(output, y)| match &plant.model {
-                PlantModel::Continuous(continuous)
-                    if self.key.loops == Loop::Open
-                        && self.exact_hold()
-                        && self.logging.is_plain() =>
-                {
-                    bound_samples(
-                        continuous,
-                        output,
-                        &drive,
-                        delay_s[0],
-                        self.sample_time,
-                        self.noise_std(y)?,
-                        &self.colour,
-                    )
-                }
-                _ => None,
-            })
-            .collect();
-        let (plant_in, outputs) = self.logging.read(
+        let measured = if self.states { &states[..order.min(states.len())] } else { &[] };
+        let states = self.all_noisy(measured, &mut rng)?;
+        let bound_samples = self.bounds(&plant.model, &drive, &clean, &delay_s);
+        let (input, outputs) = self.logging.read(
             (&self.inputs, &self.outputs),
-            (&plant_in, &outputs),
+            (&input, &outputs),
             stamps.as_deref(),
             self.sample_time,
             &mut rng,
@@ -480,16 +422,74 @@ impl Setting {
                 outputs: outputs.clone(),
                 states: states.iter().cloned().map(Into::into).collect(),
             };
-            let experiment = Experiment::new(
-                self.sample_time,
-                self.inputs.clone(),
-                self.outputs.clone(),
-                vec![recording],
-            );
-            experiment.ok().map(|e| e.with_model(model.clone()))
+            let (inputs, outputs) = (self.inputs.clone(), self.outputs.clone());
+            let experiment =
+                Experiment::new(self.sample_time, inputs, outputs, vec![recording]).ok()?;
+            Some(experiment.with_model(model.clone()))
         };
-        let reference = self.is_closed().then(|| from(drive.clone())).flatten();
-        Ok(Record { seed, from: [from(plant_in), reference], delay_s, degree, bound_samples })
+        let reference = self.is_closed().then(|| from(drive)).flatten();
+        let degree = self.degree(&bare);
+        Ok(Record { seed, from: [from(input), reference], delay_s, degree, bound_samples })
+    }
+
+    /// What the plant does in its loop, before noise is added to what is measured.
+    fn respond(
+        &self,
+        plant: &PlantModel,
+        bare: &StateSpace<Sampled>,
+        delay_s: &[f64],
+        drive: &[Vec<f64>],
+        stamps: Option<&[usize]>,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Clean> {
+        let delayed = self.sampled(plant, delay_s)?;
+        let (input, model) = (drive.to_vec(), self.told(plant, bare));
+        match self.key.loops {
+            Loop::Open if let Some(stamps) = stamps => {
+                let outputs = self.between(plant, delay_s, drive, stamps)?;
+                Ok(Clean { input, outputs, states: Vec::new(), model })
+            }
+            Loop::Open => {
+                let [outputs, states] = simulated(&delayed, drive)?;
+                Ok(Clean { input, outputs, states, model })
+            }
+            Loop::Stabilised => {
+                let [q, r] = [bare.order(), bare.inputs()].map(|n| DMatrix::identity(n, n));
+                let k = dlqr(bare.a(), bare.b(), &q, &r, None)?.k;
+                let [outputs, states] = simulated(&fed_back(&delayed, bare, &k)?, drive)?;
+                let model = PlantModel::Sampled(bare.with_state_feedback(&k)?);
+                Ok(Clean { input, outputs, states, model })
+            }
+            Loop::Closed => {
+                let closed = match &self.controller {
+                    Some(controller) => {
+                        let noises = self.added_noise(&delayed, controller, drive, rng)?;
+                        feedback::through(&delayed, controller, &drive[0], &noises)?
+                    }
+                    None => feedback::of_states(&delayed, drive)?,
+                };
+                Ok(Clean { input: closed.u, outputs: closed.y, states: closed.x, model })
+            }
+        }
+    }
+
+    /// The Cramér-Rao bound of each output, where it is known.
+    fn bounds(
+        &self,
+        plant: &PlantModel,
+        drive: &[Vec<f64>],
+        clean: &[Vec<f64>],
+        delay_s: &[f64],
+    ) -> Vec<Option<f64>> {
+        let known = self.key.loops == Loop::Open && self.exact_hold() && self.logging.is_plain();
+        let of = |(output, y): (usize, &Vec<f64>)| match plant {
+            PlantModel::Continuous(plant) if known => {
+                let (std, ts) = (self.noise_std(y)?, self.sample_time);
+                bound_samples(plant, output, drive, delay_s[0], ts, std, &self.colour)
+            }
+            _ => None,
+        };
+        clean.iter().enumerate().map(of).collect()
     }
 
     /// Record `seed` of events.
@@ -611,6 +611,10 @@ impl Setting {
         (white && self.key.snr.is_finite()).then(|| spread(clean) / self.key.snr.sqrt())
     }
 
+    fn all_noisy(&self, clean: &[Vec<f64>], rng: &mut ChaCha8Rng) -> Result<Vec<Vec<f64>>> {
+        clean.iter().map(|clean| self.noisy(clean, rng)).collect()
+    }
+
     fn noisy(&self, clean: &[f64], rng: &mut ChaCha8Rng) -> Result<Vec<f64>> {
         if let Some(std) = self.colour.innovation_std {
             return Ok(clean
@@ -707,13 +711,14 @@ fn source(name: &str, folder: &Path) -> Result<(Source, Vec<String>, Vec<String>
         return Ok((Source::Listed(entry), plant.inputs, plant.outputs));
     }
     let path = folder.join(name);
+    let refused = |plan: String, detail: String| Err(StudyError::Plan { plan, detail }.into());
     if !path.exists() {
         let known: Vec<&str> = PLANTS.iter().map(|p| p.name).collect();
         let detail = format!(
             "there is no plant `{name}`, and no model file of that name; there are: {}",
             known.join(", ")
         );
-        return Err(StudyError::Plan { plan: name.to_owned(), detail }.into());
+        return refused(name.to_owned(), detail);
     }
     let file = ModelFile::read(&path)?;
     let model = if file.is_sampled() {
@@ -723,11 +728,7 @@ fn source(name: &str, folder: &Path) -> Result<(Source, Vec<String>, Vec<String>
     };
     if file.input_delay_s.iter().any(|d| *d != 0.0) || !file.effects.is_empty() {
         let detail = "a plant of a study has no dead time and no effects of its own: take them out of the model file, and inject delays with `delay_s`";
-        return Err(StudyError::Plan {
-            plan: path.display().to_string(),
-            detail: detail.to_owned(),
-        }
-        .into());
+        return refused(path.display().to_string(), detail.to_owned());
     }
     let names = |channels: &[deadtime_model::Channel]| {
         channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>()

@@ -17,9 +17,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{Binomial, DiscreteCDF};
 
-use super::error::Error;
-use super::error::Result;
-use super::error::StudyError;
+use super::error::{Error, Result, StudyError};
 use super::gate::holm;
 use deadtime_signal::stats;
 
