@@ -113,7 +113,7 @@ pub(super) fn assemble(
         if let Cells::Text(_) = column.cells {
             notes.push(format!("{}: text; left out", column.name));
         } else {
-            let (name, unit) = crate::csv::table::name_and_unit(&column.name);
+            let (name, unit) = crate::header::name_and_unit(&column.name);
             channels.push((table.column(name, unit), &column.cells));
         }
     }

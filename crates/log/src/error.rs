@@ -8,7 +8,7 @@ use deadtime_signal::remedy::{Message, Remedied, Remedy};
 use deadtime_signal::time::TimeError;
 
 use super::frequency::FrequencyError;
-use super::log::Place;
+use super::place::{Place, neighbours};
 use crate::notes::Notes;
 
 /// Whatever keeps a log from being read or used.
@@ -578,16 +578,6 @@ impl Remedied for LogError {
     }
 }
 
-impl Place {
-    /// What is to be said of a file, or of numbers in memory.
-    fn either(self, file: &'static str, memory: &'static str) -> &'static str {
-        match self {
-            Self::Row(_) => file,
-            Self::Sample(_) => memory,
-        }
-    }
-}
-
 /// Names in a message beyond this many are counted, not listed.
 const LISTED: usize = 40;
 
@@ -632,7 +622,7 @@ fn edit_distance(a: &[char], b: &[char]) -> usize {
         let mut row = Vec::with_capacity(above.len());
         let mut left = i + 1;
         row.push(left);
-        for (y, (diagonal, up)) in b.iter().zip(super::log::neighbours(&above)) {
+        for (y, (diagonal, up)) in b.iter().zip(neighbours(&above)) {
             left = (diagonal + usize::from(x != y)).min(up + 1).min(left + 1);
             row.push(left);
         }

@@ -253,7 +253,8 @@ fn numbers(array: &Dataset) -> Result<Option<Array>, Damage> {
     Ok(Some(Array::Numbers { shape, values: turned }))
 }
 
-/// What one number is, and from how many bytes on the next one stands: of complex numbers the real part is read.
+/// What one number is, and from how many bytes on the next one stands: of complex numbers the real
+/// part is read.
 fn scalar(kind: &Datatype) -> Option<(Scalar, usize)> {
     let plain = match kind {
         Datatype::FixedPoint { size: 1, signed: true, .. } => Scalar::I8,

@@ -4,14 +4,13 @@ use std::collections::HashMap;
 
 use serde::Serialize;
 
-use super::align::shortest_name;
+use super::align::{GAP_STEPS, shortest_name};
 use crate::notes::Notes;
 
-use super::log::{Channel, Log, neighbours};
+use super::log::{Channel, Log};
+use super::place::neighbours;
 use super::recording::{Recording, Topic};
 
-/// A step longer than this many median steps is a gap.
-pub(super) const GAP_STEPS: f64 = 3.0;
 /// Gaps beyond this many are counted, not listed.
 const LISTED_GAPS: usize = 20;
 /// Points of a course.

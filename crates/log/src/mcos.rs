@@ -371,21 +371,11 @@ impl<'a> Objects<'a, '_> {
         if times.len() < 2 {
             return None;
         }
-        let (unit, scale) = match info.text("Units").unwrap_or("seconds") {
-            "nanoseconds" => (TimeUnit::Ns, 1.0),
-            "microseconds" => (TimeUnit::Us, 1.0),
-            "milliseconds" => (TimeUnit::Ms, 1.0),
-            "seconds" => (TimeUnit::S, 1.0),
-            "minutes" => (TimeUnit::S, 60.0),
-            "hours" => (TimeUnit::S, 3600.0),
-            "days" => (TimeUnit::S, 86_400.0),
-            "weeks" => (TimeUnit::S, 604_800.0),
-            other => {
-                self.notes
-                    .push(format!("{path}: its time is in {other}, which is taken for seconds"));
-                (TimeUnit::S, 1.0)
-            }
-        };
+        let units = info.text("Units").unwrap_or("seconds");
+        let (unit, scale) = unit_of(units).unwrap_or_else(|| {
+            self.notes.push(format!("{path}: its time is in {units}, which is taken for seconds"));
+            (TimeUnit::S, 1.0)
+        });
         times.iter_mut().for_each(|time| *time *= scale);
         // What has more than two dimensions has time in the last one, unless it says otherwise.
         let rows = times.len();
@@ -501,6 +491,21 @@ impl<'a> Objects<'a, '_> {
         }
         Some(Array::Struct(found))
     }
+}
+
+/// A unit of time by MATLAB's word for it, and how many of it the word means.
+fn unit_of(word: &str) -> Option<(TimeUnit, f64)> {
+    Some(match word {
+        "nanoseconds" => (TimeUnit::Ns, 1.0),
+        "microseconds" => (TimeUnit::Us, 1.0),
+        "milliseconds" => (TimeUnit::Ms, 1.0),
+        "seconds" => (TimeUnit::S, 1.0),
+        "minutes" => (TimeUnit::S, 60.0),
+        "hours" => (TimeUnit::S, 3600.0),
+        "days" => (TimeUnit::S, 86_400.0),
+        "weeks" => (TimeUnit::S, 604_800.0),
+        _ => return None,
+    })
 }
 
 #[cfg(test)]

@@ -49,19 +49,19 @@ impl Messages {
     /// Puts the numbers of a message into the row that was begun last; `None` where the bytes do not fit the definition.
     pub(super) fn message(&mut self, data: &[u8], table: &mut Table) -> Option<()> {
         let message = DynamicMessage::decode(self.definition.clone(), data).ok()?;
-        let mut walk = Walk { table, long: &mut self.long, path: String::new() };
+        let mut walk = MessageWalk { table, long: &mut self.long, path: String::new() };
         walk.message(&message, &mut self.root);
         Some(())
     }
 }
 
-struct Walk<'a> {
+struct MessageWalk<'a> {
     table: &'a mut Table,
     long: &'a mut Vec<String>,
     path: String,
 }
 
-impl Walk<'_> {
+impl MessageWalk<'_> {
     fn message(&mut self, message: &DynamicMessage, node: &mut Node) {
         let Some(parts) = parts(node) else { return };
         for (i, field) in message.descriptor().fields().enumerate() {

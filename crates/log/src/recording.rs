@@ -3,8 +3,9 @@
 use std::collections::HashSet;
 
 use super::error::{Error, LogError};
-use super::log::{Channel, Log, Origin, Rows, TIME_LIMIT_S, neighbours};
+use super::log::{Channel, Log, Origin, Rows, TIME_LIMIT_S};
 use super::numbers::Numbers;
+use super::place::neighbours;
 use crate::notes::Notes;
 use deadtime_signal::progress::HowFar;
 

@@ -219,7 +219,7 @@ fn scalar(name: &str) -> Option<Scalar> {
 const LETTER: &str = "char";
 
 /// A number of a topic: where in a message, and in which column.
-struct Field {
+struct NumberField {
     kind: Scalar,
     at: usize,
     column: usize,
@@ -229,7 +229,7 @@ struct Field {
 struct Subscription {
     topic: usize,
     stamp: Option<(Scalar, usize)>,
-    fields: Vec<Field>,
+    fields: Vec<NumberField>,
     /// Bytes up to the end of the last number.
     size: usize,
 }
@@ -330,8 +330,9 @@ impl Ulog {
             self.tables.len() - 1
         });
         let fields = numbers.iter().filter(|(path, ..)| path != "timestamp").enumerate();
-        let fields =
-            fields.map(|(column, (_, kind, at))| Field { kind: *kind, at: *at, column }).collect();
+        let fields = fields
+            .map(|(column, (_, kind, at))| NumberField { kind: *kind, at: *at, column })
+            .collect();
         let id = id.first_chunk().map_or(0, |id| u16::from_le_bytes(*id));
         // What the number stood for before is taken apart by what it was.
         self.flush(topic);

@@ -1,6 +1,6 @@
 //! Time stamps as files write them: which column they stand in, in which unit they are, and dates.
 
-use crate::log::neighbours;
+use crate::place::neighbours;
 use crate::recording::TimeUnit;
 use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stats;
@@ -79,7 +79,7 @@ pub(crate) fn seconds(
     unit: Option<TimeUnit>,
     plain: bool,
 ) -> Times {
-    let mut stamps = Stamps::default();
+    let mut stamps = StampReader::default();
     let number = |cell: &[u8]| std::str::from_utf8(cell).ok()?.parse().ok();
     let raw: Vec<f64> =
         cells.map(|cell| stamps.read(cell.as_bytes(), unit, number).unwrap_or(f64::NAN)).collect();
@@ -89,8 +89,7 @@ pub(crate) fn seconds(
     let again = match why {
         Why::Size => Message::from("; ").and(Remedy::TimeUnit).and(" says it otherwise"),
         Why::Rule if median_step(&time_s) >= 2.0 => {
-            let every =
-                format!(", a sample every {} s; ", super::table::shortest(median_step(&time_s)));
+            let every = format!(", a sample every {} s; ", shortest(median_step(&time_s)));
             Message::from(every).and(Remedy::TimeUnit).and(" says it otherwise")
         }
         _ => Message::default(),
@@ -122,14 +121,14 @@ pub(super) enum Why {
 
 /// The stamps of one record while it is read.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Stamps {
+pub(super) struct StampReader {
     origin: Option<i128>,
     dates: bool,
     started: bool,
     whole: bool,
 }
 
-impl Stamps {
+impl StampReader {
     /// A stamp as a number of the file's unit (nanoseconds for dates), from the first one where the numbers are large; `None` where the cell is no stamp.
     pub(super) fn read(
         &mut self,
@@ -290,6 +289,11 @@ fn time_of_day(text: &str) -> Option<i128> {
         return None;
     }
     Some((hours * 3600 + minutes * 60 - zone_min * 60) * 1_000_000_000 + seconds_ns)
+}
+
+/// To four digits, as short as it goes.
+pub(super) fn shortest(x: f64) -> f64 {
+    format!("{x:.3e}").parse().unwrap_or(x)
 }
 
 #[cfg(test)]

@@ -7,9 +7,11 @@ use std::path::Path;
 
 use flate2::bufread::MultiGzDecoder;
 
-use super::table::{GZIP_MAGIC, first_bytes};
 use super::utf16::{Utf16, byte_order};
 use crate::error::{Error, LogError};
+
+/// How a file that gzip packed begins.
+pub(super) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
 /// A longer line is no row of a log, whatever the file is.
 pub(super) const LONGEST_LINE: u64 = 1 << 24;
@@ -507,4 +509,11 @@ fn separators(line: &[u8], separator: u8) -> usize {
         }
     }
     count
+}
+
+/// As many bytes as tell whether gzip packed a file.
+pub(super) fn first_bytes(bytes: &mut impl Read) -> std::io::Result<Vec<u8>> {
+    let mut head = Vec::with_capacity(GZIP_MAGIC.len());
+    bytes.take(GZIP_MAGIC.len() as u64).read_to_end(&mut head)?;
+    Ok(head)
 }

@@ -1,12 +1,14 @@
 //! Tables of text.
 
-use super::clock::{self, Stamps, Why, median_step};
-use super::lines::{Lines, Separator};
+use super::clock::{self, StampReader, Why, median_step, shortest};
+use super::lines::{GZIP_MAGIC, Lines, Separator, first_bytes};
 use super::number::decimal;
 use crate::counted::Counted;
 use crate::error::{Error, LogError};
-use crate::log::{Channel, Log, Origin, Place, Rows, Unusable, time_follows};
+use crate::header::name_and_unit;
+use crate::log::{Channel, Log, Origin, Rows, Unusable, time_follows};
 use crate::notes::Notes;
+use crate::place::Place;
 use crate::recording::{ReadOptions, Recording, TimeUnit};
 use deadtime_signal::file::write_atomic;
 use deadtime_signal::progress::HowFar;
@@ -20,8 +22,6 @@ pub(super) const SHOWN: usize = 40;
 
 /// Numbers that are read into memory, of all columns together: 3.2 GB.
 pub(super) const MOST_NUMBERS: usize = 400_000_000;
-
-pub(super) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
 /// Cells that say that a sample is missing, besides empty ones and those that are read as NaN; lower case.
 pub(super) const NOTHING: [&[u8]; 7] = [b"-", b"--", b"na", b"n/a", b"#n/a", b"null", b"none"];
@@ -145,7 +145,7 @@ pub fn recording_from(
 ) -> Result<Recording, Error> {
     let mut lines = Lines::to_break(source, bytes)?;
     let mut header = Header::read(&mut lines, options)?;
-    let mut part = Part::new(source.into(), &header);
+    let mut part = PartialLog::new(source.into(), &header);
     while lines.next()? {
         match part.cut_off(&lines, &header) {
             None => part.push(&lines, &mut header)?,
@@ -190,7 +190,7 @@ pub(super) fn records_from(
     let mut header = Header::read(&mut lines, options)?;
     let place = header.place(source, column)?;
     let mut logs = Vec::new();
-    let mut current: Option<(Vec<u8>, Part)> = None;
+    let mut current: Option<(Vec<u8>, PartialLog)> = None;
     while lines.next()? {
         // A row that is whole may begin another record.
         if let Some((name, part)) = &current
@@ -215,8 +215,10 @@ pub(super) fn records_from(
         let part = match &mut current {
             Some((name, part)) if name.as_slice() == value => part,
             _ => {
-                let fresh =
-                    Part::new(format!("{source}#{}", String::from_utf8_lossy(value)), &header);
+                let fresh = PartialLog::new(
+                    format!("{source}#{}", String::from_utf8_lossy(value)),
+                    &header,
+                );
                 if let Some((_, done)) = current.take() {
                     logs.push(done.finish(&mut header)?);
                 }
@@ -287,17 +289,6 @@ pub(super) fn push_number(line: &mut String, x: f64) {
     };
 }
 
-/// Splits a header `name [unit]` or `name`.
-#[must_use]
-pub fn name_and_unit(header: &str) -> (&str, Option<&str>) {
-    let header = header.trim();
-    match header.strip_suffix(']').and_then(|rest| rest.rsplit_once(" [")) {
-        Some((name, unit)) if !unit.trim().is_empty() => (name.trim(), Some(unit.trim())),
-        Some((name, _)) => (name.trim(), None),
-        None => (header, None),
-    }
-}
-
 pub(super) fn is_gz(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gz"))
 }
@@ -311,12 +302,6 @@ pub(super) fn open(path: &Path, far: &HowFar) -> Result<impl Read, Error> {
         return Err(LogError::NotGzip { file: path.display().to_string() }.into());
     }
     Ok(std::io::Cursor::new(head).chain(file))
-}
-
-pub(super) fn first_bytes(bytes: &mut impl Read) -> std::io::Result<Vec<u8>> {
-    let mut head = Vec::with_capacity(GZIP_MAGIC.len());
-    bytes.take(GZIP_MAGIC.len() as u64).read_to_end(&mut head)?;
-    Ok(head)
 }
 
 /// The header row: where the time stands, and the channels.
@@ -397,7 +382,8 @@ pub(super) fn take_units(names: &mut Names, time: usize, below: &[Vec<u8>]) -> b
     true
 }
 
-/// The name of the column of time, and the others with their places; `index`: the first has no name and counts the rows.
+/// The name of the column of time, and the others with their places; `index`: the first has no name
+/// and counts the rows.
 fn channels(
     lines: &Lines<'_>,
     names: Names,
@@ -509,7 +495,7 @@ impl Header {
         &self,
         source: &str,
         lines: &Lines<'_>,
-        stamps: &mut Stamps,
+        stamps: &mut StampReader,
     ) -> Result<f64, LogError> {
         let (time, row) = (lines.cell(self.time), lines.row);
         let number = |cell: &[u8]| match parse(cell, self.decimal_comma) {
@@ -544,7 +530,7 @@ impl Header {
     }
 
     /// The unit of time, settled by the first record that shows it.
-    pub(super) fn settle(&mut self, stamps: &Stamps, raw: &[f64]) -> TimeUnit {
+    pub(super) fn settle(&mut self, stamps: &StampReader, raw: &[f64]) -> TimeUnit {
         let plain = self.clock.column == "time";
         let (unit, why) = match self.clock.unit {
             Some(settled) => settled,
@@ -598,11 +584,6 @@ impl Header {
         note.into_iter().for_each(|note| self.notes.push_once(note));
         unit
     }
-}
-
-/// To four digits, as short as it goes.
-pub(super) fn shortest(x: f64) -> f64 {
-    format!("{x:.3e}").parse().unwrap_or(x)
 }
 
 /// The column of time and, where somebody says it, its unit.
@@ -767,11 +748,11 @@ pub(super) fn parse(cell: &[u8], decimal_comma: bool) -> Cell {
 }
 
 /// A log that is being read; its time in the unit of the file until it is whole.
-pub(super) struct Part {
+pub(super) struct PartialLog {
     source: String,
-    stamps: Stamps,
+    stamps: StampReader,
     raw: Vec<f64>,
-    columns: Vec<Column>,
+    columns: Vec<CellColumn>,
     rows: Rows,
     /// Rows that may be read.
     most: usize,
@@ -779,13 +760,13 @@ pub(super) struct Part {
 
 /// A column that is being read: numbers up to the first cell that is none.
 #[derive(Default)]
-pub(super) struct Column {
+pub(super) struct CellColumn {
     values: Vec<f64>,
     present: Option<Vec<bool>>,
     refused: Option<LogError>,
 }
 
-impl Column {
+impl CellColumn {
     fn push(&mut self, value: Option<f64>) {
         if value.is_none() && self.present.is_none() {
             self.present = Some(vec![true; self.values.len()]);
@@ -801,13 +782,13 @@ impl Column {
     }
 }
 
-impl Part {
+impl PartialLog {
     fn new(source: String, header: &Header) -> Self {
-        let columns = header.columns.iter().map(|_| Column::default()).collect();
+        let columns = header.columns.iter().map(|_| CellColumn::default()).collect();
         let most = MOST_NUMBERS / (header.columns.len() + 1);
         Self {
             source,
-            stamps: Stamps::default(),
+            stamps: StampReader::default(),
             raw: Vec::new(),
             columns,
             rows: Rows::new(Origin::File),
@@ -901,7 +882,7 @@ impl Part {
                 unusable.push(Unusable { name: name.clone(), error });
                 continue;
             }
-            let Column { mut values, mut present, .. } = column;
+            let CellColumn { mut values, mut present, .. } = column;
             values.shrink_to_fit();
             present.iter_mut().for_each(Vec::shrink_to_fit);
             channels.push(Channel {
@@ -933,7 +914,7 @@ mod tests {
     fn rows_beyond_the_limit_are_refused() {
         let mut lines = Lines::new("a.csv", "time,u\n0,1\n1,2\n2,3\n".as_bytes()).unwrap();
         let mut header = Header::read(&mut lines, &ReadOptions::default()).unwrap();
-        let mut part = Part::new("a.csv".into(), &header);
+        let mut part = PartialLog::new("a.csv".into(), &header);
         assert_eq!(part.most, MOST_NUMBERS / 2);
         part.most = 2;
         for _ in 0..2 {
