@@ -11,7 +11,8 @@ use nalgebra::{DMatrix, SVD, SymmetricEigen};
 use serde::Serialize;
 
 use super::error::ModelError;
-use super::hinf::{self, Matrices};
+use super::hinf;
+use super::matrices::Matrices;
 use super::state_space::{StateSpace, TimeDomain};
 use super::zeros;
 

@@ -102,7 +102,8 @@ impl Regulation<'_> {
         Ok(())
     }
 
-    /// The solution with its gain and closed loop, which prove it; states and inputs that nothing joins, neither the plant nor the cost, are parts of their own.
+    /// The solution with its gain and closed loop, which prove it; states and inputs that nothing
+    /// joins, neither the plant nor the cost, are parts of their own.
     fn solve(self) -> Result<Lqr, ModelError> {
         let Self { a, b, q, r, n } = self;
         self.check()?;
@@ -130,7 +131,8 @@ impl Regulation<'_> {
             let steered: Vec<usize> = part[states.len()..].iter().map(|at| at - order).collect();
             let [of_a, of_q] = [a, q].map(|m| taken(m, states, states));
             let of_n = n.map(|n| taken(n, states, &steered));
-            // A part without a solution may not be the one that an error about the whole would tell of.
+            // A part without a solution may not be the one that an error about the whole would tell
+            // of.
             let (of_b, of_r) = (taken(b, states, &steered), taken(r, &steered, &steered));
             let part = Regulation { a: &of_a, b: &of_b, q: &of_q, r: &of_r, n: of_n.as_ref() };
             let Ok(lqr) = part.solve_part() else {
@@ -173,25 +175,12 @@ impl Regulation<'_> {
             }
         };
         let g0 = symmetric(b * r_factor.solve(&b.transpose()));
-        let polished = |first: DMatrix<f64>| {
-            let mut k = self.gain(&first)?;
-            let mut x = first;
-            let mut error = self.residual(&x, &k);
-            if error.norm() > 1e-14 * x.norm() {
-                // One Newton step: the correction solves a Stein equation with the closed loop; that of a loop that is not stable overflows.
-                x = symmetric(&x + stein(&(a - b * &k), &error));
-                k = self.gain(&x)?;
-                error = self.residual(&x, &k);
-            }
-            // Where R + BᵀXB is not positive the stationary point is no minimum.
-            (r + b.transpose() * &x * b).cholesky()?;
-            let poles = zeros::eigenvalues(&(a - b * &k));
-            poles.iter().all(|p| p.norm() < 1.0).then(|| (error.norm(), Lqr { k, x, poles }))
-        };
+        let polished = |first| self.polished(first);
         let (error, lqr) = match doubling(&a0, &g0, &q0).and_then(polished) {
             Some(found) => found,
             None => match self.why_none(&a0, &q0) {
-                // No assumption fails: an unstable mode that costs nothing, which doubling leaves alone.
+                // No assumption fails: an unstable mode that costs nothing, which doubling leaves
+                // alone.
                 ill @ ModelError::IllConditioned { .. } => {
                     Regulation { a: &a0, q: &q0, n: None, ..self }
                         .policy_iteration(&g0)
@@ -208,10 +197,31 @@ impl Regulation<'_> {
         Ok(lqr)
     }
 
-    /// The largest solution, from the gain for Q = I: X of the loop closed so far, then the gain for that X, until it settles.
+    /// A solution with its gain and the poles of its loop, and its residual; `None` where it is not
+    /// the stabilising one.
+    fn polished(self, first: DMatrix<f64>) -> Option<(f64, Lqr)> {
+        let Self { a, b, r, .. } = self;
+        let mut k = self.gain(&first)?;
+        let mut x = first;
+        let mut error = self.residual(&x, &k);
+        if error.norm() > 1e-14 * x.norm() {
+            // One Newton step: the correction solves a Stein equation with the closed loop; that of a loop that is not stable overflows.
+            x = symmetric(&x + stein(&(a - b * &k), &error));
+            k = self.gain(&x)?;
+            error = self.residual(&x, &k);
+        }
+        // Where R + BᵀXB is not positive the stationary point is no minimum.
+        (r + b.transpose() * &x * b).cholesky()?;
+        let poles = zeros::eigenvalues(&(a - b * &k));
+        poles.iter().all(|p| p.norm() < 1.0).then(|| (error.norm(), Lqr { k, x, poles }))
+    }
+
+    /// The largest solution, from the gain for Q = I: X of the loop closed so far, then the gain
+    /// for that X, until it settles.
     ///
-    /// Source: Hewer (1971), "An iterative technique for the computation of the steady state gains for the discrete optimal regulator", IEEE Trans. Automatic
-    /// Control 16(4), 382-384, doi:10.1109/TAC.1971.1099755.
+    /// Source: Hewer (1971), "An iterative technique for the computation of the steady state gains
+    /// for the discrete optimal regulator", IEEE Trans. Automatic Control 16(4), 382-384,
+    /// doi:10.1109/TAC.1971.1099755.
     fn policy_iteration(self, g: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         let Self { a, b, q, r, .. } = self;
         let mut x = doubling(a, g, &DMatrix::identity(a.nrows(), a.nrows()))?;

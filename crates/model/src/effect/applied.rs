@@ -1,27 +1,19 @@
 //! An effect on a channel with values for its parameters, and a list of them as a plan.
 
-use super::channel::OnChannel;
-use super::definition::{Effect, Scales, Site};
+use super::definition::{Effect, OnChannel, Site};
 use super::effects::{EFFECTS, find};
 use super::error::{EffectError, Result};
 use super::parameter::{Parameter, Role};
+use super::scales::Scales;
 use crate::file::channel::EffectEntry;
-use crate::simulate::plan::{Delays, Drops, Plan};
+use crate::simulate::plan::{Delays, Drops, Losses, Plan, Realisation};
 use crate::simulate::system::System;
 
 /// No size of a parameter is beyond this.
 const BOUNDLESS: f64 = 1e50;
 
-/// What random effects do.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Chance<'a> {
-    /// Their mean, which is what a fit can predict.
-    Mean,
-    /// A draw from this seed.
-    Seed(u64),
-    /// What happened, one sequence per input.
-    Known(&'a [Option<Fates>]),
-}
+/// What random effects do; known, one sequence per input.
+pub type Chance<'a> = Realisation<&'a [Option<Fates>]>;
 
 /// What became of the commands of an input, one for each sample of the log.
 #[derive(Debug, Clone, PartialEq)]
@@ -217,7 +209,9 @@ impl Applied {
             };
             match (known, &mut path.late) {
                 (Some(Fates::Missing(missing)), late) if late.is_some() || path.drops.is_some() => {
-                    (path.drops, *late) = (Some(Drops::Sequence(missing)), None);
+                    let losses = path.drops.as_ref().map_or_else(Losses::default, |d| d.losses);
+                    path.drops = Some(Drops { losses, lost: Realisation::Known(missing) });
+                    *late = None;
                 }
                 (Some(Fates::Late(delays)), Some(late)) => late.delays = Delays::Known(delays),
                 _ => {}
@@ -226,8 +220,8 @@ impl Applied {
             if let Some(late) = &mut path.late {
                 late.delays = Delays::Seed(seed_of(seed));
             }
-            if let Some(Drops::Mean(losses)) = path.drops {
-                path.drops = Some(Drops::Random { losses, seed: seed_of(seed) });
+            if let Some(drops) = &mut path.drops {
+                drops.lost = Realisation::Seed(seed_of(seed));
             }
         }
         Ok(plan)

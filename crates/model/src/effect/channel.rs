@@ -2,15 +2,14 @@
 
 use std::borrow::Cow;
 
-use super::definition::{Effect, Scales, Spread};
+use super::definition::{ALL, OnChannel, names};
 use super::error::{EffectError, Result};
 use super::parameter::{Parameter, Role};
+use super::scales::{Scales, Spread};
 use crate::equations::system::Wrt;
 use crate::simulate::plan::Source;
-use crate::simulate::system::{Dynamics, Port, System};
-
-/// All outputs.
-pub(super) const ALL: &str = "*";
+use crate::simulate::simulator::Port;
+use crate::simulate::system::{Dynamics, System};
 
 /// A parameter without bounds: a size, or a limit where it is infinite when nominal.
 pub(super) fn free(name: impl Into<Cow<'static, str>>, unit: String, nominal: f64) -> Parameter {
@@ -49,10 +48,6 @@ pub(super) fn frequency(name: impl Into<Cow<'static, str>>) -> Parameter {
     Parameter { role: Role::Frequency, lower: 1e-9, ..free(name, "Hz".to_owned(), 1.0) }
 }
 
-pub(super) fn names(ports: &[Port]) -> Vec<String> {
-    ports.iter().map(|p| p.name.clone()).collect()
-}
-
 pub(super) fn position(ports: &[Port], name: &str) -> Option<usize> {
     ports.iter().position(|p| p.name == name)
 }
@@ -72,17 +67,6 @@ pub(super) fn per(port: &Port, other: &str) -> String {
 /// One unit over another, as of a gain between channels.
 pub(super) fn ratio(to: &Port, from: &Port) -> String {
     if to.unit == from.unit { "1".to_owned() } else { format!("({})/({})", unit(to), unit(from)) }
-}
-
-/// A channel of a system, named to an effect.
-#[derive(Clone, Copy)]
-pub struct OnChannel<'a> {
-    /// The effect.
-    pub effect: &'a dyn Effect,
-    /// The system.
-    pub system: &'a System,
-    /// The channel's name.
-    pub channel: &'a str,
 }
 
 impl<'a> OnChannel<'a> {

@@ -1,10 +1,10 @@
 //! What an effect is.
 
-use super::channel::{ALL, OnChannel, names};
-use super::effects::EFFECTS;
-use super::error::{EffectError, Result};
+use super::error::Result;
 use super::parameter::Parameter;
+use super::scales::Scales;
 use crate::simulate::plan::Plan;
+use crate::simulate::simulator::Port;
 use crate::simulate::system::System;
 
 /// Where an effect acts.
@@ -32,46 +32,6 @@ impl Site {
             Self::Clock => "clock",
         }
     }
-}
-
-/// What a search over parameters may know of the data: the sizes that its first guesses are made
-/// of.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Scales {
-    /// Mean sample time, seconds.
-    pub sample_time_s: f64,
-    /// Length of the longest log, seconds.
-    pub duration_s: f64,
-    /// The time in which the fastest output of the nominal simulation moves by its standard
-    /// deviation, seconds; 0 where none moves.
-    pub timescale_s: f64,
-    /// The longest delay and lag that are looked for, seconds.
-    pub longest_delay_s: f64,
-    /// Every input's |u| at quantiles 0.1, 0.25, 0.5, 0.75, 0.9, 1; then its rms, smallest and
-    /// largest value, largest change per second.
-    pub inputs: Vec<Spread>,
-    /// The same for the nominal simulation's states.
-    pub states: Vec<Spread>,
-    /// Rms of every state's derivative in the nominal simulation.
-    pub derivatives: Vec<f64>,
-    /// The same for the measured outputs.
-    pub outputs: Vec<Spread>,
-    /// Frequencies at which the residual is strong, Hz.
-    pub peaks_hz: Vec<f64>,
-    /// First guesses of what changes with time, as a scan of the logs suggests them; empty where
-    /// nothing does.
-    pub scanned: Vec<Scanned>,
-}
-
-/// First guesses that come of a scan of the logs, not of sizes.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Scanned {
-    /// The effect.
-    pub effect: &'static str,
-    /// Where it acts.
-    pub channel: String,
-    /// Full sets of its parameters.
-    pub starts: Vec<Vec<f64>>,
 }
 
 /// What holds for an effect on every channel.
@@ -146,25 +106,6 @@ pub enum Change {
     Drift,
 }
 
-/// How far a signal goes.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Spread {
-    /// |v| at quantiles 0.1, 0.25, 0.5, 0.75, 0.9 and 1.
-    pub quantiles: [f64; 6],
-    /// Root of the mean square.
-    pub rms: f64,
-    /// Standard deviation.
-    pub std: f64,
-    /// Smallest value.
-    pub smallest: f64,
-    /// Largest value.
-    pub largest: f64,
-    /// Largest change from sample to sample, per second.
-    pub fastest: f64,
-    /// The step of the lattice on which all values lie, if they lie on one that is coarse.
-    pub lattice: Option<f64>,
-}
-
 /// What tells an effect from others that are like it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Telling {
@@ -199,19 +140,25 @@ impl Lateness {
     pub fn is_hidden(self) -> bool {
         matches!(self, Self::Lost | Self::Random)
     }
+}
 
-    /// The effect that makes commands late in this way.
-    ///
-    /// # Errors
-    /// [`EffectError::Unknown`] where the table has none.
-    pub fn effect(self) -> Result<&'static dyn Effect> {
-        let known = || EFFECTS.iter().map(|e| e.name()).collect();
-        EFFECTS
-            .iter()
-            .copied()
-            .find(|e| e.lateness() == Some(self))
-            .ok_or_else(|| EffectError::Unknown { name: format!("{self:?}"), known: known() })
-    }
+/// All outputs.
+pub(super) const ALL: &str = "*";
+
+/// A channel of a system, named to an effect.
+#[derive(Clone, Copy)]
+pub struct OnChannel<'a> {
+    /// The effect.
+    pub effect: &'a dyn Effect,
+    /// The system.
+    pub system: &'a System,
+    /// The channel's name.
+    pub channel: &'a str,
+}
+
+/// The names of ports.
+pub(super) fn names(ports: &[Port]) -> Vec<String> {
+    ports.iter().map(|p| p.name.clone()).collect()
 }
 
 /// An effect.
@@ -230,7 +177,7 @@ pub trait Effect: Sync {
     /// Its parameters on this channel.
     ///
     /// # Errors
-    /// [`EffectError`] for a channel that it cannot act on.
+    /// [`EffectError`](super::error::EffectError) for a channel that it cannot act on.
     fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>>;
     /// First guesses of the parameters; each is a full set. Sizes of the data give them, or a scan
     /// of the logs.
@@ -266,7 +213,7 @@ pub trait Effect: Sync {
     /// Adds its hooks. Only called away from the identity and inside the bounds.
     ///
     /// # Errors
-    /// [`EffectError`] for a channel that it cannot act on.
+    /// [`EffectError`](super::error::EffectError) for a channel that it cannot act on.
     fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()>;
 
     /// Its name in files.

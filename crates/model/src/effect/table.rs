@@ -3,11 +3,12 @@
 use nalgebra::DMatrix;
 
 use super::applied::Applied;
-use super::channel::OnChannel;
-use super::definition::{Effect, Site};
+use super::definition::{Effect, OnChannel, Site};
 use super::effects::EFFECTS;
 use super::parameter::Parameter;
-use crate::simulate::system::{Dynamics, Matrices, Port, System};
+use crate::matrices::Matrices;
+use crate::simulate::simulator::Port;
+use crate::simulate::system::{Dynamics, System};
 
 /// An effect in general.
 #[derive(Debug, Clone, PartialEq)]

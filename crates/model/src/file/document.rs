@@ -10,7 +10,8 @@ use super::check::unmatched;
 use super::equations::{EquationsFile, GroupEntry, GroupKind};
 use super::lti::{ModelFile, State};
 use super::nuisance::NuisanceEntry;
-use super::text::{Syntax, read_text};
+use super::text::{Syntax, parse_text, read_text};
+use super::transfer;
 use crate::error::{ModelError, Result};
 use deadtime_log::{Log, LogError};
 
@@ -38,7 +39,8 @@ impl ModelDocument {
     /// Reads and checks a model file of any kind.
     ///
     /// # Errors
-    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] that names the file and what is wrong in it.
+    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] that names the file and
+    /// what is wrong in it.
     pub fn read(path: &Path) -> Result<Self> {
         let (text, syntax) = read_text(path)?;
         Ok(Self::parse(&text, syntax, path)?)
@@ -256,5 +258,30 @@ impl ModelDocument {
     #[must_use]
     pub fn is_sampled(&self) -> bool {
         matches!(self, Self::Lti(file) if file.is_sampled())
+    }
+}
+
+impl ModelFile {
+    /// Reads and checks a model file.
+    ///
+    /// # Errors
+    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] that names the file and
+    /// what is wrong in it.
+    pub fn read(path: &Path) -> Result<Self> {
+        let (text, syntax) = read_text(path)?;
+        Ok(Self::parse(&text, syntax, path)?)
+    }
+
+    pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<Self, ModelError> {
+        let kind = super::text::kind(text, syntax, path)?;
+        if kind == "tf" || kind == "zpk" {
+            return transfer::parse(text, syntax, path);
+        }
+        if kind != "lti" {
+            return Err(ModelError::NotLinear { path: path.to_owned(), kind });
+        }
+        let model: Self = parse_text(text, syntax, path)?;
+        model.check(path)?;
+        Ok(model)
     }
 }

@@ -12,7 +12,8 @@ use super::check::{
 };
 use super::equations::{EquationsFile, ParameterEntry, StateEntry};
 use super::nuisance::{NuisanceEntry, check_nuisances};
-use super::text::{FORMAT, Syntax, parse_text, read_text, syntax, write_text};
+use super::table::Table;
+use super::text::{FORMAT, Syntax, syntax, write_text};
 use crate::c2d::conversion::Conversion;
 use crate::error::{ModelError, Result};
 use crate::state_space::{Continuous, Sampled, StateSpace};
@@ -75,28 +76,6 @@ pub struct ModelFile {
 }
 
 impl ModelFile {
-    /// Reads and checks a model file.
-    ///
-    /// # Errors
-    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] that names the file and what is wrong in it.
-    pub fn read(path: &Path) -> Result<Self> {
-        let (text, syntax) = read_text(path)?;
-        Ok(Self::parse(&text, syntax, path)?)
-    }
-
-    pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<Self, ModelError> {
-        let kind = super::text::kind(text, syntax, path)?;
-        if kind == "tf" || kind == "zpk" {
-            return super::transfer::parse(text, syntax, path);
-        }
-        if kind != "lti" {
-            return Err(ModelError::NotLinear { path: path.to_owned(), kind });
-        }
-        let model: Self = parse_text(text, syntax, path)?;
-        model.check(path)?;
-        Ok(model)
-    }
-
     pub(super) fn check(&self, path: &Path) -> Result<(), ModelError> {
         let states: Vec<&str> = self.states.iter().map(|s| s.name.as_str()).collect();
         check_sizes(path, [self.inputs.len(), states.len(), 0, self.outputs.len()])?;
@@ -265,25 +244,7 @@ impl ModelFile {
         };
         let states = deviations(&mut self.states.iter().map(|s| &s.name), about_states);
         let inputs = deviations(&mut self.inputs.iter().map(|c| &c.name), about_inputs);
-        let mut parameters = Vec::new();
-        let mut derivatives = Vec::new();
-        for (i, state) in self.states.iter().map(|s| s.name.as_str()).enumerate() {
-            let mut derivative = "0".to_owned();
-            let of_states =
-                self.states.iter().zip(&states).map(|(s, x)| ("A", sys.a(), s.name.as_str(), x));
-            let of_inputs =
-                self.inputs.iter().zip(&inputs).map(|(c, u)| ("B", sys.b(), c.name.as_str(), u));
-            for (j, (letter, matrix, column, value)) in
-                of_states.enumerate().chain(of_inputs.enumerate())
-            {
-                if matrix[(i, j)] != 0.0 {
-                    let name = format!("{letter}_{state}_{column}");
-                    derivative.push_str(&format!(" + {name}*{value}"));
-                    parameters.push((name, ParameterEntry { unit: None, value: matrix[(i, j)] }));
-                }
-            }
-            derivatives.push((state.to_owned(), derivative));
-        }
+        let (parameters, derivatives) = self.entries(&sys, &states, &inputs);
         let output = |(i, channel): (usize, &Channel)| {
             let mut equation = format!("{:e}", about_outputs.get(i).copied().unwrap_or(0.0));
             let of_states = states.iter().map(|x| (sys.c(), x));
@@ -322,6 +283,35 @@ impl ModelFile {
             nuisances: self.nuisances.clone(),
             ..EquationsFile::empty(&self.name)
         })
+    }
+
+    /// The entries of A and B that are not 0 as parameters, and each state's derivative by them.
+    fn entries(
+        &self,
+        sys: &StateSpace<Continuous>,
+        states: &[String],
+        inputs: &[String],
+    ) -> (Table<ParameterEntry>, Table<String>) {
+        let mut parameters = Vec::new();
+        let mut derivatives = Vec::new();
+        for (i, state) in self.states.iter().map(|s| s.name.as_str()).enumerate() {
+            let mut derivative = "0".to_owned();
+            let of_states =
+                self.states.iter().zip(states).map(|(s, x)| ("A", sys.a(), s.name.as_str(), x));
+            let of_inputs =
+                self.inputs.iter().zip(inputs).map(|(c, u)| ("B", sys.b(), c.name.as_str(), u));
+            for (j, (letter, matrix, column, value)) in
+                of_states.enumerate().chain(of_inputs.enumerate())
+            {
+                if matrix[(i, j)] != 0.0 {
+                    let name = format!("{letter}_{state}_{column}");
+                    derivative.push_str(&format!(" + {name}*{value}"));
+                    parameters.push((name, ParameterEntry { unit: None, value: matrix[(i, j)] }));
+                }
+            }
+            derivatives.push((state.to_owned(), derivative));
+        }
+        (parameters, derivatives)
     }
 
     /// Writes the file, as TOML or JSON by its extension.

@@ -144,16 +144,12 @@ impl Recursion {
             for i in 0..n {
                 let to = i * samples + start + 1;
                 let to = &mut x[to..to + known];
-                for (to, row) in to.iter_mut().zip(block.chunks_exact(stride)) {
-                    *to = row[i];
-                }
+                put_column(to, block, stride, i);
                 finite &= to.iter().fold(true, |finite, value| finite & value.is_finite());
             }
             for i in 0..outputs {
                 let to = i * samples + start;
-                for (to, row) in y[to..to + count].iter_mut().zip(block.chunks_exact(stride)) {
-                    *to = row[n + i];
-                }
+                put_column(&mut y[to..to + count], block, stride, n + i);
             }
             if !finite {
                 let first = block
@@ -168,6 +164,13 @@ impl Recursion {
             y: DMatrix::from_vec(samples, outputs, y),
             x: DMatrix::from_vec(samples, n, x),
         })
+    }
+}
+
+/// One number of every row.
+fn put_column(to: &mut [f64], rows: &[f64], stride: usize, at: usize) {
+    for (to, row) in to.iter_mut().zip(rows.chunks_exact(stride)) {
+        *to = row[at];
     }
 }
 

@@ -1,9 +1,10 @@
 //! The sensors' clock is set differently: it reads t + offset. Positive: outputs seem late.
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Scales, Site};
+use crate::effect::channel;
+use crate::effect::definition::{ALL, Effect, Facts, OnChannel, Site};
 use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 
 /// The sensors' clock is set differently.
@@ -24,7 +25,7 @@ impl Effect for ClockOffset {
     }
 
     fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
-        if on.channel != channel::ALL {
+        if on.channel != ALL {
             return Err(on.unknown());
         }
         Ok(vec![Parameter { role: Role::Clock, ..channel::free("offset", "s".to_owned(), 0.0) }])

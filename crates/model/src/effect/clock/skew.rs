@@ -1,9 +1,10 @@
 //! The sensors' clock runs at another rate: when the commands' clock reads t, it reads ratio·t.
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Scales, Site};
+use crate::effect::channel;
+use crate::effect::definition::{ALL, Effect, Facts, OnChannel, Site};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 
 /// How many rates are looked at on either side, and the furthest of them: clocks that differ by more are no clocks.
@@ -24,7 +25,7 @@ impl Effect for ClockSkew {
     }
 
     fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
-        if on.channel != channel::ALL {
+        if on.channel != ALL {
             return Err(on.unknown());
         }
         Ok(vec![Parameter {

@@ -4,10 +4,11 @@
 
 use std::sync::Arc;
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Scales, Site, Spread};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site};
 use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
+use crate::effect::scales::{Scales, Spread};
 use crate::file::candidate::CandidateParameter;
 use crate::file::candidate::{Candidate as Suspected, Candidates};
 use crate::simulate::plan::Plan;
@@ -22,9 +23,9 @@ const FIRST_GUESS: f64 = 0.2;
 /// Fails when: another term of the catalogue moves the outputs in the same way; both then stand in one class.
 /// Source: Ljung (1999), System Identification: Theory for the User, section 4.3, grey-box models.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Candidate;
+pub(crate) struct CandidateTerm;
 
-impl Effect for Candidate {
+impl Effect for CandidateTerm {
     fn facts(&self) -> Facts {
         Facts {
             rule: "a candidate of the model file or of `--candidate`: `state += expression`",

@@ -1,9 +1,10 @@
 //! Dry friction: −level·sign(x) on the derivative of the velocity x, which sticks at 0.
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Scales, Site, Telling};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Term};
 
 /// Dry friction that sticks.

@@ -1,9 +1,10 @@
 //! A state or input moves a state that the model keeps apart: gain·from on the derivative of `to`.
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Scales, Site};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Source, Term};
 use crate::simulate::system::System;
 

@@ -1,9 +1,10 @@
 //! Two states that exchange what they store: gain·(a − b) on the derivative of b, and as much less on that of a.
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Scales, Site};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Source, Term};
 use crate::simulate::system::System;
 

@@ -4,10 +4,11 @@
 //! This is Wen's law with β = γ in the normalised form of Ikhouane and Rodellar (2007) with σ = ½. A small displacement makes it dry friction, a large
 //! one a spring.
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Scales, Site, Telling};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Term};
 
 /// A force with a memory of the way: hysteresis.

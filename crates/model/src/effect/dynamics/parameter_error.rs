@@ -4,12 +4,14 @@
 
 use nalgebra::DMatrix;
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Scales, Site};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, names};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::{Dynamics, ModelNumber, Port, System};
+use crate::simulate::simulator::Port;
+use crate::simulate::system::{Dynamics, ModelNumber, System};
 
 /// A parameter of the model is wrong.
 ///
@@ -58,7 +60,7 @@ pub(super) const RULE: &str = "a parameter, or an entry of A or B that is not 0:
 /// Every number of the model.
 pub(super) fn channels(system: &System) -> Vec<String> {
     match &system.dynamics {
-        Dynamics::Equations(..) | Dynamics::BlackBox(..) => channel::names(&system.parameters),
+        Dynamics::Equations(..) | Dynamics::BlackBox(..) => names(&system.parameters),
         Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
             let entries = |letter: &'static str, matrix: &DMatrix<f64>, columns: &[Port]| {
                 let place = |(i, j): (usize, usize)| {

@@ -3,8 +3,8 @@
 //! Equation: x′ = f(x, u; p) with p = value until `time` and p = later from then on; for an entry of A or B the same. The state runs on through the change.
 
 use super::parameter_error::number;
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Change, Effect, Facts, Site};
+use crate::effect::channel;
+use crate::effect::definition::{Change, Effect, Facts, OnChannel, Site};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
 use crate::simulate::plan::{Plan, Switch};

@@ -1,9 +1,10 @@
 //! Something shakes: amplitude·sin(2π·frequency·t + phase) on a state's derivative, t from the log's first sample.
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Scales, Site};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site};
 use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Term};
 
 /// Something shakes at one frequency.

@@ -1,9 +1,10 @@
 //! A resonance that the model lacks: q″ + 2ζω·q′ + ω²·q = ω²·u, gain·q added to an input, a state's derivative or an output.
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Scales, Site, Telling};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{self, Mode, Plan};
 use crate::simulate::system::System;
 
@@ -40,9 +41,9 @@ impl Effect for UnmodelledMode {
         let input = channel::unit(&on.system.inputs[input]);
         let over = |unit: String| if input == "1" { unit } else { format!("({unit})/({input})") };
         let gain = match site {
-            plan::Site::Input(_) => "1".to_owned(),
-            plan::Site::State(i) => over(channel::per(&on.system.states[i], "s")),
-            plan::Site::Output(i) => over(channel::unit(&on.system.outputs[i])),
+            plan::ModeSite::Input(_) => "1".to_owned(),
+            plan::ModeSite::State(i) => over(channel::per(&on.system.states[i], "s")),
+            plan::ModeSite::Output(i) => over(channel::unit(&on.system.outputs[i])),
         };
         Ok(vec![
             channel::frequency("frequency"),
@@ -62,9 +63,9 @@ impl Effect for UnmodelledMode {
             return Vec::new();
         };
         let size = match site {
-            plan::Site::Input(_) => 1.0,
-            plan::Site::State(i) => scales.derivatives.get(i).map_or(1.0, |v| v / drive),
-            plan::Site::Output(i) => scales.outputs.get(i).map_or(1.0, |v| v.std / drive),
+            plan::ModeSite::Input(_) => 1.0,
+            plan::ModeSite::State(i) => scales.derivatives.get(i).map_or(1.0, |v| v / drive),
+            plan::ModeSite::Output(i) => scales.outputs.get(i).map_or(1.0, |v| v.std / drive),
         };
         let guesses = |f: &f64| [0.05, 0.4].map(|damping| vec![*f, damping, 0.1 * size]);
         scales.peaks_hz.iter().flat_map(guesses).collect()
@@ -85,16 +86,18 @@ impl Effect for UnmodelledMode {
 }
 
 /// The input that drives it and where it is added.
-fn place(on: OnChannel<'_>) -> Result<(usize, plan::Site)> {
+fn place(on: OnChannel<'_>) -> Result<(usize, plan::ModeSite)> {
     let System { inputs, states, outputs, .. } = on.system;
     let find = || {
         let (from, to) = on.channel.split_once("->")?;
         let (kind, name) = to.split_once(':')?;
         let input = channel::position(inputs, from)?;
         let site = match kind {
-            "input" => plan::Site::Input(channel::position(inputs, name).filter(|&i| i == input)?),
-            "state" => plan::Site::State(channel::position(states, name)?),
-            "output" => plan::Site::Output(channel::position(outputs, name)?),
+            "input" => {
+                plan::ModeSite::Input(channel::position(inputs, name).filter(|&i| i == input)?)
+            }
+            "state" => plan::ModeSite::State(channel::position(states, name)?),
+            "output" => plan::ModeSite::Output(channel::position(outputs, name)?),
             _ => return None,
         };
         Some((input, site))

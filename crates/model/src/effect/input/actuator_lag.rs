@@ -1,9 +1,10 @@
 //! The actuator lags: w′ = (u − w)/time_constant.
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Lateness, Scales, Site, Telling};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, Lateness, OnChannel, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 
 /// The actuator follows with a first-order lag.

@@ -1,9 +1,10 @@
 //! The actuator is not straight: u + quadratic·u·|u|.
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Scales, Site, Telling};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 
 /// The actuator has a quadratic characteristic.

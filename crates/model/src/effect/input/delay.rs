@@ -1,9 +1,10 @@
 //! A command reaches the plant later: u(t − delay).
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Lateness, Scales, Site, Telling};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, Lateness, OnChannel, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 
 /// Dead time between the command and the plant; continuous, never rounded to samples.

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Change, Effect, Facts, Site, Telling};
+use crate::effect::channel;
+use crate::effect::definition::{Change, Effect, Facts, OnChannel, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
 use crate::simulate::piecewise::Piecewise;

@@ -2,10 +2,11 @@
 //!
 //! Equation: command k acts from t_k + d_k on, d_k gamma distributed with mean `delay` and standard deviation `spread`; ordered: not before command k − 1.
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Lateness, Scales, Site, Telling};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, Lateness, OnChannel, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Delays, Late, Plan};
 
 /// From this value on commands keep their order.

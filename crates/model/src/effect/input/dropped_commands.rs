@@ -3,11 +3,12 @@
 //! Equation: v(k) = u(k) where the command of sample k arrives, else v(k − 1); lost with this probability, each sample for itself, or in runs whose mean length is
 //! `burst`: a loss then goes on with probability 1 − 1/burst, and begins with probability/(burst·(1 − probability)).
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Lateness, Scales, Site, Telling};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, Lateness, OnChannel, Site, Telling};
 use crate::effect::error::{EffectError, Result};
 use crate::effect::parameter::{Parameter, Role};
-use crate::simulate::plan::{Drops, Losses, Plan};
+use crate::effect::scales::Scales;
+use crate::simulate::plan::{Drops, Losses, Plan, Realisation};
 
 /// Each logged command is lost with this probability; a plan holds the mean over all sequences until a seed draws one.
 ///
@@ -60,7 +61,8 @@ impl Effect for DroppedCommands {
                 upper: f64::INFINITY,
             });
         }
-        plan.inputs[on.input()?].drops = Some(Drops::Mean(Losses { probability, burst }));
+        let losses = Losses { probability, burst };
+        plan.inputs[on.input()?].drops = Some(Drops { losses, lost: Realisation::Mean });
         Ok(())
     }
 }

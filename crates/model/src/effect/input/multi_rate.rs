@@ -1,7 +1,7 @@
 //! Commands pass at certain times only and are held between them, as through a slower loop: at phase, phase + period, phase + 2·period and so on.
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Lateness, Site, Telling};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, Lateness, OnChannel, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
 use crate::simulate::plan::Plan;

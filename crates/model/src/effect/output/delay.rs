@@ -1,9 +1,10 @@
 //! A measurement is written down late: y(t − delay).
 
-use crate::effect::channel::{self, OnChannel};
-use crate::effect::definition::{Effect, Facts, Scales, Site, Telling};
+use crate::effect::channel;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
 use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 use crate::simulate::system::System;
 

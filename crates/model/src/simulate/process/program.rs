@@ -2,8 +2,8 @@
 
 use super::child::Children;
 use super::{command, persistent};
-use crate::simulate::black_box::{Face, Simulator};
-use crate::simulate::system::Port;
+use crate::simulate::black_box::Face;
+use crate::simulate::simulator::{Port, Simulator};
 use nalgebra::DMatrix;
 use std::path::PathBuf;
 use std::sync::Arc;
