@@ -44,7 +44,7 @@ impl Default for Common {
 
 /// How a method did on one kind of record.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Score {
+pub struct CommonScore {
     /// Records.
     pub trials: usize,
     /// Records for which it gave a delay.
@@ -65,11 +65,11 @@ pub struct MethodRow {
     /// Its class.
     pub class: Class,
     /// On the kind of record that it is made for.
-    pub on_reference: Score,
+    pub on_reference: CommonScore,
     /// On a plant with a time constant of 8 samples, moved by a random binary input; `None` where it does not look at pairs.
-    pub lag: Option<Score>,
+    pub lag: Option<CommonScore>,
     /// On the same plant under feedback, with a tenth of the signal's power as noise, from the plant's true input; `None` as above.
-    pub feedback: Option<Score>,
+    pub feedback: Option<CommonScore>,
     /// Median time of an estimate on a record of its reference experiment, s.
     pub time_s: f64,
 }
@@ -386,7 +386,7 @@ fn answer(
     ))
 }
 
-fn score(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> Score {
+fn score(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> CommonScore {
     let answers: Vec<(f64, bool)> = records
         .par_iter()
         .map(|r| answer(method, estimator, r))
@@ -395,7 +395,7 @@ fn score(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> 
         .flatten()
         .collect();
     let mean = |g: &dyn Fn(&(f64, bool)) -> f64| stats::mean(answers.iter().map(g));
-    Score {
+    CommonScore {
         trials: records.len(),
         found: answers.len(),
         rms_samples: mean(&|a| a.0 * a.0).map(f64::sqrt),

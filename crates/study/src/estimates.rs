@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use cpu_time::ThreadTime;
 use serde::{Deserialize, Serialize};
 
-use super::cell::{Chosen, Layout, Slot};
+use super::cell::{Chosen, Resolved, Slot};
 use super::error::{Error, Result, StudyError};
-use super::plan::{PLAIN, Place, Plan, Scoring, Shown, Truth};
+use super::keys::{Place, Truth};
+use super::plan::{PLAIN, Plan, Scoring, Shown};
 use super::results::Cell;
 use super::setting::{Record, Setting};
 use deadtime_delay::{DelayEstimate, Detrend, Experiment, Outcome, Scope, Search, Start, richness};
@@ -51,7 +52,7 @@ pub(super) fn made(plan: &Plan, setting: &Setting, trial: usize) -> Result<Recor
 /// All estimates from one record; `stop` is looked at between the methods.
 pub(super) fn of_record(
     plan: &Plan,
-    layout: &Layout,
+    layout: &Resolved,
     number: usize,
     trial: usize,
     stop: &Stop,

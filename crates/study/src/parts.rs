@@ -15,7 +15,7 @@ use super::block_file::Damaged;
 use super::blocks::BLOCK;
 use super::error::{Error, Result, StudyError};
 use super::estimates::{Row, of_record, value_fields};
-use super::parquet::{Reader, Table, unread, unwritten};
+use super::parquet::{EstimateReader, EstimateTable, unread, unwritten};
 use super::results::Study;
 use super::run::Runner;
 use super::seal;
@@ -165,7 +165,7 @@ impl Runner {
         let told = [(STAMP, self.stamp().to_owned()), (BLOCKS, text(&blocks)), seal::open()];
         let wrong = |e| unwritten(Path::new("part"), &e);
         let mut keys = BTreeMap::new();
-        let mut table: Option<Table<Vec<u8>>> = None;
+        let mut table: Option<EstimateTable<Vec<u8>>> = None;
         for block in self.blocks.iter(blocks) {
             for row in self.block(block, stop)? {
                 let key = keys.entry(row.cell).or_insert_with(|| self.key(row.cell));
@@ -173,9 +173,9 @@ impl Runner {
                 let fields = key.iter().chain(&values);
                 let table = match &mut table {
                     Some(table) => table,
-                    none => {
-                        none.insert(Table::new(Vec::new(), fields.clone(), &told).map_err(wrong)?)
-                    }
+                    none => none.insert(
+                        EstimateTable::new(Vec::new(), fields.clone(), &told).map_err(wrong)?,
+                    ),
                 };
                 table.write(fields).map_err(wrong)?;
             }
@@ -313,7 +313,7 @@ impl Tasks {
     }
 
     /// A task's part, once every byte of it is known to be what was written, and it is this task's of this study; else what is wrong with it.
-    fn sound(&self, task: usize) -> Result<Result<Reader, String>> {
+    fn sound(&self, task: usize) -> Result<Result<EstimateReader, String>> {
         let path = self.path(task);
         let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, e))?;
         if !seal::is_whole(&bytes) {
@@ -324,7 +324,7 @@ impl Tasks {
             }
             .to_owned()));
         }
-        Ok(match Reader::of(&path, bytes) {
+        Ok(match EstimateReader::of(&path, bytes) {
             Err(e) => Err(e.to_string()),
             Ok(part) if !self.owns(task, &part) => {
                 Err("it is no part of this study, or another task's".to_owned())
@@ -333,7 +333,7 @@ impl Tasks {
         })
     }
 
-    fn owns(&self, task: usize, part: &Reader) -> bool {
+    fn owns(&self, task: usize, part: &EstimateReader) -> bool {
         part.about(STAMP) == Some(self.stamp.as_str())
             && part.about(BLOCKS) == Some(text(&self.blocks(task)).as_str())
     }
@@ -350,7 +350,8 @@ impl Tasks {
     /// much is in memory as one part for every thread.
     ///
     /// # Errors
-    /// [`StudyError::Results`] for a part that is missing, damaged or another study's; [`FileError::Io`](deadtime_signal::file::FileError::Io); [`Error::Stopped`].
+    /// [`StudyError::Results`] for a part that is missing, damaged or another study's;
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`Error::Stopped`].
     pub fn gather(&self, runner: &Runner, stop: &Stop) -> Result<Study> {
         let cells = runner.layout.slots.len();
         // Tasks that share a setting are added up one after the other.

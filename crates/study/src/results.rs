@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::error::{Result, StudyError};
-use super::plan::{Delay, Loop, Place, Truth};
+use super::keys::{Delay, Loop, Place, Truth};
 use deadtime_signal::file::{read_text, write_atomic};
 
 /// The format's name.

@@ -13,11 +13,12 @@ use sha2::{Digest, Sha256};
 use super::block_file::{BlockFile, Damaged};
 use super::blocks::{BLOCK, Block, Blocks};
 use super::budget::Budget;
-use super::cell::{Layout, Slot};
+use super::cell::{Resolved, Slot};
 use super::error::{Error, Result, StudyError};
 use super::estimates::{CsvSink, Field, Row, Sink, key_fields, made, of_record, value_fields};
+use super::keys::Delay;
 use super::parquet::ParquetSink;
-use super::plan::{Delay, PLAIN, Plan};
+use super::plan::{PLAIN, Plan};
 use super::results::{Cell, FORMAT, Kept, Score, Study};
 use super::tally::{Tally, kept};
 use deadtime_signal::file::{Lock, sweep, write_atomic};
@@ -46,7 +47,7 @@ pub struct Progress {
 /// A plan made ready to run.
 pub struct Runner {
     pub(super) plan: Plan,
-    pub(super) layout: Layout,
+    pub(super) layout: Resolved,
     pub(super) blocks: Blocks,
     stamp: String,
 }
@@ -89,7 +90,7 @@ impl Runner {
     /// As [`Self::new`], but for records.
     pub fn untried(plan: &Plan, budget: &Budget) -> Result<Self> {
         budget.check(plan)?;
-        let layout = Layout::new(plan).map_err(|e| plan.origin.place(e))?;
+        let layout = Resolved::new(plan).map_err(|e| plan.origin.place(e))?;
         let uncounted = || StudyError::Plan {
             plan: plan.name.clone(),
             detail: "`trials`: more records than can be counted".to_owned(),
@@ -370,7 +371,8 @@ impl Begun<'_> {
     /// Makes what is not done yet, and writes what came of all of it.
     ///
     /// # Errors
-    /// What keeps a record from being made; [`FileError::Io`](deadtime_signal::file::FileError::Io); [`Error::Stopped`].
+    /// What keeps a record from being made;
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`Error::Stopped`].
     pub fn run(self, stop: &Stop, progress: &(dyn Fn(Progress) + Sync)) -> Result<Study> {
         let runner = self.runner;
         let done = self
@@ -439,7 +441,7 @@ impl Begun<'_> {
 }
 
 /// What two runs must share for their blocks to go together; what published numbers and aims say is no part of it.
-fn stamp(plan: &Plan, layout: &Layout) -> String {
+fn stamp(plan: &Plan, layout: &Resolved) -> String {
     let plan =
         serde_json::to_string(&Plan { published: Vec::new(), aims: Vec::new(), ..plan.clone() })
             .unwrap_or_default();

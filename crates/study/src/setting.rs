@@ -11,11 +11,10 @@ use sha2::{Digest, Sha256};
 use super::bound::bound_samples;
 use super::error::{Result, StudyError};
 use super::feedback;
+use super::keys::{Delay, Drawn, Loop, Place};
 use super::logging::{Logging, STEPS, held};
 use super::passages::{EVENTS, passages};
-use super::plan::{
-    Colour, Controller, Delay, Draw, Drawn, Grid, Loop, PLAIN, Place, Plan, Scoring, Signal,
-};
+use super::plan::{Colour, Controller, Draw, Grid, PLAIN, Plan, Scoring, Signal};
 use super::plants::{PLANTS, Plant, PlantEntry};
 use deadtime_delay::{Detrend, Experiment, PlantModel, Recording};
 use deadtime_model::c2d::{CONVERSIONS, Conversion, Tustin};
@@ -23,9 +22,10 @@ use deadtime_model::simulate::{Options, Prehistory, lsim};
 use deadtime_model::{ModelFile, Sampled, StateSpace, dlqr};
 use deadtime_signal::file::read_text;
 use deadtime_signal::registry::{self, Entry};
-use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
-use deadtime_signal::{EXCITATIONS, Excitation, Noise, NoiseColour, NoiseScaling, unit_noise};
+use deadtime_signal::{
+    EXCITATIONS, Excitation, Noise, NoiseColour, NoiseScaling, stats, unit_noise,
+};
 
 /// What a record is of: the keys of a cell that it shares with every method, place, input and output.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,7 +71,7 @@ impl std::fmt::Display for Key {
 }
 
 /// A plant of the list, or a model file's.
-enum Source {
+enum PlantSource {
     Listed(&'static PlantEntry),
     File(Box<Plant>),
 }
@@ -85,7 +85,7 @@ pub(super) struct Setting {
     pub(super) inputs: Vec<String>,
     pub(super) outputs: Vec<String>,
     pub(super) sample_time: SampleTime,
-    source: Source,
+    source: PlantSource,
     conversion: Box<dyn Conversion>,
     /// `None`: events.
     excitation: Option<Box<dyn Excitation>>,
@@ -234,7 +234,7 @@ fn controller(
 fn logging(
     plan: &Plan,
     key: &Key,
-    source: &Source,
+    source: &PlantSource,
     states: bool,
     wrong: Wrong<'_>,
 ) -> Result<Logging> {
@@ -247,7 +247,7 @@ fn logging(
         }
     };
     let sampled =
-        matches!(source, Source::File(plant) if matches!(plant.model, PlantModel::Sampled(_)));
+        matches!(source, PlantSource::File(plant) if matches!(plant.model, PlantModel::Sampled(_)));
     if logging.jitter > 0.0 && (states || sampled || key.c2d != "zoh" || key.loops != Loop::Open) {
         let detail = format!(
             "logging `{}`: uneven stamps are simulated between the samples of continuous plants behind `zoh` in an open loop, for methods that look at pairs",
@@ -353,8 +353,8 @@ impl Setting {
 
     fn is_repeatable(&self) -> Result<bool> {
         let fixed = match &self.source {
-            Source::Listed(entry) => !entry.random,
-            Source::File(_) => true,
+            PlantSource::Listed(entry) => !entry.random,
+            PlantSource::File(_) => true,
         };
         let quiet =
             self.key.snr.is_infinite() && self.colour.innovation_std.is_none_or(|std| std == 0.0);
@@ -382,8 +382,8 @@ impl Setting {
             return self.passages(seed, delay_s, &mut rng);
         }
         let plant = match &self.source {
-            Source::Listed(entry) => entry.build(&mut rng)?,
-            Source::File(plant) => (**plant).clone(),
+            PlantSource::Listed(entry) => entry.build(&mut rng)?,
+            PlantSource::File(plant) => (**plant).clone(),
         };
         let drive = match self.draw {
             Draw::EachTrial => self.drive(&mut rng)?,
@@ -704,11 +704,11 @@ fn definition(plan: &Plan, grid: &Grid, key: &Key, signal: &Signal) -> Result<St
     Ok(format!("{:016x}", hash(&all.to_string())))
 }
 
-fn source(name: &str, folder: &Path) -> Result<(Source, Vec<String>, Vec<String>)> {
+fn source(name: &str, folder: &Path) -> Result<(PlantSource, Vec<String>, Vec<String>)> {
     if let Some(entry) = PLANTS.iter().find(|p| p.name == name) {
         // Names do not depend on what is drawn.
         let plant = entry.build(&mut ChaCha8Rng::seed_from_u64(0))?;
-        return Ok((Source::Listed(entry), plant.inputs, plant.outputs));
+        return Ok((PlantSource::Listed(entry), plant.inputs, plant.outputs));
     }
     let path = folder.join(name);
     let refused = |plan: String, detail: String| Err(StudyError::Plan { plan, detail }.into());
@@ -735,7 +735,7 @@ fn source(name: &str, folder: &Path) -> Result<(Source, Vec<String>, Vec<String>
     };
     let (inputs, outputs) = (names(&file.inputs), names(&file.outputs));
     let plant = Plant { model, inputs: inputs.clone(), outputs: outputs.clone() };
-    Ok((Source::File(Box::new(plant)), inputs, outputs))
+    Ok((PlantSource::File(Box::new(plant)), inputs, outputs))
 }
 
 /// Outputs and states of a plant that rests before the first sample.
@@ -770,13 +770,13 @@ fn fed_back(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cell::Layout;
+    use crate::cell::Resolved;
 
     /// Outputs of the first record of every setting of a grid.
     fn outputs(plan: &mut Plan, grid: &str) -> Vec<Vec<f64>> {
         plan.only(&[grid.to_owned()], &[]).unwrap();
         let record = |s: &Setting| s.record(plan.seed, 0).unwrap().from[0].take().unwrap();
-        Layout::new(plan)
+        Resolved::new(plan)
             .unwrap()
             .settings
             .iter()
