@@ -304,6 +304,9 @@ pub(super) fn open(path: &Path, far: &HowFar) -> Result<impl Read, Error> {
     Ok(std::io::Cursor::new(head).chain(file))
 }
 
+/// Cell, name and unit of each channel.
+type Columns = Vec<(usize, String, Option<String>)>;
+
 /// The header row: where the time stands, and the channels.
 #[derive(Debug)]
 pub(super) struct Header {
@@ -312,8 +315,7 @@ pub(super) struct Header {
     decimal_comma: bool,
     time: usize,
     pub(super) clock: Clock,
-    /// Cell, name and unit of each channel.
-    columns: Vec<(usize, String, Option<String>)>,
+    columns: Columns,
     cells: usize,
     /// Its line, where a separator stands behind its last name.
     trailing: Option<usize>,
@@ -390,7 +392,7 @@ fn channels(
     (time, index): (usize, bool),
     options: &ReadOptions,
     notes: &mut Notes,
-) -> Result<(String, Vec<(usize, String, Option<String>)>), LogError> {
+) -> Result<(String, Columns), LogError> {
     let file = || lines.file.to_owned();
     let (mut clock, mut columns) = (String::new(), Vec::with_capacity(names.len()));
     for (place, (name, unit)) in names.into_iter().enumerate() {

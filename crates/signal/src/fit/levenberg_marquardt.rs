@@ -110,6 +110,9 @@ pub struct Fit {
     pub last_change: f64,
 }
 
+/// Parameters of a lower cost, and what the cost is there.
+type Better = (Vec<f64>, Normal);
+
 impl LevenbergMarquardt {
     /// Minimises Σ r² from `start`. `evaluate` returns `None` where the problem is not defined (an unstable predictor, say); such steps are shortened.
     pub fn minimise(
@@ -195,7 +198,7 @@ impl LevenbergMarquardt {
         free: &[bool],
         damping: &mut f64,
         evaluate: &mut impl FnMut(&[f64]) -> Option<Normal>,
-    ) -> Option<(f64, Option<(Vec<f64>, Normal)>)> {
+    ) -> Option<(f64, Option<Better>)> {
         while *damping < 1e12 {
             let Some(step) = damped_step(normal, free, *damping) else {
                 *damping *= 10.0;
