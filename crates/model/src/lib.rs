@@ -14,6 +14,7 @@ mod matrix;
 mod nu_gap;
 mod parts;
 mod riccati;
+mod shape;
 pub mod simulate;
 mod state_space;
 mod transfer_function;

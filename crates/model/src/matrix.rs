@@ -4,7 +4,6 @@ use faer::Mat;
 use faer::linalg::solvers::Solve;
 use nalgebra::{Complex, DMatrix, Schur};
 
-use super::error::ModelError;
 use super::parts::{parts, put, taken};
 
 /// Rows from which on faer is faster where the exponent is small, so that nalgebra takes a low degree, and where it is not: the bench `exponential` of
@@ -137,25 +136,6 @@ fn triangular_sqrt(t: &DMatrix<Complex<f64>>) -> DMatrix<Complex<f64>> {
         }
     }
     r
-}
-
-/// A matrix of this shape, all of its entries finite.
-pub(super) fn check_matrix(
-    matrix: &'static str,
-    got: &DMatrix<f64>,
-    (rows, columns): (usize, usize),
-) -> Result<(), ModelError> {
-    let (got_rows, got_columns) = got.shape();
-    if (got_rows, got_columns) != (rows, columns) {
-        return Err(ModelError::Shape { matrix, rows, columns, got_rows, got_columns });
-    }
-    match got.iter().enumerate().find(|(_, v)| !v.is_finite()) {
-        Some((at, &value)) => {
-            let (row, column) = (at % rows + 1, at / rows + 1);
-            Err(ModelError::NotFinite { matrix, row, column, value })
-        }
-        None => Ok(()),
-    }
 }
 
 #[cfg(test)]

@@ -4,8 +4,8 @@ use nalgebra::allocator::Allocator;
 use nalgebra::{Complex, Const, DMatrix, DefaultAllocator, DimMin, OMatrix, SymmetricEigen};
 
 use super::error::ModelError;
-use super::matrix::check_matrix;
 use super::parts::{parts, put, taken};
+use super::shape::check_matrix;
 use super::zeros;
 
 /// A linear-quadratic regulator.

@@ -4,7 +4,7 @@ use nalgebra::{Complex, DMatrix, DVector};
 
 use super::error::ModelError;
 use super::matrices::Matrices;
-use super::matrix::check_matrix;
+use super::shape::check_matrix;
 use super::zeros;
 use deadtime_signal::time::SampleTime;
 
