@@ -5,7 +5,9 @@ use super::study::{number, share, time};
 use super::styled::{WIDTH, wrapped};
 use super::text::{Table, estimate};
 use deadtime_gap::{Mode, Strength};
-use deadtime_study::compare::{CauseRow, Diagnoses, MethodRow, ParameterRow, Part, Studies, Value};
+use deadtime_study::compare::{
+    CausePart, CauseRow, CauseValue, Diagnoses, MethodRow, ParameterRow, Studies,
+};
 
 /// Names that a sentence lists.
 const NAMED: usize = 6;
@@ -157,7 +159,7 @@ pub fn shares(found: &Diagnoses) -> Option<Table> {
     (!found.causes.is_empty()).then_some(table)
 }
 
-pub(super) fn part_text(part: &Part) -> String {
+pub(super) fn part_text(part: &CausePart) -> String {
     let share = part.share.map_or_else(|| "yes".to_owned(), percent);
     let weak = if part.strength == Some(Strength::Weak) { ", weak" } else { "" };
     let other = part.stands_in.as_ref().map_or_else(String::new, |other| format!(" as {other}"));
@@ -182,7 +184,7 @@ pub fn values(found: &Diagnoses) -> Option<Table> {
     (!found.parameters.is_empty()).then_some(table)
 }
 
-pub(super) fn value_text(v: &Value) -> String {
+pub(super) fn value_text(v: &CauseValue) -> String {
     match estimate(v.value, v.ci95) {
         (value, Some([low, high])) => format!("{value} ({low} to {high})"),
         (value, None) => format!("{value} (at a bound)"),
@@ -199,8 +201,10 @@ pub(super) fn agreement(row: &ParameterRow) -> String {
 }
 
 pub(super) fn mean_text(row: &ParameterRow) -> String {
-    row.mean
-        .map_or_else(|| "–".to_owned(), |value| value_text(&Value { value, ci95: row.mean_ci95 }))
+    row.mean.map_or_else(
+        || "–".to_owned(),
+        |value| value_text(&CauseValue { value, ci95: row.mean_ci95 }),
+    )
 }
 
 /// What studies are compared on, a sentence.

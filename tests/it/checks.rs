@@ -2,7 +2,7 @@
 
 use crate::support::program::{Folder, deadtime, text};
 use deadtime::diagnose::{Check, CheckKind, Inspection, inspect};
-use deadtime::effect::{Applied, Chance, find};
+use deadtime::effect::{Applied, Chance, OnChannel, find};
 use deadtime::log::{Channel, Log};
 use deadtime::model::ModelDocument;
 use deadtime::simulate::{Commands, System};
@@ -351,7 +351,8 @@ fn gaps(plant: &Plant, document: &ModelDocument) -> Vec<Vec<(&'static str, Strin
         all.push(vec![("input_delay", u.clone(), vec![6.0 * ts]), ("input_gain", u, vec![0.8])]);
         let parameters = find("parameter_error").unwrap();
         for channel in parameters.channels(&system) {
-            let nominal = parameters.parameters(&system, &channel).unwrap()[0].nominal;
+            let on = OnChannel { effect: parameters, system: &system, channel: &channel };
+            let nominal = parameters.parameters(on).unwrap()[0].nominal;
             for factor in [0.7, 0.85, 1.2, 1.5] {
                 all.push(vec![("parameter_error", channel.clone(), vec![factor * nominal])]);
             }

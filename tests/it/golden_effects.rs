@@ -3,7 +3,7 @@
 use crate::support::compare::{Comparison, cases, golden, list, text};
 use deadtime::effect::{Applied, Chance, EFFECTS};
 use deadtime::model::{EffectEntry, ModelDocument};
-use deadtime::simulate::{Commands, Drops, System};
+use deadtime::simulate::{Commands, Realisation, System};
 use serde_json::Value;
 
 /// Relative to the largest output of a linear or sampled case: the reference's own accuracy (golden/effects/SOURCE.md).
@@ -50,11 +50,12 @@ fn every_effect_agrees_with_an_independent_simulation() {
             .collect();
         let mut plan = Applied::plan(&system, &effects, Chance::Mean).unwrap();
         let (time_s, inputs) = (list(&case["time"]), columns(&case["u"]));
-        if let Some(drops) = case["drops"].as_array() {
-            for (j, path) in plan.inputs.iter_mut().enumerate().filter(|(_, p)| p.drops.is_some()) {
-                path.drops = Some(Drops::Sequence(
-                    drops.iter().map(|row| row[j].as_bool().unwrap()).collect(),
-                ));
+        if let Some(rows) = case["drops"].as_array() {
+            for (j, path) in plan.inputs.iter_mut().enumerate() {
+                if let Some(drops) = &mut path.drops {
+                    let lost = rows.iter().map(|row| row[j].as_bool().unwrap()).collect();
+                    drops.lost = Realisation::Known(lost);
+                }
             }
         }
         let x0 = if case["x0"].is_null() { system.initial.clone() } else { list(&case["x0"]) };

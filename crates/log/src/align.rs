@@ -2,13 +2,13 @@
 
 use std::collections::HashMap;
 
-use super::error;
-use super::error::LogError;
-use super::listing::GAP_STEPS;
+use super::error::{self, LogError};
 use super::log::{Channel, Log, Output};
 use super::recording::{Recording, Topic};
 use deadtime_signal::time::SampleTime;
 
+/// A step longer than this many median steps is a gap.
+pub(super) const GAP_STEPS: f64 = 3.0;
 /// Half the length of the interpolation kernel, in zero crossings.
 const CROSSINGS: f64 = 16.0;
 /// Shape of the Kaiser window: 80 dB of stop band.
@@ -150,42 +150,20 @@ impl Recording {
         }
         let time_s = self.common_times(&chosen, base, grid)?;
         let step_s = grid.map_or_else(|| base.log.median_step_s(), SampleTime::seconds);
-        let (mut channels, mut early_s) = (Vec::with_capacity(chosen.len()), 0.0_f64);
-        let (mut held, mut moved) = (Vec::new(), Vec::new());
-        for (one, topic, channel) in &chosen {
+        let moved = moved(&chosen, base, grid);
+        let early_s = moved.map(|(_, topic, _)| topic.log.median_step_s()).fold(0.0, f64::max);
+        let channels = chosen.iter().map(|(one, topic, channel)| {
+            let (stamps, samples) = (topic.log.time_s(), channel.samples());
             let (values, present) = if one.held {
-                held.push(one.name.as_str());
-                hold(topic.log.time_s(), channel.samples(), &time_s)
+                hold(stamps, samples, &time_s)
             } else {
-                let own = grid.is_none() && std::ptr::eq(*topic, base);
-                if !own {
-                    moved.push(one.name.as_str());
-                    early_s = early_s.max(topic.log.median_step_s());
-                }
-                band_limited(topic.log.time_s(), channel.samples(), &time_s, step_s)
+                band_limited(stamps, samples, &time_s, step_s)
             };
-            channels.push(Channel {
-                name: one.name.clone(),
-                unit: channel.unit.clone(),
-                values: values.into(),
-                present: Some(present),
-            });
-        }
-        let onto = grid.map_or_else(
-            || format!("the stamps of {}", base.name),
-            |step| format!("an even grid of {} s", step.seconds()),
-        );
-        let mut note = format!("channels are put onto {onto}");
-        if sparse && grid.is_none() {
-            note += " (the commands are too sparse to be the grid)";
-        }
-        if !held.is_empty() {
-            note += &format!("; {} held", held.join(", "));
-        }
-        note += &held_on(&chosen, &time_s);
-        if !moved.is_empty() {
-            note += &format!("; {} interpolated within what both rates carry", moved.join(", "));
-        }
+            let (name, unit) = (one.name.clone(), channel.unit.clone());
+            Channel { name, unit, values: values.into(), present: Some(present) }
+        });
+        let channels = channels.collect();
+        let note = note(&chosen, base, grid, sparse, &time_s);
         // A command that is put onto other stamps looks later than it was, by up to a step.
         let log = Log::new(self.source.clone(), time_s, channels)?;
         Ok((Log { early_s: early_s + step_s, ..log }, vec![note]))
@@ -280,6 +258,48 @@ fn base<'r>(chosen: &[Chosen<'_, 'r>]) -> Option<(&'r Topic, bool)> {
             held.or(chosen.first().map(|(_, topic, _)| *topic)).map(|topic| (topic, false))
         }
     }
+}
+
+/// What was done to channels that are put together.
+fn note(
+    chosen: &[Chosen<'_, '_>],
+    base: &Topic,
+    grid: Option<SampleTime>,
+    sparse: bool,
+    time_s: &[f64],
+) -> String {
+    let onto = grid.map_or_else(
+        || format!("the stamps of {}", base.name),
+        |step| format!("an even grid of {} s", step.seconds()),
+    );
+    let mut note = format!("channels are put onto {onto}");
+    if sparse && grid.is_none() {
+        note += " (the commands are too sparse to be the grid)";
+    }
+    if let Some(held) = names(chosen.iter().filter(|(one, ..)| one.held)) {
+        note += &format!("; {held} held");
+    }
+    note += &held_on(chosen, time_s);
+    if let Some(moved) = names(moved(chosen, base, grid)) {
+        note += &format!("; {moved} interpolated within what both rates carry");
+    }
+    note
+}
+
+/// Channels that are interpolated: those that are not held and stand on other stamps.
+fn moved<'c, 'w, 'r>(
+    chosen: &'c [Chosen<'w, 'r>],
+    base: &'c Topic,
+    grid: Option<SampleTime>,
+) -> impl Iterator<Item = &'c Chosen<'w, 'r>> {
+    let own = move |topic: &Topic| grid.is_none() && std::ptr::eq(topic, base);
+    chosen.iter().filter(move |(one, topic, _)| !one.held && !own(topic))
+}
+
+/// The names of channels, one behind the other; `None` where there is none.
+fn names<'c, 'w: 'c, 'r: 'c>(chosen: impl Iterator<Item = &'c Chosen<'w, 'r>>) -> Option<String> {
+    let names: Vec<&str> = chosen.map(|(one, ..)| one.name.as_str()).collect();
+    (!names.is_empty()).then(|| names.join(", "))
 }
 
 /// Which commands are held far behind their last stamp, as a part of a sentence.
@@ -387,28 +407,30 @@ pub(super) fn band_limited(
             let last = (i..stamps.len()).find(|&k| !joined(k)).unwrap_or(i);
             run = (first, last);
         }
-        let (first, last) = (run.0 as i64, run.1 as i64);
-        let at = |k: i64| samples.values.get(k as usize).copied().unwrap_or(0.0);
-        // Odd about both ends, again and again where the stretch is short.
-        let reflected = |mut k: i64| {
-            let (mut sum, mut sign) = (0.0, 1.0);
-            while (k < first || k > last) && first < last {
-                let end = if k < first { first } else { last };
-                sum += sign * 2.0 * at(end);
-                (sign, k) = (-sign, 2 * end - k);
-            }
-            sum + sign * at(k.clamp(first, last))
-        };
         let place = i as f64 + fraction;
         let (mut sum, mut weights) = (0.0, 0.0);
         for k in (place - reach).ceil() as i64..=(place + reach).floor() as i64 {
             let weight = kernel.at((place - k as f64).abs() * edge);
-            sum += weight * reflected(k);
+            sum += weight * reflected(samples.values, run, k);
             weights += weight;
         }
         Some(sum / weights).filter(|x| x.is_finite())
     };
     at_s.iter().map(value).map(|value| (value.unwrap_or(0.0), value.is_some())).unzip()
+}
+
+/// The sample of this number; beyond the ends of a run odd about them, again and again where the
+/// run is short.
+fn reflected(values: &[f64], (first, last): (usize, usize), mut k: i64) -> f64 {
+    let (first, last) = (first as i64, last as i64);
+    let at = |k: i64| values.get(k as usize).copied().unwrap_or(0.0);
+    let (mut sum, mut sign) = (0.0, 1.0);
+    while (k < first || k > last) && first < last {
+        let end = if k < first { first } else { last };
+        sum += sign * 2.0 * at(end);
+        (sign, k) = (-sign, 2 * end - k);
+    }
+    sum + sign * at(k.clamp(first, last))
 }
 
 /// A Kaiser-windowed sinc, tabulated.

@@ -1,10 +1,10 @@
 //! Topics out of named arrays and structs, as MATLAB and Simulink save them.
 
 use super::error::Error;
-use super::error::LogError;
 use super::numbers::Numbers;
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
 use crate::csv::clock::{Times, named_time, seconds};
+use crate::notes::Notes;
 use deadtime_signal::remedy::{Message, Remedy};
 
 /// What a variable holds; arrays run column by column.
@@ -44,7 +44,7 @@ pub(super) fn assemble(
     format: &'static str,
     title: &'static str,
     variables: Vec<(String, Array)>,
-    mut notes: crate::notes::Notes,
+    mut notes: Notes,
     options: &ReadOptions,
 ) -> Result<Recording, Error> {
     let mut found = Vec::new();
@@ -55,20 +55,14 @@ pub(super) fn assemble(
     for found in found {
         topics.extend(found.table(origin_ns).finish(source, &mut notes)?);
     }
-    if topics.is_empty() {
-        if variables.iter().any(|(_, array)| {
-            matches!(array, Array::Numbers { .. } | Array::Struct(_) | Array::List(_))
-        }) {
-            notes.push(
-                Message::from(
-                    "no vector of time was found: call one `time` or `t`, or name it with ",
-                )
-                .and(Remedy::TimeColumn),
-            );
-        }
-        return Err(LogError::NoTopics { file: source.into(), format: title, notes }.into());
+    let numbers = |(_, array): &(String, Array)| {
+        matches!(array, Array::Numbers { .. } | Array::Struct(_) | Array::List(_))
+    };
+    if topics.is_empty() && variables.iter().any(numbers) {
+        let missing = "no vector of time was found: call one `time` or `t`, or name it with ";
+        notes.push(Message::from(missing).and(Remedy::TimeColumn));
     }
-    Ok(Recording { source: source.into(), format, topics, notes })
+    Recording::of_topics(source, (format, title), topics, notes)
 }
 
 impl Found<'_> {
@@ -98,7 +92,7 @@ fn collect<'a>(
     name: &str,
     fields: &'a [(String, Array)],
     found: &mut Vec<Found<'a>>,
-    notes: &mut crate::notes::Notes,
+    notes: &mut Notes,
     options: &ReadOptions,
 ) {
     let vectors = || {
@@ -150,7 +144,7 @@ fn nested<'a>(
     path: &str,
     array: &'a Array,
     found: &mut Vec<Found<'a>>,
-    notes: &mut crate::notes::Notes,
+    notes: &mut Notes,
     options: &ReadOptions,
 ) {
     match array {
@@ -187,7 +181,7 @@ fn channels<'a>(
     array: &'a Array,
     rows: usize,
     columns: &mut Vec<(String, &'a [f64])>,
-    notes: &mut crate::notes::Notes,
+    notes: &mut Notes,
 ) {
     match array {
         Array::Numbers { values, .. } if values.len() == rows => {

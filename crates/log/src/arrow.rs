@@ -21,9 +21,9 @@ use arrow_schema::{DataType, TimeUnit as Unit};
 
 use super::columns::{Cells, Column, assemble, guarded};
 use super::counted::{READING, whole};
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::recording::{ReadOptions, Recording, TimeUnit};
+use crate::notes::Notes;
 
 const NAME: &str = "Arrow IPC";
 pub(super) const MAGIC: &[u8] = b"ARROW1";
@@ -45,9 +45,9 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
     let bytes = whole(path, &options.far).map_err(|e| Error::io(path, e))?;
     options.far.at(READING, &"taking it apart");
     let begin = if bytes.starts_with(MAGIC) { HEAD } else { 0 };
-    let mut notes = crate::notes::Notes::default();
+    let mut notes = Notes::default();
     let end = sound(&bytes, begin, &mut notes);
-    let refused = |what: String| LogError::Format { file: source.to_owned(), format: NAME, what };
+    let refused = |what: String| LogError::format(source, NAME, what);
     let stream = bytes.get(begin..end).unwrap_or_default();
     let reader =
         StreamReader::try_new(Cursor::new(stream), None).map_err(|e| refused(e.to_string()))?;
@@ -68,7 +68,7 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
 }
 
 /// Where the messages end that are whole, and that do not ask for more memory than their size allows; why not all are, as a note.
-fn sound(bytes: &[u8], begin: usize, notes: &mut crate::notes::Notes) -> usize {
+fn sound(bytes: &[u8], begin: usize, notes: &mut Notes) -> usize {
     let mut at = begin;
     loop {
         let number = |from: usize| {
@@ -141,13 +141,7 @@ fn modest(message: &Message<'_>, body: &[u8]) -> bool {
 }
 
 /// The columns of a field before any is read: of a struct one for each of its fields.
-fn empty(
-    name: &str,
-    kind: &DataType,
-    depth: usize,
-    columns: &mut Vec<Column>,
-    notes: &mut crate::notes::Notes,
-) {
+fn empty(name: &str, kind: &DataType, depth: usize, columns: &mut Vec<Column>, notes: &mut Notes) {
     let unit = |unit: &Unit| match unit {
         Unit::Second => TimeUnit::S,
         Unit::Millisecond => TimeUnit::Ms,
@@ -199,7 +193,7 @@ fn of_array(array: &ArrayRef, depth: usize, columns: &mut [Column], at: &mut usi
         }
         return;
     }
-    let (mut none, mut unused) = (Vec::new(), crate::notes::Notes::default());
+    let (mut none, mut unused) = (Vec::new(), Notes::default());
     // What has no column was left out when the schema was looked at.
     empty("", array.data_type(), depth, &mut none, &mut unused);
     if none.is_empty() {

@@ -1,16 +1,16 @@
 //! Topics of bags (MCAP, rosbag2): messages of several encodings, stamped by the recorder or by their senders.
 
 use deadtime_signal::remedy::{Message, Remedy};
+use deadtime_signal::stats;
 use std::collections::{BTreeMap, HashMap};
 
 use serde_json::Value;
 
 use super::error::Error;
-use super::error::LogError;
 use super::protobuf::Messages;
-use super::recording::Topic;
-use super::recording::{Recording, Stamps, Table};
+use super::recording::{Recording, Stamps, Table, Topic};
 use super::ros::{Decoder, Definitions, Encoding, MOST_ELEMENTS, Node};
+use crate::notes::Notes;
 
 /// How messages of a topic are written.
 pub(super) struct Schema<'a> {
@@ -31,13 +31,13 @@ pub(super) struct Bag {
     streams: BTreeMap<u64, Stream>,
     /// Channels that go into the stream of another one: of several senders of one topic.
     same: HashMap<u64, u64>,
-    pub(super) notes: crate::notes::Notes,
+    pub(super) notes: Notes,
 }
 
 struct Stream {
     topic: String,
     /// Encoding and definition of its messages.
-    kind: Kind,
+    kind: MessageKind,
     table: Table,
     how: How,
     messages: usize,
@@ -49,13 +49,75 @@ struct Stream {
 }
 
 /// How messages are encoded, and the name and text of their definition.
-type Kind = (String, Option<(String, Vec<u8>)>);
+type MessageKind = (String, Option<(String, Vec<u8>)>);
 
 enum How {
     Ros(Box<Decoder>),
     Protobuf(Box<Messages>),
     Json(HashMap<String, usize>),
     Unknown(String),
+}
+
+impl Stream {
+    /// Says what of its messages is left out.
+    fn left_out(&self, name: &str, notes: &mut Notes) {
+        match &self.how {
+            How::Unknown(why) if self.messages > 0 => {
+                notes.push(format!("{name}: {why}; left out"));
+            }
+            _ if self.broken > 0 => notes.push(format!(
+                "{name}: {} of {} messages do not fit their definition and are left out",
+                self.broken, self.messages
+            )),
+            _ => {}
+        }
+        let long: &[String] = match &self.how {
+            How::Ros(decoder) => &decoder.long,
+            How::Protobuf(messages) => &messages.long,
+            How::Json(_) | How::Unknown(_) => &[],
+        };
+        notes.extend(
+            long.iter().map(|field| {
+                format!("{name}.{field}: more than {MOST_ELEMENTS} elements; left out")
+            }),
+        );
+    }
+}
+
+impl How {
+    /// By the encoding of the messages and the definition beside them.
+    fn of(message_encoding: &str, schema: Option<&Schema<'_>>) -> Self {
+        let ros = |encoding, Schema { name, data, .. }: &Schema<'_>| match Definitions::parse(
+            name,
+            &String::from_utf8_lossy(data),
+        ) {
+            Ok(definitions) => {
+                let (root, long) = (Node::Unseen, Vec::new());
+                Self::Ros(Box::new(Decoder { definitions, encoding, root, long }))
+            }
+            Err(what) => Self::Unknown(format!("{name}: {what}")),
+        };
+        match (message_encoding, schema) {
+            ("cdr", Some(schema)) if schema.encoding == "ros2msg" => ros(Encoding::Cdr, schema),
+            ("ros1", Some(schema)) if schema.encoding == "ros1msg" => ros(Encoding::Ros1, schema),
+            ("protobuf", Some(schema)) if schema.encoding == "protobuf" => {
+                match Messages::new(schema.name, schema.data) {
+                    Ok(messages) => Self::Protobuf(Box::new(messages)),
+                    Err(what) => Self::Unknown(format!("{}: {what}", schema.name)),
+                }
+            }
+            ("json", _) => Self::Json(HashMap::new()),
+            (encoding, schema) => {
+                let schema = schema.map_or_else(String::new, |s| {
+                    format!(
+                        " with a schema in {}",
+                        if s.encoding.is_empty() { "no language" } else { s.encoding }
+                    )
+                });
+                Self::Unknown(format!("messages in {encoding}{schema} are not read"))
+            }
+        }
+    }
 }
 
 impl Bag {
@@ -66,7 +128,7 @@ impl Bag {
             origin_ns: None,
             streams: BTreeMap::new(),
             same: HashMap::new(),
-            notes: crate::notes::Notes::default(),
+            notes: Notes::default(),
         }
     }
 
@@ -120,38 +182,7 @@ impl Bag {
             ));
             Table::new(numbered)
         };
-        let ros = |encoding, schema: &Schema<'_>| match Definitions::parse(
-            schema.name,
-            &String::from_utf8_lossy(schema.data),
-        ) {
-            Ok(definitions) => How::Ros(Box::new(Decoder {
-                definitions,
-                encoding,
-                root: Node::Unseen,
-                long: Vec::new(),
-            })),
-            Err(what) => How::Unknown(format!("{}: {what}", schema.name)),
-        };
-        let how = match (message_encoding, schema) {
-            ("cdr", Some(schema)) if schema.encoding == "ros2msg" => ros(Encoding::Cdr, schema),
-            ("ros1", Some(schema)) if schema.encoding == "ros1msg" => ros(Encoding::Ros1, schema),
-            ("protobuf", Some(schema)) if schema.encoding == "protobuf" => {
-                match Messages::new(schema.name, schema.data) {
-                    Ok(messages) => How::Protobuf(Box::new(messages)),
-                    Err(what) => How::Unknown(format!("{}: {what}", schema.name)),
-                }
-            }
-            ("json", _) => How::Json(HashMap::new()),
-            (encoding, schema) => {
-                let schema = schema.map_or_else(String::new, |s| {
-                    format!(
-                        " with a schema in {}",
-                        if s.encoding.is_empty() { "no language" } else { s.encoding }
-                    )
-                });
-                How::Unknown(format!("messages in {encoding}{schema} are not read"))
-            }
-        };
+        let how = How::of(message_encoding, schema);
         let stream = Stream {
             topic: name.to_owned(),
             kind,
@@ -221,30 +252,8 @@ impl Bag {
         let mut topics: Vec<Topic> = Vec::new();
         for stream in self.streams.into_values() {
             let name = stream.table.name().to_owned();
-            match &stream.how {
-                How::Unknown(why) if stream.messages > 0 => {
-                    self.notes.push(format!("{name}: {why}; left out"))
-                }
-                _ if stream.broken > 0 => {
-                    self.notes.push(format!(
-                        "{name}: {} of {} messages do not fit their definition and are left out",
-                        stream.broken, stream.messages
-                    ));
-                }
-                _ => {}
-            }
-            let long: &[String] = match &stream.how {
-                How::Ros(decoder) => &decoder.long,
-                How::Protobuf(messages) => &messages.long,
-                How::Json(_) | How::Unknown(_) => &[],
-            };
-            self.notes.extend(long.iter().map(|field| {
-                format!("{name}.{field}: more than {MOST_ELEMENTS} elements; left out")
-            }));
-            let mut late_s = stream.late_s;
-            let middle = late_s.len() / 2;
-            if !late_s.is_empty() {
-                let median_s = *late_s.select_nth_unstable_by(middle, f64::total_cmp).1;
+            stream.left_out(&name, &mut self.notes);
+            if let Some(median_s) = stats::upper_median(stream.late_s) {
                 let used = match self.stamps {
                     Stamps::Arrival => Message::from(
                         "the recorder's stamps are used, for the same clock everywhere (",
@@ -265,22 +274,14 @@ impl Bag {
             }
             topics.extend(stream.table.finish(source, &mut self.notes)?);
         }
-        if topics.is_empty() {
-            return Err(LogError::NoTopics {
-                file: source.into(),
-                format: title,
-                notes: self.notes,
-            }
-            .into());
-        }
-        if let Some(origin) = self.origin_ns {
+        if let Some(origin) = self.origin_ns.filter(|_| !topics.is_empty()) {
             self.notes.push(format!(
                 "time is counted from the first message ({}.{:09} s)",
                 origin.div_euclid(1_000_000_000),
                 origin.rem_euclid(1_000_000_000)
             ));
         }
-        Ok(Recording { source: source.into(), format, topics, notes: self.notes })
+        Recording::of_topics(source, (format, title), topics, self.notes)
     }
 }
 

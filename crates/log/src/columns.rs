@@ -1,9 +1,9 @@
 //! Logs out of tables of typed columns, as Parquet and Arrow files hold them.
 
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
 use crate::csv::clock::{named_time, seconds};
+use crate::notes::Notes;
 use deadtime_signal::remedy::{Message, Remedy};
 
 /// What a reader of another crate found, or that it gave up in the middle: some stop the program where parts of a damaged file lie outside of it.
@@ -13,8 +13,8 @@ pub(super) fn guarded<T>(
     read: impl FnOnce() -> Result<T, Error>,
 ) -> Result<T, Error> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(read)).unwrap_or_else(|_| {
-        let what = "damaged: its parts do not fit together; write it again".into();
-        Err(LogError::Format { file: source.into(), format, what }.into())
+        let what = "damaged: its parts do not fit together; write it again";
+        Err(LogError::format(source, format, what).into())
     })
 }
 
@@ -74,7 +74,7 @@ pub(super) fn assemble(
     format: &'static str,
     title: &'static str,
     columns: Vec<Column>,
-    mut notes: crate::notes::Notes,
+    mut notes: Notes,
     options: &ReadOptions,
 ) -> Result<Recording, Error> {
     let place = |test: &dyn Fn(&Column) -> bool| columns.iter().position(test);
@@ -113,7 +113,7 @@ pub(super) fn assemble(
         if let Cells::Text(_) = column.cells {
             notes.push(format!("{}: text; left out", column.name));
         } else {
-            let (name, unit) = crate::csv::table::name_and_unit(&column.name);
+            let (name, unit) = crate::header::name_and_unit(&column.name);
             channels.push((table.column(name, unit), &column.cells));
         }
     }
@@ -125,9 +125,6 @@ pub(super) fn assemble(
             }
         }
     }
-    let topics: Vec<_> = table.finish(source, &mut notes)?.into_iter().collect();
-    if topics.is_empty() {
-        return Err(LogError::NoTopics { file: source.into(), format: title, notes }.into());
-    }
-    Ok(Recording { source: source.into(), format, topics, notes })
+    let topics = table.finish(source, &mut notes)?.into_iter().collect();
+    Recording::of_topics(source, (format, title), topics, notes)
 }

@@ -7,7 +7,9 @@ use deadtime_signal::remedied;
 use deadtime_signal::remedy::{Message, Remedied, Remedy};
 use deadtime_signal::time::TimeError;
 
-use super::log::Place;
+use super::frequency::FrequencyError;
+use super::place::{Place, neighbours};
+use crate::notes::Notes;
 
 /// Whatever keeps a log from being read or used.
 #[derive(Debug, thiserror::Error)]
@@ -129,7 +131,7 @@ pub enum LogError {
         /// What the file is.
         format: &'static str,
         /// What was said while it was read.
-        notes: crate::notes::Notes,
+        notes: Notes,
     },
     /// A channel in another unit than the model's.
     #[error(
@@ -328,7 +330,7 @@ pub enum LogError {
         /// The file.
         file: String,
         /// What is wrong with it.
-        error: super::frequency::FrequencyError,
+        error: FrequencyError,
     },
     /// A step that a table of its response cannot have.
     #[error("{}", self.remedied().unwrap_or_default())]
@@ -494,6 +496,27 @@ pub enum LogError {
 
 remedied!(Error { Log });
 
+impl LogError {
+    /// A file that is not as its format says.
+    pub(super) fn format(file: &str, format: &'static str, what: impl Into<String>) -> Self {
+        Self::Format { file: file.to_owned(), format, what: what.into() }
+    }
+
+    /// A channel that is none of these.
+    pub(super) fn unknown_channel<'a>(
+        file: &str,
+        wanted: &str,
+        names: impl Iterator<Item = &'a str> + Clone,
+    ) -> Self {
+        Self::UnknownChannel {
+            file: file.to_owned(),
+            channel: wanted.to_owned(),
+            closest: closest(wanted, names.clone()).map(Into::into),
+            existing: names.map(Into::into).collect(),
+        }
+    }
+}
+
 impl Remedied for LogError {
     fn remedied(&self) -> Option<Message> {
         let said = |text: String| Message::from(text);
@@ -555,16 +578,6 @@ impl Remedied for LogError {
     }
 }
 
-impl Place {
-    /// What is to be said of a file, or of numbers in memory.
-    fn either(self, file: &'static str, memory: &'static str) -> &'static str {
-        match self {
-            Self::Row(_) => file,
-            Self::Sample(_) => memory,
-        }
-    }
-}
-
 /// Names in a message beyond this many are counted, not listed.
 const LISTED: usize = 40;
 
@@ -609,7 +622,7 @@ fn edit_distance(a: &[char], b: &[char]) -> usize {
         let mut row = Vec::with_capacity(above.len());
         let mut left = i + 1;
         row.push(left);
-        for (y, (diagonal, up)) in b.iter().zip(super::log::neighbours(&above)) {
+        for (y, (diagonal, up)) in b.iter().zip(neighbours(&above)) {
             left = (diagonal + usize::from(x != y)).min(up + 1).min(left + 1);
             row.push(left);
         }

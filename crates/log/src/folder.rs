@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::bag::Bag;
 use super::counted::Counted;
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::recording::{ReadOptions, Recording};
 use super::{mcap, rosbag2};
 
@@ -18,7 +17,7 @@ const METADATA: &str = "metadata.yaml";
 /// Reads a folder: its files one after the other, as one recording.
 pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
     let source = path.display().to_string();
-    let refused = |what: String| LogError::Format { file: source.clone(), format: NAME, what };
+    let refused = |what: String| LogError::format(&source, NAME, what);
     let parts = parts(path).map_err(|e| Error::io(path, e))?;
     let mut bag = Bag::new(options.stamps);
     for (at, part) in parts.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use nalgebra::Complex;
 
-use super::log::Place;
+use super::place::Place;
 
 /// What a frequency response says of its own noise.
 #[derive(Debug, Clone, PartialEq)]
@@ -115,6 +115,73 @@ pub enum FrequencyError {
 /// Frequencies that any method needs.
 pub(super) const NEEDED: usize = 8;
 
+impl Quality {
+    /// What it is called; nothing where it is unknown.
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Unknown => "",
+            Self::Coherence(_) => "coherence",
+            Self::Std(_) => "standard deviation",
+        }
+    }
+
+    fn values(&self) -> &[f64] {
+        match self {
+            Self::Unknown => &[],
+            Self::Coherence(values) | Self::Std(values) => values,
+        }
+    }
+
+    fn check(&self, places: &[Place]) -> Result<(), FrequencyError> {
+        for (place, &value) in places.iter().zip(self.values()) {
+            let remedy = match self {
+                Self::Coherence(_) if !(0.0..=1.0).contains(&value) => {
+                    "a squared coherence is between 0 and 1"
+                }
+                Self::Std(_) if !(value.is_finite() && value > 0.0) => {
+                    "a standard deviation is above 0; leave the frequency out"
+                }
+                _ => continue,
+            };
+            return Err(out_of_range(*place, self.name(), value, remedy));
+        }
+        Ok(())
+    }
+}
+
+fn out_of_range(place: Place, column: &str, value: f64, remedy: &'static str) -> FrequencyError {
+    FrequencyError::OutOfRange { place, column: column.to_owned(), value, remedy }
+}
+
+/// Frequencies increase, and all numbers are finite.
+fn check_values(
+    places: &[Place],
+    omega_rad_s: &[f64],
+    values: &[Complex<f64>],
+) -> Result<(), FrequencyError> {
+    let mut before = None;
+    for ((&place, &omega), value) in places.iter().zip(omega_rad_s).zip(values) {
+        if !(omega.is_finite() && omega >= 0.0) {
+            let remedy = "frequencies are finite and 0 or more; leave the others out";
+            return Err(out_of_range(place, "frequency", omega, remedy));
+        }
+        if let Some(before) = before.filter(|before| *before >= omega) {
+            return Err(FrequencyError::Order { place, before, value: omega });
+        }
+        before = Some(omega);
+        if let Some(part) = [value.re, value.im].into_iter().find(|part| !part.is_finite()) {
+            let remedy = "every value must be finite; leave the frequency out";
+            return Err(out_of_range(place, "response", part, remedy));
+        }
+    }
+    Ok(())
+}
+
+/// Those that are kept.
+fn kept<T>(values: Vec<T>, keep: &[bool]) -> Vec<T> {
+    values.into_iter().zip(keep).filter(|(_, keep)| **keep).map(|(value, _)| value).collect()
+}
+
 impl FrequencyResponse {
     /// A response from arrays: angular frequencies, rad/s; complex values; what is known of their noise. The frequency 0, whose phase knows of no delay, is left out.
     ///
@@ -139,91 +206,32 @@ impl FrequencyResponse {
         places: Vec<Place>,
     ) -> Result<Self, FrequencyError> {
         let expected = omega_rad_s.len();
-        let length = |what, found| {
-            if found == expected {
-                Ok(())
-            } else {
-                Err(FrequencyError::Length { what, expected, found })
-            }
-        };
-        length("response", values.len())?;
-        let (name, more): (&str, &[f64]) = match &quality {
-            Quality::Unknown => ("", &[]),
-            Quality::Coherence(values) => ("coherence", values),
-            Quality::Std(values) => ("standard deviation", values),
-        };
-        if !name.is_empty() {
-            length(name, more.len())?;
-        }
-        let refuse = |place: Place, column: &str, value: f64, remedy| {
-            Err(FrequencyError::OutOfRange { place, column: column.to_owned(), value, remedy })
-        };
-        let mut before = None;
-        for ((place, omega), value) in places.iter().zip(&omega_rad_s).zip(&values) {
-            if !(omega.is_finite() && *omega >= 0.0) {
-                return refuse(
-                    *place,
-                    "frequency",
-                    *omega,
-                    "frequencies are finite and 0 or more; leave the others out",
-                );
-            }
-            if let Some(before) = before.filter(|before| before >= omega) {
-                return Err(FrequencyError::Order { place: *place, before, value: *omega });
-            }
-            before = Some(*omega);
-            for part in [value.re, value.im] {
-                if !part.is_finite() {
-                    return refuse(
-                        *place,
-                        "response",
-                        part,
-                        "every value must be finite; leave the frequency out",
-                    );
-                }
+        for (what, found) in [("response", values.len()), (quality.name(), quality.values().len())]
+        {
+            if found != expected && !what.is_empty() {
+                return Err(FrequencyError::Length { what, expected, found });
             }
         }
-        for (place, value) in places.iter().zip(more) {
-            match &quality {
-                Quality::Coherence(_) if !(0.0..=1.0).contains(value) => {
-                    return refuse(*place, name, *value, "a squared coherence is between 0 and 1");
-                }
-                Quality::Std(_) if !(value.is_finite() && *value > 0.0) => {
-                    return refuse(
-                        *place,
-                        name,
-                        *value,
-                        "a standard deviation is above 0; leave the frequency out",
-                    );
-                }
-                _ => {}
-            }
-        }
-        let mut notes = Vec::new();
+        check_values(&places, &omega_rad_s, &values)?;
+        quality.check(&places)?;
         // A response of exactly 0 has no phase; neither has a coherence of 0 any information.
         let coherent = |i: usize| !matches!(&quality, Quality::Coherence(c) if c.get(i).is_some_and(|c| *c <= 0.0));
-        let keep: Vec<bool> = omega_rad_s
-            .iter()
-            .zip(&values)
-            .enumerate()
+        let keep: Vec<bool> = (omega_rad_s.iter().zip(&values).enumerate())
             .map(|(i, (w, v))| *w > 0.0 && v.norm_sqr() > 0.0 && coherent(i))
             .collect();
+        let mut notes = Vec::new();
         let left_out = keep.iter().filter(|k| !**k).count();
         if left_out > 0 {
             notes.push(format!(
                 "left out {left_out} rows at frequency 0, with a response of 0 or without coherence: they know nothing of a delay"
             ));
         }
-        let kept = |values: Vec<f64>| {
-            values.into_iter().zip(&keep).filter(|(_, k)| **k).map(|(v, _)| v).collect::<Vec<f64>>()
-        };
         let quality = match quality {
             Quality::Unknown => Quality::Unknown,
-            Quality::Coherence(values) => Quality::Coherence(kept(values)),
-            Quality::Std(values) => Quality::Std(kept(values)),
+            Quality::Coherence(values) => Quality::Coherence(kept(values, &keep)),
+            Quality::Std(values) => Quality::Std(kept(values, &keep)),
         };
-        let omega_rad_s = kept(omega_rad_s);
-        let values = values.into_iter().zip(&keep).filter(|(_, k)| **k).map(|(v, _)| v).collect();
+        let (omega_rad_s, values) = (kept(omega_rad_s, &keep), kept(values, &keep));
         if omega_rad_s.len() < NEEDED {
             return Err(FrequencyError::TooFew { needed: NEEDED, found: omega_rad_s.len() });
         }
@@ -271,7 +279,7 @@ impl FrequencyResponse {
     #[must_use]
     pub fn unambiguous_s(&self) -> f64 {
         let mut gaps: Vec<f64> =
-            super::log::neighbours(&self.omega_rad_s).map(|(a, b)| b - a).collect();
+            super::place::neighbours(&self.omega_rad_s).map(|(a, b)| b - a).collect();
         gaps.sort_by(f64::total_cmp);
         gaps.first().map_or(f64::INFINITY, |gap| std::f64::consts::TAU / gap)
     }

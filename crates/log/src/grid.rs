@@ -1,7 +1,8 @@
 //! Even grids, windows and resampling.
 
 use super::error::LogError;
-use super::log::{Channel, Log, Rows, neighbours};
+use super::log::{Channel, Log, Rows};
+use super::place::neighbours;
 use deadtime_signal::time::SampleTime;
 
 /// No time stamp of an even grid is further than this from the straight line through all, in samples.

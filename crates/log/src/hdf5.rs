@@ -14,10 +14,11 @@ use hdf5_reader::{Dataset, Datatype, Hdf5File, OpenOptions};
 use super::arrays::{Array, assemble};
 use super::columns::guarded;
 use super::counted::{READING, whole};
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::mcos;
 use super::recording::{ReadOptions, Recording};
+use super::scalar::Scalar;
+use crate::notes::Notes;
 
 const NAME: &str = "HDF5";
 /// Groups within groups deeper than this are left out: a file may hold itself.
@@ -43,9 +44,9 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
     let limits =
         OpenOptions::default().with_max_read_bytes(bytes.len().saturating_mul(MOST_PACKED));
     let root = || Hdf5File::from_vec_with_options(bytes, limits)?.root_group();
-    let (mut variables, objects) = root().map(|group| parts.file(&group)).map_err(|e| {
-        LogError::Format { file: source.to_owned(), format: NAME, what: e.to_string() }
-    })?;
+    let (mut variables, objects) = root()
+        .map(|group| parts.file(&group))
+        .map_err(|e| LogError::format(source, NAME, e.to_string()))?;
     mcos::resolve(&mut variables, objects, &mut parts.notes);
     assemble(source, "hdf5", NAME, variables, parts.notes, options)
 }
@@ -64,7 +65,7 @@ struct Parts {
     /// What was not read yet of what cells refer to, by its place: each is read once, so that no file holds itself.
     referred: HashMap<u64, Referred>,
     read: HashSet<u64>,
-    notes: crate::notes::Notes,
+    notes: Notes,
 }
 
 impl Parts {
@@ -220,10 +221,11 @@ fn numbers(array: &Dataset) -> Result<Option<Array>, Damage> {
     if matches!(class, Some("cell" | "struct" | "function_handle")) {
         return Ok(None);
     }
-    let Some((kind, size, stride)) = scalar(array.dtype()) else { return Ok(None) };
+    let Some((number, stride)) = scalar(array.dtype()) else { return Ok(None) };
     let bytes = array.read_native_bytes()?;
+    let big = cfg!(target_endian = "big");
     let values: Vec<f64> =
-        bytes.chunks_exact(stride).filter_map(|b| b.get(..size)).map(|b| kind.value(b)).collect();
+        bytes.chunks_exact(stride).filter_map(|b| number.value(b, big)).collect();
     if class == Some("char") {
         return Ok(Some(Array::Text(String::from_utf16_lossy(
             &values.iter().map(|x| *x as u16).collect::<Vec<_>>(),
@@ -251,56 +253,32 @@ fn numbers(array: &Dataset) -> Result<Option<Array>, Damage> {
     Ok(Some(Array::Numbers { shape, values: turned }))
 }
 
-/// A number of the machine's byte order.
-#[derive(Debug, Clone, Copy)]
-enum Kind {
-    Signed,
-    Unsigned,
-    Float,
-}
-
-impl Kind {
-    fn value(self, bytes: &[u8]) -> f64 {
-        fn exact<const N: usize>(bytes: &[u8]) -> [u8; N] {
-            bytes.try_into().unwrap_or([0; N])
-        }
-        match (self, bytes.len()) {
-            (Self::Signed, 1) => f64::from(i8::from_ne_bytes(exact(bytes))),
-            (Self::Signed, 2) => f64::from(i16::from_ne_bytes(exact(bytes))),
-            (Self::Signed, 4) => f64::from(i32::from_ne_bytes(exact(bytes))),
-            (Self::Signed, _) => i64::from_ne_bytes(exact(bytes)) as f64,
-            (Self::Unsigned, 1) => f64::from(u8::from_ne_bytes(exact(bytes))),
-            (Self::Unsigned, 2) => f64::from(u16::from_ne_bytes(exact(bytes))),
-            (Self::Unsigned, 4) => f64::from(u32::from_ne_bytes(exact(bytes))),
-            (Self::Unsigned, _) => u64::from_ne_bytes(exact(bytes)) as f64,
-            (Self::Float, 4) => f64::from(f32::from_ne_bytes(exact(bytes))),
-            (Self::Float, _) => f64::from_ne_bytes(exact(bytes)),
-        }
-    }
-}
-
-/// What one number is, its bytes, and from how many on the next one stands: of complex numbers the real part is read.
-fn scalar(kind: &Datatype) -> Option<(Kind, usize, usize)> {
-    let plain = |kind: Kind, size: u8| Some((kind, usize::from(size), usize::from(size)));
-    match kind {
-        Datatype::FixedPoint { size: size @ (1 | 2 | 4 | 8), signed: true, .. } => {
-            plain(Kind::Signed, *size)
-        }
-        Datatype::FixedPoint { size: size @ (1 | 2 | 4 | 8), signed: false, .. } => {
-            plain(Kind::Unsigned, *size)
-        }
-        Datatype::FloatingPoint { size: size @ (4 | 8), .. } => plain(Kind::Float, *size),
+/// What one number is, and from how many bytes on the next one stands: of complex numbers the real
+/// part is read.
+fn scalar(kind: &Datatype) -> Option<(Scalar, usize)> {
+    let plain = match kind {
+        Datatype::FixedPoint { size: 1, signed: true, .. } => Scalar::I8,
+        Datatype::FixedPoint { size: 1, signed: false, .. } => Scalar::U8,
+        Datatype::FixedPoint { size: 2, signed: true, .. } => Scalar::I16,
+        Datatype::FixedPoint { size: 2, signed: false, .. } => Scalar::U16,
+        Datatype::FixedPoint { size: 4, signed: true, .. } => Scalar::I32,
+        Datatype::FixedPoint { size: 4, signed: false, .. } => Scalar::U32,
+        Datatype::FixedPoint { size: 8, signed: true, .. } => Scalar::I64,
+        Datatype::FixedPoint { size: 8, signed: false, .. } => Scalar::U64,
+        Datatype::FloatingPoint { size: 4, .. } => Scalar::F32,
+        Datatype::FloatingPoint { size: 8, .. } => Scalar::F64,
         // Truth values of h5py.
-        Datatype::Enum { base, .. } => scalar(base),
+        Datatype::Enum { base, .. } => return scalar(base),
         Datatype::Compound { size, fields } => match fields.as_slice() {
             [real, imaginary]
                 if real.name == "real" && real.byte_offset == 0 && imaginary.name == "imag" =>
             {
-                let (kind, bytes, _) = scalar(&real.datatype)?;
-                Some((kind, bytes, (*size as usize).max(bytes)))
+                let (number, _) = scalar(&real.datatype)?;
+                return Some((number, (*size as usize).max(number.size())));
             }
-            _ => None,
+            _ => return None,
         },
-        _ => None,
-    }
+        _ => return None,
+    };
+    Some((plain, plain.size()))
 }

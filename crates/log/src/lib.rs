@@ -20,6 +20,7 @@ mod frequency;
 mod grid;
 #[cfg(feature = "tables")]
 mod hdf5;
+mod header;
 mod listing;
 mod log;
 mod mat;
@@ -29,12 +30,14 @@ mod notes;
 mod numbers;
 #[cfg(feature = "tables")]
 mod parquet;
+mod place;
 mod protobuf;
 mod reader;
 mod recording;
 mod ros;
 mod ros_types;
 mod rosbag2;
+mod scalar;
 mod sqlite;
 mod step;
 #[cfg(test)]
@@ -44,13 +47,15 @@ mod ulog;
 
 pub use crate::csv::follow::{Follower, News, Polled, Row};
 pub use crate::csv::frequency::{read_frequency_response, read_frequency_response_from};
-pub use crate::csv::table::{EventTimes, name_and_unit, read_events, read_records};
+pub use crate::csv::table::{EventTimes, read_events, read_records};
 pub use align::Wanted;
 pub use error::{Error, LogError};
 pub use frequency::{FrequencyError, FrequencyResponse, Quality};
+pub use header::name_and_unit;
 pub use listing::{ChannelListing, GapListing, Listing, TopicListing};
-pub use log::{Channel, Log, Output, Place, neighbours};
+pub use log::{Channel, Log, Output};
 pub use notes::Notes;
+pub use place::{Place, neighbours};
 pub use reader::{READERS, Reader, open, read, reader};
 pub use recording::{ReadOptions, Recording, Stamps, TimeUnit, Topic};
 pub use step::STEP;

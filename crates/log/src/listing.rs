@@ -4,13 +4,13 @@ use std::collections::HashMap;
 
 use serde::Serialize;
 
-use super::align::shortest_name;
+use super::align::{GAP_STEPS, shortest_name};
+use crate::notes::Notes;
 
-use super::log::{Channel, Log, neighbours};
+use super::log::{Channel, Log};
+use super::place::neighbours;
 use super::recording::{Recording, Topic};
 
-/// A step longer than this many median steps is a gap.
-pub(super) const GAP_STEPS: f64 = 3.0;
 /// Gaps beyond this many are counted, not listed.
 const LISTED_GAPS: usize = 20;
 /// Points of a course.
@@ -26,7 +26,7 @@ pub struct Listing {
     /// The reader that read it.
     pub reader: &'static str,
     /// What was guessed, left out or cut off.
-    pub notes: crate::notes::Notes,
+    pub notes: Notes,
     /// Its topics.
     pub topics: Vec<TopicListing>,
 }

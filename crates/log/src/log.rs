@@ -1,15 +1,10 @@
 //! Time stamps and named channels, checked once when built.
 
-use super::error;
 use super::error::LogError;
+use super::header::name_and_unit;
 use super::numbers::Values;
-use crate::csv::table::name_and_unit;
+use super::place::Place;
 use std::collections::HashSet;
-
-/// Each value with the one behind it.
-pub fn neighbours<T: Copy>(values: &[T]) -> impl Iterator<Item = (T, T)> {
-    values.iter().copied().zip(values.iter().copied().skip(1))
-}
 
 /// Time stamps beyond this many seconds are refused: their differences would lose all meaning long before they overflow.
 pub(super) const TIME_LIMIT_S: f64 = 1e100;
@@ -48,24 +43,6 @@ pub struct Output<'a> {
 pub(super) struct Unusable {
     pub(super) name: String,
     pub(super) error: LogError,
-}
-
-/// Where a sample stands, for messages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
-    /// The line of a file, as an editor counts it: the header is row 1.
-    Row(usize),
-    /// The sample of a log that was made in memory, counted from 0.
-    Sample(usize),
-}
-
-impl std::fmt::Display for Place {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Row(row) => write!(f, "row {row}"),
-            Self::Sample(sample) => write!(f, "sample {sample}"),
-        }
-    }
 }
 
 /// Where a log's samples came from: from sample `.0` of a mark on, lines of the file (or samples of the numbers in memory) count up from its `.1`.
@@ -437,12 +414,7 @@ impl Log {
         }
         match self.unusable.iter().find(|column| column.name == name) {
             Some(column) => Err(column.error.clone()),
-            None => Err(LogError::UnknownChannel {
-                file: self.source.clone(),
-                channel: name.into(),
-                closest: error::closest(name, self.all_names()).map(Into::into),
-                existing: self.all_names().map(Into::into).collect(),
-            }),
+            None => Err(LogError::unknown_channel(&self.source, name, self.all_names())),
         }
     }
 
@@ -515,8 +487,9 @@ impl Log {
     }
 
     /// All columns' names, those that hold no numbers last.
-    fn all_names(&self) -> impl Iterator<Item = &str> {
-        self.names().chain(self.unusable.iter().map(|column| column.name.as_str()))
+    fn all_names(&self) -> impl Iterator<Item = &str> + Clone {
+        let unusable = self.unusable.iter().map(|column| column.name.as_str());
+        self.channels.iter().map(Channel::name).chain(unusable)
     }
 
     pub(super) fn start_s(&self) -> f64 {

@@ -9,10 +9,11 @@ use flate2::read::ZlibDecoder;
 
 use super::arrays::{Array, assemble};
 use super::counted::{READING, whole};
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::mcos;
 use super::recording::{ReadOptions, Recording};
+use super::scalar::Scalar;
+use crate::notes::Notes;
 
 const NAME: &str = "MAT 5";
 const HEADER: usize = 128;
@@ -41,16 +42,14 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 
 /// Reads the bytes of a file.
 pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<Recording, Error> {
-    let refused =
-        |what: &str| LogError::Format { file: source.into(), format: NAME, what: what.into() };
+    let refused = |what: &str| LogError::format(source, NAME, what);
     let big = match bytes.get(124..128) {
         Some([0, 1, b'I', b'M']) => false,
         Some([1, 0, b'M', b'I']) => true,
         _ => return Err(refused("the header is not one of version 5 to 7.3 (version 4, say); save it with `save -v7` or `-v7.3`, in Python with scipy.io.savemat(FILE, data)").into()),
     };
     let mut file = Elements { bytes: bytes.get(HEADER..).unwrap_or_default(), big };
-    let (mut variables, mut notes, mut objects) =
-        (Vec::new(), crate::notes::Notes::default(), None);
+    let (mut variables, mut notes, mut objects) = (Vec::new(), Notes::default(), None);
     let subsystem = subsystem_at(bytes, big);
     let unpacking = options.far.part(READING, 1.0);
     while !file.bytes.is_empty() {
@@ -110,7 +109,7 @@ fn wrapper(content: &[u8], big: bool) -> Option<Vec<Array>> {
 }
 
 /// A compressed element, as far as it unpacks.
-fn unpacked(data: &[u8], notes: &mut crate::notes::Notes, at: usize) -> Vec<u8> {
+fn unpacked(data: &[u8], notes: &mut Notes, at: usize) -> Vec<u8> {
     let mut plain = Vec::new();
     if let Err(error) = ZlibDecoder::new(data).take(LARGEST).read_to_end(&mut plain) {
         notes.push(format!("the variable at byte {at} does not unpack ({error})"));
@@ -159,32 +158,20 @@ impl<'a> Elements<'a> {
 }
 
 fn numbers(kind: u32, content: &[u8], big: bool) -> Option<Vec<f64>> {
-    fn all<const N: usize>(content: &[u8], big: bool, value: fn([u8; N]) -> f64) -> Vec<f64> {
-        let (whole, _) = content.as_chunks::<N>();
-        whole
-            .iter()
-            .map(|bytes| {
-                let mut bytes = *bytes;
-                if big {
-                    bytes.reverse();
-                }
-                value(bytes)
-            })
-            .collect()
-    }
-    Some(match kind {
-        INT8 => all(content, big, |b| f64::from(i8::from_le_bytes(b))),
-        2 | UTF8 => all(content, big, |b| f64::from(u8::from_le_bytes(b))),
-        3 => all(content, big, |b| f64::from(i16::from_le_bytes(b))),
-        4 => all(content, big, |b| f64::from(u16::from_le_bytes(b))),
-        5 => all(content, big, |b| f64::from(i32::from_le_bytes(b))),
-        6 => all(content, big, |b| f64::from(u32::from_le_bytes(b))),
-        7 => all(content, big, |b| f64::from(f32::from_le_bytes(b))),
-        9 => all(content, big, f64::from_le_bytes),
-        12 => all(content, big, |b| i64::from_le_bytes(b) as f64),
-        13 => all(content, big, |b| u64::from_le_bytes(b) as f64),
+    let number = match kind {
+        INT8 => Scalar::I8,
+        2 | UTF8 => Scalar::U8,
+        3 => Scalar::I16,
+        4 => Scalar::U16,
+        5 => Scalar::I32,
+        6 => Scalar::U32,
+        7 => Scalar::F32,
+        9 => Scalar::F64,
+        12 => Scalar::I64,
+        13 => Scalar::U64,
         _ => return None,
-    })
+    };
+    Some(content.chunks_exact(number.size()).filter_map(|b| number.value(b, big)).collect())
 }
 
 /// So many structs of the same fields.

@@ -8,8 +8,7 @@ use std::path::Path;
 
 use super::bag::{Bag, Schema};
 use super::counted::Counted;
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::recording::{ReadOptions, Recording};
 
 pub(super) const MAGIC: &[u8] = b"\x89MCAP0\r\n";
@@ -46,12 +45,8 @@ pub(super) fn fill(source: &str, mut bytes: impl BufRead, bag: &mut Bag) -> Resu
     let mut head = Vec::new();
     bytes.by_ref().take(MAGIC.len() as u64).read_to_end(&mut head).map_err(io)?;
     if head != MAGIC {
-        return Err(LogError::Format {
-            file: source.into(),
-            format: NAME,
-            what: "it does not begin as such a file does; copy it again".into(),
-        }
-        .into());
+        let what = "it does not begin as such a file does; copy it again";
+        return Err(LogError::format(source, NAME, what).into());
     }
     let mut mcap = Mcap { bag, schemas: HashMap::new(), compressed: Vec::new(), strange: 0 };
     let (mut at, mut content) = (MAGIC.len() as u64, Vec::new());
@@ -186,9 +181,7 @@ struct Fields<'a>(&'a [u8]);
 
 impl<'a> Fields<'a> {
     fn bytes(&mut self, length: usize) -> Option<&'a [u8]> {
-        let (taken, rest) = self.0.split_at_checked(length)?;
-        self.0 = rest;
-        Some(taken)
+        self.0.split_off(..length)
     }
 
     fn u16(&mut self) -> Option<u16> {

@@ -7,6 +7,7 @@ use std::borrow::Cow;
 
 use super::arrays::Array;
 use super::recording::TimeUnit;
+use crate::notes::Notes;
 
 /// What numbers begin with that refer to an object.
 const MARK: f64 = 3_707_764_736.0;
@@ -24,7 +25,7 @@ pub(super) fn refers(values: &[f64]) -> bool {
 pub(super) fn resolve(
     variables: &mut [(String, Array)],
     cells: Option<Vec<Array>>,
-    notes: &mut crate::notes::Notes,
+    notes: &mut Notes,
 ) {
     let wrapper = cells.and_then(Wrapper::new);
     let left =
@@ -221,7 +222,7 @@ struct Objects<'a, 'n> {
     wrapper: Option<&'a Wrapper>,
     /// How much may still be taken out of the wrapper.
     left: usize,
-    notes: &'n mut crate::notes::Notes,
+    notes: &'n mut Notes,
 }
 
 impl<'a> Objects<'a, '_> {
@@ -370,21 +371,11 @@ impl<'a> Objects<'a, '_> {
         if times.len() < 2 {
             return None;
         }
-        let (unit, scale) = match info.text("Units").unwrap_or("seconds") {
-            "nanoseconds" => (TimeUnit::Ns, 1.0),
-            "microseconds" => (TimeUnit::Us, 1.0),
-            "milliseconds" => (TimeUnit::Ms, 1.0),
-            "seconds" => (TimeUnit::S, 1.0),
-            "minutes" => (TimeUnit::S, 60.0),
-            "hours" => (TimeUnit::S, 3600.0),
-            "days" => (TimeUnit::S, 86_400.0),
-            "weeks" => (TimeUnit::S, 604_800.0),
-            other => {
-                self.notes
-                    .push(format!("{path}: its time is in {other}, which is taken for seconds"));
-                (TimeUnit::S, 1.0)
-            }
-        };
+        let units = info.text("Units").unwrap_or("seconds");
+        let (unit, scale) = unit_of(units).unwrap_or_else(|| {
+            self.notes.push(format!("{path}: its time is in {units}, which is taken for seconds"));
+            (TimeUnit::S, 1.0)
+        });
         times.iter_mut().for_each(|time| *time *= scale);
         // What has more than two dimensions has time in the last one, unless it says otherwise.
         let rows = times.len();
@@ -500,6 +491,21 @@ impl<'a> Objects<'a, '_> {
         }
         Some(Array::Struct(found))
     }
+}
+
+/// A unit of time by MATLAB's word for it, and how many of it the word means.
+fn unit_of(word: &str) -> Option<(TimeUnit, f64)> {
+    Some(match word {
+        "nanoseconds" => (TimeUnit::Ns, 1.0),
+        "microseconds" => (TimeUnit::Us, 1.0),
+        "milliseconds" => (TimeUnit::Ms, 1.0),
+        "seconds" => (TimeUnit::S, 1.0),
+        "minutes" => (TimeUnit::S, 60.0),
+        "hours" => (TimeUnit::S, 3600.0),
+        "days" => (TimeUnit::S, 86_400.0),
+        "weeks" => (TimeUnit::S, 604_800.0),
+        _ => return None,
+    })
 }
 
 #[cfg(test)]

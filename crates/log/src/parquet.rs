@@ -13,9 +13,9 @@ use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 
 use super::columns::{Cells, Column, assemble, guarded};
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::recording::{ReadOptions, Recording, TimeUnit};
+use crate::notes::Notes;
 use deadtime_signal::progress::HowFar;
 
 const NAME: &str = "Parquet";
@@ -29,15 +29,12 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 
 fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Recording, Error> {
     let file = File::open(path).map_err(|e| Error::io(path, e))?;
-    let (columns, notes) = read(file, &options.far).map_err(|e| LogError::Format {
-        file: source.to_owned(),
-        format: NAME,
-        what: e.to_string(),
-    })?;
+    let (columns, notes) =
+        read(file, &options.far).map_err(|e| LogError::format(source, NAME, e.to_string()))?;
     assemble(source, "parquet", NAME, columns, notes, options)
 }
 
-fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, crate::notes::Notes), ParquetError> {
+fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, Notes), ParquetError> {
     let reader = SerializedFileReader::new(file)?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let packed = reader
@@ -51,7 +48,7 @@ fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, crate::notes::Notes), 
             "compressed by {name}, which is not read; {remedy}"
         )));
     }
-    let (mut columns, mut notes) = (Vec::new(), crate::notes::Notes::default());
+    let (mut columns, mut notes) = (Vec::new(), Notes::default());
     let steps = far.steps(schema.num_columns(), "reading columns");
     for (at, leaf) in schema.columns().iter().enumerate() {
         let name = leaf.path().string();

@@ -8,7 +8,7 @@ use prost_reflect::{
 };
 
 use super::recording::Table;
-use super::ros::MOST_ELEMENTS;
+use super::ros::{MOST_ELEMENTS, part};
 
 /// Messages of one kind into a table.
 pub(super) struct Messages {
@@ -49,26 +49,23 @@ impl Messages {
     /// Puts the numbers of a message into the row that was begun last; `None` where the bytes do not fit the definition.
     pub(super) fn message(&mut self, data: &[u8], table: &mut Table) -> Option<()> {
         let message = DynamicMessage::decode(self.definition.clone(), data).ok()?;
-        let mut walk = Walk { table, long: &mut self.long, path: String::new() };
+        let mut walk = MessageWalk { table, long: &mut self.long, path: String::new() };
         walk.message(&message, &mut self.root);
         Some(())
     }
 }
 
-struct Walk<'a> {
+struct MessageWalk<'a> {
     table: &'a mut Table,
     long: &'a mut Vec<String>,
     path: String,
 }
 
-impl Walk<'_> {
+impl MessageWalk<'_> {
     fn message(&mut self, message: &DynamicMessage, node: &mut Node) {
         let Some(parts) = parts(node) else { return };
         for (i, field) in message.descriptor().fields().enumerate() {
-            if parts.len() <= i {
-                parts.resize_with(i + 1, Node::default);
-            }
-            let Some(part) = parts.get_mut(i) else { continue };
+            let Some(part) = part(parts, i) else { continue };
             // A number that was not sent is 0, unless the definition tells the two apart.
             if matches!(part, Node::Skipped)
                 || field.supports_presence() && !message.has_field(&field)
@@ -121,10 +118,7 @@ impl Walk<'_> {
         }
         let Some(parts) = parts(node) else { return };
         for (i, value) in values.iter().take(MOST_ELEMENTS).enumerate() {
-            if parts.len() <= i {
-                parts.resize_with(i + 1, Node::default);
-            }
-            if let Some(part) = parts.get_mut(i) {
+            if let Some(part) = part(parts, i) {
                 self.within(&i.to_string(), value, part);
             }
         }

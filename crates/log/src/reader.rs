@@ -3,8 +3,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::log::Log;
 use super::recording::{ReadOptions, Recording};
 use super::{csv, folder, mat, mcap, rosbag2, ulog};
@@ -32,12 +31,8 @@ const WITHOUT: &str = "this program was built without the feature `tables`; writ
 
 #[cfg(not(feature = "tables"))]
 fn unread(path: &Path, format: &'static str, remedy: &str) -> Error {
-    LogError::Format {
-        file: path.display().to_string(),
-        format,
-        what: format!("this format is recognised but not read: {remedy}"),
-    }
-    .into()
+    let what = format!("this format is recognised but not read: {remedy}");
+    LogError::format(&path.display().to_string(), format, what).into()
 }
 
 /// Every format there is; the last one takes what no other knows.
@@ -204,9 +199,8 @@ pub fn reader(path: &Path) -> Result<&'static Reader, Error> {
         .iter()
         .find(|f| head.starts_with(f.head) && (f.extensions.is_empty() || ends(f.extensions)))
     {
-        let (file, what) =
-            (path.display().to_string(), format!("this format is not read; {}", foreign.remedy));
-        return Err(LogError::Format { file, format: foreign.name, what }.into());
+        let what = format!("this format is not read; {}", foreign.remedy);
+        return Err(LogError::format(&path.display().to_string(), foreign.name, what).into());
     }
     let known = READERS
         .iter()

@@ -1,8 +1,12 @@
 //! What a file holds before anyone chooses channels: topics, each with stamps of its own.
 
-use super::error::LogError;
-use super::log::{Channel, Log, Origin, Rows, neighbours};
+use std::collections::HashSet;
+
+use super::error::{Error, LogError};
+use super::log::{Channel, Log, Origin, Rows, TIME_LIMIT_S};
 use super::numbers::Numbers;
+use super::place::neighbours;
+use crate::notes::Notes;
 use deadtime_signal::progress::HowFar;
 
 /// The unit of time stamps in a file.
@@ -79,7 +83,7 @@ pub struct Recording {
     /// What it holds, in the file's order.
     pub topics: Vec<Topic>,
     /// What was guessed, left out, or cut off, a sentence each.
-    pub notes: crate::notes::Notes,
+    pub notes: Notes,
 }
 
 /// Channels that share their time stamps.
@@ -93,13 +97,27 @@ pub struct Topic {
 
 impl Recording {
     /// A file without topics.
-    pub(super) fn single(format: &'static str, log: Log, notes: crate::notes::Notes) -> Self {
+    pub(super) fn single(format: &'static str, log: Log, notes: Notes) -> Self {
         Self {
             source: log.source.clone(),
             format,
             topics: vec![Topic { name: String::new(), log }],
             notes,
         }
+    }
+
+    /// A file of topics by the name of its format and what that is called; one topic at least.
+    pub(super) fn of_topics(
+        source: &str,
+        (format, title): (&'static str, &'static str),
+        topics: Vec<Topic>,
+        notes: Notes,
+    ) -> Result<Self, Error> {
+        let source = source.to_owned();
+        if topics.is_empty() {
+            return Err(LogError::NoTopics { file: source, format: title, notes }.into());
+        }
+        Ok(Self { source, format, topics, notes })
     }
 
     /// The log of a file that has one topic.
@@ -281,7 +299,7 @@ impl Table {
     pub(super) fn finish(
         mut self,
         source: &str,
-        notes: &mut crate::notes::Notes,
+        notes: &mut Notes,
     ) -> Result<Option<Topic>, LogError> {
         let rows = self.time_s.len();
         let what = if self.name.is_empty() { String::new() } else { format!("{}: ", self.name) };
@@ -297,58 +315,17 @@ impl Table {
         if self.endless > 0 {
             notes.push(format!("{what}{} infinite values count as missing", self.endless));
         }
-        let usable = |t: &f64| t.is_finite() && t.abs() <= super::log::TIME_LIMIT_S;
-        let increasing = self.time_s.iter().all(usable)
-            && neighbours(&self.time_s).all(|(before, after)| before < after);
-        if !increasing {
-            let mut order: Vec<usize> =
-                (0..rows).filter(|&i| self.time_s.get(i).is_some_and(usable)).collect();
-            let at = |i: usize| self.time_s.get(i).copied().unwrap_or(0.0);
-            let back =
-                neighbours(&order).filter(|(before, after)| at(*after) < at(*before)).count();
-            order.sort_by(|&a, &b| at(a).total_cmp(&at(b)));
-            order.dedup_by(|b, a| at(*a) == at(*b));
-            if order.len() < rows {
-                notes.push(format!(
-                    "{what}{} of {rows} samples have the time stamp of another one, or none, and are left out",
-                    rows - order.len()
-                ));
-            }
-            if back > 0 {
-                notes.push(format!(
-                    "{what}time runs back {back} times; its samples are put in order"
-                ));
-            }
-            self.time_s = order.iter().map(|&i| at(i)).collect();
-            for column in &mut self.columns {
-                column.values = column.values.picked(&order);
-                column.present = column
-                    .present
-                    .as_ref()
-                    .map(|p| order.iter().map(|&i| p.get(i).copied().unwrap_or(false)).collect());
-            }
-        }
+        self.sort(&what, notes);
         if self.time_s.is_empty() {
             return Ok(None);
         }
-        let mut seen = std::collections::HashSet::new();
+        let mut seen = HashSet::new();
         let mut channels = Vec::with_capacity(self.columns.len());
-        for column in self.columns {
-            let there = column.present.as_ref().is_none_or(|p| p.iter().any(|x| *x));
-            // Names come from files: what cannot be a header is made one.
-            let name: String = column.name.chars().filter(|c| !c.is_control()).collect();
-            let name = if name.trim().is_empty() || name.trim() == "time" {
-                format!("{}_", name.trim())
-            } else {
-                name.trim().to_owned()
-            };
+        for TableColumn { name, unit, values, present } in self.columns {
+            let there = present.as_ref().is_none_or(|p| p.iter().any(|x| *x));
+            let name = header(&name);
             if there && seen.insert(name.clone()) {
-                channels.push(Channel {
-                    name,
-                    unit: column.unit,
-                    values: column.values.into(),
-                    present: column.present,
-                });
+                channels.push(Channel { name, unit, values: values.into(), present });
             }
         }
         if channels.is_empty() {
@@ -362,5 +339,46 @@ impl Table {
         let log =
             Log::assemble(source, self.time_s, channels, Vec::new(), Rows::new(Origin::Memory))?;
         Ok(Some(Topic { name: self.name, log }))
+    }
+    /// Puts the rows in the order of time; of those with the same stamp the first stays.
+    fn sort(&mut self, what: &str, notes: &mut Notes) {
+        let rows = self.time_s.len();
+        let usable = |t: &f64| t.is_finite() && t.abs() <= TIME_LIMIT_S;
+        if self.time_s.iter().all(usable)
+            && neighbours(&self.time_s).all(|(before, after)| before < after)
+        {
+            return;
+        }
+        let mut order: Vec<usize> =
+            (0..rows).filter(|&i| self.time_s.get(i).is_some_and(usable)).collect();
+        let at = |i: usize| self.time_s.get(i).copied().unwrap_or(0.0);
+        let back = neighbours(&order).filter(|(before, after)| at(*after) < at(*before)).count();
+        order.sort_by(|&a, &b| at(a).total_cmp(&at(b)));
+        order.dedup_by(|b, a| at(*a) == at(*b));
+        if order.len() < rows {
+            notes.push(format!(
+                "{what}{} of {rows} samples have the time stamp of another one, or none, and are left out",
+                rows - order.len()
+            ));
+        }
+        if back > 0 {
+            notes.push(format!("{what}time runs back {back} times; its samples are put in order"));
+        }
+        self.time_s = order.iter().map(|&i| at(i)).collect();
+        for column in &mut self.columns {
+            column.values = column.values.picked(&order);
+            let there =
+                |p: &Vec<bool>| order.iter().map(|&i| p.get(i).copied().unwrap_or(false)).collect();
+            column.present = column.present.as_ref().map(there);
+        }
+    }
+}
+
+/// Names come from files: what cannot be a header is made one.
+fn header(name: &str) -> String {
+    let name: String = name.chars().filter(|c| !c.is_control()).collect();
+    match name.trim() {
+        bare @ ("" | "time") => format!("{bare}_"),
+        bare => bare.to_owned(),
     }
 }

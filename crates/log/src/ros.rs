@@ -6,6 +6,7 @@ use std::collections::HashMap;
 
 use super::recording::Table;
 use super::ros_types::definition;
+use super::scalar::Scalar;
 
 /// Sequences and arrays longer than this are pictures, point clouds and scans, not channels.
 pub(super) const MOST_ELEMENTS: usize = 64;
@@ -30,7 +31,7 @@ pub(super) struct Definitions {
 #[derive(Debug, Clone)]
 struct Field {
     name: String,
-    kind: Kind,
+    kind: FieldKind,
     count: Count,
 }
 
@@ -42,54 +43,32 @@ enum Count {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Bool,
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    I64,
-    U64,
-    F32,
-    F64,
+enum FieldKind {
+    Number(Scalar),
     Text,
     /// ROS 1 only: seconds and nanoseconds, unsigned or signed.
-    Time,
-    Duration,
+    Time(Scalar),
     Message(usize),
 }
 
-impl Kind {
+impl FieldKind {
     fn of(name: &str) -> Option<Self> {
-        Some(match name {
-            "bool" => Self::Bool,
-            "int8" => Self::I8,
-            "uint8" | "byte" | "char" => Self::U8,
-            "int16" => Self::I16,
-            "uint16" => Self::U16,
-            "int32" => Self::I32,
-            "uint32" => Self::U32,
-            "int64" => Self::I64,
-            "uint64" => Self::U64,
-            "float32" => Self::F32,
-            "float64" => Self::F64,
-            "string" => Self::Text,
-            "time" => Self::Time,
-            "duration" => Self::Duration,
+        Some(Self::Number(match name {
+            "int8" => Scalar::I8,
+            "bool" | "uint8" | "byte" | "char" => Scalar::U8,
+            "int16" => Scalar::I16,
+            "uint16" => Scalar::U16,
+            "int32" => Scalar::I32,
+            "uint32" => Scalar::U32,
+            "int64" => Scalar::I64,
+            "uint64" => Scalar::U64,
+            "float32" => Scalar::F32,
+            "float64" => Scalar::F64,
+            "string" => return Some(Self::Text),
+            "time" => return Some(Self::Time(Scalar::U32)),
+            "duration" => return Some(Self::Time(Scalar::I32)),
             _ => return None,
-        })
-    }
-
-    fn size(self) -> Option<usize> {
-        Some(match self {
-            Self::Bool | Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::I64 | Self::U64 | Self::F64 => 8,
-            Self::Text | Self::Time | Self::Duration | Self::Message(_) => return None,
-        })
+        }))
     }
 }
 
@@ -162,7 +141,7 @@ impl Definitions {
                 None => (kind, Count::One),
             };
             let kind = kind.split("<=").next().unwrap_or(kind);
-            let kind = match Kind::of(kind) {
+            let kind = match FieldKind::of(kind) {
                 Some(kind) => kind,
                 None => {
                     let whole = match plain(kind) {
@@ -170,7 +149,7 @@ impl Definitions {
                         name if name.contains('/') => name,
                         name => format!("{package}/{name}"),
                     };
-                    Kind::Message(self.message(&whole, texts, known, depth + 1)?)
+                    FieldKind::Message(self.message(&whole, texts, known, depth + 1)?)
                 }
             };
             fields.push(Field { name: field.to_owned(), kind, count });
@@ -215,19 +194,6 @@ struct Bytes<'a> {
 }
 
 impl Bytes<'_> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        if self.aligned {
-            self.at = self.at.checked_next_multiple_of(N)?;
-        }
-        let mut bytes: [u8; N] =
-            self.bytes.get(self.at..self.at.checked_add(N)?)?.try_into().ok()?;
-        self.at += N;
-        if self.big {
-            bytes.reverse();
-        }
-        Some(bytes)
-    }
-
     fn skip(&mut self, count: usize, size: usize) -> Option<()> {
         if self.aligned && count > 0 {
             self.at = self.at.checked_next_multiple_of(size)?;
@@ -238,24 +204,18 @@ impl Bytes<'_> {
 
     fn length(&mut self) -> Option<usize> {
         // Every element takes a byte at least.
-        let length = u32::from_le_bytes(self.take()?) as usize;
+        let length = self.number(Scalar::U32)? as usize;
         (length <= self.bytes.len().saturating_sub(self.at)).then_some(length)
     }
 
-    fn number(&mut self, kind: Kind) -> Option<f64> {
-        Some(match kind {
-            Kind::Bool | Kind::U8 => f64::from(u8::from_le_bytes(self.take()?)),
-            Kind::I8 => f64::from(i8::from_le_bytes(self.take()?)),
-            Kind::I16 => f64::from(i16::from_le_bytes(self.take()?)),
-            Kind::U16 => f64::from(u16::from_le_bytes(self.take()?)),
-            Kind::I32 => f64::from(i32::from_le_bytes(self.take()?)),
-            Kind::U32 => f64::from(u32::from_le_bytes(self.take()?)),
-            Kind::I64 => i64::from_le_bytes(self.take()?) as f64,
-            Kind::U64 => u64::from_le_bytes(self.take()?) as f64,
-            Kind::F32 => f64::from(f32::from_le_bytes(self.take()?)),
-            Kind::F64 => f64::from_le_bytes(self.take()?),
-            Kind::Text | Kind::Time | Kind::Duration | Kind::Message(_) => return None,
-        })
+    fn number(&mut self, scalar: Scalar) -> Option<f64> {
+        let size = scalar.size();
+        if self.aligned {
+            self.at = self.at.checked_next_multiple_of(size)?;
+        }
+        let value = scalar.value(self.bytes.get(self.at..)?, self.big)?;
+        self.at += size;
+        Some(value)
     }
 }
 
@@ -280,7 +240,7 @@ impl Decoder {
             long: &mut self.long,
             path: String::new(),
         };
-        walk.kind(&mut bytes, Kind::Message(0), Some(&mut self.root))
+        walk.kind(&mut bytes, FieldKind::Message(0), Some(&mut self.root))
     }
 }
 
@@ -312,28 +272,28 @@ impl Walk<'_> {
                 *node = Node::Skipped;
             }
         }
-        if let (None, Some(size)) = (&node, field.kind.size()) {
-            return bytes.skip(count, size);
+        if let (None, FieldKind::Number(scalar)) = (&node, field.kind) {
+            return bytes.skip(count, scalar.size());
         }
         let mut parts = node.and_then(parts);
         for i in 0..count {
             let length = self.path.len();
             self.path += &format!("[{i}]");
-            let part = parts.as_mut().filter(|_| i < MOST_ELEMENTS).map(|parts| {
-                if parts.len() <= i {
-                    parts.resize_with(i + 1, Node::default);
-                }
-                parts.get_mut(i)
-            });
-            self.kind(bytes, field.kind, part.flatten())?;
+            let part = parts.as_mut().filter(|_| i < MOST_ELEMENTS).and_then(|p| part(p, i));
+            self.kind(bytes, field.kind, part)?;
             self.path.truncate(length);
         }
         Some(())
     }
 
-    fn kind(&mut self, bytes: &mut Bytes<'_>, kind: Kind, node: Option<&mut Node>) -> Option<()> {
+    fn kind(
+        &mut self,
+        bytes: &mut Bytes<'_>,
+        kind: FieldKind,
+        node: Option<&mut Node>,
+    ) -> Option<()> {
         match kind {
-            Kind::Message(place) => {
+            FieldKind::Message(place) => {
                 let mut parts = node.and_then(parts);
                 let definitions = self.definitions;
                 for (i, field) in definitions.messages.get(place)?.iter().enumerate() {
@@ -342,43 +302,33 @@ impl Walk<'_> {
                         self.path.push('.');
                     }
                     self.path += &field.name;
-                    let part = parts.as_mut().map(|parts| {
-                        if parts.len() <= i {
-                            parts.resize_with(i + 1, Node::default);
-                        }
-                        parts.get_mut(i)
-                    });
-                    self.field(bytes, field, part.flatten())?;
+                    self.field(bytes, field, parts.as_mut().and_then(|p| part(p, i)))?;
                     self.path.truncate(length);
                 }
                 Some(())
             }
-            Kind::Text => {
+            FieldKind::Text => {
                 let length = bytes.length()?;
                 let aligned = std::mem::replace(&mut bytes.aligned, false);
                 let skipped = bytes.skip(length, 1);
                 bytes.aligned = aligned;
                 skipped
             }
-            Kind::Time | Kind::Duration => {
-                let whole = if kind == Kind::Time { Kind::U32 } else { Kind::I32 };
+            FieldKind::Time(whole) => {
                 let mut parts = node.and_then(parts);
                 for (i, name) in [".sec", ".nanosec"].into_iter().enumerate() {
                     let value = bytes.number(whole)?;
                     if let Some(parts) = &mut parts {
-                        if parts.len() <= i {
-                            parts.resize_with(i + 1, Node::default);
-                        }
                         let length = self.path.len();
                         self.path += name;
-                        self.put(value, parts.get_mut(i));
+                        self.put(value, part(parts, i));
                         self.path.truncate(length);
                     }
                 }
                 Some(())
             }
-            number => {
-                let value = bytes.number(number)?;
+            FieldKind::Number(scalar) => {
+                let value = bytes.number(scalar)?;
                 self.put(value, node);
                 Some(())
             }
@@ -404,4 +354,12 @@ fn parts(node: &mut Node) -> Option<&mut Vec<Node>> {
         Node::Parts(parts) => Some(parts),
         Node::Unseen | Node::Number(_) | Node::Skipped => None,
     }
+}
+
+/// The part of this number, whether it was seen before or not.
+pub(super) fn part<N: Default>(parts: &mut Vec<N>, at: usize) -> Option<&mut N> {
+    if parts.len() <= at {
+        parts.resize_with(at + 1, N::default);
+    }
+    parts.get_mut(at)
 }

@@ -6,10 +6,9 @@ use std::path::Path;
 
 use super::bag::{Bag, Schema};
 use super::counted::Counted;
-use super::error::Error;
-use super::error::LogError;
+use super::error::{Error, LogError};
 use super::recording::{ReadOptions, Recording};
-use super::sqlite::Database;
+use super::sqlite::{Database, SqlTable};
 
 pub(super) const MAGIC: &[u8] = b"SQLite format 3\0";
 const NAME: &str = "a ROS 2 bag in SQLite";
@@ -34,8 +33,7 @@ pub(super) fn journal(path: &Path) -> Option<String> {
 
 /// Reads a database, perhaps one of several, into a bag.
 pub(super) fn fill(source: &str, bytes: impl Read + Seek, bag: &mut Bag) -> Result<(), Error> {
-    let refused =
-        |what: &str| LogError::Format { file: source.into(), format: NAME, what: what.into() };
+    let refused = |what: &str| LogError::format(source, NAME, what);
     let Some(mut base) = Database::open(bytes).map_err(|e| Error::io(Path::new(source), e))? else {
         return Err(
             refused("the file is cut off or damaged at its beginning; copy it again").into()
@@ -48,21 +46,10 @@ pub(super) fn fill(source: &str, bytes: impl Read + Seek, bag: &mut Bag) -> Resu
         )
         .into());
     };
-    let mut definitions: HashMap<String, (String, Vec<u8>)> = HashMap::new();
-    if let Some(table) = tables.get("message_definitions") {
-        let places =
-            ["topic_type", "encoding", "encoded_message_definition"].map(|name| table.column(name));
-        base.rows(table, &mut |row| {
-            let [name, encoding, text] = places.map(|place| place.and_then(|p| row.get(p)));
-            if let (Some(name), Some(encoding), Some(text)) = (
-                name.and_then(|v| v.text()),
-                encoding.and_then(|v| v.text()),
-                text.and_then(|v| v.bytes()),
-            ) {
-                definitions.insert(name, (encoding, text.to_vec()));
-            }
-        });
-    }
+    let definitions = match tables.get("message_definitions") {
+        Some(table) => definitions(&mut base, table),
+        None => HashMap::new(),
+    };
     let places = ["id", "name", "type", "serialization_format"].map(|name| topics.column(name));
     base.rows(topics, &mut |row| {
         let [id, name, kind, encoding] = places.map(|place| place.and_then(|p| row.get(p)));
@@ -103,4 +90,25 @@ pub(super) fn fill(source: &str, bytes: impl Read + Seek, bag: &mut Bag) -> Resu
         ));
     }
     Ok(())
+}
+
+/// How the definition of every type of message is written, and the definition.
+fn definitions<R: Read + Seek>(
+    base: &mut Database<R>,
+    table: &SqlTable,
+) -> HashMap<String, (String, Vec<u8>)> {
+    let mut definitions = HashMap::new();
+    let places =
+        ["topic_type", "encoding", "encoded_message_definition"].map(|name| table.column(name));
+    base.rows(table, &mut |row| {
+        let [name, encoding, text] = places.map(|place| place.and_then(|p| row.get(p)));
+        if let (Some(name), Some(encoding), Some(text)) = (
+            name.and_then(|v| v.text()),
+            encoding.and_then(|v| v.text()),
+            text.and_then(|v| v.bytes()),
+        ) {
+            definitions.insert(name, (encoding, text.to_vec()));
+        }
+    });
+    definitions
 }

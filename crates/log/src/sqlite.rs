@@ -11,14 +11,14 @@ const LARGEST: u64 = 1 << 30;
 
 /// A value of a row.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Value {
+pub(super) enum SqlValue {
     Null,
     Integer(i64),
     Real,
     Bytes(Vec<u8>),
 }
 
-impl Value {
+impl SqlValue {
     pub(super) fn integer(&self) -> Option<i64> {
         match self {
             Self::Integer(x) => Some(*x),
@@ -49,14 +49,14 @@ pub(super) struct Database<R> {
 }
 
 /// A table: its first page and the names of its columns.
-pub(super) struct Table {
+pub(super) struct SqlTable {
     root: u64,
     columns: Vec<String>,
     /// The column that stands for the row's number.
     key: Option<usize>,
 }
 
-impl Table {
+impl SqlTable {
     pub(super) fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|c| c.eq_ignore_ascii_case(name))
     }
@@ -105,9 +105,9 @@ impl<R: Read + Seek> Database<R> {
     }
 
     /// The tables with their names.
-    pub(super) fn tables(&mut self) -> Vec<(String, Table)> {
+    pub(super) fn tables(&mut self) -> Vec<(String, SqlTable)> {
         let mut tables = Vec::new();
-        let master = Table { root: 1, columns: Vec::new(), key: None };
+        let master = SqlTable { root: 1, columns: Vec::new(), key: None };
         self.rows(&master, &mut |row| {
             if let [kind, name, _, root, sql] = row
                 && kind.text().as_deref() == Some("table")
@@ -115,14 +115,17 @@ impl<R: Read + Seek> Database<R> {
                     (name.text(), root.integer(), sql.text())
             {
                 let (columns, key) = columns(&sql);
-                tables.push((name, Table { root: u64::try_from(root).unwrap_or(0), columns, key }));
+                tables.push((
+                    name,
+                    SqlTable { root: u64::try_from(root).unwrap_or(0), columns, key },
+                ));
             }
         });
         tables
     }
 
     /// Hands every row of a table over, in the order of their numbers.
-    pub(super) fn rows(&mut self, table: &Table, take: &mut dyn FnMut(&[Value])) {
+    pub(super) fn rows(&mut self, table: &SqlTable, take: &mut dyn FnMut(&[SqlValue])) {
         let mut left = self.pages + 1;
         self.tree(table.root, table, take, 0, &mut left);
     }
@@ -130,8 +133,8 @@ impl<R: Read + Seek> Database<R> {
     fn tree(
         &mut self,
         number: u64,
-        table: &Table,
-        take: &mut dyn FnMut(&[Value]),
+        table: &SqlTable,
+        take: &mut dyn FnMut(&[SqlValue]),
         depth: usize,
         left: &mut u64,
     ) {
@@ -176,7 +179,7 @@ impl<R: Read + Seek> Database<R> {
     }
 
     /// The row of a leaf's cell, with what of it stands on further pages.
-    fn cell(&mut self, page: &[u8], at: usize, table: &Table) -> Option<Vec<Value>> {
+    fn cell(&mut self, page: &[u8], at: usize, table: &SqlTable) -> Option<Vec<SqlValue>> {
         let mut rest = page.get(at..)?;
         let (size, number) = (varint(&mut rest)?, varint(&mut rest)? as i64);
         if size > LARGEST || size > self.pages * self.page_size {
@@ -202,8 +205,9 @@ impl<R: Read + Seek> Database<R> {
             }
         }
         let mut row = record(&payload)?;
-        if let Some(key) = table.key.and_then(|k| row.get_mut(k)).filter(|v| **v == Value::Null) {
-            *key = Value::Integer(number);
+        if let Some(key) = table.key.and_then(|k| row.get_mut(k)).filter(|v| **v == SqlValue::Null)
+        {
+            *key = SqlValue::Integer(number);
         }
         Some(row)
     }
@@ -225,7 +229,7 @@ fn varint(bytes: &mut &[u8]) -> Option<u64> {
     Some(value)
 }
 
-fn record(payload: &[u8]) -> Option<Vec<Value>> {
+fn record(payload: &[u8]) -> Option<Vec<SqlValue>> {
     let mut rest = payload;
     let length = varint(&mut rest)? as usize;
     let taken = payload.len() - rest.len();
@@ -245,16 +249,16 @@ fn record(payload: &[u8]) -> Option<Vec<Value>> {
         let (bytes, after) = body.split_at_checked(usize::try_from(size).ok()?)?;
         body = after;
         row.push(match kind {
-            0 => Value::Null,
-            7 => Value::Real,
-            8 => Value::Integer(0),
-            9 => Value::Integer(1),
+            0 => SqlValue::Null,
+            7 => SqlValue::Real,
+            8 => SqlValue::Integer(0),
+            9 => SqlValue::Integer(1),
             1..=6 => {
                 // Big-endian, the sign in the first byte.
                 let sign = if bytes.first()? & 0x80 == 0 { 0 } else { -1 };
-                Value::Integer(bytes.iter().fold(sign, |x, b| x << 8 | i64::from(*b)))
+                SqlValue::Integer(bytes.iter().fold(sign, |x, b| x << 8 | i64::from(*b)))
             }
-            _ => Value::Bytes(bytes.to_vec()),
+            _ => SqlValue::Bytes(bytes.to_vec()),
         });
     }
     Some(row)

@@ -1,7 +1,8 @@
 //! Tables of a step response as logs: the step itself is put beside the response.
 
 use super::error::LogError;
-use super::log::{Channel, Log, neighbours};
+use super::log::{Channel, Log};
+use super::place::neighbours;
 use deadtime_signal::time::SampleTime;
 
 /// The input of a log that was made of a step response.
@@ -26,34 +27,10 @@ impl Log {
         at_s: Option<f64>,
     ) -> Result<Self, LogError> {
         let file = || table.source.clone();
-        let mut names = table.names();
-        let name = match (response, names.next(), names.next()) {
-            (Some(name), ..) => name.to_owned(),
-            (None, Some(only), None) => only.to_owned(),
-            (None, first, second) => {
-                let matches =
-                    first.into_iter().chain(second).chain(names).map(str::to_owned).collect();
-                return Err(LogError::AmbiguousChannel {
-                    file: file(),
-                    channel: "response".into(),
-                    matches,
-                });
-            }
-        };
+        let name = table.only_response(response)?;
         let channel = table.channel(&name)?.clone();
         let alone = Self { channels: vec![channel], ..table.clone() };
-        let even = match alone.even_grid() {
-            Ok(_) => alone,
-            Err(_) => {
-                let smallest =
-                    neighbours(&alone.time_s).map(|(a, b)| b - a).fold(f64::INFINITY, f64::min);
-                let step = smallest.max(alone.duration_s() / MOST);
-                match SampleTime::new(step) {
-                    Ok(step) => alone.resample(step, &[])?,
-                    Err(_) => return alone.even_grid().map(|_| alone.clone()),
-                }
-            }
-        };
+        let even = if alone.even_grid().is_ok() { alone } else { alone.on_finest_grid()? };
         let step_s = even.even_grid()?.seconds();
         let (first, last) = (even.start_s(), even.start_s() + even.duration_s());
         let at_s = at_s.unwrap_or(if first <= 0.0 && last > 0.0 { 0.0 } else { first });
@@ -81,22 +58,33 @@ impl Log {
         let there = |k: usize| {
             k < more || output.present.is_none_or(|p| p.get(k - more).copied().unwrap_or(false))
         };
-        let measured = if output.present.is_none() {
-            Channel::new(name.as_str(), unit.as_deref(), values)
-        } else {
-            Channel::partial(
-                name.as_str(),
-                unit.as_deref(),
-                values,
-                (0..count).map(there).collect(),
-            )
-        };
-        let log = Self::new(
-            table.source.clone(),
-            time_s,
-            vec![Channel::new(STEP, None, input), measured],
-        )?;
+        let present = output.present.is_some().then(|| (0..count).map(there).collect());
+        let measured = Channel { present, ..Channel::new(name.as_str(), unit.as_deref(), values) };
+        let log = Self::new(file(), time_s, vec![Channel::new(STEP, None, input), measured])?;
         Ok(Self { early_s: even.early_s, ..log })
+    }
+
+    /// The channel that is the response: the one that is named, or the only one.
+    fn only_response(&self, named: Option<&str>) -> Result<String, LogError> {
+        let mut names = self.names();
+        match (named, names.next(), names.next()) {
+            (Some(name), ..) => Ok(name.to_owned()),
+            (None, Some(only), None) => Ok(only.to_owned()),
+            (None, first, second) => Err(LogError::AmbiguousChannel {
+                file: self.source.clone(),
+                channel: "response".into(),
+                matches: first.into_iter().chain(second).chain(names).map(str::to_owned).collect(),
+            }),
+        }
+    }
+
+    /// The log on an even grid as fine as its smallest step.
+    fn on_finest_grid(&self) -> Result<Self, LogError> {
+        let smallest = neighbours(&self.time_s).map(|(a, b)| b - a).fold(f64::INFINITY, f64::min);
+        match SampleTime::new(smallest.max(self.duration_s() / MOST)) {
+            Ok(step) => self.resample(step, &[]),
+            Err(_) => self.even_grid().map(|_| self.clone()),
+        }
     }
 }
 

@@ -67,7 +67,7 @@ impl Log {
         let angle = channel.samples();
         let there: Vec<f64> = (0..self.len()).filter_map(|k| angle.get(k)).collect();
         let (mut jumps, mut led, mut before) = (0, 0, VecDeque::from([0.0; BEFORE]));
-        for step in super::log::neighbours(&there).map(|(a, b)| (b - a) / turn) {
+        for step in super::place::neighbours(&there).map(|(a, b)| (b - a) / turn) {
             if step.abs() > 1.0 - NEARLY {
                 jumps += 1;
                 led += usize::from(before.iter().sum::<f64>() * step < 0.0);

@@ -8,11 +8,10 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::counted::Counted;
-use super::error::Error;
-use super::error::LogError;
-use super::numbers::Numbers;
-use super::recording::Topic;
-use super::recording::{ReadOptions, Recording, Table};
+use super::error::{Error, LogError};
+use super::recording::{ReadOptions, Recording, Table, Topic};
+use super::scalar::Scalar;
+use crate::notes::Notes;
 
 pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
 const NAME: &str = "ULog";
@@ -49,12 +48,8 @@ pub(super) fn read(
     bytes.by_ref().take(HEADER).read_to_end(&mut head).map_err(io)?;
     let mut file = Input::new(bytes, head.len() as u64, length);
     if head.len() < HEADER as usize || !head.starts_with(MAGIC) {
-        return Err(LogError::Format {
-            file: source.into(),
-            format: NAME,
-            what: "the header is cut off; copy the file again".into(),
-        }
-        .into());
+        let what = "the header is cut off; copy the file again";
+        return Err(LogError::format(source, NAME, what).into());
     }
     let mut log = Ulog::default();
     loop {
@@ -83,7 +78,7 @@ pub(super) fn read(
             }
         }
         if let Some(what) = log.refused.take() {
-            return Err(LogError::Format { file: source.into(), format: NAME, what }.into());
+            return Err(LogError::format(source, NAME, what).into());
         }
     }
     log.finish(source)
@@ -203,122 +198,29 @@ impl<R: BufRead + Seek> Input<R> {
     }
 }
 
-/// A number within a message.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    I64,
-    U64,
-    F32,
-    F64,
-    /// Letters: no numbers.
-    Char,
+/// A type of the format; letters take a byte each.
+fn scalar(name: &str) -> Option<Scalar> {
+    Some(match name {
+        "int8_t" => Scalar::I8,
+        "uint8_t" | "bool" | LETTER => Scalar::U8,
+        "int16_t" => Scalar::I16,
+        "uint16_t" => Scalar::U16,
+        "int32_t" => Scalar::I32,
+        "uint32_t" => Scalar::U32,
+        "int64_t" => Scalar::I64,
+        "uint64_t" => Scalar::U64,
+        "float" => Scalar::F32,
+        "double" => Scalar::F64,
+        _ => return None,
+    })
 }
 
-impl Kind {
-    fn of(name: &str) -> Option<Self> {
-        Some(match name {
-            "int8_t" => Self::I8,
-            "uint8_t" | "bool" => Self::U8,
-            "int16_t" => Self::I16,
-            "uint16_t" => Self::U16,
-            "int32_t" => Self::I32,
-            "uint32_t" => Self::U32,
-            "int64_t" => Self::I64,
-            "uint64_t" => Self::U64,
-            "float" => Self::F32,
-            "double" => Self::F64,
-            "char" => Self::Char,
-            _ => return None,
-        })
-    }
-
-    fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 | Self::Char => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::I64 | Self::U64 | Self::F64 => 8,
-        }
-    }
-
-    /// No numbers yet, of the type that holds these exactly.
-    fn none(self) -> Numbers {
-        match self {
-            Self::I8 => Numbers::I8(Vec::new()),
-            Self::U8 | Self::Char => Numbers::U8(Vec::new()),
-            Self::I16 => Numbers::I16(Vec::new()),
-            Self::U16 => Numbers::U16(Vec::new()),
-            Self::I32 => Numbers::I32(Vec::new()),
-            Self::U32 => Numbers::U32(Vec::new()),
-            Self::F32 => Numbers::F32(Vec::new()),
-            Self::I64 | Self::U64 | Self::F64 => Numbers::F64(Vec::new()),
-        }
-    }
-
-    /// The number at `at` of each of the messages of one size, to the end of a list.
-    fn each(self, messages: &[u8], size: usize, at: usize, into: &mut Numbers) {
-        fn all<T, const N: usize>(
-            messages: &[u8],
-            size: usize,
-            at: usize,
-            into: &mut Vec<T>,
-            number: impl Fn([u8; N]) -> T,
-        ) {
-            let one = |message: &[u8]| {
-                message.get(at..).and_then(|m| m.first_chunk()).copied().unwrap_or([0; N])
-            };
-            into.extend(messages.chunks_exact(size.max(1)).map(|message| number(one(message))));
-        }
-        match (self, into) {
-            (Self::I8, Numbers::I8(list)) => all(messages, size, at, list, i8::from_le_bytes),
-            (Self::U8 | Self::Char, Numbers::U8(list)) => {
-                all(messages, size, at, list, u8::from_le_bytes)
-            }
-            (Self::I16, Numbers::I16(list)) => all(messages, size, at, list, i16::from_le_bytes),
-            (Self::U16, Numbers::U16(list)) => all(messages, size, at, list, u16::from_le_bytes),
-            (Self::I32, Numbers::I32(list)) => all(messages, size, at, list, i32::from_le_bytes),
-            (Self::U32, Numbers::U32(list)) => all(messages, size, at, list, u32::from_le_bytes),
-            (Self::F32, Numbers::F32(list)) => all(messages, size, at, list, f32::from_le_bytes),
-            (Self::U64, Numbers::F64(list)) => {
-                all(messages, size, at, list, |b| u64::from_le_bytes(b) as f64)
-            }
-            (Self::F64, Numbers::F64(list)) => all(messages, size, at, list, f64::from_le_bytes),
-            // The column began with another type.
-            (kind, list) => messages
-                .chunks_exact(size.max(1))
-                .filter_map(|message| kind.value(message, at))
-                .for_each(|x| list.push(x)),
-        }
-    }
-
-    fn value(self, bytes: &[u8], at: usize) -> Option<f64> {
-        fn take<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
-            bytes.get(at..at.checked_add(N)?)?.try_into().ok()
-        }
-        Some(match self {
-            Self::I8 => f64::from(i8::from_le_bytes(take(bytes, at)?)),
-            Self::U8 | Self::Char => f64::from(u8::from_le_bytes(take(bytes, at)?)),
-            Self::I16 => f64::from(i16::from_le_bytes(take(bytes, at)?)),
-            Self::U16 => f64::from(u16::from_le_bytes(take(bytes, at)?)),
-            Self::I32 => f64::from(i32::from_le_bytes(take(bytes, at)?)),
-            Self::U32 => f64::from(u32::from_le_bytes(take(bytes, at)?)),
-            Self::I64 => i64::from_le_bytes(take(bytes, at)?) as f64,
-            Self::U64 => u64::from_le_bytes(take(bytes, at)?) as f64,
-            Self::F32 => f64::from(f32::from_le_bytes(take(bytes, at)?)),
-            Self::F64 => f64::from_le_bytes(take(bytes, at)?),
-        })
-    }
-}
+/// What holds letters and no numbers.
+const LETTER: &str = "char";
 
 /// A number of a topic: where in a message, and in which column.
-struct Field {
-    kind: Kind,
+struct NumberField {
+    kind: Scalar,
     at: usize,
     column: usize,
 }
@@ -326,8 +228,8 @@ struct Field {
 /// A topic's instance that messages refer to by a number.
 struct Subscription {
     topic: usize,
-    stamp: Option<(Kind, usize)>,
-    fields: Vec<Field>,
+    stamp: Option<(Scalar, usize)>,
+    fields: Vec<NumberField>,
     /// Bytes up to the end of the last number.
     size: usize,
 }
@@ -345,7 +247,7 @@ struct Ulog {
     dropouts: (usize, f64),
     short: usize,
     strange: usize,
-    notes: crate::notes::Notes,
+    notes: Notes,
     refused: Option<String>,
 }
 
@@ -361,7 +263,7 @@ impl Ulog {
             b'A' => self.subscribe(payload),
             b'O' => {
                 self.dropouts.0 += 1;
-                self.dropouts.1 += Kind::U16.value(payload, 0).unwrap_or(0.0) / 1e3;
+                self.dropouts.1 += Scalar::U16.at(payload, 0).unwrap_or(0.0) / 1e3;
             }
             // Parameters, information, messages to people, synchronisation.
             _ => {}
@@ -405,7 +307,7 @@ impl Ulog {
             return;
         };
         let name = String::from_utf8_lossy(name).into_owned();
-        let mut layout = Layout { ulog: self, at: 0, numbers: Vec::new() };
+        let mut layout = FormatNumbers { ulog: self, at: 0, numbers: Vec::new() };
         if layout.add(&name, "", 0).is_none() {
             self.notes.push(format!("{name}: its format is unknown or broken; left out"));
             return;
@@ -428,8 +330,9 @@ impl Ulog {
             self.tables.len() - 1
         });
         let fields = numbers.iter().filter(|(path, ..)| path != "timestamp").enumerate();
-        let fields =
-            fields.map(|(column, (_, kind, at))| Field { kind: *kind, at: *at, column }).collect();
+        let fields = fields
+            .map(|(column, (_, kind, at))| NumberField { kind: *kind, at: *at, column })
+            .collect();
         let id = id.first_chunk().map_or(0, |id| u16::from_le_bytes(*id));
         // What the number stood for before is taken apart by what it was.
         self.flush(topic);
@@ -476,14 +379,14 @@ impl Ulog {
             return;
         };
         let Some(table) = self.tables.get_mut(topic) else { return };
-        let Some(stamp_us) = subscription.stamp.and_then(|(kind, at)| kind.value(data, at)) else {
+        let Some(stamp_us) = subscription.stamp.and_then(|(kind, at)| kind.at(data, at)) else {
             self.short += usize::from(subscription.stamp.is_some());
             return;
         };
         table.row(stamp_us / 1e6);
         let mut whole = true;
         for field in &subscription.fields {
-            match field.kind.value(data, field.at) {
+            match field.kind.at(data, field.at) {
                 Some(value) => table.set(field.column, value),
                 None => whole = false,
             }
@@ -505,7 +408,7 @@ impl Ulog {
             .filter(|_| !block.is_empty());
         if let Some(Subscription { stamp: Some((kind, at)), fields, size, .. }) = subscription {
             let stamps =
-                block.chunks_exact((*size).max(1)).filter_map(|message| kind.value(message, *at));
+                block.chunks_exact((*size).max(1)).filter_map(|message| kind.at(message, *at));
             table.rows(|times| times.extend(stamps.map(|us| us / 1e6)));
             for field in fields {
                 table
@@ -544,26 +447,18 @@ impl Ulog {
             }
             topics.extend(table.finish(source, &mut self.notes)?);
         }
-        if topics.is_empty() {
-            return Err(LogError::NoTopics {
-                file: source.into(),
-                format: NAME,
-                notes: self.notes,
-            }
-            .into());
-        }
-        Ok(Recording { source: source.into(), format: "ulog", topics, notes: self.notes })
+        Recording::of_topics(source, ("ulog", NAME), topics, self.notes)
     }
 }
 
 /// The numbers of a format, nested ones too, in the order of their bytes.
-struct Layout<'a> {
+struct FormatNumbers<'a> {
     ulog: &'a Ulog,
     at: usize,
-    numbers: Vec<(String, Kind, usize)>,
+    numbers: Vec<(String, Scalar, usize)>,
 }
 
-impl Layout<'_> {
+impl FormatNumbers<'_> {
     fn add(&mut self, format: &str, prefix: &str, depth: usize) -> Option<()> {
         let fields = self.ulog.formats.get(format).filter(|_| depth < DEEPEST)?;
         for (kind, name) in fields {
@@ -573,8 +468,8 @@ impl Layout<'_> {
                 }
                 None => (kind.as_str(), None),
             };
-            let number = Kind::of(kind);
-            if name.starts_with("_padding") || number == Some(Kind::Char) {
+            let number = scalar(kind);
+            if name.starts_with("_padding") || kind == LETTER {
                 self.at = self.at.checked_add(number?.size().checked_mul(count.unwrap_or(1))?)?;
                 continue;
             }

@@ -93,25 +93,11 @@ fn sections(zeros: &[Complex<f64>], poles: &[Complex<f64>]) -> Vec<Section> {
     let mut sections = Vec::new();
     for p in pole_pairs {
         let (sigma, omega) = (p.re, p.im);
-        let a = DMatrix::from_row_slice(2, 2, &[sigma, omega, -omega, sigma]);
-        let b = DMatrix::from_column_slice(2, 1, &[0.0, 1.0]);
         // (xI − A)⁻¹B = [ω; x − σ] / ((x − σ)² + ω²)
-        let (constant, linear, d) =
-            if let Some(z) = take_nearest(&mut zero_pairs, |z| (z - p).norm()) {
-                let shift = sigma - z.re;
-                (shift * shift + (z.im - omega) * (z.im + omega), 2.0 * shift, 1.0)
-            } else if real_zeros.len() >= 2 {
-                let q1 = take_nearest(&mut real_zeros, |q| (q - sigma).abs()).unwrap_or(sigma);
-                let q2 = take_nearest(&mut real_zeros, |q| (q - sigma).abs()).unwrap_or(sigma);
-                ((sigma - q1) * (sigma - q2) - omega * omega, 2.0 * sigma - q1 - q2, 1.0)
-            } else if let Some(q) = real_zeros.pop() {
-                (sigma - q, 1.0, 0.0)
-            } else {
-                (1.0, 0.0, 0.0)
-            };
+        let (constant, linear, d) = beside_pair(p, &mut zero_pairs, &mut real_zeros);
         sections.push(Section {
-            a,
-            b,
+            a: DMatrix::from_row_slice(2, 2, &[sigma, omega, -omega, sigma]),
+            b: DMatrix::from_column_slice(2, 1, &[0.0, 1.0]),
             c: DMatrix::from_row_slice(1, 2, &[constant / omega, linear]),
             d,
         });
@@ -142,6 +128,28 @@ fn sections(zeros: &[Complex<f64>], poles: &[Complex<f64>]) -> Vec<Section> {
         });
     }
     sections
+}
+
+/// The numerator of a pair of complex poles: its constant and linear coefficients behind the direct
+/// path, which is the third.
+fn beside_pair(
+    p: Complex<f64>,
+    zero_pairs: &mut Vec<Complex<f64>>,
+    real_zeros: &mut Vec<f64>,
+) -> (f64, f64, f64) {
+    let (sigma, omega) = (p.re, p.im);
+    if let Some(z) = take_nearest(zero_pairs, |z| (z - p).norm()) {
+        let shift = sigma - z.re;
+        (shift * shift + (z.im - omega) * (z.im + omega), 2.0 * shift, 1.0)
+    } else if real_zeros.len() >= 2 {
+        let q1 = take_nearest(real_zeros, |q| (q - sigma).abs()).unwrap_or(sigma);
+        let q2 = take_nearest(real_zeros, |q| (q - sigma).abs()).unwrap_or(sigma);
+        ((sigma - q1) * (sigma - q2) - omega * omega, 2.0 * sigma - q1 - q2, 1.0)
+    } else if let Some(q) = real_zeros.pop() {
+        (sigma - q, 1.0, 0.0)
+    } else {
+        (1.0, 0.0, 0.0)
+    }
 }
 
 fn take_nearest<R: Copy>(roots: &mut Vec<R>, distance: impl Fn(R) -> f64) -> Option<R> {

@@ -4,15 +4,13 @@ use nalgebra::DMatrix;
 
 use super::error::ModelError;
 use super::matrix;
-use super::state_space::{Sampled, StateSpace};
+use super::state_space::{Continuous, Sampled, StateSpace};
 
 /// The continuous model whose zero-order-hold conversion is `sys`: log of [A B; 0 I] over Ts. Whole-sample delays become seconds.
 ///
 /// # Errors
 /// [`ModelError::NoLogarithm`] for a pole at z = 0 or on the negative real axis (no real continuous model has it).
-pub fn d2c(
-    sys: &StateSpace<Sampled>,
-) -> Result<StateSpace<super::state_space::Continuous>, ModelError> {
+pub fn d2c(sys: &StateSpace<Sampled>) -> Result<StateSpace<Continuous>, ModelError> {
     let (n, m) = (sys.order(), sys.inputs());
     let mut block = DMatrix::<f64>::identity(n + m, n + m);
     block.view_mut((0, 0), (n, n)).copy_from(sys.a());

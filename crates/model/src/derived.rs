@@ -6,10 +6,9 @@
 //! How it can be wrong: a sample that is missing in any source is missing in the result, and so is one that is not finite (a division by 0); a quaternion that
 //! is not of length 1 gives no rotation.
 
-use super::error::Error;
 use crate::equations::error::EquationError;
 use crate::equations::system::{Equations, OutputVariable, Symbol};
-use deadtime_log::{Channel, Log};
+use deadtime_log::{Channel, Log, LogError};
 use deadtime_signal::text::shown;
 
 /// Expressions that grow beyond this are refused.
@@ -129,7 +128,7 @@ impl Derived {
     ///
     /// # Errors
     /// [`deadtime_log::LogError`] for a source that is not there, and for a name that is taken.
-    pub fn add_to(&self, log: Log) -> Result<Log, Error> {
+    pub fn add_to(&self, log: Log) -> Result<Log, LogError> {
         let sources =
             self.sources.iter().map(|name| log.output(name)).collect::<Result<Vec<_>, _>>()?;
         let (mut values, mut present) =
@@ -150,12 +149,7 @@ impl Derived {
             present.push(y[0].is_finite());
         }
         drop(sources);
-        Ok(log.with_channel(Channel::partial(
-            &*self.name,
-            self.unit.as_deref(),
-            values,
-            present,
-        ))?)
+        log.with_channel(Channel::partial(&*self.name, self.unit.as_deref(), values, present))
     }
 }
 

@@ -1,11 +1,9 @@
 //! Models that cannot be built, read, converted or simulated.
 
 use deadtime_log::LogError;
-use deadtime_signal::SignalError;
 use deadtime_signal::file::FileError;
-use deadtime_signal::flatten;
-use deadtime_signal::remedied;
 use deadtime_signal::time::TimeError;
+use deadtime_signal::{SignalError, flatten, remedied};
 
 use super::derived::DerivedError;
 use crate::effect::error::EffectError;

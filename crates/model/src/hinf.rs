@@ -5,6 +5,7 @@
 
 use nalgebra::{Complex, DMatrix};
 
+use super::matrices::Matrices;
 use super::state_space::{StateSpace, TimeDomain};
 use super::zeros;
 
@@ -27,15 +28,6 @@ const NEAR_AXIS: f64 = 1e-5;
 
 /// A pole this close to the imaginary axis, relative to its size (to that of A where it is 0), is on it.
 const ON_AXIS: f64 = 1e-13;
-
-/// A, B, C, D in continuous time, or the bilinear image of a sampled model.
-#[derive(Debug, Clone)]
-pub(super) struct Matrices {
-    pub(super) a: DMatrix<f64>,
-    pub(super) b: DMatrix<f64>,
-    pub(super) c: DMatrix<f64>,
-    pub(super) d: DMatrix<f64>,
-}
 
 impl Matrices {
     /// The same model in units of its states that make rows and columns of [A B; C 0] equally large: powers of two, so that nothing is rounded.
@@ -163,9 +155,7 @@ pub(super) fn peak_within<T: TimeDomain>(sys: &StateSpace<T>, band: [f64; 2]) ->
 
 /// A model in continuous time with the gains of this one, in balanced states, its delays left out; `None` for a pole at z = −1.
 pub(super) fn continuous<T: TimeDomain>(sys: &StateSpace<T>) -> Option<Matrices> {
-    let given =
-        Matrices { a: sys.a().clone(), b: sys.b().clone(), c: sys.c().clone(), d: sys.d().clone() }
-            .balanced();
+    let given = Matrices::of(sys).balanced();
     if sys.domain().sample_time_s().is_none() {
         Some(given)
     } else {
@@ -279,6 +269,29 @@ fn climbed(sys: &Matrices, mut omega: f64) -> f64 {
         }
     }
     omega
+}
+
+impl<T: TimeDomain> StateSpace<T> {
+    /// The H-infinity norm, the largest gain over all frequencies and directions; infinite unless
+    /// every pole decays. Delays change no gain.
+    ///
+    /// Source: Bruinsma and Steinbuch (1990), doi:10.1016/0167-6911(90)90049-Z.
+    #[must_use]
+    pub fn norm_hinf(&self) -> Peak {
+        peak(self)
+    }
+
+    /// The largest gain over a band from `band[0]` to `band[1]` rad/s (0 and infinity: everywhere),
+    /// whatever the poles: the L-infinity norm, which of a stable model is the H-infinity norm.
+    /// Infinite with a pole on the imaginary axis (the unit circle) within the band, hidden ones
+    /// too, or at z = −1. `None` where the band holds no frequency. Delays change no gain.
+    ///
+    /// Source: Bruinsma and Steinbuch (1990), doi:10.1016/0167-6911(90)90049-Z, with the band's
+    /// ends among the crossings.
+    #[must_use]
+    pub fn norm_linf(&self, band: [f64; 2]) -> Option<Peak> {
+        peak_within(self, band)
+    }
 }
 
 #[cfg(test)]

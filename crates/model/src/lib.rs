@@ -9,10 +9,12 @@ mod equations;
 mod error;
 mod file;
 mod hinf;
+mod matrices;
 mod matrix;
 mod nu_gap;
 mod parts;
 mod riccati;
+mod shape;
 pub mod simulate;
 mod state_space;
 mod transfer_function;
@@ -22,8 +24,8 @@ mod zeros;
 pub use crate::equations::error::{EquationError, Fault};
 pub use crate::equations::explain::{Breakdown, NonFinite};
 pub use crate::equations::system::{
-    Definition, Directions, Equations, Linearisation, OutputVariable, Parameter, StateVariable,
-    Symbol, Workspace, Wrt,
+    Definition, Directions, Equations, OutputVariable, Parameter, StateVariable, Symbol, Workspace,
+    Wrt,
 };
 pub use crate::file::candidate::{Candidate, CandidateEntry, CandidateParameter, Candidates};
 pub use crate::file::channel::{Channel, ChannelKind, EffectEntry, Operating, whole_turn};
@@ -42,5 +44,6 @@ pub use riccati::{Lqr, dare, dlqr};
 pub use state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 pub use transfer_function::TransferFunction;
 
+pub use matrices::Matrices as Linearisation;
 pub use matrix::exp;
 pub use zeros::iterated_eigenvalues;

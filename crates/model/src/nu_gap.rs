@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::error::ModelError;
 use super::hinf;
-use super::hinf::Matrices;
+use super::matrices::Matrices;
 use super::state_space::{StateSpace, TimeDomain};
 use super::zeros;
 

@@ -5,6 +5,7 @@ use nalgebra::{Complex, Const, DMatrix, DefaultAllocator, DimMin, OMatrix, Symme
 
 use super::error::ModelError;
 use super::parts::{parts, put, taken};
+use super::shape::check_matrix;
 use super::zeros;
 
 /// A linear-quadratic regulator.
@@ -32,27 +33,7 @@ pub fn dlqr(
     r: &DMatrix<f64>,
     n: Option<&DMatrix<f64>>,
 ) -> Result<Lqr, ModelError> {
-    solve(a, b, q, r, n)
-}
-
-/// (R + BᵀXB)⁻¹(BᵀXA + Nᵀ).
-fn gain(
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    r: &DMatrix<f64>,
-    n: Option<&DMatrix<f64>>,
-    x: &DMatrix<f64>,
-) -> Option<DMatrix<f64>> {
-    if a.is_empty() || b.is_empty() {
-        return Some(DMatrix::zeros(b.ncols(), a.nrows()));
-    }
-    let xb = x * b;
-    let weight = r + b.transpose() * &xb;
-    let mut right = xb.transpose() * a;
-    if let Some(n) = n {
-        right += n.transpose();
-    }
-    weight.lu().solve(&right)
+    Regulation { a, b, q, r, n }.solve()
 }
 
 /// The stabilising solution X of AᵀXA − X − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0.
@@ -74,118 +55,259 @@ pub fn dare(
     r: &DMatrix<f64>,
     n: Option<&DMatrix<f64>>,
 ) -> Result<DMatrix<f64>, ModelError> {
-    Ok(solve(a, b, q, r, n)?.x)
+    Ok(Regulation { a, b, q, r, n }.solve()?.x)
 }
 
-/// The solution with its gain and closed loop, which prove it; states and inputs that nothing joins, neither the plant nor the cost, are parts of their own.
-fn solve(
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-    r: &DMatrix<f64>,
-    n: Option<&DMatrix<f64>>,
-) -> Result<Lqr, ModelError> {
-    check(a, b, q, r, n)?;
-    let (order, inputs) = b.shape();
-    let joined =
-        DMatrix::from_fn(order + inputs, order + inputs, |i, j| match (i < order, j < order) {
-            (true, true) => a[(i, j)].abs() + q[(i, j)].abs(),
-            (true, false) => b[(i, j - order)].abs() + n.map_or(0.0, |n| n[(i, j - order)].abs()),
-            (false, true) => 0.0,
-            (false, false) => r[(i - order, j - order)],
-        });
-    let parts = parts(order + inputs, &[&joined]);
-    if parts.len() <= 1 {
-        return solve_part(a, b, q, r, n);
-    }
-    let (mut k, mut x, mut poles) =
-        (DMatrix::zeros(inputs, order), DMatrix::zeros(order, order), Vec::with_capacity(order));
-    for part in &parts {
-        let states = &part[..part.partition_point(|&at| at < order)];
-        let steered: Vec<usize> = part[states.len()..].iter().map(|at| at - order).collect();
-        let [of_a, of_q] = [a, q].map(|m| taken(m, states, states));
-        let of_n = n.map(|n| taken(n, states, &steered));
-        // A part without a solution may not be the one that an error about the whole would tell of.
-        let Ok(lqr) = solve_part(
-            &of_a,
-            &taken(b, states, &steered),
-            &of_q,
-            &taken(r, &steered, &steered),
-            of_n.as_ref(),
-        ) else {
-            return solve_part(a, b, q, r, n);
-        };
-        put(&mut k, &steered, states, &lqr.k);
-        put(&mut x, states, states, &lqr.x);
-        poles.extend(lqr.poles);
-    }
-    Ok(Lqr { k, x, poles })
+/// A regulator's plant and weights: x(k+1) = A x(k) + B u(k) at the cost Σ xᵀQx + uᵀRu + 2xᵀNu.
+#[derive(Clone, Copy)]
+struct Regulation<'a> {
+    a: &'a DMatrix<f64>,
+    b: &'a DMatrix<f64>,
+    q: &'a DMatrix<f64>,
+    r: &'a DMatrix<f64>,
+    n: Option<&'a DMatrix<f64>>,
 }
 
-/// As [`solve`], all at once.
-fn solve_part(
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-    r: &DMatrix<f64>,
-    n: Option<&DMatrix<f64>>,
-) -> Result<Lqr, ModelError> {
-    let (order, inputs) = b.shape();
-    if order == 0 && (inputs == 0 || r.clone().cholesky().is_some()) {
-        return Ok(Lqr {
-            k: DMatrix::zeros(inputs, 0),
-            x: DMatrix::zeros(0, 0),
-            poles: Vec::new(),
-        });
-    }
-    if inputs == 0 {
-        // Nothing to steer with: as an input that moves nothing.
-        let still = solve_part(a, &DMatrix::zeros(order, 1), q, &DMatrix::identity(1, 1), None)?;
-        return Ok(Lqr { k: DMatrix::zeros(0, order), ..still });
-    }
-    let r_factor = r
-        .clone()
-        .cholesky()
-        .ok_or_else(|| ModelError::WeightR { smallest: smallest_eigenvalue(r) })?;
-    // The cross term goes into A and Q: u = v − R⁻¹Nᵀx.
-    let (a0, q0) = match n {
-        None => (a.clone(), q.clone()),
-        Some(n) => {
-            let shift = r_factor.solve(&n.transpose());
-            (a - b * &shift, symmetric(q - n * shift))
+impl Regulation<'_> {
+    fn check(self) -> Result<(), ModelError> {
+        let Self { a, b, q, r, n } = self;
+        let (order, inputs) = (a.nrows(), b.ncols());
+        let zero = DMatrix::zeros(order, inputs);
+        let n = n.unwrap_or(&zero);
+        for (matrix, got, rows, columns) in [
+            ("A", a, order, order),
+            ("B", b, order, inputs),
+            ("Q", q, order, order),
+            ("R", r, inputs, inputs),
+            ("N", n, order, inputs),
+        ] {
+            check_matrix(matrix, got, (rows, columns))?;
         }
-    };
-    let g0 = symmetric(b * r_factor.solve(&b.transpose()));
-    let polished = |first: DMatrix<f64>| {
-        let mut k = gain(a, b, r, n, &first)?;
+        for (matrix, weight) in [("Q", q), ("R", r)] {
+            let tolerance = 1e-10 * weight.norm();
+            for j in 0..weight.ncols() {
+                for i in 0..j {
+                    let difference = (weight[(i, j)] - weight[(j, i)]).abs();
+                    if difference > tolerance {
+                        return Err(ModelError::NotSymmetric {
+                            matrix,
+                            row: i + 1,
+                            column: j + 1,
+                            difference,
+                        });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The solution with its gain and closed loop, which prove it; states and inputs that nothing
+    /// joins, neither the plant nor the cost, are parts of their own.
+    fn solve(self) -> Result<Lqr, ModelError> {
+        let Self { a, b, q, r, n } = self;
+        self.check()?;
+        let (order, inputs) = b.shape();
+        let joined =
+            DMatrix::from_fn(order + inputs, order + inputs, |i, j| match (i < order, j < order) {
+                (true, true) => a[(i, j)].abs() + q[(i, j)].abs(),
+                (true, false) => {
+                    b[(i, j - order)].abs() + n.map_or(0.0, |n| n[(i, j - order)].abs())
+                }
+                (false, true) => 0.0,
+                (false, false) => r[(i - order, j - order)],
+            });
+        let parts = parts(order + inputs, &[&joined]);
+        if parts.len() <= 1 {
+            return self.solve_part();
+        }
+        let (mut k, mut x, mut poles) = (
+            DMatrix::zeros(inputs, order),
+            DMatrix::zeros(order, order),
+            Vec::with_capacity(order),
+        );
+        for part in &parts {
+            let states = &part[..part.partition_point(|&at| at < order)];
+            let steered: Vec<usize> = part[states.len()..].iter().map(|at| at - order).collect();
+            let [of_a, of_q] = [a, q].map(|m| taken(m, states, states));
+            let of_n = n.map(|n| taken(n, states, &steered));
+            // A part without a solution may not be the one that an error about the whole would tell
+            // of.
+            let (of_b, of_r) = (taken(b, states, &steered), taken(r, &steered, &steered));
+            let part = Regulation { a: &of_a, b: &of_b, q: &of_q, r: &of_r, n: of_n.as_ref() };
+            let Ok(lqr) = part.solve_part() else {
+                return self.solve_part();
+            };
+            put(&mut k, &steered, states, &lqr.k);
+            put(&mut x, states, states, &lqr.x);
+            poles.extend(lqr.poles);
+        }
+        Ok(Lqr { k, x, poles })
+    }
+
+    /// As [`Self::solve`], all at once.
+    fn solve_part(self) -> Result<Lqr, ModelError> {
+        let Self { a, b, q, r, n } = self;
+        let (order, inputs) = b.shape();
+        if order == 0 && (inputs == 0 || r.clone().cholesky().is_some()) {
+            return Ok(Lqr {
+                k: DMatrix::zeros(inputs, 0),
+                x: DMatrix::zeros(0, 0),
+                poles: Vec::new(),
+            });
+        }
+        if inputs == 0 {
+            // Nothing to steer with: as an input that moves nothing.
+            let (b, r) = (DMatrix::zeros(order, 1), DMatrix::identity(1, 1));
+            let still = Regulation { b: &b, r: &r, n: None, ..self }.solve_part()?;
+            return Ok(Lqr { k: DMatrix::zeros(0, order), ..still });
+        }
+        let r_factor = r
+            .clone()
+            .cholesky()
+            .ok_or_else(|| ModelError::WeightR { smallest: smallest_eigenvalue(r) })?;
+        // The cross term goes into A and Q: u = v − R⁻¹Nᵀx.
+        let (a0, q0) = match n {
+            None => (a.clone(), q.clone()),
+            Some(n) => {
+                let shift = r_factor.solve(&n.transpose());
+                (a - b * &shift, symmetric(q - n * shift))
+            }
+        };
+        let g0 = symmetric(b * r_factor.solve(&b.transpose()));
+        let polished = |first| self.polished(first);
+        let (error, lqr) = match doubling(&a0, &g0, &q0).and_then(polished) {
+            Some(found) => found,
+            None => match self.why_none(&a0, &q0) {
+                // No assumption fails: an unstable mode that costs nothing, which doubling leaves
+                // alone.
+                ill @ ModelError::IllConditioned { .. } => {
+                    Regulation { a: &a0, q: &q0, n: None, ..self }
+                        .policy_iteration(&g0)
+                        .and_then(polished)
+                        .ok_or(ill)?
+                }
+                reason => return Err(reason),
+            },
+        };
+        let relative = error / lqr.x.norm().max(q.norm()).max(f64::MIN_POSITIVE);
+        if relative.is_nan() || relative > 1e-8 * (1.0 + a.norm().powi(2)) {
+            return Err(ModelError::IllConditioned { residual: relative });
+        }
+        Ok(lqr)
+    }
+
+    /// A solution with its gain and the poles of its loop, and its residual; `None` where it is not
+    /// the stabilising one.
+    fn polished(self, first: DMatrix<f64>) -> Option<(f64, Lqr)> {
+        let Self { a, b, r, .. } = self;
+        let mut k = self.gain(&first)?;
         let mut x = first;
-        let mut error = residual(a, q, r, n, &x, &k, b);
+        let mut error = self.residual(&x, &k);
         if error.norm() > 1e-14 * x.norm() {
             // One Newton step: the correction solves a Stein equation with the closed loop; that of a loop that is not stable overflows.
             x = symmetric(&x + stein(&(a - b * &k), &error));
-            k = gain(a, b, r, n, &x)?;
-            error = residual(a, q, r, n, &x, &k, b);
+            k = self.gain(&x)?;
+            error = self.residual(&x, &k);
         }
         // Where R + BᵀXB is not positive the stationary point is no minimum.
         (r + b.transpose() * &x * b).cholesky()?;
         let poles = zeros::eigenvalues(&(a - b * &k));
         poles.iter().all(|p| p.norm() < 1.0).then(|| (error.norm(), Lqr { k, x, poles }))
-    };
-    let (error, lqr) = match doubling(&a0, &g0, &q0).and_then(polished) {
-        Some(found) => found,
-        None => match why_none(&a0, b, &q0, q, r, n) {
-            // No assumption fails: an unstable mode that costs nothing, which doubling leaves alone.
-            ill @ ModelError::IllConditioned { .. } => {
-                policy_iteration(&a0, b, &q0, r, &g0).and_then(polished).ok_or(ill)?
-            }
-            reason => return Err(reason),
-        },
-    };
-    let relative = error / lqr.x.norm().max(q.norm()).max(f64::MIN_POSITIVE);
-    if relative.is_nan() || relative > 1e-8 * (1.0 + a.norm().powi(2)) {
-        return Err(ModelError::IllConditioned { residual: relative });
     }
-    Ok(lqr)
+
+    /// The largest solution, from the gain for Q = I: X of the loop closed so far, then the gain
+    /// for that X, until it settles.
+    ///
+    /// Source: Hewer (1971), "An iterative technique for the computation of the steady state gains
+    /// for the discrete optimal regulator", IEEE Trans. Automatic Control 16(4), 382-384,
+    /// doi:10.1109/TAC.1971.1099755.
+    fn policy_iteration(self, g: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+        let Self { a, b, q, r, .. } = self;
+        let mut x = doubling(a, g, &DMatrix::identity(a.nrows(), a.nrows()))?;
+        for _ in 0..60 {
+            let k = self.gain(&x)?;
+            let loop_matrix = a - b * &k;
+            if radius(&loop_matrix) >= 1.0 {
+                return None;
+            }
+            let next = symmetric(stein(&loop_matrix, &symmetric(q + k.transpose() * r * &k)));
+            let change = (&next - &x).norm();
+            x = next;
+            if change <= 1e-14 * x.norm() {
+                return Some(x);
+            }
+        }
+        None
+    }
+
+    /// The assumption that fails, by the Popov-Belevitch-Hautus tests.
+    fn why_none(self, a0: &DMatrix<f64>, q0: &DMatrix<f64>) -> ModelError {
+        let Self { b, q, r, n, .. } = self;
+        let order = a0.nrows();
+        let complex = |m: &DMatrix<f64>| m.map(|v| Complex::new(v, 0.0));
+        let loses_rank = |lambda: Complex<f64>, beside: &DMatrix<f64>, stacked: &DMatrix<f64>| {
+            let mut pencil = DMatrix::zeros(order, order + beside.ncols());
+            pencil.view_mut((0, 0), (order, order)).copy_from(
+                &(complex(stacked) - DMatrix::from_diagonal_element(order, order, lambda)),
+            );
+            pencil.view_mut((0, order), beside.shape()).copy_from(&complex(beside));
+            let singular = pencil.singular_values();
+            let largest = singular.iter().copied().fold(0.0, f64::max);
+            singular.iter().copied().fold(f64::INFINITY, f64::min) <= 1e-8 * largest
+        };
+        let poles = zeros::eigenvalues(a0);
+        if let Some(p) = poles.iter().find(|p| p.norm() >= 1.0 - 1e-9 && loses_rank(**p, b, a0)) {
+            return ModelError::NotStabilisable { re: p.re, im: p.im, magnitude: p.norm() };
+        }
+        if let Some(p) = poles
+            .iter()
+            .find(|p| (p.norm() - 1.0).abs() <= 1e-6 && loses_rank(**p, q0, &a0.transpose()))
+        {
+            return ModelError::UnseenOnCircle { re: p.re, im: p.im };
+        }
+        let inputs = b.ncols();
+        let mut joint = DMatrix::zeros(order + inputs, order + inputs);
+        joint.view_mut((0, 0), (order, order)).copy_from(q);
+        joint.view_mut((order, order), (inputs, inputs)).copy_from(r);
+        if let Some(n) = n {
+            joint.view_mut((0, order), (order, inputs)).copy_from(n);
+            joint.view_mut((order, 0), (inputs, order)).copy_from(&n.transpose());
+        }
+        let smallest = smallest_eigenvalue(&joint);
+        if smallest < -1e-12 * joint.norm() {
+            ModelError::Indefinite { smallest }
+        } else {
+            ModelError::IllConditioned { residual: f64::NAN }
+        }
+    }
+
+    /// (R + BᵀXB)⁻¹(BᵀXA + Nᵀ).
+    fn gain(self, x: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+        let Self { a, b, r, n, .. } = self;
+        if a.is_empty() || b.is_empty() {
+            return Some(DMatrix::zeros(b.ncols(), a.nrows()));
+        }
+        let xb = x * b;
+        let weight = r + b.transpose() * &xb;
+        let mut right = xb.transpose() * a;
+        if let Some(n) = n {
+            right += n.transpose();
+        }
+        weight.lu().solve(&right)
+    }
+
+    /// The residual in the form that loses least: (A − BK)ᵀX(A − BK) + Q + KᵀRK − NK − KᵀNᵀ − X.
+    fn residual(self, x: &DMatrix<f64>, k: &DMatrix<f64>) -> DMatrix<f64> {
+        let Self { a, b, q, r, n } = self;
+        let loop_matrix = a - b * k;
+        let mut sum = loop_matrix.transpose() * x * &loop_matrix + q + k.transpose() * r * k - x;
+        if let Some(n) = n {
+            let nk = n * k;
+            sum -= &nk + nk.transpose();
+        }
+        symmetric(sum)
+    }
 }
 
 /// The smallest nonnegative solution for A, G = BR⁻¹Bᵀ and Q, by doubling: the stabilising one where Q sees every unstable mode.
@@ -255,55 +377,8 @@ where
     None
 }
 
-/// The largest solution, from the gain for Q = I: X of the loop closed so far, then the gain for that X, until it settles.
-///
-/// Source: Hewer (1971), "An iterative technique for the computation of the steady state gains for the discrete optimal regulator", IEEE Trans. Automatic
-/// Control 16(4), 382-384, doi:10.1109/TAC.1971.1099755.
-fn policy_iteration(
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-    r: &DMatrix<f64>,
-    g: &DMatrix<f64>,
-) -> Option<DMatrix<f64>> {
-    let mut x = doubling(a, g, &DMatrix::identity(a.nrows(), a.nrows()))?;
-    for _ in 0..60 {
-        let k = gain(a, b, r, None, &x)?;
-        let loop_matrix = a - b * &k;
-        if radius(&loop_matrix) >= 1.0 {
-            return None;
-        }
-        let next = symmetric(stein(&loop_matrix, &symmetric(q + k.transpose() * r * &k)));
-        let change = (&next - &x).norm();
-        x = next;
-        if change <= 1e-14 * x.norm() {
-            return Some(x);
-        }
-    }
-    None
-}
-
 fn radius(m: &DMatrix<f64>) -> f64 {
     zeros::eigenvalues(m).iter().map(|p| p.norm()).fold(0.0, f64::max)
-}
-
-/// The residual in the form that loses least: (A − BK)ᵀX(A − BK) + Q + KᵀRK − NK − KᵀNᵀ − X.
-fn residual(
-    a: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-    r: &DMatrix<f64>,
-    n: Option<&DMatrix<f64>>,
-    x: &DMatrix<f64>,
-    k: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-) -> DMatrix<f64> {
-    let loop_matrix = a - b * k;
-    let mut sum = loop_matrix.transpose() * x * &loop_matrix + q + k.transpose() * r * k - x;
-    if let Some(n) = n {
-        let nk = n * k;
-        sum -= &nk + nk.transpose();
-    }
-    symmetric(sum)
 }
 
 /// Σ (Fᵀ)ⁱ E Fⁱ, by doubling; F is stable.
@@ -330,108 +405,6 @@ fn smallest_eigenvalue(m: &DMatrix<f64>) -> f64 {
         .iter()
         .copied()
         .fold(f64::INFINITY, f64::min)
-}
-
-fn check(
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-    r: &DMatrix<f64>,
-    n: Option<&DMatrix<f64>>,
-) -> Result<(), ModelError> {
-    let (order, inputs) = (a.nrows(), b.ncols());
-    let zero = DMatrix::zeros(order, inputs);
-    let n = n.unwrap_or(&zero);
-    for (matrix, got, rows, columns) in [
-        ("A", a, order, order),
-        ("B", b, order, inputs),
-        ("Q", q, order, order),
-        ("R", r, inputs, inputs),
-        ("N", n, order, inputs),
-    ] {
-        if got.shape() != (rows, columns) {
-            return Err(ModelError::Shape {
-                matrix,
-                rows,
-                columns,
-                got_rows: got.nrows(),
-                got_columns: got.ncols(),
-            });
-        }
-        if let Some(at) = got.iter().position(|v| !v.is_finite()) {
-            let (row, column) = (at % rows + 1, at / rows + 1);
-            return Err(ModelError::NotFinite {
-                matrix,
-                row,
-                column,
-                value: got[(row - 1, column - 1)],
-            });
-        }
-    }
-    for (matrix, weight) in [("Q", q), ("R", r)] {
-        let tolerance = 1e-10 * weight.norm();
-        for j in 0..weight.ncols() {
-            for i in 0..j {
-                let difference = (weight[(i, j)] - weight[(j, i)]).abs();
-                if difference > tolerance {
-                    return Err(ModelError::NotSymmetric {
-                        matrix,
-                        row: i + 1,
-                        column: j + 1,
-                        difference,
-                    });
-                }
-            }
-        }
-    }
-    Ok(())
-}
-
-/// The assumption that fails, by the Popov-Belevitch-Hautus tests.
-fn why_none(
-    a0: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    q0: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-    r: &DMatrix<f64>,
-    n: Option<&DMatrix<f64>>,
-) -> ModelError {
-    let order = a0.nrows();
-    let complex = |m: &DMatrix<f64>| m.map(|v| Complex::new(v, 0.0));
-    let loses_rank = |lambda: Complex<f64>, beside: &DMatrix<f64>, stacked: &DMatrix<f64>| {
-        let mut pencil = DMatrix::zeros(order, order + beside.ncols());
-        pencil
-            .view_mut((0, 0), (order, order))
-            .copy_from(&(complex(stacked) - DMatrix::from_diagonal_element(order, order, lambda)));
-        pencil.view_mut((0, order), beside.shape()).copy_from(&complex(beside));
-        let singular = pencil.singular_values();
-        let largest = singular.iter().copied().fold(0.0, f64::max);
-        singular.iter().copied().fold(f64::INFINITY, f64::min) <= 1e-8 * largest
-    };
-    let poles = zeros::eigenvalues(a0);
-    if let Some(p) = poles.iter().find(|p| p.norm() >= 1.0 - 1e-9 && loses_rank(**p, b, a0)) {
-        return ModelError::NotStabilisable { re: p.re, im: p.im, magnitude: p.norm() };
-    }
-    if let Some(p) = poles
-        .iter()
-        .find(|p| (p.norm() - 1.0).abs() <= 1e-6 && loses_rank(**p, q0, &a0.transpose()))
-    {
-        return ModelError::UnseenOnCircle { re: p.re, im: p.im };
-    }
-    let inputs = b.ncols();
-    let mut joint = DMatrix::zeros(order + inputs, order + inputs);
-    joint.view_mut((0, 0), (order, order)).copy_from(q);
-    joint.view_mut((order, order), (inputs, inputs)).copy_from(r);
-    if let Some(n) = n {
-        joint.view_mut((0, order), (order, inputs)).copy_from(n);
-        joint.view_mut((order, 0), (inputs, order)).copy_from(&n.transpose());
-    }
-    let smallest = smallest_eigenvalue(&joint);
-    if smallest < -1e-12 * joint.norm() {
-        ModelError::Indefinite { smallest }
-    } else {
-        ModelError::IllConditioned { residual: f64::NAN }
-    }
 }
 
 #[cfg(test)]

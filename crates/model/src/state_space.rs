@@ -3,7 +3,8 @@
 use nalgebra::{Complex, DMatrix, DVector};
 
 use super::error::ModelError;
-use super::transfer_function::TransferFunction;
+use super::matrices::Matrices;
+use super::shape::check_matrix;
 use super::zeros;
 use deadtime_signal::time::SampleTime;
 
@@ -155,12 +156,6 @@ impl StateSpace<Sampled> {
         }
         Self::new(a, b, c, d, self.domain)
     }
-
-    /// The dead time and relative degree together: samples from a change of the input to the first change of the output, `None` if it never comes.
-    #[must_use]
-    pub fn first_response(&self, output: usize, input: usize) -> Option<usize> {
-        Some(self.relative_degree(output, input)? + self.input_delay.get(input)?)
-    }
 }
 
 impl<T: TimeDomain> StateSpace<T> {
@@ -179,24 +174,7 @@ impl<T: TimeDomain> StateSpace<T> {
         for (matrix, got, rows, columns) in
             [("A", &a, n, n), ("B", &b, n, m), ("C", &c, p, n), ("D", &d, p, m)]
         {
-            if got.shape() != (rows, columns) {
-                return Err(ModelError::Shape {
-                    matrix,
-                    rows,
-                    columns,
-                    got_rows: got.nrows(),
-                    got_columns: got.ncols(),
-                });
-            }
-            if let Some(at) = got.iter().position(|v| !v.is_finite()) {
-                let (row, column) = (at % rows + 1, at / rows + 1);
-                return Err(ModelError::NotFinite {
-                    matrix,
-                    row,
-                    column,
-                    value: got[(row - 1, column - 1)],
-                });
-            }
+            check_matrix(matrix, got, (rows, columns))?;
         }
         Ok(Self { a, b, c, d, input_delay: vec![T::Delay::default(); m], domain })
     }
@@ -340,31 +318,6 @@ impl<T: TimeDomain> StateSpace<T> {
         None
     }
 
-    /// The transfer function of one pair: zeros, poles, gain and delay, as they stand (nothing cancelled).
-    ///
-    /// # Errors
-    /// [`ModelError::Index`], or [`ModelError::ZeroTransfer`] where it is identically zero.
-    pub fn transfer_function(
-        &self,
-        output: usize,
-        input: usize,
-    ) -> Result<TransferFunction<T>, ModelError> {
-        let pair = self.pair(output, input)?;
-        let (degree, gain) =
-            pair.leading_markov(0, 0).ok_or(ModelError::ZeroTransfer { input, output })?;
-        let mut zeros = pair.zeros();
-        // n − r zeros in exact arithmetic; a rank decision on the edge may leave one far away.
-        zeros.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
-        zeros.truncate(pair.order() - degree);
-        TransferFunction::from_zeros_poles_gain(
-            zeros,
-            pair.poles(),
-            gain,
-            pair.input_delay[0],
-            pair.domain,
-        )
-    }
-
     /// The frequency response at one frequency, delays included: p×m.
     #[must_use]
     pub fn frequency_response(&self, omega_rad_s: f64) -> DMatrix<Complex<f64>> {
@@ -387,46 +340,6 @@ impl<T: TimeDomain> StateSpace<T> {
         response
     }
 
-    /// The H-infinity norm, the largest gain over all frequencies and directions; infinite unless every pole decays. Delays change no gain.
-    ///
-    /// Source: Bruinsma and Steinbuch (1990), doi:10.1016/0167-6911(90)90049-Z.
-    #[must_use]
-    pub fn norm_hinf(&self) -> super::hinf::Peak {
-        super::hinf::peak(self)
-    }
-
-    /// The largest gain over a band from `band[0]` to `band[1]` rad/s (0 and infinity: everywhere), whatever the poles: the L-infinity norm, which of a stable
-    /// model is the H-infinity norm. Infinite with a pole on the imaginary axis (the unit circle) within the band, hidden ones too, or at z = −1. `None` where
-    /// the band holds no frequency. Delays change no gain.
-    ///
-    /// Source: Bruinsma and Steinbuch (1990), doi:10.1016/0167-6911(90)90049-Z, with the band's ends among the crossings.
-    #[must_use]
-    pub fn norm_linf(&self, band: [f64; 2]) -> Option<super::hinf::Peak> {
-        super::hinf::peak_within(self, band)
-    }
-
-    /// The response to a constant, p×m: infinite where the pair integrates it.
-    #[must_use]
-    pub fn dc_gain(&self) -> DMatrix<f64> {
-        let whole = self.frequency_response(0.0).map(|v| v.re);
-        if whole.iter().all(|v| v.is_finite()) {
-            return whole;
-        }
-        // A pole at the point belongs to some pairs only.
-        let point = self.domain.point(0.0);
-        DMatrix::from_fn(self.outputs(), self.inputs(), |i, j| match self.transfer_function(i, j) {
-            Err(_) => 0.0,
-            Ok(pair) => {
-                let pair = pair.cancelled(1e-9);
-                if pair.poles().iter().any(|p| (p - point).norm() <= 1e-12) {
-                    f64::INFINITY
-                } else {
-                    pair.at(point).re
-                }
-            }
-        })
-    }
-
     /// The loop closed by u = r − K x, seen from r: A − B K, C − D K. K is m×n.
     ///
     /// The feedback acts behind the input delay, so that the delay stays one of the reference.
@@ -435,16 +348,18 @@ impl<T: TimeDomain> StateSpace<T> {
     /// [`ModelError::Shape`] for another shape of K.
     pub fn with_state_feedback(&self, k: &DMatrix<f64>) -> Result<Self, ModelError> {
         if k.shape() != (self.inputs(), self.order()) {
-            return Err(ModelError::Shape {
-                matrix: "K",
-                rows: self.inputs(),
-                columns: self.order(),
-                got_rows: k.nrows(),
-                got_columns: k.ncols(),
-            });
+            let ((got_rows, got_columns), matrix) = (k.shape(), "K");
+            let (rows, columns) = (self.inputs(), self.order());
+            return Err(ModelError::Shape { matrix, rows, columns, got_rows, got_columns });
         }
         let (a, c) = (&self.a - &self.b * k, &self.c - &self.d * k);
         Self::new(a, self.b.clone(), c, self.d.clone(), self.domain)?
             .with_input_delay(self.input_delay.clone())
+    }
+}
+
+impl Matrices {
+    pub(super) fn of<T: TimeDomain>(sys: &StateSpace<T>) -> Self {
+        Self { a: sys.a().clone(), b: sys.b().clone(), c: sys.c().clone(), d: sys.d().clone() }
     }
 }

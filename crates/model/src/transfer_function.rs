@@ -186,3 +186,53 @@ fn expand(roots: &[Complex<f64>], gain: f64) -> Vec<f64> {
     }
     coefficients.into_iter().map(|c| c.re).collect()
 }
+
+impl<T: TimeDomain> StateSpace<T> {
+    /// The transfer function of one pair: zeros, poles, gain and delay, as they stand (nothing
+    /// cancelled).
+    ///
+    /// # Errors
+    /// [`ModelError::Index`], or [`ModelError::ZeroTransfer`] where it is identically zero.
+    pub fn transfer_function(
+        &self,
+        output: usize,
+        input: usize,
+    ) -> Result<TransferFunction<T>, ModelError> {
+        let pair = self.pair(output, input)?;
+        let (degree, gain) =
+            pair.leading_markov(0, 0).ok_or(ModelError::ZeroTransfer { input, output })?;
+        let mut zeros = pair.zeros();
+        // n − r zeros in exact arithmetic; a rank decision on the edge may leave one far away.
+        zeros.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
+        zeros.truncate(pair.order() - degree);
+        TransferFunction::from_zeros_poles_gain(
+            zeros,
+            pair.poles(),
+            gain,
+            pair.input_delay()[0],
+            pair.domain(),
+        )
+    }
+
+    /// The response to a constant, p×m: infinite where the pair integrates it.
+    #[must_use]
+    pub fn dc_gain(&self) -> DMatrix<f64> {
+        let whole = self.frequency_response(0.0).map(|v| v.re);
+        if whole.iter().all(|v| v.is_finite()) {
+            return whole;
+        }
+        // A pole at the point belongs to some pairs only.
+        let point = self.domain().point(0.0);
+        DMatrix::from_fn(self.outputs(), self.inputs(), |i, j| match self.transfer_function(i, j) {
+            Err(_) => 0.0,
+            Ok(pair) => {
+                let pair = pair.cancelled(1e-9);
+                if pair.poles().iter().any(|p| (p - point).norm() <= 1e-12) {
+                    f64::INFINITY
+                } else {
+                    pair.at(point).re
+                }
+            }
+        })
+    }
+}

@@ -8,11 +8,11 @@ type Told = Arc<Mutex<Option<(f64, String)>>>;
 
 /// How far work is; copies share one state. Where nobody looks, as by default, saying it costs nothing.
 #[derive(Debug, Clone, Default)]
-pub struct HowFar(Option<Part>);
+pub struct HowFar(Option<Stretch>);
 
 /// A stretch of the whole.
 #[derive(Debug, Clone)]
-struct Part {
+struct Stretch {
     told: Told,
     from: f64,
     to: f64,
@@ -22,14 +22,14 @@ impl HowFar {
     /// Of work that somebody looks at.
     #[must_use]
     pub fn watched() -> Self {
-        Self(Some(Part { told: Told::default(), from: 0.0, to: 1.0 }))
+        Self(Some(Stretch { told: Told::default(), from: 0.0, to: 1.0 }))
     }
 
     /// The same for one part of the work, which lasts from `from` to `to` of the whole, 0 to 1.
     #[must_use]
     pub fn part(&self, from: f64, to: f64) -> Self {
-        let within = |part: &Part, share: f64| part.from + (part.to - part.from) * share;
-        Self(self.0.as_ref().map(|part| Part {
+        let within = |part: &Stretch, share: f64| part.from + (part.to - part.from) * share;
+        Self(self.0.as_ref().map(|part| Stretch {
             told: Arc::clone(&part.told),
             from: within(part, from),
             to: within(part, to),

@@ -123,17 +123,16 @@ pub fn parse<S: DeserializeOwned>(options: Value) -> Result<S, serde_json::Error
     serde_json::from_value(options)
 }
 
-/// One registry line: `entry!("name", "summary", OptionStruct, dyn Trait)`.
+/// One registry line: `entry!("name", "summary", OptionStruct)`; the list says what it is made
+/// into, or a fourth argument: `dyn Trait`.
 #[macro_export]
 macro_rules! entry {
-    ($name:literal, $summary:literal, $options:ty, $object:ty) => {
-        $crate::registry::Entry::<$object> {
+    ($name:literal, $summary:literal, $options:ty $(, $object:ty)? $(,)?) => {
+        $crate::registry::Entry$(::<$object>)? {
             name: $name,
             summary: $summary,
             defaults: $crate::registry::defaults::<$options>,
-            build: |options| {
-                Ok(Box::new($crate::registry::parse::<$options>(options)?) as Box<$object>)
-            },
+            build: |options| Ok(Box::new($crate::registry::parse::<$options>(options)?)),
         }
     };
 }

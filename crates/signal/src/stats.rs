@@ -48,8 +48,8 @@ pub fn median(mut values: Vec<f64>) -> Option<f64> {
 /// The median; of an even number of values the greater of the middle two, which is one of them.
 #[must_use]
 pub fn upper_median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// The quantile at `q` between 0 and 1, linear between order statistics (type 7 of Hyndman and Fan, 1996, doi:10.2307/2684934).

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use super::error::StudyError;
+use super::error::{Error, Result, StudyError};
 use super::estimates::Row;
 use deadtime_signal::file::write_atomic;
 
@@ -53,12 +53,11 @@ impl BlockFile<'_> {
     ///
     /// # Errors
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io).
-    pub(super) fn write(&self, path: &Path, rows: &[Row]) -> super::error::Result<()> {
-        let wrong = |e: csv::Error| super::error::Error::io(path, e.into());
+    pub(super) fn write(&self, path: &Path, rows: &[Row]) -> Result<()> {
+        let wrong = |e: csv::Error| Error::io(path, e.into());
         let mut csv = csv::Writer::from_writer(Vec::new());
         rows.iter().try_for_each(|row| csv.serialize(row)).map_err(wrong)?;
-        let mut body =
-            csv.into_inner().map_err(|e| super::error::Error::io(path, e.into_error()))?;
+        let mut body = csv.into_inner().map_err(|e| Error::io(path, e.into_error()))?;
         let seal = self.seal(&body);
         body.extend_from_slice(seal.as_bytes());
         Ok(write_atomic(path, |out| out.write_all(&body))?)
@@ -68,8 +67,8 @@ impl BlockFile<'_> {
     ///
     /// # Errors
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io); what is wrong is no error.
-    pub(super) fn body(&self, path: &Path) -> super::error::Result<Result<Vec<u8>, String>> {
-        let mut bytes = std::fs::read(path).map_err(|e| super::error::Error::io(path, e))?;
+    pub(super) fn body(&self, path: &Path) -> Result<Result<Vec<u8>, String>> {
+        let mut bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
         if bytes.is_empty() {
             return Ok(Err("it is empty".to_owned()));
         }
@@ -91,7 +90,7 @@ impl BlockFile<'_> {
     ///
     /// # Errors
     /// [`StudyError::Results`] where it is damaged; [`FileError::Io`](deadtime_signal::file::FileError::Io).
-    pub(super) fn read(&self, path: &Path) -> super::error::Result<Vec<Row>> {
+    pub(super) fn read(&self, path: &Path) -> Result<Vec<Row>> {
         let wrong = |detail: String| StudyError::Results {
             path: path.to_owned(),
             detail: Message::from(detail).and("; ").and(Remedy::Resume).and(" makes it again"),

@@ -3,7 +3,8 @@
 use std::cmp::Ordering;
 
 use super::error::StudyError;
-use super::plan::{Grid, Loop, Plan, spelt};
+use super::keys::Loop;
+use super::plan::{Grid, Plan, spelt};
 use deadtime_signal::remedy::Remedy;
 
 /// Bytes in a gigabyte.

@@ -2,9 +2,10 @@
 
 use serde_json::Value;
 
-use super::error::StudyError;
+use super::error::{Result, StudyError};
+use super::keys::{Delay, Loop, Place};
 use super::passages::EVENTS;
-use super::plan::{Delay, Grid, Loop, PLAIN, Place, Plan, spelt_out};
+use super::plan::{Grid, PLAIN, Plan, spelt_out};
 use super::setting::{Key, Setting};
 use deadtime_delay::{DelayEstimator, METHODS, Method, Scope};
 use deadtime_signal::registry;
@@ -29,7 +30,7 @@ pub(super) struct Slot {
 }
 
 /// A plan with everything that it names looked up.
-pub(super) struct Layout {
+pub(super) struct Resolved {
     pub(super) settings: Vec<Setting>,
     /// By grid.
     pub(super) methods: Vec<Vec<Chosen>>,
@@ -38,9 +39,47 @@ pub(super) struct Layout {
     pub(super) first: Vec<usize>,
 }
 
-impl Layout {
+/// The methods look at what the excitation makes, and the records are long enough for the search.
+fn fits(grid: &Grid, key: &Key, chosen: &[Chosen]) -> Result<(), String> {
+    let events = key.excitation == EVENTS;
+    if let Some(other) = chosen.iter().find(|c| (c.method.scope == Scope::Events) != events) {
+        let (name, sees) = (other.method.entry.name, if events { "samples" } else { "events" });
+        return Err(format!(
+            "{}: method `{name}` looks at {sees}, the excitation is `{}`: give them grids of their own",
+            grid.name, key.excitation
+        ));
+    }
+    match grid.max_delay.iter().find(|max_delay| key.samples <= **max_delay && !events) {
+        Some(max_delay) => Err(format!(
+            "{}: records of {} samples are too short for a search up to max_delay = {max_delay}",
+            grid.name, key.samples
+        )),
+        None => Ok(()),
+    }
+}
+
+/// The slots of a setting: by place, method, input and output.
+fn slots_of(number: usize, setting: &Setting, grid: &Grid, methods: &[Chosen]) -> Vec<Slot> {
+    let wanted = |name: &String| grid.output.is_empty() || grid.output.contains(name);
+    let outputs: Vec<Option<usize>> =
+        (0..setting.outputs.len()).filter(|&o| wanted(&setting.outputs[o])).map(Some).collect();
+    let mut slots = Vec::new();
+    for &place in &grid.place {
+        for (method, chosen) in methods.iter().enumerate() {
+            let outputs: &[Option<usize>] =
+                if chosen.method.scope == Scope::States { &[None] } else { &outputs };
+            for input in 0..setting.inputs.len() {
+                let slot = |&output| Slot { setting: number, place, input, output, method };
+                slots.extend(outputs.iter().map(slot));
+            }
+        }
+    }
+    slots
+}
+
+impl Resolved {
     /// Every setting of every grid, in the order of the lists, the last list running fastest.
-    pub(super) fn new(plan: &Plan) -> super::error::Result<Self> {
+    pub(super) fn new(plan: &Plan) -> Result<Self> {
         let wrong = |detail: String| StudyError::Plan { plan: plan.name.clone(), detail };
         let (mut settings, mut methods) = (Vec::new(), Vec::new());
         for (number, grid) in plan.grids.iter().enumerate() {
@@ -49,29 +88,11 @@ impl Layout {
                 .iter()
                 .flat_map(|text| spelt_out(text))
                 .map(|text| choose(&text))
-                .collect::<super::error::Result<Vec<_>>>()?;
+                .collect::<Result<Vec<_>>>()?;
             let states = chosen.iter().any(|c| c.method.scope == Scope::States);
             for key in keys(grid) {
-                let events = key.excitation == EVENTS;
-                if let Some(other) =
-                    chosen.iter().find(|c| (c.method.scope == Scope::Events) != events)
-                {
-                    let (name, sees) =
-                        (other.method.entry.name, if events { "samples" } else { "events" });
-                    let detail = format!(
-                        "{}: method `{name}` looks at {sees}, the excitation is `{}`: give them grids of their own",
-                        grid.name, key.excitation
-                    );
-                    return Err(wrong(detail).into());
-                }
+                fits(grid, &key, &chosen).map_err(wrong)?;
                 for &max_delay in &grid.max_delay {
-                    if key.samples <= max_delay && !events {
-                        let detail = format!(
-                            "{}: records of {} samples are too short for a search up to max_delay = {max_delay}",
-                            grid.name, key.samples
-                        );
-                        return Err(wrong(detail).into());
-                    }
                     settings.push(Setting::new(plan, number, key.clone(), max_delay, states)?);
                 }
             }
@@ -84,26 +105,10 @@ impl Layout {
             if let Some(unknown) =
                 grid.output.iter().find(|o| !of_grid().any(|s| s.outputs.contains(o)))
             {
-                return Err(
-                    wrong(format!("no plant of {} has an output `{unknown}`", grid.name)).into()
-                );
+                let detail = format!("no plant of {} has an output `{unknown}`", grid.name);
+                return Err(wrong(detail).into());
             }
-            let outputs: Vec<usize> = (0..setting.outputs.len())
-                .filter(|&o| grid.output.is_empty() || grid.output.contains(&setting.outputs[o]))
-                .collect();
-            for &place in &grid.place {
-                for (method, chosen) in methods[setting.grid].iter().enumerate() {
-                    for input in 0..setting.inputs.len() {
-                        let mut slot = |output| {
-                            slots.push(Slot { setting: number, place, input, output, method })
-                        };
-                        match chosen.method.scope {
-                            Scope::States => slot(None),
-                            _ => outputs.iter().for_each(|&o| slot(Some(o))),
-                        }
-                    }
-                }
-            }
+            slots.extend(slots_of(number, setting, grid, &methods[setting.grid]));
             first.push(slots.len());
         }
         Ok(Self { settings, methods, slots, first })
@@ -120,7 +125,7 @@ impl Layout {
 }
 
 /// `NAME KEY=VALUE …`.
-fn choose(text: &str) -> super::error::Result<Chosen> {
+fn choose(text: &str) -> Result<Chosen> {
     let mut words = text.split_whitespace();
     let name = words.next().unwrap_or_default();
     let Some(method) = METHODS.iter().find(|m| m.entry.name == name) else {

@@ -10,17 +10,17 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, Exp1, StandardNormal};
 use rayon::prelude::*;
 
+use super::error::Result;
 use deadtime_delay::{
     Class, DelayError, DelayEstimator, Detrend, Events, Experiment, METHODS, Method, PlantModel,
     Recording, ReferenceExperiment, Scope, Search, Start,
 };
-use deadtime_model::simulate::{Options, lsim};
+use deadtime_model::simulate::{Options, Response, lsim};
 use deadtime_model::uav::Dynamics;
 use deadtime_model::{Continuous, StateSpace};
 use deadtime_signal::excitation::Rbs;
-use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
-use deadtime_signal::{Excitation, Noise, NoiseColour, NoiseScaling};
+use deadtime_signal::{Excitation, Noise, NoiseColour, NoiseScaling, stats};
 
 /// A small study that every method of the list takes part in.
 ///
@@ -44,7 +44,7 @@ impl Default for Common {
 
 /// How a method did on one kind of record.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Score {
+pub struct CommonScore {
     /// Records.
     pub trials: usize,
     /// Records for which it gave a delay.
@@ -65,11 +65,11 @@ pub struct MethodRow {
     /// Its class.
     pub class: Class,
     /// On the kind of record that it is made for.
-    pub on_reference: Score,
+    pub on_reference: CommonScore,
     /// On a plant with a time constant of 8 samples, moved by a random binary input; `None` where it does not look at pairs.
-    pub lag: Option<Score>,
+    pub lag: Option<CommonScore>,
     /// On the same plant under feedback, with a tenth of the signal's power as noise, from the plant's true input; `None` as above.
-    pub feedback: Option<Score>,
+    pub feedback: Option<CommonScore>,
     /// Median time of an estimate on a record of its reference experiment, s.
     pub time_s: f64,
 }
@@ -82,7 +82,7 @@ impl Common {
     ///
     /// # Errors
     /// Whatever keeps a record from being made or a method from being set up.
-    pub fn run(&self, progress: &mut dyn FnMut(&str)) -> super::error::Result<Vec<MethodRow>> {
+    pub fn run(&self, progress: &mut dyn FnMut(&str)) -> Result<Vec<MethodRow>> {
         let mut records =
             vec![(ReferenceExperiment::Plant, self.records(ReferenceExperiment::Plant)?)];
         for method in METHODS {
@@ -93,8 +93,7 @@ impl Common {
         let of = |kind: ReferenceExperiment| {
             records.iter().find(|(k, _)| *k == kind).map_or(&[][..], |(_, r)| r)
         };
-        let loops: Vec<Known> =
-            (0..self.trials).map(|t| self.closed(t)).collect::<super::error::Result<_>>()?;
+        let loops: Vec<Known> = (0..self.trials).map(|t| self.closed(t)).collect::<Result<_>>()?;
         METHODS
             .iter()
             .map(|method| {
@@ -117,7 +116,7 @@ impl Common {
             .collect()
     }
 
-    fn records(&self, kind: ReferenceExperiment) -> super::error::Result<Vec<Known>> {
+    fn records(&self, kind: ReferenceExperiment) -> Result<Vec<Known>> {
         (0..self.trials)
             .into_par_iter()
             .map(|t| self.experiment(kind, t).map(|(experiment, delay)| (experiment, delay, 0)))
@@ -140,7 +139,7 @@ impl Common {
         &self,
         kind: ReferenceExperiment,
         trial: usize,
-    ) -> super::error::Result<(Experiment<'static>, f64)> {
+    ) -> Result<(Experiment<'static>, f64)> {
         let (mut rng, delay) = self.draw(trial);
         let sample_time = SampleTime::new(1.0)?;
         let n = self.samples;
@@ -163,30 +162,11 @@ impl Common {
                 siso(u, noisy(&y, &mut rng)?)?
             }
             ReferenceExperiment::Copy => {
-                let tones: Vec<[f64; 2]> = (0..200)
-                    .map(|_| [rng.random_range(0.0..0.8 * PI), rng.random_range(0.0..2.0 * PI)])
-                    .collect();
-                let at = |t: f64| tones.iter().map(|[w, phase]| (w * t + phase).cos()).sum::<f64>();
+                let at = tones(&mut rng);
                 copy(n, delay, at, siso, &mut rng)?
             }
             ReferenceExperiment::Skewed => {
-                let mut pulses = Vec::new();
-                let mut when = -40.0;
-                while when < f(n) + 40.0 {
-                    let gap: f64 = Exp1.sample(&mut rng);
-                    let size: f64 = Exp1.sample(&mut rng);
-                    when += 4.0 * gap;
-                    pulses.push([when, size]);
-                }
-                let at = |t: f64| {
-                    // Beyond 12 samples a pulse is below rounding.
-                    let near = pulses.partition_point(|p| p[0] < t - 12.0)
-                        ..pulses.partition_point(|p| p[0] < t + 12.0);
-                    pulses[near]
-                        .iter()
-                        .map(|[when, size]| size * (-((t - when) / 1.5).powi(2)).exp())
-                        .sum::<f64>()
-                };
+                let at = pulses(f(n), &mut rng);
                 copy(n, delay, at, siso, &mut rng)?
             }
             ReferenceExperiment::Steps => {
@@ -196,54 +176,16 @@ impl Common {
                 let y = held(&lags(&[10.0, 1.0], None)?, &u, delay, sample_time)?;
                 siso(u, noisy(&y, &mut rng)?)?
             }
-            ReferenceExperiment::States => {
-                let u = Rbs::default().generate(n, &mut rng)?;
-                let sample_time = SampleTime::new(0.1)?;
-                let plant = Dynamics::Directional.model();
-                let delayed =
-                    plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
-                let response = lsim(
-                    &delayed,
-                    &DMatrix::from_column_slice(n, 1, &u),
-                    sample_time,
-                    &Options::default(),
-                )?;
-                let column =
-                    |m: &DMatrix<f64>, i: usize| m.column(i).iter().copied().collect::<Vec<f64>>();
-                let states = (0..plant.order())
-                    .map(|i| Ok(noisy(&column(&response.x, i), &mut rng)?.into()))
-                    .collect::<super::error::Result<_>>()?;
-                let recording = Recording {
-                    inputs: vec![u.into()],
-                    outputs: vec![column(&response.y, 0).into()],
-                    states,
-                };
-                Experiment::new(sample_time, vec!["u".into()], vec!["y".into()], vec![recording])?
-                    .with_model(PlantModel::Continuous(plant))
-            }
+            ReferenceExperiment::States => states(n, delay, &mut rng)?,
             ReferenceExperiment::Events => {
-                let mut time = 0.0;
-                let mut first = Vec::with_capacity(n);
-                let mut second = Vec::with_capacity(n);
-                for _ in 0..n {
-                    let gap: f64 = Exp1.sample(&mut rng);
-                    let jitter: f64 = StandardNormal.sample(&mut rng);
-                    time += 2.0 + 4.0 * gap;
-                    first.push(time);
-                    second.push(time + delay + 0.2 * jitter);
-                }
-                Experiment::of_events(
-                    sample_time,
-                    ["a", "b"],
-                    vec![Events { first, second, ..Events::default() }],
-                )?
+                Experiment::of_events(sample_time, ["a", "b"], vec![events(n, delay, &mut rng)])?
             }
         };
         Ok((experiment, delay))
     }
 
     /// The plant of [`ReferenceExperiment::Plant`] under proportional feedback of a noisy output, with a random binary reference.
-    fn closed(&self, trial: usize) -> super::error::Result<Known> {
+    fn closed(&self, trial: usize) -> Result<Known> {
         let (mut rng, delay) = self.draw(trial);
         let reference =
             Rbs { band: [0.0, 0.3], ..Rbs::default() }.generate(self.samples, &mut rng)?;
@@ -260,6 +202,63 @@ impl Common {
         // The controller answers within the sample, the plant does not.
         Ok((Experiment::siso(SampleTime::new(1.0)?, u, y)?, delay, 1))
     }
+}
+
+/// A sum of 200 cosines.
+fn tones(rng: &mut ChaCha8Rng) -> impl Fn(f64) -> f64 + use<> {
+    let tones: Vec<[f64; 2]> = (0..200)
+        .map(|_| [rng.random_range(0.0..0.8 * PI), rng.random_range(0.0..2.0 * PI)])
+        .collect();
+    move |t| tones.iter().map(|[w, phase]| (w * t + phase).cos()).sum::<f64>()
+}
+
+/// Pulses of random times and sizes.
+fn pulses(end: f64, rng: &mut ChaCha8Rng) -> impl Fn(f64) -> f64 + use<> {
+    let mut pulses = Vec::new();
+    let mut when = -40.0;
+    while when < end + 40.0 {
+        let gap: f64 = Exp1.sample(rng);
+        let size: f64 = Exp1.sample(rng);
+        when += 4.0 * gap;
+        pulses.push([when, size]);
+    }
+    move |t| {
+        // Beyond 12 samples a pulse is below rounding.
+        let near = pulses.partition_point(|p| p[0] < t - 12.0)
+            ..pulses.partition_point(|p| p[0] < t + 12.0);
+        let shape = |[when, size]: &[f64; 2]| size * (-((t - when) / 1.5).powi(2)).exp();
+        pulses[near].iter().map(shape).sum::<f64>()
+    }
+}
+
+/// A plant whose states are measured too.
+fn states(n: usize, delay: f64, rng: &mut ChaCha8Rng) -> Result<Experiment<'static>> {
+    let u = Rbs::default().generate(n, rng)?;
+    let sample_time = SampleTime::new(0.1)?;
+    let plant = Dynamics::Directional.model();
+    let response = respond(&plant, &u, delay, sample_time)?;
+    let column = |m: &DMatrix<f64>, i: usize| m.column(i).iter().copied().collect::<Vec<f64>>();
+    let states = (0..plant.order())
+        .map(|i| Ok(noisy(&column(&response.x, i), rng)?.into()))
+        .collect::<Result<_>>()?;
+    let outputs = vec![column(&response.y, 0).into()];
+    let recording = Recording { inputs: vec![u.into()], outputs, states };
+    Ok(Experiment::new(sample_time, vec!["u".into()], vec!["y".into()], vec![recording])?
+        .with_model(PlantModel::Continuous(plant)))
+}
+
+/// Events at two places, with errors of their times.
+fn events(n: usize, delay: f64, rng: &mut ChaCha8Rng) -> Events {
+    let mut time = 0.0;
+    let (mut first, mut second) = (Vec::with_capacity(n), Vec::with_capacity(n));
+    for _ in 0..n {
+        let gap: f64 = Exp1.sample(rng);
+        let jitter: f64 = StandardNormal.sample(rng);
+        time += 2.0 + 4.0 * gap;
+        first.push(time);
+        second.push(time + delay + 0.2 * jitter);
+    }
+    Events { first, second, ..Events::default() }
 }
 
 fn f(n: usize) -> f64 {
@@ -298,7 +297,7 @@ impl First {
 }
 
 /// (zs + 1)/((t₁s + 1)(t₂s + 1)…), a chain of first-order lags.
-fn lags(times: &[f64], zero: Option<f64>) -> super::error::Result<StateSpace<Continuous>> {
+fn lags(times: &[f64], zero: Option<f64>) -> Result<StateSpace<Continuous>> {
     let order = times.len();
     // Each lag follows the one before, the first the input; the zero adds the rate of the last.
     let a = DMatrix::from_fn(order, order, |i, j| match i.checked_sub(j) {
@@ -314,20 +313,25 @@ fn lags(times: &[f64], zero: Option<f64>) -> super::error::Result<StateSpace<Con
 }
 
 /// The response of a plant to a held input, later by `delay` samples.
+fn respond(
+    plant: &StateSpace<Continuous>,
+    u: &[f64],
+    delay: f64,
+    sample_time: SampleTime,
+) -> Result<Response> {
+    let delayed = plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
+    let u = DMatrix::from_column_slice(u.len(), 1, u);
+    Ok(lsim(&delayed, &u, sample_time, &Options::default())?)
+}
+
+/// Its first output.
 fn held(
     plant: &StateSpace<Continuous>,
     u: &[f64],
     delay: f64,
     sample_time: SampleTime,
-) -> super::error::Result<Vec<f64>> {
-    let delayed = plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
-    let response = lsim(
-        &delayed,
-        &DMatrix::from_column_slice(u.len(), 1, u),
-        sample_time,
-        &Options::default(),
-    )?;
-    Ok(response.y.column(0).iter().copied().collect())
+) -> Result<Vec<f64>> {
+    Ok(respond(plant, u, delay, sample_time)?.y.column(0).iter().copied().collect())
 }
 
 /// A signal and the same signal later, one sample of it being the hold's that every method takes off.
@@ -337,13 +341,13 @@ fn copy(
     at: impl Fn(f64) -> f64,
     siso: impl Fn(Vec<f64>, Vec<f64>) -> Result<Experiment<'static>, DelayError>,
     rng: &mut ChaCha8Rng,
-) -> super::error::Result<Experiment<'static>> {
+) -> Result<Experiment<'static>> {
     let u = (0..n).map(|t| at(f(t))).collect();
     let y: Vec<f64> = (0..n).map(|t| at(f(t) - delay - 1.0)).collect();
     Ok(siso(u, noisy(&y, rng)?)?)
 }
 
-fn noisy(y: &[f64], rng: &mut ChaCha8Rng) -> super::error::Result<Vec<f64>> {
+fn noisy(y: &[f64], rng: &mut ChaCha8Rng) -> Result<Vec<f64>> {
     Ok(Noise { snr: 100.0, colour: NoiseColour::White, scaling: NoiseScaling::Expected }
         .add(y, rng)?)
 }
@@ -382,7 +386,7 @@ fn answer(
     ))
 }
 
-fn score(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> Score {
+fn score(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> CommonScore {
     let answers: Vec<(f64, bool)> = records
         .par_iter()
         .map(|r| answer(method, estimator, r))
@@ -391,7 +395,7 @@ fn score(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> 
         .flatten()
         .collect();
     let mean = |g: &dyn Fn(&(f64, bool)) -> f64| stats::mean(answers.iter().map(g));
-    Score {
+    CommonScore {
         trials: records.len(),
         found: answers.len(),
         rms_samples: mean(&|a| a.0 * a.0).map(f64::sqrt),

@@ -6,25 +6,21 @@ use deadtime_signal::text::shown;
 
 use crate::blind::error::BlindError;
 use deadtime_delay::DelayError;
-use deadtime_gap::DiagnosisError;
-use deadtime_gap::GapError;
 use deadtime_gap::export::ExportError;
+use deadtime_gap::{DiagnosisError, GapError};
 use deadtime_identify::IdentifyError;
 use deadtime_identify::matching::MatchingError;
 use deadtime_identify::structured::StructuredError;
 use deadtime_log::LogError;
-use deadtime_model::DerivedError;
-use deadtime_model::ModelError;
 use deadtime_model::effect::EffectError;
 use deadtime_model::simulate::SimulateError;
-use deadtime_signal::SignalError;
+use deadtime_model::{DerivedError, ModelError};
 use deadtime_signal::file::FileError;
-use deadtime_signal::flatten;
 use deadtime_signal::registry::RegistryError;
-use deadtime_signal::remedied;
 use deadtime_signal::remedy::{Message, Remedied, Remedy};
 use deadtime_signal::stop::Stopped;
 use deadtime_signal::time::TimeError;
+use deadtime_signal::{SignalError, flatten, remedied};
 
 /// Whatever keeps a study, a gate or a blind check from being run or read.
 #[derive(Debug, thiserror::Error)]

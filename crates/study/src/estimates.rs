@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use cpu_time::ThreadTime;
 use serde::{Deserialize, Serialize};
 
-use super::cell::{Layout, Slot};
-use super::error::StudyError;
-use super::plan::{PLAIN, Place, Plan, Scoring, Shown, Truth};
+use super::cell::{Chosen, Resolved, Slot};
+use super::error::{Error, Result, StudyError};
+use super::keys::{Place, Truth};
+use super::plan::{PLAIN, Plan, Scoring, Shown};
 use super::results::Cell;
 use super::setting::{Record, Setting};
 use deadtime_delay::{DelayEstimate, Detrend, Experiment, Outcome, Scope, Search, Start, richness};
@@ -37,8 +38,8 @@ pub(super) struct Row {
 }
 
 /// A record; the error of one that cannot be made says which one.
-pub(super) fn made(plan: &Plan, setting: &Setting, trial: usize) -> super::error::Result<Record> {
-    let because = |source: super::error::Error| StudyError::Record {
+pub(super) fn made(plan: &Plan, setting: &Setting, trial: usize) -> Result<Record> {
+    let because = |source: Error| StudyError::Record {
         plan: plan.name.clone(),
         setting: setting.key.to_string(),
         trial,
@@ -51,14 +52,15 @@ pub(super) fn made(plan: &Plan, setting: &Setting, trial: usize) -> super::error
 /// All estimates from one record; `stop` is looked at between the methods.
 pub(super) fn of_record(
     plan: &Plan,
-    layout: &Layout,
+    layout: &Resolved,
     number: usize,
     trial: usize,
     stop: &Stop,
-) -> super::error::Result<Vec<Row>> {
+) -> Result<Vec<Row>> {
     let setting = &layout.settings[number];
     let grid = &plan.grids[setting.grid];
     let record = made(plan, setting, trial)?;
+    let predicts = grid.by.iter().any(|l| l.shown == Shown::Predicted);
     let mut rows = Vec::with_capacity(layout.of(number).len());
     for place in [Place::U, Place::R] {
         let slots: Vec<(usize, Slot)> = layout
@@ -74,79 +76,106 @@ pub(super) fn of_record(
             .experiment(place)
             .filter(|e| e.events().is_empty())
             .and_then(|e| Views::new(e, setting.detrend));
+        let search = search(setting, place, &record, stop);
         for (method, chosen) in layout.methods[setting.grid].iter().enumerate() {
             stop.check()?;
-            // A controller answers within the sample where the plant does not.
-            let search = Search {
-                min_delay: usize::from(
-                    setting.is_closed()
-                        && place == Place::U
-                        && record.degree.iter().flatten().all(|d| *d > 0),
-                ),
-                max_delay: setting.max_delay,
-                bias: record.degree.clone(),
-                stop: stop.clone(),
-                ..Search::default()
-            };
-            let mine: Vec<&(usize, Slot)> =
-                slots.iter().filter(|(_, s)| s.method == method).collect();
-            let scope = chosen.method.scope;
-            let view = views.as_ref().map(|v| v.of(scope, chosen.method.start));
-            let pair = |slot: Slot| {
-                let (view, output) = (view?, slot.output.unwrap_or(0));
-                let own = search.towards(slot.input, output, view.inputs().len());
-                let seen = if chosen.estimator.is_joint() {
-                    view.towards(slot.input, output)
-                } else {
-                    view.select(slot.input, output)
-                };
-                Some((seen.ok()?, own))
+            let mine: Vec<Slot> =
+                slots.iter().map(|(_, s)| *s).filter(|s| s.method == method).collect();
+            let question = Question {
+                chosen,
+                view: views.as_ref().map(|v| v.of(chosen.method.scope, chosen.method.start)),
+                events: record.experiment(place),
+                search: &search,
             };
             // The worker's thread does nothing else meanwhile.
             let clock = ThreadTime::now();
-            let answers: Vec<Option<DelayEstimate>> = if scope == Scope::States {
-                let all = view
-                    .and_then(|v| chosen.estimator.estimate_inputs(v, &search).ok())
-                    .unwrap_or_default();
-                mine.iter().map(|(_, slot)| all.get(slot.input).cloned()).collect()
-            } else if scope == Scope::Events {
-                let all = record
-                    .experiment(place)
-                    .and_then(|events| chosen.estimator.estimate(events, &search).ok());
-                mine.iter().map(|_| all.clone()).collect()
-            } else {
-                let estimate = |slot: Slot| {
-                    pair(slot).and_then(|(seen, own)| chosen.estimator.estimate(&seen, &own).ok())
-                };
-                mine.iter().map(|(_, slot)| estimate(*slot)).collect()
-            };
-            let time_s = clock.elapsed().as_secs_f64();
-            let asked = scope == Scope::Pair && grid.by.iter().any(|l| l.shown == Shown::Predicted);
-            let predicted = |slot: Slot| {
-                let (seen, own) = pair(slot).filter(|_| asked && slot.output.is_some())?;
-                let expected =
-                    richness(&seen, &own, &[chosen.method]).ok()?.into_iter().next()??;
-                Some(expected.std_s / setting.sample_time.seconds())
-            };
-            let each_s = time_s / mine.len().max(1) as f64;
-            rows.extend(mine.into_iter().zip(answers).map(|(&(cell, slot), estimate)| {
-                let row = row(
-                    cell,
-                    slot,
-                    trial,
-                    &record,
-                    estimate.as_ref(),
-                    each_s,
-                    setting,
-                    (grid.truth, &grid.scoring),
-                );
-                Row { predicted_samples: predicted(slot), ..row }
+            let answers = question.answers(&mine);
+            let each_s = clock.elapsed().as_secs_f64() / mine.len().max(1) as f64;
+            let cells = slots.iter().filter(|(_, s)| s.method == method);
+            rows.extend(cells.zip(answers).map(|(&(cell, slot), estimate)| {
+                let predicted = predicts.then(|| question.predicted_s(slot)).flatten();
+                let scored = (grid.truth, &grid.scoring);
+                let row =
+                    row(cell, slot, trial, &record, estimate.as_ref(), each_s, setting, scored);
+                Row {
+                    predicted_samples: predicted.map(|s| s / setting.sample_time.seconds()),
+                    ..row
+                }
             }));
         }
     }
     // An estimate that heard of it is no answer.
     stop.check()?;
     Ok(rows)
+}
+
+/// Where delays of a record are looked for.
+fn search(setting: &Setting, place: Place, record: &Record, stop: &Stop) -> Search {
+    // A controller answers within the sample where the plant does not.
+    let delayed = record.degree.iter().flatten().all(|d| *d > 0);
+    Search {
+        min_delay: usize::from(setting.is_closed() && place == Place::U && delayed),
+        max_delay: setting.max_delay,
+        bias: record.degree.clone(),
+        stop: stop.clone(),
+        ..Search::default()
+    }
+}
+
+/// What a method is asked of a record.
+struct Question<'a> {
+    chosen: &'a Chosen,
+    /// `None`: the record cannot be used.
+    view: Option<&'a Experiment<'a>>,
+    events: Option<&'a Experiment<'static>>,
+    search: &'a Search,
+}
+
+impl Question<'_> {
+    /// The pair of channels of a slot, with its own search.
+    fn pair(&self, slot: Slot) -> Option<(Experiment<'_>, Search)> {
+        let (view, output) = (self.view?, slot.output.unwrap_or(0));
+        let own = self.search.towards(slot.input, output, view.inputs().len());
+        let seen = if self.chosen.estimator.is_joint() {
+            view.towards(slot.input, output)
+        } else {
+            view.select(slot.input, output)
+        };
+        Some((seen.ok()?, own))
+    }
+
+    /// An answer for each slot.
+    fn answers(&self, slots: &[Slot]) -> Vec<Option<DelayEstimate>> {
+        let estimator = &self.chosen.estimator;
+        match self.chosen.method.scope {
+            Scope::States => {
+                let all = self.view.and_then(|v| estimator.estimate_inputs(v, self.search).ok());
+                let all = all.unwrap_or_default();
+                slots.iter().map(|slot| all.get(slot.input).cloned()).collect()
+            }
+            Scope::Events => {
+                let all = self.events.and_then(|e| estimator.estimate(e, self.search).ok());
+                vec![all; slots.len()]
+            }
+            Scope::Pair => {
+                let estimate = |slot: &Slot| {
+                    let (seen, own) = self.pair(*slot)?;
+                    estimator.estimate(&seen, &own).ok()
+                };
+                slots.iter().map(estimate).collect()
+            }
+        }
+    }
+
+    /// The standard deviation that is predicted before estimating, s.
+    fn predicted_s(&self, slot: Slot) -> Option<f64> {
+        let method = self.chosen.method;
+        if method.scope != Scope::Pair || slot.output.is_none() {
+            return None;
+        }
+        let (seen, own) = self.pair(slot)?;
+        Some(richness(&seen, &own, &[method]).ok()?.into_iter().next()??.std_s)
+    }
 }
 
 /// A record as the methods are given it by the command line.
@@ -299,9 +328,9 @@ pub(super) trait Sink {
         &mut self,
         key: &[(&'static str, Field)],
         values: &[(&'static str, Field)],
-    ) -> super::error::Result<()>;
+    ) -> Result<()>;
     /// Gives the file its name, once all is written.
-    fn finish(self: Box<Self>) -> super::error::Result<()>;
+    fn finish(self: Box<Self>) -> Result<()>;
 }
 
 /// `estimates.csv`.
@@ -312,7 +341,7 @@ pub(super) struct CsvSink {
 }
 
 impl CsvSink {
-    pub(super) fn new(path: PathBuf) -> super::error::Result<Self> {
+    pub(super) fn new(path: PathBuf) -> Result<Self> {
         let file = temporary(&path)?;
         Ok(Self { path, file: csv::Writer::from_writer(file), headed: false })
     }
@@ -323,8 +352,8 @@ impl Sink for CsvSink {
         &mut self,
         key: &[(&'static str, Field)],
         values: &[(&'static str, Field)],
-    ) -> super::error::Result<()> {
-        let wrong = |e: csv::Error| super::error::Error::io(&self.path, e.into());
+    ) -> Result<()> {
+        let wrong = |e: csv::Error| Error::io(&self.path, e.into());
         if !self.headed {
             self.file.write_record(key.iter().chain(values).map(|f| f.0)).map_err(wrong)?;
             self.headed = true;
@@ -332,10 +361,11 @@ impl Sink for CsvSink {
         self.file.write_record(key.iter().chain(values).map(|f| f.1.to_string())).map_err(wrong)
     }
 
-    fn finish(self: Box<Self>) -> super::error::Result<()> {
-        let file = self.file.into_inner().map_err(|e| {
-            super::error::Error::io(&self.path, std::io::Error::other(e.to_string()))
-        })?;
+    fn finish(self: Box<Self>) -> Result<()> {
+        let file = self
+            .file
+            .into_inner()
+            .map_err(|e| Error::io(&self.path, std::io::Error::other(e.to_string())))?;
         Ok(named(file, &self.path)?)
     }
 }

@@ -2,6 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::error::Result;
 use super::plan::Controller;
 use deadtime_model::simulate::SimulateError;
 use deadtime_model::{Sampled, StateSpace, dlqr};
@@ -34,7 +35,7 @@ pub(super) fn through(
     controller: &Controller,
     reference: &[f64],
     noise: &[f64],
-) -> super::error::Result<Closed> {
+) -> Result<Closed> {
     let (b, a) = (&controller.numerator, &controller.denominator);
     let delay = plant.input_delay().first().copied().unwrap_or(0);
     let direct = if delay == 0 { plant.d()[(0, 0)] } else { 0.0 };
@@ -73,10 +74,7 @@ pub(super) fn through(
 }
 
 /// u = r − K·(x, what is on its way to the plant), K by `dlqr` with unit weights on the plant with its delay, so that the loop is stable whatever the delay.
-pub(super) fn of_states(
-    plant: &StateSpace<Sampled>,
-    reference: &[Vec<f64>],
-) -> super::error::Result<Closed> {
+pub(super) fn of_states(plant: &StateSpace<Sampled>, reference: &[Vec<f64>]) -> Result<Closed> {
     let (n, m) = (plant.order(), plant.inputs());
     let delays = plant.input_delay();
     let order = n + delays.iter().sum::<usize>();
@@ -125,7 +123,7 @@ pub(super) fn of_states(
     bounded(Closed { u, y, x }, plant.sample_time())
 }
 
-fn bounded(closed: Closed, sample_time: SampleTime) -> super::error::Result<Closed> {
+fn bounded(closed: Closed, sample_time: SampleTime) -> Result<Closed> {
     let explodes = closed
         .u
         .iter()

@@ -24,7 +24,7 @@ use statrs::function::beta::checked_beta_reg;
 use statrs::function::factorial::ln_binomial;
 
 use super::error::StudyError;
-use super::plan::{Delay, Place};
+use super::keys::{Delay, Place};
 use super::results::{Cell, Study};
 use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stats::NORMAL_95_EXACT;
@@ -196,86 +196,44 @@ impl Gate {
         let before = index(baseline, "the baseline")?;
         let after = index(results, "the results")?;
         comparable(results, baseline, &before, &after)?;
-        let mut groups: Vec<GateGroup> = Vec::new();
-        let mut pairs: Vec<Vec<Pair>> = Vec::new();
-        let mut missing: Vec<Vec<&Cell>> = Vec::new();
-        let mut new_cells = 0;
-        for (cell, in_baseline) in
-            baseline.cells.iter().map(|c| (c, true)).chain(results.cells.iter().map(|c| (c, false)))
-        {
-            let method = cell.method_text();
-            let same =
-                |g: &GateGroup| g.grid == cell.grid && g.place == cell.place && g.method == method;
-            let at = groups.iter().position(same).unwrap_or_else(|| {
-                let (grid, place) = (cell.grid.clone(), cell.place);
-                groups.push(GateGroup {
-                    grid,
-                    place,
-                    method,
-                    cells: 0,
-                    comparisons: 0,
-                    means: Vec::new(),
-                    new: !in_baseline,
-                });
-                pairs.push(Vec::new());
-                missing.push(Vec::new());
-                groups.len() - 1
-            });
-            match (in_baseline, after.get(&cell.key()), before.contains_key(&cell.key())) {
-                (true, Some(&now), _) => {
-                    let same_records = baseline.seed == results.seed && cell.trials == now.trials;
-                    let exact = is_quiet(cell) && same_records || cell.repeatable && now.repeatable;
-                    pairs[at].push(Pair { before: cell, after: now, exact });
-                }
-                (true, None, _) => missing[at].push(cell),
-                (false, _, false) => new_cells += 1,
-                (false, ..) => {}
-            }
-        }
+        let (mut grouped, new_cells) = grouped(results, baseline, &before, &after);
         let (mut worse, mut better, mut tested) = (Vec::new(), Vec::new(), Vec::new());
-        for (at, group) in groups.iter_mut().enumerate() {
-            let frame = Frame {
-                at,
-                grid: group.grid.clone(),
-                place: group.place,
-                method: group.method.clone(),
-            };
-            worse.extend(frame.missing(&missing[at], pairs[at].is_empty()));
-            let (exact, chance): (Vec<&Pair>, Vec<&Pair>) = pairs[at].iter().partition(|p| p.exact);
+        for (at, Grouped { group, pairs, missing }) in grouped.iter_mut().enumerate() {
+            let frame = Frame { at, group: &*group };
+            worse.extend(frame.missing(missing, pairs.is_empty()));
+            let (exact, chance): (Vec<&Pair>, Vec<&Pair>) = pairs.iter().partition(|p| p.exact);
             for pair in &exact {
                 let [w, b] = frame.exact(pair);
                 worse.extend(w);
                 better.extend(b);
             }
-            let tests = self.tests(&frame, &chance);
-            group.cells = pairs[at].len();
+            let tests = self.tests(frame, &chance);
+            group.cells = pairs.len();
             group.comparisons = exact.len() * EXACT.len() + tests.len();
-            group.means = means(&pairs[at]);
+            group.means = means(pairs);
             tested.extend(tests);
         }
-        let tests = tested.len();
-        for side in [0, 1] {
+        for (side, list) in [&mut worse, &mut better].into_iter().enumerate() {
             let corrected = holm(&tested.iter().map(|t| t.p[side]).collect::<Vec<f64>>());
             let found = (tested.iter().zip(corrected))
                 .filter(|(t, p)| t.relevant[side] && *p <= self.alpha)
                 .map(|(t, p)| Finding { p_value: Some(p), ..t.finding.clone() });
-            if side == 0 { worse.extend(found) } else { better.extend(found) }
-        }
-        for list in [&mut worse, &mut better] {
+            list.extend(found);
             list.sort_by_key(|f: &Finding| f.group);
         }
+        let pairs = || grouped.iter().flat_map(|g| &g.pairs);
         Ok(GateReport {
             format: FORMAT,
             plan: results.plan.clone(),
             seeds: [baseline.seed, results.seed],
             alpha: self.alpha,
-            cells: pairs.iter().map(Vec::len).sum(),
-            exact_cells: pairs.iter().flatten().filter(|p| p.exact).count(),
-            tests,
+            cells: pairs().count(),
+            exact_cells: pairs().filter(|p| p.exact).count(),
+            tests: tested.len(),
             worse,
             better,
             new_cells,
-            groups,
+            groups: grouped.into_iter().map(|g| g.group).collect(),
         })
     }
 
@@ -296,7 +254,7 @@ impl Gate {
     }
 
     /// Every comparison of one group's cells that can come out worse or better at all.
-    fn tests(&self, frame: &Frame, pairs: &[&Pair]) -> Vec<Tested> {
+    fn tests(&self, frame: Frame<'_>, pairs: &[&Pair]) -> Vec<Tested> {
         let mut tests = Vec::new();
         let clusters = clusters(pairs);
         let squares: Vec<Option<f64>> = pairs.iter().map(|p| score(p)).collect();
@@ -325,58 +283,73 @@ impl Gate {
             return tests;
         }
         // The group as a whole.
-        let known: Vec<usize> = (0..pairs.len()).filter(|&i| squares[i].is_some()).collect();
-        if known.len() > 1 {
-            let mut sums: BTreeMap<usize, [f64; 2]> = BTreeMap::new();
-            for &i in &known {
-                let [sum, count] = sums.entry(clusters[i]).or_default();
-                *sum += squares[i].unwrap_or(0.0);
-                *count += 1.0;
-            }
-            let z = sums.values().map(|[sum, count]| sum / count).sum::<f64>()
-                / (sums.len() as f64).sqrt();
-            let answered = || {
-                pairs
-                    .iter()
-                    .filter(|p| p.before.rms_samples.is_some() && p.after.rms_samples.is_some())
-            };
-            let mean =
-                |of: &dyn Fn(&Pair) -> Option<f64>| average(answered().filter_map(|p| of(p)));
-            let total = |of: &dyn Fn(&Pair) -> usize| answered().map(|p| of(p)).sum::<usize>();
-            if let (Some(b), Some(a)) =
-                (mean(&|p| p.before.rms_samples), mean(&|p| p.after.rms_samples))
-            {
-                let (before, after) = (
-                    (Some(b), total(&|p| scored(p.before))),
-                    (Some(a), total(&|p| scored(p.after))),
-                );
-                tests.push(Tested {
-                    finding: frame.finding(None, Measured::RmsSamples, before, after),
-                    p: both_tails(z),
-                    relevant: self.grew(b, a),
-                });
-            }
-        }
-        for measured in SHARES {
-            let of = |p: &Pair| shares(p).into_iter().find(|(m, _)| *m == measured).map(|(_, c)| c);
-            let all: Vec<(usize, Counts)> = (0..pairs.len())
-                .filter_map(|i| Some((clusters[i], of(pairs[i])?)))
-                .filter(|(_, c)| c.all.iter().all(|n| *n > 0))
-                .collect();
-            let open: Vec<&(usize, Counts)> = all.iter().filter(|(_, c)| c.can_differ()).collect();
-            if open.len() > 1 {
-                let mut sizes: BTreeMap<usize, u32> = BTreeMap::new();
-                open.iter().for_each(|(cluster, _)| *sizes.entry(*cluster).or_default() += 1);
-                let largest = sizes.values().max().copied().unwrap_or(1);
-                let p = stratified(
-                    &open.iter().map(|(_, c)| *c).collect::<Vec<Counts>>(),
-                    f64::from(largest),
-                );
-                let counts: Vec<Counts> = all.iter().map(|(_, c)| *c).collect();
-                tests.push(self.share(frame, None, measured, &counts, p));
-            }
-        }
+        tests.extend(self.mean_squares(frame, pairs, &clusters, &squares));
+        tests.extend(SHARES.into_iter().filter_map(|m| self.shares(frame, pairs, &clusters, m)));
         tests
+    }
+
+    /// The mean squares of a group together.
+    fn mean_squares(
+        &self,
+        frame: Frame<'_>,
+        pairs: &[&Pair],
+        clusters: &[usize],
+        squares: &[Option<f64>],
+    ) -> Option<Tested> {
+        let mut sums: BTreeMap<usize, [f64; 2]> = BTreeMap::new();
+        let mut known = 0;
+        for (cluster, z) in clusters.iter().zip(squares) {
+            let Some(z) = z else { continue };
+            let [sum, count] = sums.entry(*cluster).or_default();
+            *sum += z;
+            *count += 1.0;
+            known += 1;
+        }
+        if known < 2 {
+            return None;
+        }
+        let z =
+            sums.values().map(|[sum, count]| sum / count).sum::<f64>() / (sums.len() as f64).sqrt();
+        let answered = || {
+            pairs.iter().filter(|p| p.before.rms_samples.is_some() && p.after.rms_samples.is_some())
+        };
+        let side = |of: &dyn for<'p> Fn(&Pair<'p>) -> &'p Cell| {
+            let mean = average(answered().filter_map(|p| of(p).rms_samples))?;
+            Some((mean, answered().map(|p| scored(of(p))).sum::<usize>()))
+        };
+        let (before, after) = (side(&|p| p.before)?, side(&|p| p.after)?);
+        let shown = |(mean, count): (f64, usize)| (Some(mean), count);
+        Some(Tested {
+            finding: frame.finding(None, Measured::RmsSamples, shown(before), shown(after)),
+            p: both_tails(z),
+            relevant: self.grew(before.0, after.0),
+        })
+    }
+
+    /// One share of a group's cells together.
+    fn shares(
+        &self,
+        frame: Frame<'_>,
+        pairs: &[&Pair],
+        clusters: &[usize],
+        measured: Measured,
+    ) -> Option<Tested> {
+        let of = |p: &Pair| shares(p).into_iter().find(|(m, _)| *m == measured).map(|(_, c)| c);
+        let all: Vec<(usize, Counts)> = (0..pairs.len())
+            .filter_map(|i| Some((clusters[i], of(pairs[i])?)))
+            .filter(|(_, c)| c.all.iter().all(|n| *n > 0))
+            .collect();
+        let open: Vec<&(usize, Counts)> = all.iter().filter(|(_, c)| c.can_differ()).collect();
+        if open.len() < 2 {
+            return None;
+        }
+        let mut sizes: BTreeMap<usize, u32> = BTreeMap::new();
+        open.iter().for_each(|(cluster, _)| *sizes.entry(*cluster).or_default() += 1);
+        let largest = sizes.values().max().copied().unwrap_or(1);
+        let open: Vec<Counts> = open.iter().map(|(_, c)| *c).collect();
+        let p = stratified(&open, f64::from(largest));
+        let counts: Vec<Counts> = all.iter().map(|(_, c)| *c).collect();
+        Some(self.share(frame, None, measured, &counts, p))
     }
 
     /// Worse by more than the margins; better by as much.
@@ -388,7 +361,7 @@ impl Gate {
 
     fn share(
         &self,
-        frame: &Frame,
+        frame: Frame<'_>,
         cell: Option<&Cell>,
         measured: Measured,
         counts: &[Counts],
@@ -404,12 +377,60 @@ impl Gate {
     }
 }
 
-/// What the findings of a group share.
-struct Frame {
+/// A group with its cells.
+struct Grouped<'a> {
+    group: GateGroup,
+    pairs: Vec<Pair<'a>>,
+    /// Cells of the baseline that the results lack.
+    missing: Vec<&'a Cell>,
+}
+
+/// The cells of both runs by method, grid and place; and how many the baseline does not have.
+fn grouped<'a>(
+    results: &'a Study,
+    baseline: &'a Study,
+    before: &BTreeMap<String, &Cell>,
+    after: &BTreeMap<String, &'a Cell>,
+) -> (Vec<Grouped<'a>>, usize) {
+    let (mut all, mut new_cells): (Vec<Grouped>, _) = (Vec::new(), 0);
+    let old = baseline.cells.iter().map(|c| (c, true));
+    for (cell, in_baseline) in old.chain(results.cells.iter().map(|c| (c, false))) {
+        let method = cell.method_text();
+        let same = |Grouped { group: g, .. }: &Grouped| {
+            g.grid == cell.grid && g.place == cell.place && g.method == method
+        };
+        let at = all.iter().position(same).unwrap_or_else(|| {
+            let group = GateGroup {
+                grid: cell.grid.clone(),
+                place: cell.place,
+                method,
+                cells: 0,
+                comparisons: 0,
+                means: Vec::new(),
+                new: !in_baseline,
+            };
+            all.push(Grouped { group, pairs: Vec::new(), missing: Vec::new() });
+            all.len() - 1
+        });
+        match (in_baseline, after.get(&cell.key()), before.contains_key(&cell.key())) {
+            (true, Some(&now), _) => {
+                let same_records = baseline.seed == results.seed && cell.trials == now.trials;
+                let exact = is_quiet(cell) && same_records || cell.repeatable && now.repeatable;
+                all[at].pairs.push(Pair { before: cell, after: now, exact });
+            }
+            (true, None, _) => all[at].missing.push(cell),
+            (false, _, false) => new_cells += 1,
+            (false, ..) => {}
+        }
+    }
+    (all, new_cells)
+}
+
+/// A group with its number, which its findings carry.
+#[derive(Clone, Copy)]
+struct Frame<'a> {
     at: usize,
-    grid: String,
-    place: Place,
-    method: String,
+    group: &'a GateGroup,
 }
 
 /// Shares that are tested.
@@ -418,7 +439,7 @@ const SHARES: [Measured; 4] =
 /// What is compared exactly in cells without noise. Intervals there are of rounding's width, and whether they hold the truth is chance.
 const EXACT: [Measured; 3] = [Measured::RmsSamples, Measured::Flagged, Measured::UnflaggedWrong];
 
-impl Frame {
+impl Frame<'_> {
     fn finding(
         &self,
         cell: Option<&Cell>,
@@ -428,9 +449,9 @@ impl Frame {
     ) -> Finding {
         Finding {
             group: self.at,
-            grid: self.grid.clone(),
-            place: self.place,
-            method: self.method.clone(),
+            grid: self.group.grid.clone(),
+            place: self.group.place,
+            method: self.group.method.clone(),
             cell: cell.map(Cell::key),
             measured,
             before: before.0,

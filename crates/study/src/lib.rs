@@ -13,6 +13,7 @@ mod error;
 mod estimates;
 mod feedback;
 mod gate;
+mod keys;
 mod logging;
 mod origin;
 #[cfg(feature = "tables")]
@@ -34,19 +35,17 @@ mod timings;
 pub use aim::{Aim, Measure, Reached};
 pub use block_file::Damaged;
 pub use budget::{Budget, Needs};
-pub use common::{Common, MethodRow, Score as CommonScore};
+pub use common::{Common, CommonScore, MethodRow};
 pub use error::{Error, Result, StudyError};
 pub use gate::{Finding, Gate, GateGroup, GateReport, Measured};
+pub use keys::{Delay, Drawn, Loop, Place, Truth};
 pub use logging::Logging;
 pub use origin::Origin;
 #[cfg(feature = "tables")]
 pub use parquet::{Values, columns};
 #[cfg(feature = "tables")]
 pub use parts::Tasks;
-pub use plan::{
-    Colour, Controller, Delay, Draw, Drawn, Grid, Layout, Loop, PLANS, Place, Plan, Scoring, Shown,
-    Signal, Truth,
-};
+pub use plan::{Colour, Controller, Draw, Grid, Layout, PLANS, Plan, Scoring, Shown, Signal};
 pub use plants::{PLANTS, Plant, PlantEntry};
 pub use published::{Beside, Published, Standing, Statistic, Which};
 pub use results::{Cell, FORMAT, Kept, Score, Study};

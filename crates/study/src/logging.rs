@@ -6,6 +6,7 @@
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 
+use super::error::Result;
 use deadtime_delay::Series;
 use deadtime_log::{Channel, Log};
 use deadtime_signal::time::SampleTime;
@@ -71,7 +72,7 @@ impl Logging {
         stamps: Option<&[usize]>,
         sample_time: SampleTime,
         rng: &mut impl Rng,
-    ) -> super::error::Result<(Vec<Vec<f64>>, Vec<Series<'static>>)> {
+    ) -> Result<(Vec<Vec<f64>>, Vec<Series<'static>>)> {
         let missing = self.missing > 0.0;
         let present: Vec<Option<Vec<bool>>> =
             outputs.iter().map(|y| missing.then(|| self.present(y.len(), rng))).collect();
@@ -97,19 +98,16 @@ impl Logging {
         let held: Vec<&str> = names.0.iter().map(String::as_str).collect();
         let even = Log::new("record", time_s, commands.chain(responses).collect())?
             .resample(sample_time, &held)?;
-        let inputs = names
-            .0
-            .iter()
-            .map(|name| Ok(even.input(name)?.to_vec()))
-            .collect::<super::error::Result<_>>()?;
-        let output = |name: &String| -> super::error::Result<Series<'static>> {
+        let inputs =
+            names.0.iter().map(|name| Ok(even.input(name)?.to_vec())).collect::<Result<_>>()?;
+        let output = |name: &String| -> Result<Series<'static>> {
             let measured = even.output(name)?;
             Ok(Series {
                 values: measured.values.to_vec().into(),
                 present: measured.present.map(|p| p.to_vec().into()),
             })
         };
-        Ok((inputs, names.1.iter().map(output).collect::<super::error::Result<_>>()?))
+        Ok((inputs, names.1.iter().map(output).collect::<Result<_>>()?))
     }
 }
 

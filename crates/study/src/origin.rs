@@ -2,8 +2,7 @@
 
 use std::sync::Arc;
 
-use super::error::Error;
-use super::error::StudyError;
+use super::error::{Error, StudyError};
 use deadtime_signal::registry::RegistryError;
 
 /// The name and text of what a plan was read from; nothing for one that was put together. It is no part of what a plan is: all are equal.

@@ -17,7 +17,7 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
-use super::error::StudyError;
+use super::error::{Error, Result, StudyError};
 use super::estimates::{Field, Row, Sink};
 use deadtime_delay::Outcome;
 use deadtime_signal::file::{named, temporary};
@@ -26,20 +26,20 @@ use deadtime_signal::file::{named, temporary};
 const GROUP: usize = 65_536;
 
 /// Values of a column, and which of a number's are there.
-enum Column {
+enum EstimateColumn {
     Text(Vec<ByteArray>),
     Count(Vec<i64>),
     Number(Vec<f64>, Vec<i16>),
 }
 
 /// Lines on their way to a file.
-pub(super) struct Table<W: Write + Send> {
+pub(super) struct EstimateTable<W: Write + Send> {
     writer: SerializedFileWriter<W>,
-    columns: Vec<Column>,
+    columns: Vec<EstimateColumn>,
     rows: usize,
 }
 
-impl<W: Write + Send> Table<W> {
+impl<W: Write + Send> EstimateTable<W> {
     /// A table with the columns of `fields`, a line of it; `about` is kept in the file's footer.
     pub(super) fn new<'a>(
         file: W,
@@ -72,9 +72,9 @@ impl<W: Write + Send> Table<W> {
             .build();
         let columns = fields
             .map(|f| match f.1 {
-                Field::Text(_) => Column::Text(Vec::new()),
-                Field::Count(_) => Column::Count(Vec::new()),
-                Field::Number(_) => Column::Number(Vec::new(), Vec::new()),
+                Field::Text(_) => EstimateColumn::Text(Vec::new()),
+                Field::Count(_) => EstimateColumn::Count(Vec::new()),
+                Field::Number(_) => EstimateColumn::Number(Vec::new(), Vec::new()),
             })
             .collect();
         Ok(Self {
@@ -91,10 +91,12 @@ impl<W: Write + Send> Table<W> {
     ) -> Result<(), ParquetError> {
         for (column, (_, field)) in self.columns.iter_mut().zip(fields) {
             match (column, field) {
-                (Column::Text(to), Field::Text(text)) => to.push(text.as_bytes().to_vec().into()),
+                (EstimateColumn::Text(to), Field::Text(text)) => {
+                    to.push(text.as_bytes().to_vec().into())
+                }
                 // Seeds have 53 bits, and no count is larger.
-                (Column::Count(to), Field::Count(count)) => to.push(count.cast_signed()),
-                (Column::Number(to, there), Field::Number(number)) => {
+                (EstimateColumn::Count(to), Field::Count(count)) => to.push(count.cast_signed()),
+                (EstimateColumn::Number(to, there), Field::Number(number)) => {
                     to.extend(number);
                     there.push(i16::from(number.is_some()));
                 }
@@ -114,13 +116,13 @@ impl<W: Write + Send> Table<W> {
         let mut group = self.writer.next_row_group()?;
         for column in &mut self.columns {
             match column {
-                Column::Text(values) => {
+                EstimateColumn::Text(values) => {
                     put::<ByteArrayType, _>(&mut group, &std::mem::take(values), None)?
                 }
-                Column::Count(values) => {
+                EstimateColumn::Count(values) => {
                     put::<Int64Type, _>(&mut group, &std::mem::take(values), None)?
                 }
-                Column::Number(values, there) => {
+                EstimateColumn::Number(values, there) => {
                     put::<DoubleType, _>(
                         &mut group,
                         &std::mem::take(values),
@@ -154,7 +156,7 @@ fn put<T: DataType, W: Write + Send>(
 pub(super) struct ParquetSink {
     path: PathBuf,
     /// Made with the first line, which tells the columns.
-    table: Option<Table<tempfile::NamedTempFile>>,
+    table: Option<EstimateTable<tempfile::NamedTempFile>>,
 }
 
 impl ParquetSink {
@@ -164,8 +166,8 @@ impl ParquetSink {
 }
 
 /// What Parquet said of a file that is written.
-pub(super) fn unwritten(path: &Path, e: &ParquetError) -> super::error::Error {
-    super::error::Error::io(path, std::io::Error::other(e.to_string()))
+pub(super) fn unwritten(path: &Path, e: &ParquetError) -> Error {
+    Error::io(path, std::io::Error::other(e.to_string()))
 }
 
 impl Sink for ParquetSink {
@@ -173,20 +175,20 @@ impl Sink for ParquetSink {
         &mut self,
         key: &[(&'static str, Field)],
         values: &[(&'static str, Field)],
-    ) -> super::error::Result<()> {
+    ) -> Result<()> {
         let fields = key.iter().chain(values);
         let path = &self.path;
         let table = match &mut self.table {
             Some(table) => table,
             none => none.insert(
-                Table::new(temporary(path)?, fields.clone(), &[])
+                EstimateTable::new(temporary(path)?, fields.clone(), &[])
                     .map_err(|e| unwritten(path, &e))?,
             ),
         };
         table.write(fields).map_err(|e| unwritten(path, &e))
     }
 
-    fn finish(self: Box<Self>) -> super::error::Result<()> {
+    fn finish(self: Box<Self>) -> Result<()> {
         let Self { path, table } = *self;
         let Some(table) = table else { return Ok(()) };
         Ok(named(table.finish().map_err(|e| unwritten(&path, &e))?, &path)?)
@@ -205,20 +207,20 @@ pub enum Values {
 }
 
 /// A file of estimates that is being read.
-pub(super) struct Reader {
+pub(super) struct EstimateReader {
     path: PathBuf,
     file: Box<dyn FileReader>,
 }
 
-impl Reader {
-    pub(super) fn open(path: &Path) -> super::error::Result<Self> {
-        let file = File::open(path).map_err(|e| super::error::Error::io(path, e))?;
+impl EstimateReader {
+    pub(super) fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path).map_err(|e| Error::io(path, e))?;
         let file = SerializedFileReader::new(file).map_err(|e| unread(path, &e.to_string()))?;
         Ok(Self { path: path.to_owned(), file: Box::new(file) })
     }
 
     /// A file whose bytes are at hand.
-    pub(super) fn of(path: &Path, bytes: Vec<u8>) -> super::error::Result<Self> {
+    pub(super) fn of(path: &Path, bytes: Vec<u8>) -> Result<Self> {
         let file = SerializedFileReader::new(bytes::Bytes::from(bytes))
             .map_err(|e| unread(path, &e.to_string()))?;
         Ok(Self { path: path.to_owned(), file: Box::new(file) })
@@ -243,7 +245,7 @@ impl Reader {
     }
 
     /// A column of one row group.
-    fn column(&self, group: usize, name: &str) -> super::error::Result<Column> {
+    fn column(&self, group: usize, name: &str) -> Result<EstimateColumn> {
         let wrong = |detail: &str| unread(&self.path, detail);
         let failed = |e: ParquetError| wrong(&e.to_string());
         let Some(at) = self.names().iter().position(|n| n == name) else {
@@ -253,75 +255,50 @@ impl Reader {
         let rows = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
         match group.get_column_reader(at).map_err(failed)? {
             ColumnReader::ByteArrayColumnReader(mut column) => {
-                Ok(Column::Text(all(&mut column, rows, &mut Vec::new()).map_err(failed)?))
+                Ok(EstimateColumn::Text(all(&mut column, rows, &mut Vec::new()).map_err(failed)?))
             }
             ColumnReader::Int64ColumnReader(mut column) => {
-                Ok(Column::Count(all(&mut column, rows, &mut Vec::new()).map_err(failed)?))
+                Ok(EstimateColumn::Count(all(&mut column, rows, &mut Vec::new()).map_err(failed)?))
             }
             ColumnReader::DoubleColumnReader(mut column) => {
                 let mut there = Vec::with_capacity(rows);
                 let values = all(&mut column, rows, &mut there).map_err(failed)?;
-                Ok(Column::Number(values, there))
+                Ok(EstimateColumn::Number(values, there))
             }
             _ => Err(wrong(&format!("column `{name}` is none of an estimate's"))),
         }
     }
 
     /// Numbers of one row group, with those that are missing.
-    fn numbers(&self, group: usize, name: &str) -> super::error::Result<Vec<Option<f64>>> {
+    fn numbers(&self, group: usize, name: &str) -> Result<Vec<Option<f64>>> {
         match self.column(group, name)? {
-            Column::Number(values, there) => Ok(spread(values, &there, |v| v).collect()),
+            EstimateColumn::Number(values, there) => Ok(spread(values, &there, |v| v).collect()),
             _ => Err(unread(&self.path, &format!("column `{name}` holds no numbers"))),
         }
     }
 
-    fn counts(&self, group: usize, name: &str) -> super::error::Result<Vec<i64>> {
+    fn counts(&self, group: usize, name: &str) -> Result<Vec<i64>> {
         match self.column(group, name)? {
-            Column::Count(values) => Ok(values),
+            EstimateColumn::Count(values) => Ok(values),
             _ => Err(unread(&self.path, &format!("column `{name}` holds no counts"))),
         }
     }
 
     /// The estimates, in order.
-    pub(super) fn rows(&self) -> super::error::Result<Vec<Row>> {
+    pub(super) fn rows(&self) -> Result<Vec<Row>> {
         let mut rows = Vec::new();
+        let mut known: Vec<(ByteArray, Outcome)> = Vec::new();
         for group in 0..self.file.num_row_groups() {
             let cells = self.counts(group, "cell")?;
             let (trials, seeds) = (self.counts(group, "trial")?, self.counts(group, "seed")?);
-            let Column::Text(outcomes) = self.column(group, "outcome")? else {
+            let EstimateColumn::Text(outcomes) = self.column(group, "outcome")? else {
                 return Err(unread(&self.path, "column `outcome` holds no words"));
             };
-            const NAMES: [&str; 10] = [
-                "true_delay_s",
-                "raw_s",
-                "delay_s",
-                "std_s",
-                "lo_s",
-                "hi_s",
-                "error_samples",
-                "bound_samples",
-                "predicted_samples",
-                "time_s",
-            ];
-            let numbers = NAMES.map(|name| self.numbers(group, name));
-            let mut columns = Vec::with_capacity(NAMES.len());
-            for column in numbers {
-                columns.push(column?);
-            }
-            let mut known: Vec<(ByteArray, Outcome)> = Vec::new();
+            let columns =
+                NUMBERS.iter().map(|name| self.numbers(group, name)).collect::<Result<Vec<_>>>()?;
             let short = || unread(&self.path, "columns of unequal lengths, or counts below 0");
             for (k, cell) in cells.iter().enumerate() {
-                let word = outcomes.get(k).ok_or_else(short)?;
-                let outcome = match known.iter().find(|(w, _)| w == word) {
-                    Some((_, outcome)) => *outcome,
-                    None => {
-                        let text = String::from_utf8_lossy(word.data()).into_owned();
-                        let outcome = serde_json::from_value(text.clone().into())
-                            .map_err(|_| unread(&self.path, &format!("outcome `{text}`")))?;
-                        known.push((word.clone(), outcome));
-                        outcome
-                    }
-                };
+                let outcome = self.outcome(outcomes.get(k).ok_or_else(short)?, &mut known)?;
                 let at = |column: usize| {
                     columns.get(column).and_then(|c| c.get(k)).copied().ok_or_else(short)
                 };
@@ -349,10 +326,36 @@ impl Reader {
         }
         Ok(rows)
     }
+
+    /// The outcome that a word means; `known` keeps those that were met.
+    fn outcome(&self, word: &ByteArray, known: &mut Vec<(ByteArray, Outcome)>) -> Result<Outcome> {
+        if let Some((_, outcome)) = known.iter().find(|(w, _)| w == word) {
+            return Ok(*outcome);
+        }
+        let text = String::from_utf8_lossy(word.data()).into_owned();
+        let outcome = serde_json::from_value(text.clone().into())
+            .map_err(|_| unread(&self.path, &format!("outcome `{text}`")))?;
+        known.push((word.clone(), outcome));
+        Ok(outcome)
+    }
 }
 
+/// The columns of numbers, as [`EstimateReader::rows`] counts them.
+const NUMBERS: [&str; 10] = [
+    "true_delay_s",
+    "raw_s",
+    "delay_s",
+    "std_s",
+    "lo_s",
+    "hi_s",
+    "error_samples",
+    "bound_samples",
+    "predicted_samples",
+    "time_s",
+];
+
 /// A file that cannot be used.
-pub(super) fn unread(path: &Path, detail: &str) -> super::error::Error {
+pub(super) fn unread(path: &Path, detail: &str) -> Error {
     let detail = Message::from(detail)
         .and("; go on where it was (")
         .and(Remedy::Resume)
@@ -395,17 +398,17 @@ fn spread<T>(
 pub fn columns(
     paths: &[PathBuf],
     stop: &deadtime_signal::stop::Stop,
-) -> super::error::Result<Vec<(String, Values)>> {
+) -> Result<Vec<(String, Values)>> {
     let mut whole: Vec<(String, Values)> = Vec::new();
     let mut words: Vec<BTreeMap<String, i32>> = Vec::new();
     for path in paths {
-        let reader = Reader::open(path)?;
+        let reader = EstimateReader::open(path)?;
         let names = reader.names();
         if whole.is_empty() {
-            let blank = |column: Column| match column {
-                Column::Text(_) => Values::Words(Vec::new(), Vec::new()),
-                Column::Count(_) => Values::Counts(Vec::new()),
-                Column::Number(..) => Values::Numbers(Vec::new()),
+            let blank = |column: EstimateColumn| match column {
+                EstimateColumn::Text(_) => Values::Words(Vec::new(), Vec::new()),
+                EstimateColumn::Count(_) => Values::Counts(Vec::new()),
+                EstimateColumn::Number(..) => Values::Numbers(Vec::new()),
             };
             for name in &names {
                 whole.push((name.clone(), blank(reader.column(0, name)?)));
@@ -419,7 +422,7 @@ pub fn columns(
             stop.check()?;
             for ((name, values), seen) in whole.iter_mut().zip(&mut words) {
                 match (values, reader.column(group, name)?) {
-                    (Values::Words(different, codes), Column::Text(texts)) => {
+                    (Values::Words(different, codes), EstimateColumn::Text(texts)) => {
                         for text in &texts {
                             let text = std::str::from_utf8(text.data())
                                 .map_err(|e| unread(path, &e.to_string()))?;
@@ -436,8 +439,8 @@ pub fn columns(
                             codes.push(code);
                         }
                     }
-                    (Values::Counts(to), Column::Count(values)) => to.extend(values),
-                    (Values::Numbers(to), Column::Number(values, there)) => {
+                    (Values::Counts(to), EstimateColumn::Count(values)) => to.extend(values),
+                    (Values::Numbers(to), EstimateColumn::Number(values, there)) => {
                         to.extend(spread(values, &there, |v| v.unwrap_or(f64::NAN)))
                     }
                     _ => {

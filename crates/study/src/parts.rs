@@ -13,9 +13,9 @@ use serde::{Deserialize, Serialize};
 
 use super::block_file::Damaged;
 use super::blocks::BLOCK;
-use super::error::StudyError;
+use super::error::{Error, Result, StudyError};
 use super::estimates::{Row, of_record, value_fields};
-use super::parquet::{Reader, Table, unread, unwritten};
+use super::parquet::{EstimateReader, EstimateTable, unread, unwritten};
 use super::results::Study;
 use super::run::Runner;
 use super::seal;
@@ -100,8 +100,8 @@ impl Runner {
     /// What a record of this setting costs with all its estimates, s of wall-clock time on this thread.
     ///
     /// # Errors
-    /// [`StudyError::Record`]; [`super::error::Error::Stopped`].
-    pub fn cost(&self, setting: usize, stop: &Stop) -> super::error::Result<f64> {
+    /// [`StudyError::Record`]; [`Error::Stopped`].
+    pub fn cost(&self, setting: usize, stop: &Stop) -> Result<f64> {
         let Some(trials) = self.layout.settings.get(setting).map(|s| s.trials) else {
             return Ok(0.0);
         };
@@ -160,12 +160,12 @@ impl Runner {
     /// Makes the estimates of these blocks, on this thread, as the bytes of a part.
     ///
     /// # Errors
-    /// [`StudyError::Record`], naming setting, trial and seed; [`super::error::Error::Stopped`].
-    pub fn part(&self, blocks: Range<usize>, stop: &Stop) -> super::error::Result<Vec<u8>> {
+    /// [`StudyError::Record`], naming setting, trial and seed; [`Error::Stopped`].
+    pub fn part(&self, blocks: Range<usize>, stop: &Stop) -> Result<Vec<u8>> {
         let told = [(STAMP, self.stamp().to_owned()), (BLOCKS, text(&blocks)), seal::open()];
         let wrong = |e| unwritten(Path::new("part"), &e);
         let mut keys = BTreeMap::new();
-        let mut table: Option<Table<Vec<u8>>> = None;
+        let mut table: Option<EstimateTable<Vec<u8>>> = None;
         for block in self.blocks.iter(blocks) {
             for row in self.block(block, stop)? {
                 let key = keys.entry(row.cell).or_insert_with(|| self.key(row.cell));
@@ -173,9 +173,9 @@ impl Runner {
                 let fields = key.iter().chain(&values);
                 let table = match &mut table {
                     Some(table) => table,
-                    none => {
-                        none.insert(Table::new(Vec::new(), fields.clone(), &told).map_err(wrong)?)
-                    }
+                    none => none.insert(
+                        EstimateTable::new(Vec::new(), fields.clone(), &told).map_err(wrong)?,
+                    ),
                 };
                 table.write(fields).map_err(wrong)?;
             }
@@ -194,11 +194,7 @@ impl Tasks {
     ///
     /// # Errors
     /// [`StudyError::Folder`] where the folder holds another study, or this one without `resume`; [`FileError::Io`](deadtime_signal::file::FileError::Io).
-    pub fn open(
-        runner: &Runner,
-        folder: &Path,
-        resume: bool,
-    ) -> super::error::Result<Option<Self>> {
+    pub fn open(runner: &Runner, folder: &Path, resume: bool) -> Result<Option<Self>> {
         let path = folder.join(TASKS);
         let refused =
             |detail: Message| Err(StudyError::Folder { folder: folder.to_owned(), detail }.into());
@@ -239,7 +235,7 @@ impl Tasks {
     ///
     /// # Errors
     /// [`StudyError::Folder`] where these tasks do not hold every block once; [`FileError::Io`](deadtime_signal::file::FileError::Io).
-    pub fn new(runner: &Runner, folder: &Path, ends: Vec<usize>) -> super::error::Result<Self> {
+    pub fn new(runner: &Runner, folder: &Path, ends: Vec<usize>) -> Result<Self> {
         if !tile(&ends, runner.blocks()) {
             return Err(StudyError::Folder {
                 folder: folder.to_owned(),
@@ -248,7 +244,7 @@ impl Tasks {
             .into());
         }
         let (path, parts) = (folder.join(TASKS), folder.join(ESTIMATES));
-        std::fs::create_dir_all(&parts).map_err(|e| super::error::Error::io(&parts, e))?;
+        std::fs::create_dir_all(&parts).map_err(|e| Error::io(&parts, e))?;
         let (plan, stamp) = (runner.plan.name.clone(), runner.stamp().to_owned());
         let saved =
             Saved { format: FORMAT.to_owned(), plan, stamp, records_per_block: BLOCK, ends };
@@ -299,10 +295,10 @@ impl Tasks {
     /// client left half-written is removed: whoever calls this holds the folder's [`deadtime_signal::file::Lock`].
     ///
     /// # Errors
-    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`super::error::Error::Stopped`].
-    pub fn missing(&self, stop: &Stop) -> super::error::Result<(Vec<usize>, Vec<Damaged>)> {
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`Error::Stopped`].
+    pub fn missing(&self, stop: &Stop) -> Result<(Vec<usize>, Vec<Damaged>)> {
         self.tidy()?;
-        let state = |task: usize| -> super::error::Result<Option<(usize, Option<Damaged>)>> {
+        let state = |task: usize| -> Result<Option<(usize, Option<Damaged>)>> {
             stop.check()?;
             let path = self.path(task);
             if !path.exists() {
@@ -310,17 +306,16 @@ impl Tasks {
             }
             Ok(self.sound(task)?.err().map(|why| (task, Some(Damaged { file: path, why }))))
         };
-        let missing =
-            (0..self.len()).into_par_iter().map(state).collect::<super::error::Result<Vec<_>>>()?;
+        let missing = (0..self.len()).into_par_iter().map(state).collect::<Result<Vec<_>>>()?;
         let (tasks, damaged): (Vec<usize>, Vec<Option<Damaged>>) =
             missing.into_iter().flatten().unzip();
         Ok((tasks, damaged.into_iter().flatten().collect()))
     }
 
     /// A task's part, once every byte of it is known to be what was written, and it is this task's of this study; else what is wrong with it.
-    fn sound(&self, task: usize) -> super::error::Result<Result<Reader, String>> {
+    fn sound(&self, task: usize) -> Result<Result<EstimateReader, String>> {
         let path = self.path(task);
-        let bytes = std::fs::read(&path).map_err(|e| super::error::Error::io(&path, e))?;
+        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, e))?;
         if !seal::is_whole(&bytes) {
             return Ok(Err(if bytes.is_empty() {
                 "it is empty"
@@ -329,7 +324,7 @@ impl Tasks {
             }
             .to_owned()));
         }
-        Ok(match Reader::of(&path, bytes) {
+        Ok(match EstimateReader::of(&path, bytes) {
             Err(e) => Err(e.to_string()),
             Ok(part) if !self.owns(task, &part) => {
                 Err("it is no part of this study, or another task's".to_owned())
@@ -338,7 +333,7 @@ impl Tasks {
         })
     }
 
-    fn owns(&self, task: usize, part: &Reader) -> bool {
+    fn owns(&self, task: usize, part: &EstimateReader) -> bool {
         part.about(STAMP) == Some(self.stamp.as_str())
             && part.about(BLOCKS) == Some(text(&self.blocks(task)).as_str())
     }
@@ -347,7 +342,7 @@ impl Tasks {
     ///
     /// # Errors
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io).
-    pub fn keep(&self, task: usize, part: &[u8]) -> super::error::Result<()> {
+    pub fn keep(&self, task: usize, part: &[u8]) -> Result<()> {
         Ok(write_atomic(&self.path(task), |out| out.write_all(part))?)
     }
 
@@ -355,8 +350,9 @@ impl Tasks {
     /// much is in memory as one part for every thread.
     ///
     /// # Errors
-    /// [`StudyError::Results`] for a part that is missing, damaged or another study's; [`FileError::Io`](deadtime_signal::file::FileError::Io); [`super::error::Error::Stopped`].
-    pub fn gather(&self, runner: &Runner, stop: &Stop) -> super::error::Result<Study> {
+    /// [`StudyError::Results`] for a part that is missing, damaged or another study's;
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`Error::Stopped`].
+    pub fn gather(&self, runner: &Runner, stop: &Stop) -> Result<Study> {
         let cells = runner.layout.slots.len();
         // Tasks that share a setting are added up one after the other.
         let starts = |task: &usize| {
@@ -372,7 +368,7 @@ impl Tasks {
                 _ => runs.push(task..task + 1),
             }
         }
-        let of_run = |run: &Range<usize>| -> super::error::Result<BTreeMap<usize, Tally>> {
+        let of_run = |run: &Range<usize>| -> Result<BTreeMap<usize, Tally>> {
             let mut tallies: BTreeMap<usize, Tally> = BTreeMap::new();
             for task in run.clone() {
                 stop.check()?;
@@ -388,7 +384,7 @@ impl Tasks {
             }
             Ok(tallies)
         };
-        let added = runs.par_iter().map(of_run).collect::<super::error::Result<Vec<_>>>()?;
+        let added = runs.par_iter().map(of_run).collect::<Result<Vec<_>>>()?;
         let mut tallies = vec![Tally::default(); cells];
         for (cell, tally) in added.into_iter().flatten() {
             if let Some(place) = tallies.get_mut(cell) {
@@ -402,13 +398,13 @@ impl Tasks {
     }
 
     /// Removes what workers that were killed while they wrote left behind.
-    fn tidy(&self) -> super::error::Result<()> {
+    fn tidy(&self) -> Result<()> {
         sweep(&self.folder)?;
         Ok(sweep(&self.folder.join(ESTIMATES))?)
     }
 
     /// The estimates of one task.
-    fn rows(&self, runner: &Runner, task: usize) -> super::error::Result<Vec<Row>> {
+    fn rows(&self, runner: &Runner, task: usize) -> Result<Vec<Row>> {
         let path = self.path(task);
         let rows = self.sound(task)?.map_err(|why| unread(&path, &why))?.rows()?;
         let expected = runner.estimates_of(self.blocks(task));

@@ -5,11 +5,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::de::{DeserializeOwned, Error as _};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use super::aim::Aim;
-use super::error::StudyError;
+use super::error::{Result, StudyError};
+use super::keys::{Delay, Loop, Place, Truth};
 use super::logging::Logging;
 use super::origin::Origin;
 use super::published::{Published, spread};
@@ -43,27 +44,36 @@ pub const PLANS: &[(&str, &str)] = shipped![
 const FORMAT: &str = "deadtime/plan@1";
 
 /// A study to run: one or several products of lists.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// Its name.
     pub name: String,
     /// What it is for, in a sentence.
+    #[serde(default)]
     pub about: String,
     /// Seed of every record, together with what the record is of.
+    #[serde(default = "one")]
     pub seed: u64,
     /// Named excitations.
+    #[serde(default)]
     pub excitations: BTreeMap<String, Signal>,
     /// Named noises.
+    #[serde(default)]
     pub noises: BTreeMap<String, Colour>,
     /// Named controllers.
+    #[serde(default)]
     pub controllers: BTreeMap<String, Controller>,
     /// Named ways of logging.
+    #[serde(default)]
     pub loggings: BTreeMap<String, Logging>,
     /// The products.
+    #[serde(skip_deserializing)]
     pub grids: Vec<Grid>,
     /// Published numbers, to stand beside ours.
+    #[serde(default)]
     pub published: Vec<Published>,
     /// Numbers to be reached.
+    #[serde(default)]
     pub aims: Vec<Aim>,
     /// The folder that file names of the plan count from.
     #[serde(skip)]
@@ -146,144 +156,56 @@ impl Default for Scoring {
     }
 }
 
-/// Whether u is what the log's author commands, or what a controller makes of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Loop {
-    /// No feedback.
-    Open,
-    /// The sampled plant with state feedback u = r − K·x, K by `dlqr` with unit weights, seen as a plant of input r: y = (C − D·K)x + D·r.
-    Stabilised,
-    /// Feedback of the noisy output through a controller of the plan's, or of the states by `dlqr`.
-    Closed,
-}
-
-impl Loop {
-    /// The name in files.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Open => "open",
-            Self::Stabilised => "stabilised",
-            Self::Closed => "closed",
-        }
-    }
-}
-
-impl Place {
-    /// The name in files.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::U => "u",
-            Self::R => "r",
-        }
-    }
-}
-
-impl Truth {
-    /// The name in files.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Raw => "raw",
-            Self::Delay => "delay",
-        }
-    }
-}
-
-/// What the delay is estimated from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Place {
-    /// The plant's input.
-    U,
-    /// The reference.
-    R,
-}
-
-/// What an answer is compared with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Truth {
-    /// The method's raw answer with its own convention (10 for 9 s behind a hold of 1 s).
-    Raw,
-    /// The dead time with the injected one.
-    Delay,
-}
-
-/// An injected delay.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
-pub enum Delay {
-    /// The same at every input, s.
-    Same(f64),
-    /// One per input, s.
-    PerInput(Vec<f64>),
-    /// Drawn anew for every trial and input.
-    Drawn(Drawn),
-}
-
-/// A delay drawn with equal chances.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Drawn {
-    /// From and to, s.
-    pub uniform_s: [f64; 2],
-    /// Whole samples only, both ends included.
-    #[serde(default)]
-    pub whole: bool,
-}
-
-impl std::fmt::Display for Delay {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Same(s) => write!(f, "{s}"),
-            Self::PerInput(all) => {
-                f.write_str(&all.iter().map(ToString::to_string).collect::<Vec<_>>().join(" "))
-            }
-            Self::Drawn(Drawn { uniform_s: [from, to], whole }) => {
-                write!(f, "{from}..{to}{}", if *whole { " whole" } else { "" })
-            }
-        }
-    }
-}
-
 /// One product of lists. Every combination of the first group is a setting, of which `trials` records are made; all methods see the same records.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Grid {
     /// Its name.
+    #[serde(rename(deserialize = "grid"))]
     pub name: String,
     /// Plants by name, or model files.
+    #[serde(deserialize_with = "list")]
     pub plant: Vec<String>,
     /// Conversions to sampled time; `NAME KEY=VALUE …` sets options.
+    #[serde(deserialize_with = "list")]
     pub c2d: Vec<String>,
     /// Excitations by the plan's name or the registry's.
+    #[serde(deserialize_with = "list")]
     pub excitation: Vec<String>,
     /// var(noise-free output)/var(noise); infinite: no noise.
+    #[serde(deserialize_with = "ratios")]
     pub snr: Vec<f64>,
     /// `white`, or a noise of the plan's.
+    #[serde(deserialize_with = "list")]
     pub noise: Vec<String>,
     /// Loops.
-    #[serde(rename = "loop")]
+    #[serde(rename = "loop", deserialize_with = "list")]
     pub loops: Vec<Loop>,
     /// With closed loops: controllers of the plan's, or `dlqr`.
+    #[serde(deserialize_with = "list")]
     pub controller: Vec<String>,
     /// Injected delays.
     pub delay_s: Vec<Delay>,
     /// Samples of a record.
+    #[serde(deserialize_with = "list")]
     pub samples: Vec<usize>,
     /// Sample times, s.
+    #[serde(deserialize_with = "list")]
     pub sample_time_s: Vec<f64>,
     /// Longest raw delays searched, samples.
+    #[serde(deserialize_with = "list")]
     pub max_delay: Vec<usize>,
     /// `plain`, or a way of logging of the plan's.
+    #[serde(deserialize_with = "list")]
     pub logging: Vec<String>,
     /// Where the delay is estimated from.
+    #[serde(deserialize_with = "list")]
     pub place: Vec<Place>,
     /// Outputs; empty: all of the plant.
+    #[serde(deserialize_with = "list")]
     pub output: Vec<String>,
     /// Methods, `NAME KEY=VALUE …`; `all`: every one that looks at pairs; `all_events`: every one that looks at events.
+    #[serde(deserialize_with = "list")]
     pub method: Vec<String>,
     /// What answers are compared with.
     pub truth: Truth,
@@ -297,6 +219,37 @@ pub struct Grid {
     pub known_degree: bool,
     /// Tables beside the list of all cells.
     pub by: Vec<Layout>,
+}
+
+/// What a grid leaves out.
+impl Default for Grid {
+    fn default() -> Self {
+        let one = |name: &str| vec![name.to_owned()];
+        Self {
+            name: String::new(),
+            plant: Vec::new(),
+            c2d: one("zoh"),
+            excitation: Vec::new(),
+            snr: vec![f64::INFINITY],
+            noise: one("white"),
+            loops: vec![Loop::Open],
+            controller: one("dlqr"),
+            delay_s: vec![Delay::Same(0.0)],
+            samples: vec![500],
+            sample_time_s: vec![1.0],
+            max_delay: vec![35],
+            logging: one(PLAIN),
+            place: vec![Place::U],
+            output: Vec::new(),
+            method: Vec::new(),
+            truth: Truth::Delay,
+            scoring: Scoring::default(),
+            trials: TRIALS,
+            detrend: Detrend::default(),
+            known_degree: true,
+            by: Vec::new(),
+        }
+    }
 }
 
 /// A table of one statistic, `KEY …` or `STATISTIC: KEY …`: the values of the last key as columns, those of the others and the methods as rows.
@@ -366,6 +319,10 @@ impl<T> From<Many<T>> for Vec<T> {
     }
 }
 
+fn list<'de, D: Deserializer<'de>, T: Deserialize<'de>>(keys: D) -> Result<Vec<T>, D::Error> {
+    Many::deserialize(keys).map(Vec::from)
+}
+
 /// A ratio of variances: a number, or `"inf"` for no noise.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(untagged)]
@@ -374,62 +331,21 @@ enum Ratio {
     Text(String),
 }
 
-/// What every plan says of itself.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Head {
-    format: String,
-    name: String,
-    #[serde(default)]
-    about: String,
-    #[serde(default = "one")]
-    seed: u64,
-    #[serde(default)]
-    excitations: BTreeMap<String, Signal>,
-    #[serde(default)]
-    noises: BTreeMap<String, Colour>,
-    #[serde(default)]
-    controllers: BTreeMap<String, Controller>,
-    #[serde(default)]
-    loggings: BTreeMap<String, Logging>,
-    #[serde(default)]
-    published: Vec<Published>,
-    #[serde(default)]
-    aims: Vec<Aim>,
+fn ratios<'de, D: Deserializer<'de>>(keys: D) -> Result<Vec<f64>, D::Error> {
+    let wrong = |value: &dyn std::fmt::Display| {
+        D::Error::custom(format!("`snr` is {value}: give numbers above 0, or \"inf\" for no noise"))
+    };
+    let ratio = |ratio| match ratio {
+        Ratio::Number(v) if v > 0.0 => Ok(v),
+        Ratio::Text(t) if t == "inf" => Ok(f64::INFINITY),
+        Ratio::Number(v) => Err(wrong(&v)),
+        Ratio::Text(t) => Err(wrong(&format!("\"{t}\""))),
+    };
+    list(keys)?.into_iter().map(ratio).collect()
 }
 
 fn one() -> u64 {
     1
-}
-
-/// The keys of a cell, with lists; what a grid leaves out it takes from the top of the plan.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Keys {
-    grid: Option<String>,
-    plant: Option<Many<String>>,
-    c2d: Option<Many<String>>,
-    excitation: Option<Many<String>>,
-    snr: Option<Many<Ratio>>,
-    noise: Option<Many<String>>,
-    #[serde(rename = "loop")]
-    loops: Option<Many<Loop>>,
-    controller: Option<Many<String>>,
-    /// Always a list: a list in it is one delay per input.
-    delay_s: Option<Vec<Delay>>,
-    samples: Option<Many<usize>>,
-    sample_time_s: Option<Many<f64>>,
-    max_delay: Option<Many<usize>>,
-    logging: Option<Many<String>>,
-    place: Option<Many<Place>>,
-    output: Option<Many<String>>,
-    method: Option<Many<String>>,
-    truth: Option<Truth>,
-    scoring: Option<Scoring>,
-    trials: Option<usize>,
-    detrend: Option<Detrend>,
-    known_degree: Option<bool>,
-    by: Option<Vec<Layout>>,
 }
 
 /// Keys of the head; every other key of the file is one of a cell.
@@ -469,7 +385,7 @@ impl Plan {
     ///
     /// # Errors
     /// [`StudyError::UnknownPlan`], [`StudyError::Plan`] naming the key, [`FileError::Io`](deadtime_signal::file::FileError::Io).
-    pub fn open(name: &str) -> super::error::Result<Self> {
+    pub fn open(name: &str) -> Result<Self> {
         if let Some((name, text)) = PLANS.iter().find(|(n, _)| *n == name) {
             return Ok(Self::parse(name, text, Path::new("."))?);
         }
@@ -522,51 +438,35 @@ impl Plan {
         if let Some(entries) = keys.remove("published") {
             keys.insert("published".to_owned(), spread(entries).map_err(&wrong)?);
         }
-        let (head, shared): (toml::Table, toml::Table) =
+        let (mut head, shared): (toml::Table, toml::Table) =
             keys.into_iter().partition(|(k, _)| HEAD.contains(&k.as_str()));
-        let head: Head = read(head).map_err(&wrong)?;
-        if head.format != FORMAT {
-            return Err(wrong(format!(
-                "format is `{}`; this program reads `{FORMAT}`",
-                head.format
-            )));
-        }
-        let many = grids.len() > 1;
-        let mut names = Vec::new();
-        let grids = grids
-            .into_iter()
-            .enumerate()
-            .map(|(number, own)| {
-                let mut all = shared.clone();
-                all.extend(own);
-                let label = format!("grid {}", number + 1);
-                let keys: Keys = read(all).map_err(|e| wrong(format!("{label}: {e}")))?;
-                let grid = Grid::new(keys, if many { &label } else { &head.name })
-                    .map_err(|e| wrong(format!("{label}: {e}")))?;
-                if names.contains(&grid.name) {
-                    return Err(wrong(format!(
-                        "two grids are called `{}`: give each its own name with the key `grid`",
-                        grid.name
-                    )));
-                }
-                names.push(grid.name.clone());
-                Ok(grid)
-            })
-            .collect::<Result<Vec<_>, _>>()?;
-        let plan = Self {
-            name: head.name,
-            about: head.about,
-            seed: head.seed,
-            excitations: head.excitations,
-            noises: head.noises,
-            controllers: head.controllers,
-            loggings: head.loggings,
-            grids,
-            published: head.published,
-            aims: head.aims,
-            folder: folder.to_owned(),
-            origin: Origin::default(),
+        let Some(format) = head.remove("format") else {
+            return Err(wrong("missing field `format`".to_owned()));
         };
+        if format.as_str() != Some(FORMAT) {
+            let found = format.as_str().map_or_else(|| format.to_string(), str::to_owned);
+            return Err(wrong(format!("format is `{found}`; this program reads `{FORMAT}`")));
+        }
+        let mut plan: Self = read(head).map_err(&wrong)?;
+        let many = grids.len() > 1;
+        for (number, own) in grids.into_iter().enumerate() {
+            let mut all = shared.clone();
+            all.extend(own);
+            let label = format!("grid {}", number + 1);
+            let mut grid: Grid = read(all).map_err(|e| wrong(format!("{label}: {e}")))?;
+            if grid.name.is_empty() {
+                grid.name = if many { label.clone() } else { plan.name.clone() };
+            }
+            grid.check().map_err(|e| wrong(format!("{label}: {e}")))?;
+            if plan.grids.iter().any(|before| before.name == grid.name) {
+                return Err(wrong(format!(
+                    "two grids are called `{}`: give each its own name with the key `grid`",
+                    grid.name
+                )));
+            }
+            plan.grids.push(grid);
+        }
+        plan.folder = folder.to_owned();
         plan.check().map_err(wrong)?;
         Ok(plan)
     }
@@ -747,89 +647,33 @@ impl Grid {
         Ok(value)
     }
 
-    fn new(keys: Keys, name: &str) -> Result<Self, String> {
-        fn or<T>(list: Option<Many<T>>, otherwise: T) -> Vec<T> {
-            list.map_or_else(|| vec![otherwise], Vec::from)
-        }
-        fn must<T>(list: Option<Many<T>>, key: &str, hint: &str) -> Result<Vec<T>, String> {
-            list.map(Vec::from)
-                .filter(|l: &Vec<T>| !l.is_empty())
-                .ok_or_else(|| format!("`{key}` is missing: {hint}"))
-        }
-        let snr = or(keys.snr, Ratio::Number(f64::INFINITY))
-            .into_iter()
-            .map(|r| match r {
-                Ratio::Number(v) if v > 0.0 => Ok(v),
-                Ratio::Text(t) if t == "inf" => Ok(f64::INFINITY),
-                Ratio::Number(v) => {
-                    Err(format!("`snr` is {v}: give numbers above 0, or \"inf\" for no noise"))
-                }
-                Ratio::Text(t) => {
-                    Err(format!("`snr` is \"{t}\": give numbers above 0, or \"inf\" for no noise"))
-                }
-            })
-            .collect::<Result<Vec<f64>, String>>()?;
-        let delay_s = keys.delay_s.unwrap_or_else(|| vec![Delay::Same(0.0)]);
-        for delay in &delay_s {
-            let fine = match delay {
-                Delay::Same(s) => s.is_finite() && *s >= 0.0,
-                Delay::PerInput(all) => {
-                    !all.is_empty() && all.iter().all(|s| s.is_finite() && *s >= 0.0)
-                }
-                Delay::Drawn(Drawn { uniform_s: [from, to], .. }) => {
-                    *from >= 0.0 && from <= to && to.is_finite()
-                }
-            };
-            if !fine {
-                return Err(format!(
-                    "`delay_s` holds {delay}: give seconds, 0 or more, or {{ uniform_s = [FROM, TO] }}"
-                ));
+    /// What must be given is, and numbers are some that can be.
+    fn check(&self) -> Result<(), String> {
+        for (key, list, hint) in [
+            ("plant", &self.plant, "name plants (`deadtime list plants`) or model files"),
+            (
+                "excitation",
+                &self.excitation,
+                "name excitations (`deadtime list excitations`) or those of [excitations]",
+            ),
+            ("method", &self.method, "name methods (`deadtime list methods`), or `all`"),
+        ] {
+            if list.is_empty() {
+                return Err(format!("`{key}` is missing: {hint}"));
             }
         }
-        let grid = Self {
-            name: keys.grid.unwrap_or_else(|| name.to_owned()),
-            plant: must(
-                keys.plant,
-                "plant",
-                "name plants (`deadtime list plants`) or model files",
-            )?,
-            c2d: or(keys.c2d, "zoh".to_owned()),
-            excitation: must(
-                keys.excitation,
-                "excitation",
-                "name excitations (`deadtime list excitations`) or those of [excitations]",
-            )?,
-            snr,
-            noise: or(keys.noise, "white".to_owned()),
-            loops: or(keys.loops, Loop::Open),
-            controller: or(keys.controller, "dlqr".to_owned()),
-            delay_s,
-            samples: or(keys.samples, 500),
-            sample_time_s: or(keys.sample_time_s, 1.0),
-            max_delay: or(keys.max_delay, 35),
-            logging: or(keys.logging, PLAIN.to_owned()),
-            place: or(keys.place, Place::U),
-            output: keys.output.map(Vec::from).unwrap_or_default(),
-            method: must(
-                keys.method,
-                "method",
-                "name methods (`deadtime list methods`), or `all`",
-            )?,
-            truth: keys.truth.unwrap_or(Truth::Delay),
-            scoring: keys.scoring.unwrap_or_default(),
-            trials: keys.trials.unwrap_or(TRIALS),
-            detrend: keys.detrend.unwrap_or_default(),
-            known_degree: keys.known_degree.unwrap_or(true),
-            by: keys.by.unwrap_or_default(),
-        };
-        if grid.trials == 0 || grid.samples.contains(&0) || grid.max_delay.contains(&0) {
+        if let Some(delay) = self.delay_s.iter().find(|delay| !delay.can_be()) {
+            return Err(format!(
+                "`delay_s` holds {delay}: give seconds, 0 or more, or {{ uniform_s = [FROM, TO] }}"
+            ));
+        }
+        if self.trials == 0 || self.samples.contains(&0) || self.max_delay.contains(&0) {
             return Err("`trials`, `samples` and `max_delay` are 1 or more".to_owned());
         }
-        if grid.place.contains(&Place::R) && grid.loops.iter().any(|l| *l != Loop::Closed) {
+        if self.place.contains(&Place::R) && self.loops.iter().any(|l| *l != Loop::Closed) {
             return Err("`place` r: only a closed loop has a reference beside u".to_owned());
         }
-        grid.scoring.check()?;
-        Ok(grid)
+        self.scoring.check()
     }
 }
 

@@ -6,8 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use deadtime_delay::PlantModel;
-use deadtime_model::uav;
-use deadtime_model::uav::Dynamics;
+use deadtime_model::uav::{self, Dynamics};
 use deadtime_model::{Continuous, ModelError, StateSpace, TransferFunction};
 
 /// A plant without its dead time, and the names of its channels.

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
-use super::plan::{Loop, Place};
+use super::keys::{Loop, Place};
 use super::results::{Cell, Study};
 use deadtime_signal::stats;
 

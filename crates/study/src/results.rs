@@ -5,8 +5,8 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::error::StudyError;
-use super::plan::{Delay, Loop, Place, Truth};
+use super::error::{Result, StudyError};
+use super::keys::{Delay, Loop, Place, Truth};
 use deadtime_signal::file::{read_text, write_atomic};
 
 /// The format's name.
@@ -254,7 +254,7 @@ impl Study {
     ///
     /// # Errors
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`StudyError::Results`] for another format.
-    pub fn read(path: &Path) -> super::error::Result<Self> {
+    pub fn read(path: &Path) -> Result<Self> {
         let path = if path.is_dir() { path.join("study.json") } else { path.to_owned() };
         let text = read_text(&path)?;
         let wrong =
@@ -276,7 +276,7 @@ impl Study {
     ///
     /// # Errors
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io).
-    pub fn write_baseline(&self, path: &Path) -> super::error::Result<()> {
+    pub fn write_baseline(&self, path: &Path) -> Result<()> {
         let path =
             if path.extension().is_some() { path.to_owned() } else { path.join("study.json") };
         let lines = |list: &mut dyn Iterator<Item = serde_json::Result<Value>>| -> serde_json::Result<String> {
@@ -304,7 +304,7 @@ impl Study {
     ///
     /// # Errors
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io).
-    pub fn write(&self, path: &Path) -> super::error::Result<()> {
+    pub fn write(&self, path: &Path) -> Result<()> {
         let text = serde_json::to_string_pretty(self).map_err(|e| StudyError::Results {
             path: path.to_owned(),
             detail: e.to_string().into(),

@@ -13,10 +13,12 @@ use sha2::{Digest, Sha256};
 use super::block_file::{BlockFile, Damaged};
 use super::blocks::{BLOCK, Block, Blocks};
 use super::budget::Budget;
-use super::cell::{Layout, Slot};
-use super::error::StudyError;
+use super::cell::{Resolved, Slot};
+use super::error::{Error, Result, StudyError};
 use super::estimates::{CsvSink, Field, Row, Sink, key_fields, made, of_record, value_fields};
-use super::plan::{Delay, PLAIN, Plan};
+use super::keys::Delay;
+use super::parquet::ParquetSink;
+use super::plan::{PLAIN, Plan};
 use super::results::{Cell, FORMAT, Kept, Score, Study};
 use super::tally::{Tally, kept};
 use deadtime_signal::file::{Lock, sweep, write_atomic};
@@ -45,7 +47,7 @@ pub struct Progress {
 /// A plan made ready to run.
 pub struct Runner {
     pub(super) plan: Plan,
-    pub(super) layout: Layout,
+    pub(super) layout: Resolved,
     pub(super) blocks: Blocks,
     stamp: String,
 }
@@ -67,7 +69,7 @@ impl Runner {
     /// # Errors
     /// [`StudyError::Plan`], [`deadtime_signal::registry::RegistryError`] for unknown names and options; what keeps a record from being made, as [`StudyError::Record`];
     /// [`StudyError::Budget`].
-    pub fn new(plan: &Plan) -> super::error::Result<Self> {
+    pub fn new(plan: &Plan) -> Result<Self> {
         Self::within(plan, &Budget::default())
     }
 
@@ -75,10 +77,10 @@ impl Runner {
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn within(plan: &Plan, budget: &Budget) -> super::error::Result<Self> {
+    pub fn within(plan: &Plan, budget: &Budget) -> Result<Self> {
         let runner = Self::untried(plan, budget)?;
         let tried = runner.layout.settings.par_iter().map(|s| made(plan, s, 0).map(|_| ()));
-        tried.collect::<super::error::Result<Vec<()>>>()?;
+        tried.collect::<Result<Vec<()>>>()?;
         Ok(runner)
     }
 
@@ -86,9 +88,9 @@ impl Runner {
     ///
     /// # Errors
     /// As [`Self::new`], but for records.
-    pub fn untried(plan: &Plan, budget: &Budget) -> super::error::Result<Self> {
+    pub fn untried(plan: &Plan, budget: &Budget) -> Result<Self> {
         budget.check(plan)?;
-        let layout = Layout::new(plan).map_err(|e| plan.origin.place(e))?;
+        let layout = Resolved::new(plan).map_err(|e| plan.origin.place(e))?;
         let uncounted = || StudyError::Plan {
             plan: plan.name.clone(),
             detail: "`trials`: more records than can be counted".to_owned(),
@@ -136,7 +138,7 @@ impl Runner {
         resume: bool,
         stop: &Stop,
         progress: &(dyn Fn(Progress) + Sync),
-    ) -> super::error::Result<Study> {
+    ) -> Result<Study> {
         self.begin(folder, resume, stop)?.run(stop, progress)
     }
 
@@ -144,17 +146,12 @@ impl Runner {
     ///
     /// # Errors
     /// [`FileError::Busy`](deadtime_signal::file::FileError::Busy) where another run writes to the folder; [`StudyError::Folder`] where it holds another plan's blocks, or some of this one without
-    /// `resume`; [`FileError::Io`](deadtime_signal::file::FileError::Io); [`super::error::Error::Stopped`].
-    pub fn begin(
-        &self,
-        folder: &Path,
-        resume: bool,
-        stop: &Stop,
-    ) -> super::error::Result<Begun<'_>> {
+    /// `resume`; [`FileError::Io`](deadtime_signal::file::FileError::Io); [`Error::Stopped`].
+    pub fn begin(&self, folder: &Path, resume: bool, stop: &Stop) -> Result<Begun<'_>> {
         let lock = Lock::of(folder)?;
         let spent = folder.join(SPENT);
         if spent.exists() {
-            fs::remove_dir_all(&spent).map_err(|e| super::error::Error::io(&spent, e))?;
+            fs::remove_dir_all(&spent).map_err(|e| Error::io(&spent, e))?;
         }
         sweep(folder)?;
         let parts = self.open(folder, resume)?;
@@ -163,12 +160,12 @@ impl Runner {
             .into_iter()
             .filter(|(number, _)| *number < self.blocks.len())
             .collect();
-        let whole = |(number, path): &(usize, PathBuf)| -> super::error::Result<Option<Damaged>> {
+        let whole = |(number, path): &(usize, PathBuf)| -> Result<Option<Damaged>> {
             stop.check()?;
             let damaged = |why| Damaged { file: path.clone(), why };
             Ok(self.block_file(*number).body(path)?.err().map(damaged))
         };
-        let checked = there.par_iter().map(whole).collect::<super::error::Result<Vec<_>>>()?;
+        let checked = there.par_iter().map(whole).collect::<Result<Vec<_>>>()?;
         let done = there
             .iter()
             .zip(&checked)
@@ -188,7 +185,7 @@ impl Runner {
     }
 
     /// The rows of one block, in the order of trials and cells.
-    pub(super) fn block(&self, block: Block, stop: &Stop) -> super::error::Result<Vec<Row>> {
+    pub(super) fn block(&self, block: Block, stop: &Stop) -> Result<Vec<Row>> {
         let mut rows = Vec::with_capacity(self.size(block));
         for trial in block.first..block.end {
             rows.extend(of_record(&self.plan, &self.layout, block.setting, trial, stop)?);
@@ -197,7 +194,7 @@ impl Runner {
     }
 
     /// The folder of blocks, new or of this very plan.
-    fn open(&self, folder: &Path, resume: bool) -> super::error::Result<PathBuf> {
+    fn open(&self, folder: &Path, resume: bool) -> Result<PathBuf> {
         let parts = folder.join(PARTS);
         let stamp = parts.join(STAMP);
         let mine = self.stamp.as_str();
@@ -374,12 +371,9 @@ impl Begun<'_> {
     /// Makes what is not done yet, and writes what came of all of it.
     ///
     /// # Errors
-    /// What keeps a record from being made; [`FileError::Io`](deadtime_signal::file::FileError::Io); [`super::error::Error::Stopped`].
-    pub fn run(
-        self,
-        stop: &Stop,
-        progress: &(dyn Fn(Progress) + Sync),
-    ) -> super::error::Result<Study> {
+    /// What keeps a record from being made;
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`Error::Stopped`].
+    pub fn run(self, stop: &Stop, progress: &(dyn Fn(Progress) + Sync)) -> Result<Study> {
         let runner = self.runner;
         let done = self
             .done
@@ -412,12 +406,12 @@ impl Begun<'_> {
         let spent = self.folder.join(SPENT);
         fs::rename(&self.parts, &spent)
             .and_then(|()| fs::remove_dir_all(&spent))
-            .map_err(|e| super::error::Error::io(&self.parts, e))?;
+            .map_err(|e| Error::io(&self.parts, e))?;
         Ok(study)
     }
 
     /// Reads all blocks in order, one at a time, and writes what came of them.
-    fn gather(&self, stop: &Stop) -> super::error::Result<Study> {
+    fn gather(&self, stop: &Stop) -> Result<Study> {
         let Self { runner, folder, parts, .. } = self;
         let keys: Vec<_> =
             (0..runner.layout.slots.len()).map(|number| runner.key(number)).collect();
@@ -447,7 +441,7 @@ impl Begun<'_> {
 }
 
 /// What two runs must share for their blocks to go together; what published numbers and aims say is no part of it.
-fn stamp(plan: &Plan, layout: &Layout) -> String {
+fn stamp(plan: &Plan, layout: &Resolved) -> String {
     let plan =
         serde_json::to_string(&Plan { published: Vec::new(), aims: Vec::new(), ..plan.clone() })
             .unwrap_or_default();
@@ -459,13 +453,10 @@ fn stamp(plan: &Plan, layout: &Layout) -> String {
 /// Hands the numbers below `count` out to as many workers as there are threads, in order, until one fails.
 ///
 /// Each worker is a pool of one thread: what a method would do in parallel it does there one after the other, so that its run time is its own, and no other estimate's.
-fn shared_out(
-    count: usize,
-    work: impl Fn(usize) -> super::error::Result<()> + Sync,
-) -> super::error::Result<()> {
+fn shared_out(count: usize, work: impl Fn(usize) -> Result<()> + Sync) -> Result<()> {
     let next = AtomicUsize::new(0);
     let failed = AtomicBool::new(false);
-    let worker = || -> super::error::Result<()> {
+    let worker = || -> Result<()> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(1)
             .build()
@@ -482,7 +473,7 @@ fn shared_out(
     let workers = rayon::current_num_threads().min(count);
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
-        let ended = |w: std::thread::ScopedJoinHandle<'_, super::error::Result<()>>| {
+        let ended = |w: std::thread::ScopedJoinHandle<'_, Result<()>>| {
             w.join().unwrap_or_else(|_| {
                 Err(StudyError::Threads { detail: "a worker stopped".to_owned() }.into())
             })
@@ -493,8 +484,8 @@ fn shared_out(
 }
 
 /// The blocks in a folder of parts, by their names; what else lies there is none.
-fn blocks_in(parts: &Path) -> super::error::Result<Vec<(usize, PathBuf)>> {
-    let wrong = |e| super::error::Error::io(parts, e);
+fn blocks_in(parts: &Path) -> Result<Vec<(usize, PathBuf)>> {
+    let wrong = |e| Error::io(parts, e);
     let mut found = Vec::new();
     for entry in fs::read_dir(parts).map_err(wrong)? {
         let name = entry.map_err(wrong)?.file_name();
@@ -511,11 +502,11 @@ fn blocks_in(parts: &Path) -> super::error::Result<Vec<(usize, PathBuf)>> {
 }
 
 /// The files that every estimate goes to.
-fn sinks(folder: &Path) -> super::error::Result<Vec<Box<dyn Sink>>> {
+fn sinks(folder: &Path) -> Result<Vec<Box<dyn Sink>>> {
     Ok(vec![
         Box::new(CsvSink::new(folder.join("estimates.csv"))?),
         #[cfg(feature = "tables")]
-        Box::new(super::parquet::ParquetSink::new(folder.join("estimates.parquet"))),
+        Box::new(ParquetSink::new(folder.join("estimates.parquet"))),
     ])
 }
 

@@ -9,24 +9,23 @@ use rand_chacha::rand_core::SeedableRng;
 use sha2::{Digest, Sha256};
 
 use super::bound::bound_samples;
-use super::error::StudyError;
+use super::error::{Result, StudyError};
 use super::feedback;
+use super::keys::{Delay, Drawn, Loop, Place};
 use super::logging::{Logging, STEPS, held};
 use super::passages::{EVENTS, passages};
-use super::plan::{
-    Colour, Controller, Delay, Draw, Drawn, Grid, Loop, PLAIN, Place, Plan, Scoring, Signal,
-};
+use super::plan::{Colour, Controller, Draw, Grid, PLAIN, Plan, Scoring, Signal};
 use super::plants::{PLANTS, Plant, PlantEntry};
 use deadtime_delay::{Detrend, Experiment, PlantModel, Recording};
 use deadtime_model::c2d::{CONVERSIONS, Conversion, Tustin};
 use deadtime_model::simulate::{Options, Prehistory, lsim};
 use deadtime_model::{ModelFile, Sampled, StateSpace, dlqr};
 use deadtime_signal::file::read_text;
-use deadtime_signal::registry;
-use deadtime_signal::registry::Entry;
-use deadtime_signal::stats;
+use deadtime_signal::registry::{self, Entry};
 use deadtime_signal::time::SampleTime;
-use deadtime_signal::{EXCITATIONS, Excitation, Noise, NoiseColour, NoiseScaling, unit_noise};
+use deadtime_signal::{
+    EXCITATIONS, Excitation, Noise, NoiseColour, NoiseScaling, stats, unit_noise,
+};
 
 /// What a record is of: the keys of a cell that it shares with every method, place, input and output.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,7 +71,7 @@ impl std::fmt::Display for Key {
 }
 
 /// A plant of the list, or a model file's.
-enum Source {
+enum PlantSource {
     Listed(&'static PlantEntry),
     File(Box<Plant>),
 }
@@ -86,7 +85,7 @@ pub(super) struct Setting {
     pub(super) inputs: Vec<String>,
     pub(super) outputs: Vec<String>,
     pub(super) sample_time: SampleTime,
-    source: Source,
+    source: PlantSource,
     conversion: Box<dyn Conversion>,
     /// `None`: events.
     excitation: Option<Box<dyn Excitation>>,
@@ -102,6 +101,14 @@ pub(super) struct Setting {
     pub(super) definition: String,
     /// Every record is the same: no noise, and nothing drawn.
     pub(super) repeatable: bool,
+}
+
+/// What a plant does, and the model that methods are told of it.
+struct Clean {
+    input: Vec<Vec<f64>>,
+    outputs: Vec<Vec<f64>>,
+    states: Vec<Vec<f64>>,
+    model: PlantModel,
 }
 
 /// What a trial measured, and what is known of it.
@@ -131,21 +138,22 @@ pub(super) fn named<T: ?Sized>(
     entries: &'static [Entry<T>],
     kind: &'static str,
     text: &str,
-) -> super::error::Result<(&'static Entry<T>, serde_json::Value)> {
+) -> Result<(&'static Entry<T>, serde_json::Value)> {
     let mut words = text.split_whitespace();
     let entry = registry::find(entries, kind, words.next().unwrap_or_default())?;
     Ok((entry, registry::options(words)?))
+}
+
+/// What to say of a name that a plan does not know.
+fn unknown<'k>(what: &str, name: &str, known: impl Iterator<Item = &'k str>) -> String {
+    format!("there is no {what} `{name}`; there are: {}", known.collect::<Vec<_>>().join(", "))
 }
 
 /// A plan's error.
 type Wrong<'w> = &'w dyn Fn(String) -> StudyError;
 
 /// The conversion that a key names; one that rounds delays takes whole ones only.
-fn conversion(
-    key: &Key,
-    sample_time: SampleTime,
-    wrong: Wrong<'_>,
-) -> super::error::Result<Box<dyn Conversion>> {
+fn conversion(key: &Key, sample_time: SampleTime, wrong: Wrong<'_>) -> Result<Box<dyn Conversion>> {
     let (entry, options) = named(CONVERSIONS, "conversion", &key.c2d)?;
     let conversion = entry.with(options.clone())?;
     // These two put a delay on the nearest sample unless told otherwise: what was injected would not be what acts.
@@ -156,16 +164,14 @@ fn conversion(
         "matched" => true,
         _ => false,
     };
-    let fractional = match &key.delay {
-        Delay::Same(s) => sample_time.samples(*s)?.fraction != 0.0,
-        Delay::PerInput(all) => all
-            .iter()
-            .map(|s| sample_time.samples(*s))
-            .collect::<Result<Vec<_>, _>>()?
-            .iter()
-            .any(|d| d.fraction != 0.0),
-        Delay::Drawn(d) => !d.whole,
+    let delays = match &key.delay {
+        Delay::Same(s) => std::slice::from_ref(s),
+        Delay::PerInput(all) => all,
+        Delay::Drawn(_) => &[],
     };
+    let delays = delays.iter().map(|s| sample_time.samples(*s)).collect::<Result<Vec<_>, _>>()?;
+    let fractional = matches!(&key.delay, Delay::Drawn(drawn) if !drawn.whole)
+        || delays.iter().any(|d| d.fraction != 0.0);
     if rounds && fractional {
         let detail = format!(
             "`{}` puts a delay on the nearest sample: inject whole samples, or give tustin fractional_delay_order=3",
@@ -177,18 +183,13 @@ fn conversion(
 }
 
 /// The noise that a key names.
-fn colour(plan: &Plan, key: &Key, wrong: Wrong<'_>) -> super::error::Result<Colour> {
+fn colour(plan: &Plan, key: &Key, wrong: Wrong<'_>) -> Result<Colour> {
     let colour = match (key.noise.as_str(), plan.noises.get(&key.noise)) {
         ("white", _) => Colour::default(),
         (_, Some(colour)) => colour.clone(),
         (name, None) => {
-            let known: Vec<&str> =
-                plan.noises.keys().map(String::as_str).chain(["white"]).collect();
-            return Err(wrong(format!(
-                "there is no noise `{name}`; there are: {}",
-                known.join(", ")
-            ))
-            .into());
+            let known = plan.noises.keys().map(String::as_str).chain(["white"]);
+            return Err(wrong(unknown("noise", name, known)).into());
         }
     };
     if colour.innovation_std.is_some() && key.snr.is_finite() {
@@ -207,19 +208,14 @@ fn controller(
     key: &Key,
     channels: (usize, usize),
     wrong: Wrong<'_>,
-) -> super::error::Result<Option<Controller>> {
+) -> Result<Option<Controller>> {
     let controller = match key.controller.as_deref() {
         None | Some("dlqr") => None,
         Some(name) => match plan.controllers.get(name) {
             Some(controller) => Some(controller.clone()),
             None => {
-                let known: Vec<&str> =
-                    plan.controllers.keys().map(String::as_str).chain(["dlqr"]).collect();
-                return Err(wrong(format!(
-                    "there is no controller `{name}`; there are: {}",
-                    known.join(", ")
-                ))
-                .into());
+                let known = plan.controllers.keys().map(String::as_str).chain(["dlqr"]);
+                return Err(wrong(unknown("controller", name, known)).into());
             }
         },
     };
@@ -238,25 +234,20 @@ fn controller(
 fn logging(
     plan: &Plan,
     key: &Key,
-    source: &Source,
+    source: &PlantSource,
     states: bool,
     wrong: Wrong<'_>,
-) -> super::error::Result<Logging> {
+) -> Result<Logging> {
     let logging = match (key.logging.as_str(), plan.loggings.get(&key.logging)) {
         (PLAIN, _) => Logging::default(),
         (_, Some(logging)) => *logging,
         (name, None) => {
-            let known: Vec<&str> =
-                plan.loggings.keys().map(String::as_str).chain([PLAIN]).collect();
-            return Err(wrong(format!(
-                "there is no logging `{name}`; there are: {}",
-                known.join(", ")
-            ))
-            .into());
+            let known = plan.loggings.keys().map(String::as_str).chain([PLAIN]);
+            return Err(wrong(unknown("logging", name, known)).into());
         }
     };
     let sampled =
-        matches!(source, Source::File(plant) if matches!(plant.model, PlantModel::Sampled(_)));
+        matches!(source, PlantSource::File(plant) if matches!(plant.model, PlantModel::Sampled(_)));
     if logging.jitter > 0.0 && (states || sampled || key.c2d != "zoh" || key.loops != Loop::Open) {
         let detail = format!(
             "logging `{}`: uneven stamps are simulated between the samples of continuous plants behind `zoh` in an open loop, for methods that look at pairs",
@@ -268,7 +259,7 @@ fn logging(
 }
 
 /// Events pass through a dead time and nothing else.
-fn only_events(key: &Key, logging: &Logging, wrong: Wrong<'_>) -> super::error::Result<()> {
+fn only_events(key: &Key, logging: &Logging, wrong: Wrong<'_>) -> Result<()> {
     let plain = key.plant == "gain"
         && key.c2d == "zoh"
         && key.noise == "white"
@@ -283,6 +274,22 @@ fn only_events(key: &Key, logging: &Logging, wrong: Wrong<'_>) -> super::error::
     Err(wrong(detail).into())
 }
 
+/// The excitation that a key names; `None`: events.
+fn excitation(
+    key: &Key,
+    signal: Signal,
+    logging: &Logging,
+    wrong: Wrong<'_>,
+) -> Result<Option<Box<dyn Excitation>>> {
+    if key.excitation == EVENTS {
+        return only_events(key, logging, wrong).map(|()| None);
+    }
+    let (entry, more) = named(EXCITATIONS, "excitation", &signal.signal)?;
+    let mut options = signal.options;
+    options.extend(more.as_object().cloned().unwrap_or_default());
+    Ok(Some(entry.with(serde_json::Value::Object(options))?))
+}
+
 impl Setting {
     /// Looks up what a key names.
     pub(super) fn new(
@@ -291,7 +298,7 @@ impl Setting {
         key: Key,
         max_delay: usize,
         states: bool,
-    ) -> super::error::Result<Self> {
+    ) -> Result<Self> {
         let grid: &Grid = &plan.grids[number];
         let wrong: Wrong<'_> = &|detail| StudyError::Plan { plan: plan.name.clone(), detail };
         let (source, inputs, outputs) = source(&key.plant, &plan.folder)?;
@@ -308,25 +315,15 @@ impl Setting {
             ))
             .into());
         }
-        let signal = match plan.excitations.get(&key.excitation) {
-            Some(signal) => signal.clone(),
-            None => Signal {
-                signal: key.excitation.clone(),
-                options: serde_json::Map::new(),
-                draw: Draw::EachTrial,
-            },
-        };
+        let signal = plan.excitations.get(&key.excitation).cloned().unwrap_or_else(|| Signal {
+            signal: key.excitation.clone(),
+            options: serde_json::Map::new(),
+            draw: Draw::EachTrial,
+        });
         let definition = definition(plan, grid, &key, &signal)?;
         let logging = logging(plan, &key, &source, states, wrong)?;
-        let excitation = if key.excitation == EVENTS {
-            only_events(&key, &logging, wrong)?;
-            None
-        } else {
-            let (entry, more) = named(EXCITATIONS, "excitation", &signal.signal)?;
-            let mut options = signal.options;
-            options.extend(more.as_object().cloned().unwrap_or_default());
-            Some(entry.with(serde_json::Value::Object(options))?)
-        };
+        let draw = signal.draw;
+        let excitation = excitation(&key, signal, &logging, wrong)?;
         let colour = colour(plan, &key, wrong)?;
         let controller = controller(plan, &key, (inputs.len(), outputs.len()), wrong)?;
         let mut setting = Self {
@@ -339,7 +336,7 @@ impl Setting {
             source,
             conversion,
             excitation,
-            draw: signal.draw,
+            draw,
             logging,
             colour,
             controller,
@@ -354,10 +351,10 @@ impl Setting {
         Ok(setting)
     }
 
-    fn is_repeatable(&self) -> super::error::Result<bool> {
+    fn is_repeatable(&self) -> Result<bool> {
         let fixed = match &self.source {
-            Source::Listed(entry) => !entry.random,
-            Source::File(_) => true,
+            PlantSource::Listed(entry) => !entry.random,
+            PlantSource::File(_) => true,
         };
         let quiet =
             self.key.snr.is_infinite() && self.colour.innovation_std.is_none_or(|std| std == 0.0);
@@ -377,7 +374,7 @@ impl Setting {
     }
 
     /// Record `trial`.
-    pub(super) fn record(&self, plan_seed: u64, trial: usize) -> super::error::Result<Record> {
+    pub(super) fn record(&self, plan_seed: u64, trial: usize) -> Result<Record> {
         let seed = self.seed(plan_seed, trial);
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let delay_s = self.delays(&mut rng);
@@ -385,8 +382,8 @@ impl Setting {
             return self.passages(seed, delay_s, &mut rng);
         }
         let plant = match &self.source {
-            Source::Listed(entry) => entry.build(&mut rng)?,
-            Source::File(plant) => (**plant).clone(),
+            PlantSource::Listed(entry) => entry.build(&mut rng)?,
+            PlantSource::File(plant) => (**plant).clone(),
         };
         let drive = match self.draw {
             Draw::EachTrial => self.drive(&mut rng)?,
@@ -396,87 +393,25 @@ impl Setting {
             ))))?,
         };
         let bare = self.sampled(&plant.model, &vec![0.0; delay_s.len()])?;
-        let delayed = self.sampled(&plant.model, &delay_s)?;
-        let noise = |rng: &mut ChaCha8Rng, clean: &[f64]| self.noisy(clean, rng);
         let stamps = self.logging.stamps(self.key.samples, &mut rng);
-        let (plant_in, clean, states, model) = match self.key.loops {
-            Loop::Open if let Some(stamps) = &stamps => (
-                drive.clone(),
-                self.between(&plant.model, &delay_s, &drive, stamps)?,
-                Vec::new(),
-                self.told(&plant.model, &bare),
-            ),
-            Loop::Open => {
-                let [y, x] = simulated(&delayed, &drive)?;
-                (drive.clone(), y, x, self.told(&plant.model, &bare))
-            }
-            Loop::Stabilised => {
-                let identity = DMatrix::identity;
-                let k = dlqr(
-                    bare.a(),
-                    bare.b(),
-                    &identity(bare.order(), bare.order()),
-                    &identity(bare.inputs(), bare.inputs()),
-                    None,
-                )?
-                .k;
-                let [y, x] = simulated(&fed_back(&delayed, &bare, &k)?, &drive)?;
-                (drive.clone(), y, x, PlantModel::Sampled(bare.with_state_feedback(&k)?))
-            }
-            Loop::Closed => {
-                let closed = match &self.controller {
-                    Some(controller) => {
-                        let noises = self.added_noise(&delayed, controller, &drive, &mut rng)?;
-                        feedback::through(&delayed, controller, &drive[0], &noises)?
-                    }
-                    None => feedback::of_states(&delayed, &drive)?,
-                };
-                (closed.u, closed.y, closed.x, self.told(&plant.model, &bare))
-            }
-        };
+        let Clean { input, outputs: clean, states, model } =
+            self.respond(&plant.model, &bare, &delay_s, &drive, stamps.as_deref(), &mut rng)?;
         // A controller's loop has its noise inside.
-        let inside = self.is_closed() && self.controller.is_some();
-        let outputs = clean
-            .iter()
-            .map(|y| if inside { Ok(y.clone()) } else { noise(&mut rng, y) })
-            .collect::<super::error::Result<Vec<_>>>()?;
+        let outputs = if self.is_closed() && self.controller.is_some() {
+            clean.clone()
+        } else {
+            self.all_noisy(&clean, &mut rng)?
+        };
         let order = match &model {
             PlantModel::Continuous(m) => m.order(),
             PlantModel::Sampled(m) => m.order(),
         };
-        let states = if self.states {
-            states
-                .iter()
-                .take(order)
-                .map(|x| noise(&mut rng, x))
-                .collect::<super::error::Result<Vec<_>>>()?
-        } else {
-            Vec::new()
-        };
-        let degree = self.degree(&bare);
-        let bound_samples = (clean.iter().enumerate())
-            .map(|(output, y)| match &plant.model {
-                PlantModel::Continuous(continuous)
-                    if self.key.loops == Loop::Open
-                        && self.exact_hold()
-                        && self.logging.is_plain() =>
-                {
-                    bound_samples(
-                        continuous,
-                        output,
-                        &drive,
-                        delay_s[0],
-                        self.sample_time,
-                        self.noise_std(y)?,
-                        &self.colour,
-                    )
-                }
-                _ => None,
-            })
-            .collect();
-        let (plant_in, outputs) = self.logging.read(
+        let measured = if self.states { &states[..order.min(states.len())] } else { &[] };
+        let states = self.all_noisy(measured, &mut rng)?;
+        let bound_samples = self.bounds(&plant.model, &drive, &clean, &delay_s);
+        let (input, outputs) = self.logging.read(
             (&self.inputs, &self.outputs),
-            (&plant_in, &outputs),
+            (&input, &outputs),
             stamps.as_deref(),
             self.sample_time,
             &mut rng,
@@ -487,25 +422,78 @@ impl Setting {
                 outputs: outputs.clone(),
                 states: states.iter().cloned().map(Into::into).collect(),
             };
-            let experiment = Experiment::new(
-                self.sample_time,
-                self.inputs.clone(),
-                self.outputs.clone(),
-                vec![recording],
-            );
-            experiment.ok().map(|e| e.with_model(model.clone()))
+            let (inputs, outputs) = (self.inputs.clone(), self.outputs.clone());
+            let experiment =
+                Experiment::new(self.sample_time, inputs, outputs, vec![recording]).ok()?;
+            Some(experiment.with_model(model.clone()))
         };
-        let reference = self.is_closed().then(|| from(drive.clone())).flatten();
-        Ok(Record { seed, from: [from(plant_in), reference], delay_s, degree, bound_samples })
+        let reference = self.is_closed().then(|| from(drive)).flatten();
+        let degree = self.degree(&bare);
+        Ok(Record { seed, from: [from(input), reference], delay_s, degree, bound_samples })
+    }
+
+    /// What the plant does in its loop, before noise is added to what is measured.
+    fn respond(
+        &self,
+        plant: &PlantModel,
+        bare: &StateSpace<Sampled>,
+        delay_s: &[f64],
+        drive: &[Vec<f64>],
+        stamps: Option<&[usize]>,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Clean> {
+        let delayed = self.sampled(plant, delay_s)?;
+        let (input, model) = (drive.to_vec(), self.told(plant, bare));
+        match self.key.loops {
+            Loop::Open if let Some(stamps) = stamps => {
+                let outputs = self.between(plant, delay_s, drive, stamps)?;
+                Ok(Clean { input, outputs, states: Vec::new(), model })
+            }
+            Loop::Open => {
+                let [outputs, states] = simulated(&delayed, drive)?;
+                Ok(Clean { input, outputs, states, model })
+            }
+            Loop::Stabilised => {
+                let [q, r] = [bare.order(), bare.inputs()].map(|n| DMatrix::identity(n, n));
+                let k = dlqr(bare.a(), bare.b(), &q, &r, None)?.k;
+                let [outputs, states] = simulated(&fed_back(&delayed, bare, &k)?, drive)?;
+                let model = PlantModel::Sampled(bare.with_state_feedback(&k)?);
+                Ok(Clean { input, outputs, states, model })
+            }
+            Loop::Closed => {
+                let closed = match &self.controller {
+                    Some(controller) => {
+                        let noises = self.added_noise(&delayed, controller, drive, rng)?;
+                        feedback::through(&delayed, controller, &drive[0], &noises)?
+                    }
+                    None => feedback::of_states(&delayed, drive)?,
+                };
+                Ok(Clean { input: closed.u, outputs: closed.y, states: closed.x, model })
+            }
+        }
+    }
+
+    /// The Cramér-Rao bound of each output, where it is known.
+    fn bounds(
+        &self,
+        plant: &PlantModel,
+        drive: &[Vec<f64>],
+        clean: &[Vec<f64>],
+        delay_s: &[f64],
+    ) -> Vec<Option<f64>> {
+        let known = self.key.loops == Loop::Open && self.exact_hold() && self.logging.is_plain();
+        let of = |(output, y): (usize, &Vec<f64>)| match plant {
+            PlantModel::Continuous(plant) if known => {
+                let (std, ts) = (self.noise_std(y)?, self.sample_time);
+                bound_samples(plant, output, drive, delay_s[0], ts, std, &self.colour)
+            }
+            _ => None,
+        };
+        clean.iter().enumerate().map(of).collect()
     }
 
     /// Record `seed` of events.
-    fn passages(
-        &self,
-        seed: u64,
-        delay_s: Vec<f64>,
-        rng: &mut ChaCha8Rng,
-    ) -> super::error::Result<Record> {
+    fn passages(&self, seed: u64, delay_s: Vec<f64>, rng: &mut ChaCha8Rng) -> Result<Record> {
         let name = |names: &[String]| names.first().cloned().unwrap_or_default();
         let (first, second, delay) =
             (name(&self.inputs), name(&self.outputs), delay_s.first().copied().unwrap_or(0.0));
@@ -534,7 +522,7 @@ impl Setting {
         delay_s: &[f64],
         drive: &[Vec<f64>],
         stamps: &[usize],
-    ) -> super::error::Result<Vec<Vec<f64>>> {
+    ) -> Result<Vec<Vec<f64>>> {
         let PlantModel::Continuous(continuous) = model else { return Ok(Vec::new()) };
         let step = SampleTime::new(self.sample_time.to_seconds(1.0 / STEPS as f64))?;
         let fine =
@@ -570,16 +558,12 @@ impl Setting {
         }
     }
 
-    fn drive(&self, rng: &mut ChaCha8Rng) -> super::error::Result<Vec<Vec<f64>>> {
+    fn drive(&self, rng: &mut ChaCha8Rng) -> Result<Vec<Vec<f64>>> {
         let Some(excitation) = &self.excitation else { return Ok(Vec::new()) };
         self.inputs.iter().map(|_| Ok(excitation.generate(self.key.samples, rng)?)).collect()
     }
 
-    fn sampled(
-        &self,
-        model: &PlantModel,
-        delay_s: &[f64],
-    ) -> super::error::Result<StateSpace<Sampled>> {
+    fn sampled(&self, model: &PlantModel, delay_s: &[f64]) -> Result<StateSpace<Sampled>> {
         match model {
             PlantModel::Continuous(m) => Ok(self
                 .conversion
@@ -588,7 +572,7 @@ impl Setting {
                 let whole = delay_s
                     .iter()
                     .map(|s| Ok(self.sample_time.samples(*s)?.whole))
-                    .collect::<super::error::Result<Vec<_>>>()?;
+                    .collect::<Result<Vec<_>>>()?;
                 m.sample_time().must_equal(self.sample_time)?;
                 Ok(m.clone().with_input_delay(whole)?)
             }
@@ -627,7 +611,11 @@ impl Setting {
         (white && self.key.snr.is_finite()).then(|| spread(clean) / self.key.snr.sqrt())
     }
 
-    fn noisy(&self, clean: &[f64], rng: &mut ChaCha8Rng) -> super::error::Result<Vec<f64>> {
+    fn all_noisy(&self, clean: &[Vec<f64>], rng: &mut ChaCha8Rng) -> Result<Vec<Vec<f64>>> {
+        clean.iter().map(|clean| self.noisy(clean, rng)).collect()
+    }
+
+    fn noisy(&self, clean: &[f64], rng: &mut ChaCha8Rng) -> Result<Vec<f64>> {
         if let Some(std) = self.colour.innovation_std {
             return Ok(clean
                 .iter()
@@ -665,7 +653,7 @@ impl Setting {
         controller: &Controller,
         drive: &[Vec<f64>],
         rng: &mut ChaCha8Rng,
-    ) -> super::error::Result<Vec<f64>> {
+    ) -> Result<Vec<f64>> {
         let samples = self.key.samples;
         if let Some(std) = self.colour.innovation_std {
             return Ok(self.innovations_through(samples, std, rng));
@@ -693,12 +681,7 @@ fn hash(text: &str) -> u64 {
 }
 
 /// Digest of what stands behind the names of a key in this plan, and of what else its answers hang on.
-fn definition(
-    plan: &Plan,
-    grid: &Grid,
-    key: &Key,
-    signal: &Signal,
-) -> super::error::Result<String> {
+fn definition(plan: &Plan, grid: &Grid, key: &Key, signal: &Signal) -> Result<String> {
     let Scoring { invalid_samples, wrong_samples, .. } = grid.scoring;
     let noise = plan.noises.get(&key.noise);
     let controller = key.controller.as_ref().and_then(|c| plan.controllers.get(c));
@@ -721,20 +704,21 @@ fn definition(
     Ok(format!("{:016x}", hash(&all.to_string())))
 }
 
-fn source(name: &str, folder: &Path) -> super::error::Result<(Source, Vec<String>, Vec<String>)> {
+fn source(name: &str, folder: &Path) -> Result<(PlantSource, Vec<String>, Vec<String>)> {
     if let Some(entry) = PLANTS.iter().find(|p| p.name == name) {
         // Names do not depend on what is drawn.
         let plant = entry.build(&mut ChaCha8Rng::seed_from_u64(0))?;
-        return Ok((Source::Listed(entry), plant.inputs, plant.outputs));
+        return Ok((PlantSource::Listed(entry), plant.inputs, plant.outputs));
     }
     let path = folder.join(name);
+    let refused = |plan: String, detail: String| Err(StudyError::Plan { plan, detail }.into());
     if !path.exists() {
         let known: Vec<&str> = PLANTS.iter().map(|p| p.name).collect();
         let detail = format!(
             "there is no plant `{name}`, and no model file of that name; there are: {}",
             known.join(", ")
         );
-        return Err(StudyError::Plan { plan: name.to_owned(), detail }.into());
+        return refused(name.to_owned(), detail);
     }
     let file = ModelFile::read(&path)?;
     let model = if file.is_sampled() {
@@ -744,25 +728,18 @@ fn source(name: &str, folder: &Path) -> super::error::Result<(Source, Vec<String
     };
     if file.input_delay_s.iter().any(|d| *d != 0.0) || !file.effects.is_empty() {
         let detail = "a plant of a study has no dead time and no effects of its own: take them out of the model file, and inject delays with `delay_s`";
-        return Err(StudyError::Plan {
-            plan: path.display().to_string(),
-            detail: detail.to_owned(),
-        }
-        .into());
+        return refused(path.display().to_string(), detail.to_owned());
     }
     let names = |channels: &[deadtime_model::Channel]| {
         channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>()
     };
     let (inputs, outputs) = (names(&file.inputs), names(&file.outputs));
     let plant = Plant { model, inputs: inputs.clone(), outputs: outputs.clone() };
-    Ok((Source::File(Box::new(plant)), inputs, outputs))
+    Ok((PlantSource::File(Box::new(plant)), inputs, outputs))
 }
 
 /// Outputs and states of a plant that rests before the first sample.
-fn simulated(
-    sys: &StateSpace<Sampled>,
-    inputs: &[Vec<f64>],
-) -> super::error::Result<[Vec<Vec<f64>>; 2]> {
+fn simulated(sys: &StateSpace<Sampled>, inputs: &[Vec<f64>]) -> Result<[Vec<Vec<f64>>; 2]> {
     let u = DMatrix::from_fn(inputs.first().map_or(0, Vec::len), inputs.len(), |t, j| inputs[j][t]);
     let options = Options {
         initial: Some(DVector::zeros(sys.order())),
@@ -779,7 +756,7 @@ fn fed_back(
     delayed: &StateSpace<Sampled>,
     bare: &StateSpace<Sampled>,
     k: &DMatrix<f64>,
-) -> super::error::Result<StateSpace<Sampled>> {
+) -> Result<StateSpace<Sampled>> {
     let n = bare.order();
     let (mut a, mut c) = (delayed.a().clone(), delayed.c().clone());
     let mut upper = a.view_mut((0, 0), (n, n));
@@ -793,13 +770,13 @@ fn fed_back(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cell::Layout;
+    use crate::cell::Resolved;
 
     /// Outputs of the first record of every setting of a grid.
     fn outputs(plan: &mut Plan, grid: &str) -> Vec<Vec<f64>> {
         plan.only(&[grid.to_owned()], &[]).unwrap();
         let record = |s: &Setting| s.record(plan.seed, 0).unwrap().from[0].take().unwrap();
-        Layout::new(plan)
+        Resolved::new(plan)
             .unwrap()
             .settings
             .iter()

@@ -17,7 +17,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{Binomial, DiscreteCDF};
 
-use super::error::StudyError;
+use super::error::{Error, Result, StudyError};
 use super::gate::holm;
 use deadtime_signal::stats;
 
@@ -115,8 +115,8 @@ impl Timings {
     ///
     /// # Errors
     /// [`StudyError::Results`] naming the line; [`FileError::Io`](deadtime_signal::file::FileError::Io).
-    pub fn read(path: &Path) -> super::error::Result<Self> {
-        let file = std::fs::File::open(path).map_err(|e| super::error::Error::io(path, e))?;
+    pub fn read(path: &Path) -> Result<Self> {
+        let file = std::fs::File::open(path).map_err(|e| Error::io(path, e))?;
         Ok(Self::from_csv(file, path)?)
     }
 

@@ -9,7 +9,7 @@ use crate::report::compare::{
     MEASURES, agreement, by_method, findings, part_text, shared_cells, value_text, values,
 };
 use crate::report::terminal::axis::Axis;
-use deadtime_study::compare::{Diagnoses, ParameterRow, Studies};
+use deadtime_study::compare::{CauseValue, Diagnoses, ParameterRow, Studies};
 
 /// Diagnoses side by side.
 #[must_use]
@@ -90,9 +90,9 @@ fn standings(found: &Diagnoses) -> Markup {
 
 /// A number of every diagnosis on an axis of its own.
 fn numbers(found: &Diagnoses, row: &ParameterRow) -> Markup {
-    let held = |v: &deadtime_study::compare::Value| v.ci95.unwrap_or([v.value, v.value]);
+    let held = |v: &CauseValue| v.ci95.unwrap_or([v.value, v.value]);
     let axis = Axis::over(row.values.iter().flatten().map(held).chain(row.mean_ci95), usize::MAX);
-    let line = |name: &str, v: &deadtime_study::compare::Value, class: &str| {
+    let line = |name: &str, v: &CauseValue, class: &str| {
         let drawn = html! {
             @if let Some(axis) = axis {
                 @if let Some([low, high]) = v.ci95 { (stretch(axis.share(low), axis.share(high), &format!("range {class}"))) }
@@ -113,11 +113,7 @@ fn numbers(found: &Diagnoses, row: &ParameterRow) -> Markup {
         .filter_map(|(name, v)| Some(line(name, v.as_ref()?, "")))
         .collect();
     if let Some(value) = row.mean {
-        rows.push(line(
-            "one value for all",
-            &deadtime_study::compare::Value { value, ci95: row.mean_ci95 },
-            "aside",
-        ));
+        rows.push(line("one value for all", &CauseValue { value, ci95: row.mean_ci95 }, "aside"));
     }
     let unit = if row.unit == "1" { String::new() } else { format!(", {}", row.unit) };
     let caption = format!("{} of {}{unit}: agree: {}", row.parameter, row.cause, agreement(row));

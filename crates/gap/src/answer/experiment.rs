@@ -212,7 +212,7 @@ pub(crate) fn by_kind(class: &[Applied]) -> String {
 fn advice(class: &[Applied]) -> &'static str {
     let sites = |site: Site| class.iter().any(|c| c.effect.site() == site);
     let told_by =
-        |telling| class.iter().filter(|c| c.effect.told_by() == Some(telling)).count() > 1;
+        |telling| class.iter().filter(|c| c.effect.facts().told_by == Some(telling)).count() > 1;
     if told_by(Telling::Amplitude) {
         "repeat the experiment at two or more amplitudes, with slow reversals through zero"
     } else if told_by(Telling::OperatingPoint) {

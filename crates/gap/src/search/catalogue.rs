@@ -3,7 +3,7 @@
 use crate::format::diagnosis::NotTried;
 use crate::input::black_box::Probed;
 use crate::input::nuisance::Nuisance;
-use deadtime_model::effect::{Applied, EFFECTS, Effect, Scales, Site};
+use deadtime_model::effect::{Applied, EFFECTS, Effect, OnChannel, Scales, Site};
 use deadtime_model::simulate::System;
 
 /// What is tried, in the order of the effects' table, and what cannot act.
@@ -21,14 +21,14 @@ pub(crate) fn catalogue(
 ) -> Catalogue {
     let (mut all, mut left_out) = (Vec::new(), Vec::new());
     for effect in EFFECTS {
-        if effect.is_declared() && effect.channels(system).is_empty() {
+        if effect.facts().is_declared && effect.channels(system).is_empty() {
             continue;
         }
         if effect.site() == Site::Dynamics && system.is_sampled() {
             left_out.push(not_tried(effect, "the model is sampled".to_owned()));
             continue;
         }
-        if effect.needs_equations() && system.is_black_box() {
+        if effect.facts().needs_equations && system.is_black_box() {
             left_out.push(not_tried(
                 effect,
                 "the simulator is a black box: its equations cannot be changed".to_owned(),
@@ -83,7 +83,8 @@ pub(crate) fn catalogue(
 pub(crate) fn numbers(system: &System) -> Vec<Applied> {
     let of = |effect: &'static dyn Effect| {
         effect.channels(system).into_iter().filter_map(move |channel| {
-            let parameters = effect.parameters(system, &channel).ok()?;
+            let parameters =
+                effect.parameters(OnChannel { effect, system, channel: &channel }).ok()?;
             let values = parameters.iter().map(|p| p.nominal).collect();
             Some(Applied { effect, channel, parameters, values })
         })

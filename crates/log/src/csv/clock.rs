@@ -1,8 +1,9 @@
 //! Time stamps as files write them: which column they stand in, in which unit they are, and dates.
 
-use crate::log::neighbours;
+use crate::place::neighbours;
 use crate::recording::TimeUnit;
 use deadtime_signal::remedy::{Message, Remedy};
+use deadtime_signal::stats;
 
 /// Whole numbers beyond this are counted from the first stamp, so that differences of nanoseconds since 1970 keep every digit; seconds since 1970 are, too.
 const COUNTED_FROM_FIRST: i128 = 100_000_000_000;
@@ -78,7 +79,7 @@ pub(crate) fn seconds(
     unit: Option<TimeUnit>,
     plain: bool,
 ) -> Times {
-    let mut stamps = Stamps::default();
+    let mut stamps = StampReader::default();
     let number = |cell: &[u8]| std::str::from_utf8(cell).ok()?.parse().ok();
     let raw: Vec<f64> =
         cells.map(|cell| stamps.read(cell.as_bytes(), unit, number).unwrap_or(f64::NAN)).collect();
@@ -88,8 +89,7 @@ pub(crate) fn seconds(
     let again = match why {
         Why::Size => Message::from("; ").and(Remedy::TimeUnit).and(" says it otherwise"),
         Why::Rule if median_step(&time_s) >= 2.0 => {
-            let every =
-                format!(", a sample every {} s; ", super::table::shortest(median_step(&time_s)));
+            let every = format!(", a sample every {} s; ", shortest(median_step(&time_s)));
             Message::from(every).and(Remedy::TimeUnit).and(" says it otherwise")
         }
         _ => Message::default(),
@@ -121,14 +121,14 @@ pub(super) enum Why {
 
 /// The stamps of one record while it is read.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Stamps {
+pub(super) struct StampReader {
     origin: Option<i128>,
     dates: bool,
     started: bool,
     whole: bool,
 }
 
-impl Stamps {
+impl StampReader {
     /// A stamp as a number of the file's unit (nanoseconds for dates), from the first one where the numbers are large; `None` where the cell is no stamp.
     pub(super) fn read(
         &mut self,
@@ -218,9 +218,8 @@ fn parts(text: &str) -> Option<(i128, f64)> {
 
 /// The median difference of neighbours; 0 for fewer than two stamps.
 pub(crate) fn median_step(stamps: &[f64]) -> f64 {
-    let mut steps: Vec<f64> = neighbours(stamps).map(|(before, after)| after - before).collect();
-    let middle = steps.len() / 2;
-    if steps.is_empty() { 0.0 } else { *steps.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    let steps = neighbours(stamps).map(|(before, after)| after - before).collect();
+    stats::upper_median(steps).unwrap_or(0.0)
 }
 
 /// Nanoseconds since 1970 of a date by ISO 8601: `2024-03-01`, `2024-03-01T12:30:01.25Z`, `2024-03-01 12:30:01,25+01:00`. Without a zone it is taken as UTC.
@@ -290,6 +289,11 @@ fn time_of_day(text: &str) -> Option<i128> {
         return None;
     }
     Some((hours * 3600 + minutes * 60 - zone_min * 60) * 1_000_000_000 + seconds_ns)
+}
+
+/// To four digits, as short as it goes.
+pub(super) fn shortest(x: f64) -> f64 {
+    format!("{x:.3e}").parse().unwrap_or(x)
 }
 
 #[cfg(test)]

@@ -8,13 +8,13 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use super::clock::Stamps;
-use super::lines::{LONGEST_LINE, Lines};
-use super::table::{GZIP_MAGIC, Header};
+use super::clock::StampReader;
+use super::lines::{GZIP_MAGIC, LONGEST_LINE, Lines, Separator};
+use super::table::Header;
 use super::utf16::byte_order;
-use crate::error::Error;
-use crate::error::LogError;
-use crate::log::{Place, time_follows};
+use crate::error::{Error, LogError};
+use crate::log::time_follows;
+use crate::place::Place;
 use crate::recording::ReadOptions;
 
 /// Bytes that are read at once.
@@ -88,7 +88,7 @@ pub struct Follower {
 #[derive(Debug, Default)]
 struct Time {
     column: String,
-    stamps: Stamps,
+    stamps: StampReader,
     per_second: Option<f64>,
     last: Option<f64>,
     /// No row of this file was read yet.
@@ -213,22 +213,15 @@ impl Follower {
             return Err(LogError::NotText { file: self.source.clone(), row }.into());
         }
         let source = self.source.clone();
-        let begun = match &self.header {
-            Some(_) => false,
-            None => {
-                let whole = self.pending.get(..end).unwrap_or_default();
-                let mut look = Lines::new(&source, whole)?;
-                if !look.header()? || !look.has_row() {
-                    // A header says less without a row below it.
-                    return if too_long(end) {
-                        Err(LogError::NoSamples { file: source.clone() }.into())
-                    } else {
-                        Ok(())
-                    };
-                }
-                true
+        let begun = self.header.is_none();
+        if begun {
+            let mut look = Lines::new(&source, self.pending.get(..end).unwrap_or_default())?;
+            if !look.header()? || !look.has_row() {
+                // A header says less without a row below it.
+                let none = LogError::NoSamples { file: source.clone() };
+                return if too_long(end) { Err(none.into()) } else { Ok(()) };
             }
-        };
+        }
         let rest = self.pending.split_off(end);
         let whole = std::mem::replace(&mut self.pending, rest);
         let mut lines = if begun {
@@ -266,10 +259,8 @@ impl Follower {
     }
 
     fn below<'a>(&self, source: &'a str, whole: &'a [u8]) -> Lines<'a> {
-        let separator = self
-            .header
-            .as_ref()
-            .map_or(super::lines::Separator::Blanks, |(header, _)| header.separator);
+        let separator =
+            self.header.as_ref().map_or(Separator::Blanks, |(header, _)| header.separator);
         Lines::rows(source, whole, separator, self.lines)
     }
 

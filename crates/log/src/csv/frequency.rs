@@ -8,10 +8,9 @@ use nalgebra::Complex;
 
 use super::lines::Lines;
 use super::table::{open, parse, shown};
-use crate::error::Error;
-use crate::error::LogError;
+use crate::error::{Error, LogError};
 use crate::frequency::{FrequencyError, FrequencyResponse, Quality};
-use crate::log::Place;
+use crate::place::Place;
 use deadtime_signal::progress::HowFar;
 
 /// What a column is.
@@ -42,7 +41,7 @@ const WORDS: [(Role, &str, &[&str]); 7] = [
 ];
 
 /// A column that was recognised.
-struct Column {
+struct RoleColumn {
     place: usize,
     /// The header's text.
     name: String,
@@ -50,14 +49,14 @@ struct Column {
     words: Vec<String>,
 }
 
-impl Column {
+impl RoleColumn {
     fn has(&self, words: &[&str]) -> bool {
         self.words.iter().any(|word| words.contains(&word.as_str()))
     }
 
     /// The name without its unit, for a message that adds one.
     fn bare(&self) -> String {
-        super::table::name_and_unit(&self.name).0.to_owned()
+        crate::header::name_and_unit(&self.name).0.to_owned()
     }
 }
 
@@ -97,50 +96,20 @@ pub fn read_frequency_response_from(
     let missing = |needed| refused(FrequencyError::NoColumn { needed, existing: existing() });
     let frequency = found(Role::Frequency)?.ok_or_else(|| missing("frequency"))?;
     let per_unit = frequency_unit(frequency).map_err(refused)?;
-    let (first, second, polar) = match (
-        found(Role::Real)?,
-        found(Role::Imag)?,
-        found(Role::Magnitude)?,
-        found(Role::Phase)?,
-    ) {
-        (Some(real), Some(imag), ..) => (real, imag, None),
-        (_, _, Some(magnitude), Some(phase)) => {
-            let turn = if phase.has(&["deg", "degree", "degrees", "°"]) {
-                TAU / 360.0
-            } else if phase.has(&["rad", "radian", "radians"]) {
-                1.0
-            } else {
-                return Err(refused(FrequencyError::NoUnit {
-                    column: phase.bare(),
-                    units: ["deg", "rad"],
-                }));
-            };
-            (magnitude, phase, Some((magnitude.has(&["db"]), turn)))
-        }
-        (Some(_), None, ..) => return Err(missing("imaginary part")),
-        (None, Some(_), ..) => return Err(missing("real part")),
-        (_, _, Some(_), None) => return Err(missing("phase")),
-        _ => return Err(missing("response")),
-    };
+    let value = Form::among(&columns).map_err(refused)?.map_err(missing)?;
     let (coherence, std) = (found(Role::Coherence)?, found(Role::Std)?);
-    let quality = coherence.or(std);
-    let mut notes = vec![said(frequency, per_unit, first, second, polar, coherence, std)];
-    let wanted: Vec<&Column> =
-        [Some(frequency), Some(first), Some(second), quality].into_iter().flatten().collect();
+    let mut notes = vec![said(frequency, per_unit, &value, coherence, std)];
+    let wanted: Vec<&RoleColumn> =
+        [Some(frequency), Some(value.first), Some(value.second), coherence.or(std)]
+            .into_iter()
+            .flatten()
+            .collect();
     let cells = lines.len();
     let (mut omega, mut values, mut more, mut places) =
         (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let mut empty = 0;
     while lines.next()? {
-        if lines.len() != cells {
-            return Err(LogError::RowLength {
-                file: file(),
-                row: lines.row,
-                expected: cells,
-                found: lines.len(),
-            }
-            .into());
-        }
+        lines.must_have(cells)?;
         let row = wanted
             .iter()
             .map(|column| number(&lines, column))
@@ -150,36 +119,17 @@ pub fn read_frequency_response_from(
             continue;
         }
         if let Some((column, _)) = wanted.iter().zip(&row).find(|(_, cell)| cell.is_none()) {
-            return Err(refused(FrequencyError::EmptyCell {
-                row: lines.row,
-                column: column.name.clone(),
-            }));
+            let (row, column) = (lines.row, column.name.clone());
+            return Err(refused(FrequencyError::EmptyCell { row, column }));
         }
         let mut row = row.into_iter().flatten();
         let (Some(f), Some(a), Some(b)) = (row.next(), row.next(), row.next()) else { continue };
-        let value = match polar {
-            None => Complex::new(a, b),
-            Some((true, turn)) => Complex::from_polar(10.0_f64.powf(a / 20.0), b * turn),
-            Some((false, _)) if a < 0.0 => {
-                let remedy = "an absolute magnitude is 0 or more; if these are decibels, write `[dB]` behind the name";
-                let column = first.name.clone();
-                return Err(refused(FrequencyError::OutOfRange {
-                    place: Place::Row(lines.row),
-                    column,
-                    value: a,
-                    remedy,
-                }));
-            }
-            Some((false, turn)) => Complex::from_polar(a, b * turn),
-        };
         omega.push(f * per_unit);
-        values.push(value);
+        values.push(value.of(a, b, lines.row).map_err(refused)?);
         more.extend(row);
         places.push(Place::Row(lines.row));
     }
-    if empty > 0 {
-        notes.push(format!("left out {empty} rows without a response"));
-    }
+    notes.extend((empty > 0).then(|| format!("left out {empty} rows without a response")));
     let quality = match (coherence, std) {
         (Some(_), _) => Quality::Coherence(more),
         (None, Some(_)) => Quality::Std(more),
@@ -190,15 +140,60 @@ pub fn read_frequency_response_from(
         .noting(notes))
 }
 
+/// The two columns of a complex value.
+struct Form<'a> {
+    first: &'a RoleColumn,
+    second: &'a RoleColumn,
+    /// Magnitude and phase: whether the one is in decibels, and radians per unit of the other;
+    /// `None`: real and imaginary part.
+    polar: Option<(bool, f64)>,
+}
+
+impl<'a> Form<'a> {
+    /// The two that stand among these columns; the inner error is what is missing.
+    fn among(columns: &'a [RoleColumn]) -> Result<Result<Self, &'static str>, FrequencyError> {
+        let found = |role: Role| of_role(columns, role);
+        Ok(
+            match (
+                found(Role::Real)?,
+                found(Role::Imag)?,
+                found(Role::Magnitude)?,
+                found(Role::Phase)?,
+            ) {
+                (Some(real), Some(imag), ..) => Ok(Self { first: real, second: imag, polar: None }),
+                (_, _, Some(magnitude), Some(phase)) => {
+                    let polar = Some((magnitude.has(&["db"]), phase_unit(phase)?));
+                    Ok(Self { first: magnitude, second: phase, polar })
+                }
+                (Some(_), None, ..) => Err("imaginary part"),
+                (None, Some(_), ..) => Err("real part"),
+                (_, _, Some(_), None) => Err("phase"),
+                _ => Err("response"),
+            },
+        )
+    }
+
+    fn of(&self, a: f64, b: f64, row: usize) -> Result<Complex<f64>, FrequencyError> {
+        match self.polar {
+            None => Ok(Complex::new(a, b)),
+            Some((true, turn)) => Ok(Complex::from_polar(10.0_f64.powf(a / 20.0), b * turn)),
+            Some((false, _)) if a < 0.0 => {
+                let remedy = "an absolute magnitude is 0 or more; if these are decibels, write `[dB]` behind the name";
+                let (place, column) = (Place::Row(row), self.first.name.clone());
+                Err(FrequencyError::OutOfRange { place, column, value: a, remedy })
+            }
+            Some((false, turn)) => Ok(Complex::from_polar(a, b * turn)),
+        }
+    }
+}
+
 /// How the columns were understood.
 fn said(
-    frequency: &Column,
+    frequency: &RoleColumn,
     per_unit: f64,
-    first: &Column,
-    second: &Column,
-    polar: Option<(bool, f64)>,
-    coherence: Option<&Column>,
-    std: Option<&Column>,
+    &Form { first, second, polar }: &Form<'_>,
+    coherence: Option<&RoleColumn>,
+    std: Option<&RoleColumn>,
 ) -> String {
     let unit = if per_unit == 1.0 {
         "rad/s"
@@ -225,22 +220,19 @@ fn said(
     format!("read `{}` as frequency ({unit}), {parts}{more}", frequency.name)
 }
 
-fn columns(lines: &Lines<'_>) -> Result<Vec<Column>, LogError> {
+fn columns(lines: &Lines<'_>) -> Result<Vec<RoleColumn>, LogError> {
     let text = |place| std::str::from_utf8(lines.cell(place)).map(str::to_owned);
-    let column = |place| text(place).map(|name| Column { place, words: words(&name), name });
-    (0..lines.len())
-        .map(column)
-        .collect::<Result<_, _>>()
-        .map_err(|_| LogError::NotText { file: lines.file.to_owned(), row: lines.row })
+    let column = |place| text(place).map(|name| RoleColumn { place, words: words(&name), name });
+    (0..lines.len()).map(column).collect::<Result<_, _>>().map_err(|_| lines.not_text())
 }
 
 /// What a column is: the first role that one of its words names.
-fn role(column: &Column) -> Option<Role> {
+fn role(column: &RoleColumn) -> Option<Role> {
     WORDS.iter().find(|(_, _, words)| column.has(words)).map(|(role, ..)| *role)
 }
 
 /// The one column of a role.
-fn of_role(columns: &[Column], wanted: Role) -> Result<Option<&Column>, FrequencyError> {
+fn of_role(columns: &[RoleColumn], wanted: Role) -> Result<Option<&RoleColumn>, FrequencyError> {
     let mut all = columns.iter().filter(|c| role(c) == Some(wanted));
     let first = all.next();
     if let (Some(first), Some(second)) = (first, all.next()) {
@@ -255,7 +247,7 @@ fn of_role(columns: &[Column], wanted: Role) -> Result<Option<&Column>, Frequenc
 }
 
 /// rad/s per unit of the column.
-fn frequency_unit(column: &Column) -> Result<f64, FrequencyError> {
+fn frequency_unit(column: &RoleColumn) -> Result<f64, FrequencyError> {
     if column.has(&["hz"]) {
         Ok(TAU)
     } else if column.has(&["khz"]) {
@@ -267,8 +259,19 @@ fn frequency_unit(column: &Column) -> Result<f64, FrequencyError> {
     }
 }
 
+/// Radians per unit of the column.
+fn phase_unit(column: &RoleColumn) -> Result<f64, FrequencyError> {
+    if column.has(&["deg", "degree", "degrees", "°"]) {
+        Ok(TAU / 360.0)
+    } else if column.has(&["rad", "radian", "radians"]) {
+        Ok(1.0)
+    } else {
+        Err(FrequencyError::NoUnit { column: column.bare(), units: ["deg", "rad"] })
+    }
+}
+
 /// A cell as a number; `None` where it is empty.
-fn number(lines: &Lines<'_>, column: &Column) -> Result<Option<f64>, LogError> {
+fn number(lines: &Lines<'_>, column: &RoleColumn) -> Result<Option<f64>, LogError> {
     let cell = lines.cell(column.place);
     parse(cell, lines.separator.allows_decimal_comma()).number(
         lines.file,

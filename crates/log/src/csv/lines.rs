@@ -7,10 +7,11 @@ use std::path::Path;
 
 use flate2::bufread::MultiGzDecoder;
 
-use super::table::{GZIP_MAGIC, first_bytes};
 use super::utf16::{Utf16, byte_order};
-use crate::error::Error;
-use crate::error::LogError;
+use crate::error::{Error, LogError};
+
+/// How a file that gzip packed begins.
+pub(super) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
 /// A longer line is no row of a log, whatever the file is.
 pub(super) const LONGEST_LINE: u64 = 1 << 24;
@@ -300,12 +301,12 @@ impl<'a> Lines<'a> {
             self.open = !self.line.ends_with(b"\n");
             if let Some(at) = self.line.iter().position(|byte| *byte == 0) {
                 if !self.zeros_from(at)? {
-                    return Err(LogError::NotText { file: self.file.into(), row: self.row }.into());
+                    return Err(self.not_text().into());
                 }
                 self.line.truncate(at);
                 self.broken = Some(Break::Zeros);
             } else if read == LONGEST_LINE && self.open {
-                return Err(LogError::NotText { file: self.file.into(), row: self.row }.into());
+                return Err(self.not_text().into());
             }
             if !self.open {
                 self.ended = self.read;
@@ -425,6 +426,20 @@ impl<'a> Lines<'a> {
         self.cells.len()
     }
 
+    /// The current line has as many cells as the header.
+    pub(super) fn must_have(&self, expected: usize) -> Result<(), LogError> {
+        let (file, row, found) = (self.file.to_owned(), self.row, self.len());
+        if found == expected {
+            return Ok(());
+        }
+        Err(LogError::RowLength { file, row, expected, found })
+    }
+
+    /// The current line is no text.
+    pub(super) fn not_text(&self) -> LogError {
+        LogError::NotText { file: self.file.to_owned(), row: self.row }
+    }
+
     /// A cell of the current line without spaces around it; empty beyond the last one.
     pub(super) fn cell(&self, place: usize) -> &[u8] {
         self.cells
@@ -494,4 +509,11 @@ fn separators(line: &[u8], separator: u8) -> usize {
         }
     }
     count
+}
+
+/// As many bytes as tell whether gzip packed a file.
+pub(super) fn first_bytes(bytes: &mut impl Read) -> std::io::Result<Vec<u8>> {
+    let mut head = Vec::with_capacity(GZIP_MAGIC.len());
+    bytes.take(GZIP_MAGIC.len() as u64).read_to_end(&mut head)?;
+    Ok(head)
 }

@@ -11,7 +11,8 @@ mod number;
 pub(crate) mod table;
 mod utf16;
 
+pub use crate::header::name_and_unit;
 pub use table::{
-    EventTimes, name_and_unit, read_events, read_events_from, read_from, read_records,
-    read_records_from, recording_from, records,
+    EventTimes, read_events, read_events_from, read_from, read_records, read_records_from,
+    recording_from, records,
 };

@@ -1,14 +1,14 @@
 //! Tables of text.
 
-use super::clock;
-use super::clock::median_step;
-use super::clock::{Stamps, Why};
-use super::lines::{Lines, Separator};
+use super::clock::{self, StampReader, Why, median_step, shortest};
+use super::lines::{GZIP_MAGIC, Lines, Separator, first_bytes};
 use super::number::decimal;
 use crate::counted::Counted;
-use crate::error::Error;
-use crate::error::LogError;
-use crate::log::{Channel, Log, Origin, Place, Rows, Unusable, time_follows};
+use crate::error::{Error, LogError};
+use crate::header::name_and_unit;
+use crate::log::{Channel, Log, Origin, Rows, Unusable, time_follows};
+use crate::notes::Notes;
+use crate::place::Place;
 use crate::recording::{ReadOptions, Recording, TimeUnit};
 use deadtime_signal::file::write_atomic;
 use deadtime_signal::progress::HowFar;
@@ -22,8 +22,6 @@ pub(super) const SHOWN: usize = 40;
 
 /// Numbers that are read into memory, of all columns together: 3.2 GB.
 pub(super) const MOST_NUMBERS: usize = 400_000_000;
-
-pub(super) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
 /// Cells that say that a sample is missing, besides empty ones and those that are read as NaN; lower case.
 pub(super) const NOTHING: [&[u8]; 7] = [b"-", b"--", b"na", b"n/a", b"#n/a", b"null", b"none"];
@@ -74,27 +72,11 @@ pub fn read_events_from(
     let cells = lines.len();
     let text =
         |place| std::str::from_utf8(lines.cell(place)).map(|cell| name_and_unit(cell).0.to_owned());
-    let names: Vec<String> = (0..cells)
-        .map(text)
-        .collect::<Result<_, _>>()
-        .map_err(|_| LogError::NotText { file: file(), row: lines.row })?;
+    let names: Vec<String> =
+        (0..cells).map(text).collect::<Result<_, _>>().map_err(|_| lines.not_text())?;
     let mut found = Vec::with_capacity(2);
     for column in columns {
-        let mut places = (0..cells).filter(|&i| names.get(i).is_some_and(|name| name == column));
-        let Some(place) = places.next() else {
-            let closest =
-                crate::error::closest(column, names.iter().map(String::as_str)).map(Into::into);
-            return Err(LogError::UnknownChannel {
-                file: file(),
-                channel: column.into(),
-                closest,
-                existing: names,
-            }
-            .into());
-        };
-        if places.next().is_some() {
-            return Err(LogError::DuplicateChannel { file: file(), channel: column.into() }.into());
-        }
+        let place = only(&names, source, column)?;
         let unit = std::str::from_utf8(lines.cell(place))
             .ok()
             .and_then(|cell| name_and_unit(cell).1)
@@ -102,15 +84,7 @@ pub fn read_events_from(
         found.push((place, EventTimes { name: column.into(), unit, times: Vec::new() }));
     }
     while lines.next()? {
-        if lines.len() != cells {
-            return Err(LogError::RowLength {
-                file: file(),
-                row: lines.row,
-                expected: cells,
-                found: lines.len(),
-            }
-            .into());
-        }
+        lines.must_have(cells)?;
         for (place, events) in &mut found {
             let (cell, row, channel) = (lines.cell(*place), lines.row, events.name.clone());
             let found = parse(cell, lines.separator.allows_decimal_comma());
@@ -132,6 +106,18 @@ pub fn read_events_from(
     match (columns.next(), columns.next()) {
         (Some(first), Some(second)) => Ok([first, second]),
         _ => Err(LogError::NoSamples { file: file() }.into()),
+    }
+}
+
+/// The place of the one column of this name.
+fn only(names: &[String], file: &str, column: &str) -> Result<usize, LogError> {
+    let mut places = (0..names.len()).filter(|&i| names.get(i).is_some_and(|name| name == column));
+    match (places.next(), places.next()) {
+        (Some(place), None) => Ok(place),
+        (Some(_), Some(_)) => {
+            Err(LogError::DuplicateChannel { file: file.to_owned(), channel: column.to_owned() })
+        }
+        (None, _) => Err(LogError::unknown_channel(file, column, names.iter().map(String::as_str))),
     }
 }
 
@@ -159,7 +145,7 @@ pub fn recording_from(
 ) -> Result<Recording, Error> {
     let mut lines = Lines::to_break(source, bytes)?;
     let mut header = Header::read(&mut lines, options)?;
-    let mut part = Part::new(source.into(), &header);
+    let mut part = PartialLog::new(source.into(), &header);
     while lines.next()? {
         match part.cut_off(&lines, &header) {
             None => part.push(&lines, &mut header)?,
@@ -190,7 +176,7 @@ pub fn records(
     path: &Path,
     column: &str,
     options: &ReadOptions,
-) -> Result<(Vec<Log>, crate::notes::Notes), Error> {
+) -> Result<(Vec<Log>, Notes), Error> {
     records_from(&path.display().to_string(), open(path, &options.far)?, column, options)
 }
 
@@ -199,12 +185,12 @@ pub(super) fn records_from(
     bytes: impl Read,
     column: &str,
     options: &ReadOptions,
-) -> Result<(Vec<Log>, crate::notes::Notes), Error> {
+) -> Result<(Vec<Log>, Notes), Error> {
     let mut lines = Lines::to_break(source, bytes)?;
     let mut header = Header::read(&mut lines, options)?;
     let place = header.place(source, column)?;
     let mut logs = Vec::new();
-    let mut current: Option<(Vec<u8>, Part)> = None;
+    let mut current: Option<(Vec<u8>, PartialLog)> = None;
     while lines.next()? {
         // A row that is whole may begin another record.
         if let Some((name, part)) = &current
@@ -229,8 +215,10 @@ pub(super) fn records_from(
         let part = match &mut current {
             Some((name, part)) if name.as_slice() == value => part,
             _ => {
-                let fresh =
-                    Part::new(format!("{source}#{}", String::from_utf8_lossy(value)), &header);
+                let fresh = PartialLog::new(
+                    format!("{source}#{}", String::from_utf8_lossy(value)),
+                    &header,
+                );
                 if let Some((_, done)) = current.take() {
                     logs.push(done.finish(&mut header)?);
                 }
@@ -301,17 +289,6 @@ pub(super) fn push_number(line: &mut String, x: f64) {
     };
 }
 
-/// Splits a header `name [unit]` or `name`.
-#[must_use]
-pub fn name_and_unit(header: &str) -> (&str, Option<&str>) {
-    let header = header.trim();
-    match header.strip_suffix(']').and_then(|rest| rest.rsplit_once(" [")) {
-        Some((name, unit)) if !unit.trim().is_empty() => (name.trim(), Some(unit.trim())),
-        Some((name, _)) => (name.trim(), None),
-        None => (header, None),
-    }
-}
-
 pub(super) fn is_gz(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gz"))
 }
@@ -327,11 +304,8 @@ pub(super) fn open(path: &Path, far: &HowFar) -> Result<impl Read, Error> {
     Ok(std::io::Cursor::new(head).chain(file))
 }
 
-pub(super) fn first_bytes(bytes: &mut impl Read) -> std::io::Result<Vec<u8>> {
-    let mut head = Vec::with_capacity(GZIP_MAGIC.len());
-    bytes.take(GZIP_MAGIC.len() as u64).read_to_end(&mut head)?;
-    Ok(head)
-}
+/// Cell, name and unit of each channel.
+type Columns = Vec<(usize, String, Option<String>)>;
 
 /// The header row: where the time stands, and the channels.
 #[derive(Debug)]
@@ -341,12 +315,11 @@ pub(super) struct Header {
     decimal_comma: bool,
     time: usize,
     pub(super) clock: Clock,
-    /// Cell, name and unit of each channel.
-    columns: Vec<(usize, String, Option<String>)>,
+    columns: Columns,
     cells: usize,
     /// Its line, where a separator stands behind its last name.
     trailing: Option<usize>,
-    pub(super) notes: crate::notes::Notes,
+    pub(super) notes: Notes,
 }
 
 /// What is known of the time before its stamps are read.
@@ -360,7 +333,7 @@ pub(super) struct Clock {
 pub(super) type Names = Vec<(String, Option<String>)>;
 
 /// The cells of the current line as names and units; in Latin-1 where they are no UTF-8, which is said.
-pub(super) fn names(lines: &Lines<'_>, notes: &mut crate::notes::Notes) -> Result<Names, LogError> {
+pub(super) fn names(lines: &Lines<'_>, notes: &mut Notes) -> Result<Names, LogError> {
     let mut names = Vec::with_capacity(lines.len());
     for place in 0..lines.len() {
         let cell = lines.cell(place);
@@ -372,10 +345,10 @@ pub(super) fn names(lines: &Lines<'_>, notes: &mut crate::notes::Notes) -> Resul
                 notes.push_once(note);
                 cell.iter().map(|byte| char::from(*byte)).collect()
             }
-            Err(_) => return Err(LogError::NotText { file: lines.file.into(), row: lines.row }),
+            Err(_) => return Err(lines.not_text()),
         };
         if text.chars().any(|c| c.is_control() && c != '\t') {
-            return Err(LogError::NotText { file: lines.file.into(), row: lines.row });
+            return Err(lines.not_text());
         }
         let (name, unit) = name_and_unit(&text);
         names.push((name.to_owned(), unit.map(ToOwned::to_owned)));
@@ -411,13 +384,52 @@ pub(super) fn take_units(names: &mut Names, time: usize, below: &[Vec<u8>]) -> b
     true
 }
 
+/// The name of the column of time, and the others with their places; `index`: the first has no name
+/// and counts the rows.
+fn channels(
+    lines: &Lines<'_>,
+    names: Names,
+    (time, index): (usize, bool),
+    options: &ReadOptions,
+    notes: &mut Notes,
+) -> Result<(String, Columns), LogError> {
+    let file = || lines.file.to_owned();
+    let (mut clock, mut columns) = (String::new(), Vec::with_capacity(names.len()));
+    for (place, (name, unit)) in names.into_iter().enumerate() {
+        if place == time {
+            clock = name;
+            continue;
+        }
+        match name.as_str() {
+            "" if place == 0 && index => {
+                notes.push("column 1 has no name and counts the rows; left out".to_owned())
+            }
+            "" => {
+                let (row, column) = (lines.row, place + 1);
+                return Err(LogError::UnnamedColumn { file: file(), row, column });
+            }
+            "time" if options.time.is_none() => {
+                return Err(LogError::DuplicateChannel { file: file(), channel: name });
+            }
+            "time" => notes
+                .push("the column `time` is left out: another one is taken as the time".to_owned()),
+            _ => columns.push((place, name, unit)),
+        }
+    }
+    let mut seen = std::collections::HashSet::new();
+    if let Some((_, twice, _)) = columns.iter().find(|(_, name, _)| !seen.insert(name)) {
+        return Err(LogError::DuplicateChannel { file: file(), channel: twice.clone() });
+    }
+    Ok((clock, columns))
+}
+
 impl Header {
     pub(super) fn read(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<Self, Error> {
         let file = lines.file;
         if !lines.header()? {
             return Err(lines.nothing(LogError::Empty { file: file.into() }).into());
         }
-        let mut notes = crate::notes::Notes::default();
+        let mut notes = Notes::default();
         let mut names = names(lines, &mut notes)?;
         let trailing = (names.len() > 1
             && names.last().is_some_and(|last| *last == Default::default()))
@@ -430,12 +442,8 @@ impl Header {
         if let (Some(row), true) =
             (trailing, matches!(parse(cell(names.len()), true), Cell::Number(_)))
         {
-            return Err(LogError::UnnamedColumn {
-                file: file.into(),
-                row,
-                column: names.len() + 1,
-            }
-            .into());
+            let column = names.len() + 1;
+            return Err(LogError::UnnamedColumn { file: file.into(), row, column }.into());
         }
         let index = unnamed_first(&mut names, cell(0), options, &mut notes);
         let (time, _) = time_column(lines, &names, options)?;
@@ -444,43 +452,9 @@ impl Header {
             lines.skip_below();
         }
         let (_, unit) = time_column(lines, &names, options)?;
-        let mut columns = Vec::with_capacity(names.len());
-        let mut clock = Clock { column: String::new(), unit };
         let cells = names.len();
-        for (place, (name, unit)) in names.into_iter().enumerate() {
-            if place == time {
-                clock.column = name;
-                continue;
-            }
-            match name.as_str() {
-                "" if place == 0 && index => {
-                    notes.push("column 1 has no name and counts the rows; left out".to_owned())
-                }
-                "" => {
-                    return Err(LogError::UnnamedColumn {
-                        file: file.into(),
-                        row: lines.row,
-                        column: place + 1,
-                    }
-                    .into());
-                }
-                "time" if options.time.is_none() => {
-                    return Err(
-                        LogError::DuplicateChannel { file: file.into(), channel: name }.into()
-                    );
-                }
-                "time" => notes.push(
-                    "the column `time` is left out: another one is taken as the time".to_owned(),
-                ),
-                _ => columns.push((place, name, unit)),
-            }
-        }
-        let mut seen = std::collections::HashSet::new();
-        if let Some((_, twice, _)) = columns.iter().find(|(_, name, _)| !seen.insert(name)) {
-            return Err(
-                LogError::DuplicateChannel { file: file.into(), channel: twice.clone() }.into()
-            );
-        }
+        let (column, columns) = channels(lines, names, (time, index), options, &mut notes)?;
+        let clock = Clock { column, unit };
         let separator = lines.separator;
         let decimal_comma = separator.allows_decimal_comma()
             || lines.below().iter().any(|cell| has_decimal_comma(cell));
@@ -498,16 +472,10 @@ impl Header {
     /// The cell of a column in each line.
     pub(super) fn place(&self, file: &str, column: &str) -> Result<usize, LogError> {
         let names = || self.columns.iter().map(|(_, name, _)| name.as_str());
-        self.columns
-            .iter()
-            .find(|(_, name, _)| name == column)
+        let found = self.columns.iter().find(|(_, name, _)| name == column);
+        found
             .map(|(place, ..)| *place)
-            .ok_or_else(|| LogError::UnknownChannel {
-                file: file.into(),
-                channel: column.into(),
-                closest: crate::error::closest(column, names()).map(Into::into),
-                existing: names().map(Into::into).collect(),
-            })
+            .ok_or_else(|| LogError::unknown_channel(file, column, names()))
     }
 
     pub(super) fn check_length(&self, lines: &Lines<'_>) -> Result<(), LogError> {
@@ -520,12 +488,7 @@ impl Header {
             Some(row) if one_more => {
                 Err(LogError::UnnamedColumn { file: lines.file.into(), row, column: found })
             }
-            _ => Err(LogError::RowLength {
-                file: lines.file.into(),
-                row: lines.row,
-                expected,
-                found,
-            }),
+            _ => lines.must_have(expected),
         }
     }
 
@@ -534,7 +497,7 @@ impl Header {
         &self,
         source: &str,
         lines: &Lines<'_>,
-        stamps: &mut Stamps,
+        stamps: &mut StampReader,
     ) -> Result<f64, LogError> {
         let (time, row) = (lines.cell(self.time), lines.row);
         let number = |cell: &[u8]| match parse(cell, self.decimal_comma) {
@@ -569,7 +532,7 @@ impl Header {
     }
 
     /// The unit of time, settled by the first record that shows it.
-    pub(super) fn settle(&mut self, stamps: &Stamps, raw: &[f64]) -> TimeUnit {
+    pub(super) fn settle(&mut self, stamps: &StampReader, raw: &[f64]) -> TimeUnit {
         let plain = self.clock.column == "time";
         let (unit, why) = match self.clock.unit {
             Some(settled) => settled,
@@ -625,11 +588,6 @@ impl Header {
     }
 }
 
-/// To four digits, as short as it goes.
-pub(super) fn shortest(x: f64) -> f64 {
-    format!("{x:.3e}").parse().unwrap_or(x)
-}
-
 /// The column of time and, where somebody says it, its unit.
 pub(super) fn time_column(
     lines: &Lines<'_>,
@@ -640,13 +598,8 @@ pub(super) fn time_column(
     let first = || names.first().map_or_else(String::new, |(name, _)| shown(name.as_bytes()));
     let time = match &options.time {
         Some(wanted) => names.iter().position(|(name, _)| name == wanted).ok_or_else(|| {
-            LogError::UnknownChannel {
-                file: file(),
-                channel: wanted.clone(),
-                closest: crate::error::closest(wanted, names.iter().map(|(n, _)| n.as_str()))
-                    .map(Into::into),
-                existing: names.iter().map(|(n, _)| n.clone()).collect(),
-            }
+            let known = names.iter().map(|(name, _)| name.as_str());
+            LogError::unknown_channel(lines.file, wanted, known)
         })?,
         None => {
             let called = |place: usize, name: &str| clock::named(name, place == 0).is_some();
@@ -683,7 +636,7 @@ pub(super) fn unnamed_first(
     names: &mut Names,
     below: &[u8],
     options: &ReadOptions,
-    notes: &mut crate::notes::Notes,
+    notes: &mut Notes,
 ) -> bool {
     let time =
         names.iter().enumerate().any(|(place, (name, _))| clock::named(name, place == 0).is_some());
@@ -797,11 +750,11 @@ pub(super) fn parse(cell: &[u8], decimal_comma: bool) -> Cell {
 }
 
 /// A log that is being read; its time in the unit of the file until it is whole.
-pub(super) struct Part {
+pub(super) struct PartialLog {
     source: String,
-    stamps: Stamps,
+    stamps: StampReader,
     raw: Vec<f64>,
-    columns: Vec<Column>,
+    columns: Vec<CellColumn>,
     rows: Rows,
     /// Rows that may be read.
     most: usize,
@@ -809,13 +762,13 @@ pub(super) struct Part {
 
 /// A column that is being read: numbers up to the first cell that is none.
 #[derive(Default)]
-pub(super) struct Column {
+pub(super) struct CellColumn {
     values: Vec<f64>,
     present: Option<Vec<bool>>,
     refused: Option<LogError>,
 }
 
-impl Column {
+impl CellColumn {
     fn push(&mut self, value: Option<f64>) {
         if value.is_none() && self.present.is_none() {
             self.present = Some(vec![true; self.values.len()]);
@@ -831,13 +784,13 @@ impl Column {
     }
 }
 
-impl Part {
+impl PartialLog {
     fn new(source: String, header: &Header) -> Self {
-        let columns = header.columns.iter().map(|_| Column::default()).collect();
+        let columns = header.columns.iter().map(|_| CellColumn::default()).collect();
         let most = MOST_NUMBERS / (header.columns.len() + 1);
         Self {
             source,
-            stamps: Stamps::default(),
+            stamps: StampReader::default(),
             raw: Vec::new(),
             columns,
             rows: Rows::new(Origin::File),
@@ -931,7 +884,7 @@ impl Part {
                 unusable.push(Unusable { name: name.clone(), error });
                 continue;
             }
-            let Column { mut values, mut present, .. } = column;
+            let CellColumn { mut values, mut present, .. } = column;
             values.shrink_to_fit();
             present.iter_mut().for_each(Vec::shrink_to_fit);
             channels.push(Channel {
@@ -963,7 +916,7 @@ mod tests {
     fn rows_beyond_the_limit_are_refused() {
         let mut lines = Lines::new("a.csv", "time,u\n0,1\n1,2\n2,3\n".as_bytes()).unwrap();
         let mut header = Header::read(&mut lines, &ReadOptions::default()).unwrap();
-        let mut part = Part::new("a.csv".into(), &header);
+        let mut part = PartialLog::new("a.csv".into(), &header);
         assert_eq!(part.most, MOST_NUMBERS / 2);
         part.most = 2;
         for _ in 0..2 {

@@ -4,17 +4,16 @@ use crate::error::ModelError;
 use crate::state_space::{Continuous, Sampled, StateSpace};
 use deadtime_signal::time::SampleTime;
 
+/// A sampled model, or why there is none.
+pub type Converted = Result<StateSpace<Sampled>, ModelError>;
+
 /// A conversion from continuous to sampled time; the implementor is its option struct.
 pub trait Conversion: Send + Sync {
     /// The sampled model.
     ///
     /// # Errors
     /// What the conversion cannot do for this model, as a [`ModelError`].
-    fn c2d(
-        &self,
-        sys: &StateSpace<Continuous>,
-        sample_time: SampleTime,
-    ) -> Result<StateSpace<Sampled>, ModelError>;
+    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Converted;
 
     /// The first states of the sampled model are those of the continuous one at the sampling instants.
     fn keeps_states(&self) -> bool {

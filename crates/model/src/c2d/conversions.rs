@@ -11,40 +11,26 @@ use deadtime_signal::registry::{Entry, entry};
 
 /// Every conversion.
 pub const CONVERSIONS: &[Entry<dyn Conversion>] = &[
-    entry!(
-        "zoh",
-        "zero-order hold: exact where the input is held between samples",
-        ZeroOrderHold,
-        dyn Conversion
-    ),
+    entry!("zoh", "zero-order hold: exact where the input is held between samples", ZeroOrderHold),
     entry!(
         "foh",
         "first-order (triangle) hold: exact where the input is a straight line between samples",
-        FirstOrderHold,
-        dyn Conversion
+        FirstOrderHold
     ),
     entry!(
         "impulse",
         "impulse-invariant: the sampled impulse response times the sample time",
-        ImpulseInvariant,
-        dyn Conversion
+        ImpulseInvariant
     ),
     entry!(
         "tustin",
         "Tustin (bilinear), with an optional frequency at which the response is exact",
-        Tustin,
-        dyn Conversion
+        Tustin
     ),
-    entry!(
-        "matched",
-        "zero-pole matching, for one input and one output",
-        ZeroPoleMatching,
-        dyn Conversion
-    ),
+    entry!("matched", "zero-pole matching, for one input and one output", ZeroPoleMatching),
     entry!(
         "least_squares",
         "the nearest frequency response up to Nyquist, for one input and one output",
-        LeastSquares,
-        dyn Conversion
+        LeastSquares
     ),
 ];

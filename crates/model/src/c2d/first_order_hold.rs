@@ -1,10 +1,9 @@
 //! First-order hold: exact where the input is a straight line between samples.
 
-use super::conversion::Conversion;
+use super::conversion::{Conversion, Converted};
 use super::hold::Hold;
 use super::zero_order_hold;
-use crate::error::ModelError;
-use crate::state_space::{Continuous, Sampled, StateSpace};
+use crate::state_space::{Continuous, StateSpace};
 use deadtime_signal::time::SampleTime;
 
 /// The triangle hold: the input runs straight from u(k) to u(k+1). The state is z = x − Γ₊u, so that the model is causal.
@@ -15,11 +14,7 @@ use deadtime_signal::time::SampleTime;
 pub struct FirstOrderHold {}
 
 impl Conversion for FirstOrderHold {
-    fn c2d(
-        &self,
-        sys: &StateSpace<Continuous>,
-        sample_time: SampleTime,
-    ) -> Result<StateSpace<Sampled>, ModelError> {
+    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Converted {
         zero_order_hold::exact(sys, sample_time, Hold::Linear)
     }
 }

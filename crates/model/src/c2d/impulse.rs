@@ -2,10 +2,10 @@
 
 use nalgebra::DMatrix;
 
-use super::conversion::Conversion;
+use super::conversion::{Conversion, Converted};
 use crate::error::ModelError;
 use crate::matrix::exp;
-use crate::state_space::{Continuous, Sampled, StateSpace};
+use crate::state_space::{Continuous, StateSpace};
 use deadtime_signal::time::SampleTime;
 
 /// What becomes of a direct path, whose impulse response is an impulse.
@@ -32,11 +32,7 @@ pub struct ImpulseInvariant {
 }
 
 impl Conversion for ImpulseInvariant {
-    fn c2d(
-        &self,
-        sys: &StateSpace<Continuous>,
-        sample_time: SampleTime,
-    ) -> Result<StateSpace<Sampled>, ModelError> {
+    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Converted {
         let ts = sample_time.seconds();
         let phi = exp(&(sys.a() * ts));
         let mut b = DMatrix::zeros(sys.order(), sys.inputs());

@@ -2,7 +2,7 @@
 
 use nalgebra::{Complex, DMatrix, DVector};
 
-use super::conversion::{Conversion, single};
+use super::conversion::{Conversion, Converted, single};
 use super::matched::CANCEL;
 use crate::error::ModelError;
 use crate::state_space::{Continuous, Sampled, StateSpace};
@@ -43,11 +43,7 @@ const INFINITE: f64 = 1e-9;
 const ONE: Complex<f64> = Complex::new(1.0, 0.0);
 
 impl Conversion for LeastSquares {
-    fn c2d(
-        &self,
-        sys: &StateSpace<Continuous>,
-        sample_time: SampleTime,
-    ) -> Result<StateSpace<Sampled>, ModelError> {
+    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Converted {
         single("least squares", sys)?;
         let ts = sample_time.seconds();
         let tf = sys.transfer_function(0, 0)?.cancelled(CANCEL);
@@ -69,7 +65,7 @@ impl Conversion for LeastSquares {
                 tf.at(Complex::new(0.0, w)) * Complex::from_polar(1.0, -w * ts * delay.fraction)
             })
             .collect();
-        let problem = Problem::new(tf.poles(), ts, &omegas, target);
+        let problem = ResponseFit::new(tf.poles(), ts, &omegas, target);
         let fit = problem.best();
         let (iterations, change) = (fit.iterations, fit.last_change);
         let not_converged =
@@ -96,7 +92,7 @@ impl Conversion for LeastSquares {
 /// δ = (z − 1)/scale and μ = (1/z − 1)/scale: coefficients in z lose their digits to each other where poles crowd at z = 1, and in 1/z a pole that wanders
 /// off to infinity and comes back on the other side of the axis meets no singularity. The numerator is linear, so only A and Ā are searched (variable
 /// projection).
-struct Problem {
+struct ResponseFit {
     deltas: Vec<Complex<f64>>,
     mus: Vec<Complex<f64>>,
     /// The wanted response, real parts above imaginary ones.
@@ -116,7 +112,7 @@ struct Problem {
 
 type ZerosPolesGain = (Vec<Complex<f64>>, Vec<Complex<f64>>, f64);
 
-impl Problem {
+impl ResponseFit {
     fn new(poles: &[Complex<f64>], ts: f64, omegas: &[f64], target: Vec<Complex<f64>>) -> Self {
         let on_circle = |s: &Complex<f64>| (s.re * ts).abs() <= ON_CIRCLE;
         let (fixed, free): (Vec<Complex<f64>>, Vec<Complex<f64>>) =

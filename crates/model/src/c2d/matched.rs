@@ -2,9 +2,8 @@
 
 use nalgebra::Complex;
 
-use super::conversion::{Conversion, single};
+use super::conversion::{Conversion, Converted, single};
 use super::thiran;
-use crate::error::ModelError;
 use crate::state_space::{Continuous, Sampled, StateSpace};
 use crate::transfer_function::TransferFunction;
 use deadtime_signal::time::SampleTime;
@@ -25,11 +24,7 @@ pub struct ZeroPoleMatching {
 pub(super) const CANCEL: f64 = 1e-9;
 
 impl Conversion for ZeroPoleMatching {
-    fn c2d(
-        &self,
-        sys: &StateSpace<Continuous>,
-        sample_time: SampleTime,
-    ) -> Result<StateSpace<Sampled>, ModelError> {
+    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Converted {
         single("zero-pole matching", sys)?;
         let ts = sample_time.seconds();
         let tf = sys.transfer_function(0, 0)?.cancelled(CANCEL);

@@ -18,7 +18,7 @@ mod thiran;
 mod tustin;
 mod zero_order_hold;
 
-pub use conversion::Conversion;
+pub use conversion::{Conversion, Converted};
 pub use conversions::CONVERSIONS;
 pub use first_order_hold::FirstOrderHold;
 pub use hold::Hold;

@@ -2,10 +2,10 @@
 
 use nalgebra::DMatrix;
 
-use super::conversion::Conversion;
+use super::conversion::{Conversion, Converted};
 use super::thiran;
 use crate::error::ModelError;
-use crate::state_space::{Continuous, Sampled, StateSpace};
+use crate::state_space::{Continuous, StateSpace};
 use deadtime_signal::time::SampleTime;
 
 /// s → (2/Ts)(z − 1)/(z + 1), in the realisation of scipy and python-control:
@@ -23,11 +23,7 @@ pub struct Tustin {
 }
 
 impl Conversion for Tustin {
-    fn c2d(
-        &self,
-        sys: &StateSpace<Continuous>,
-        sample_time: SampleTime,
-    ) -> Result<StateSpace<Sampled>, ModelError> {
+    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Converted {
         let ts = match self.prewarp_rad_s {
             None => sample_time.seconds(),
             Some(rad_s) => {

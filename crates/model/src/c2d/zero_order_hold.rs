@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use super::conversion::Conversion;
+use super::conversion::{Conversion, Converted};
 use super::hold::{Hold, delayed_taps, transition};
 use crate::error::ModelError;
 use crate::state_space::{Continuous, Sampled, StateSpace};
@@ -17,11 +17,7 @@ use deadtime_signal::time::SampleTime;
 pub struct ZeroOrderHold {}
 
 impl Conversion for ZeroOrderHold {
-    fn c2d(
-        &self,
-        sys: &StateSpace<Continuous>,
-        sample_time: SampleTime,
-    ) -> Result<StateSpace<Sampled>, ModelError> {
+    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Converted {
         exact(sys, sample_time, Hold::Zero)
     }
 

@@ -1,26 +1,19 @@
 //! An effect on a channel with values for its parameters, and a list of them as a plan.
 
-use super::definition::{Effect, Scales};
+use super::definition::{Effect, OnChannel, Site};
 use super::effects::{EFFECTS, find};
-use super::error::EffectError;
+use super::error::{EffectError, Result};
 use super::parameter::{Parameter, Role};
+use super::scales::Scales;
 use crate::file::channel::EffectEntry;
-use crate::simulate::plan::{Delays, Drops, Plan};
+use crate::simulate::plan::{Delays, Drops, Losses, Plan, Realisation};
 use crate::simulate::system::System;
 
 /// No size of a parameter is beyond this.
 const BOUNDLESS: f64 = 1e50;
 
-/// What random effects do.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Chance<'a> {
-    /// Their mean, which is what a fit can predict.
-    Mean,
-    /// A draw from this seed.
-    Seed(u64),
-    /// What happened, one sequence per input.
-    Known(&'a [Option<Fates>]),
-}
+/// What random effects do; known, one sequence per input.
+pub type Chance<'a> = Realisation<&'a [Option<Fates>]>;
 
 /// What became of the commands of an input, one for each sample of the log.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,26 +48,27 @@ impl Applied {
     ///
     /// # Errors
     /// [`EffectError::Channel`], [`EffectError::Sampled`] or [`EffectError::BlackBox`] where it cannot act there.
-    pub fn nominal(
-        system: &System,
-        effect: &'static dyn Effect,
-        channel: &str,
-    ) -> Result<Self, EffectError> {
-        if system.is_sampled() && effect.site() == super::definition::Site::Dynamics {
+    pub fn nominal(system: &System, effect: &'static dyn Effect, channel: &str) -> Result<Self> {
+        if system.is_sampled() && effect.site() == Site::Dynamics {
             return Err(EffectError::Sampled { effect: effect.name() });
         }
-        if system.is_black_box() && effect.needs_equations() {
+        if system.is_black_box() && effect.facts().needs_equations {
             return Err(EffectError::BlackBox { effect: effect.name() });
         }
-        let parameters = effect.parameters(system, channel)?;
+        let parameters = effect.parameters(OnChannel { effect, system, channel })?;
         let values = parameters.iter().map(|p| p.nominal).collect();
         Ok(Self { effect, channel: channel.to_owned(), parameters, values })
+    }
+
+    /// Its channel, of this system.
+    fn on<'a>(&'a self, system: &'a System) -> OnChannel<'a> {
+        OnChannel { effect: self.effect, system, channel: &self.channel }
     }
 
     /// The same, searched no further down than these logs can show.
     #[must_use]
     pub fn shown_by(mut self, system: &System, scales: &Scales) -> Self {
-        let least = self.effect.least(system, &self.channel, scales);
+        let least = self.effect.least(self.on(system), scales);
         for (parameter, least) in self.parameters.iter_mut().zip(least) {
             parameter.lower = parameter.lower.max(least).min(parameter.upper);
         }
@@ -84,7 +78,7 @@ impl Applied {
     /// First guesses of the parameters from sizes of the data; those that come of a division by a motion that is none are left out.
     #[must_use]
     pub fn starts(&self, system: &System, scales: &Scales) -> Vec<Vec<f64>> {
-        let mut starts = self.effect.starts(system, &self.channel, scales);
+        let mut starts = self.effect.starts(self.on(system), scales);
         starts.retain(|s| s.iter().all(|v| v.is_infinite() || v.abs() < BOUNDLESS));
         for (value, parameter) in
             starts.iter_mut().flat_map(|start| start.iter_mut().zip(&self.parameters))
@@ -100,7 +94,7 @@ impl Applied {
     ///
     /// # Errors
     /// [`EffectError`]: an unknown effect, channel or parameter, one that is missing or outside its bounds.
-    pub fn from_entry(system: &System, entry: &EffectEntry) -> Result<Self, EffectError> {
+    pub fn from_entry(system: &System, entry: &EffectEntry) -> Result<Self> {
         let mut applied = Self::nominal(system, find(&entry.effect)?, &entry.channel)?;
         let (effect, channel) = (applied.effect.name(), applied.channel.clone());
         if let Some(parameter) = entry
@@ -156,7 +150,7 @@ impl Applied {
         format!("{}:{}", self.effect.name(), self.channel)
     }
 
-    fn check(&self) -> Result<(), EffectError> {
+    fn check(&self) -> Result<()> {
         let effect = self.effect.name();
         for (&value, p) in self.values.iter().zip(&self.parameters) {
             if !(value >= p.lower && value <= p.upper) {
@@ -183,12 +177,12 @@ impl Applied {
     }
 
     /// Adds the effect's hooks; none where its values make it the identity.
-    fn apply(&self, system: &System, plan: &mut Plan) -> Result<(), EffectError> {
+    fn apply(&self, system: &System, plan: &mut Plan) -> Result<()> {
         self.check()?;
         if self.effect.is_identity(&self.values, &self.parameters) {
             return Ok(());
         }
-        self.effect.apply(system, &self.channel, &self.values, plan)
+        self.effect.apply(self.on(system), &self.values, plan)
     }
 
     /// The plan of a system with these effects, in the order in which the table lists them whatever theirs.
@@ -199,7 +193,7 @@ impl Applied {
         system: &System,
         effects: impl IntoIterator<Item = &'a Self, IntoIter: Clone>,
         chance: Chance<'_>,
-    ) -> Result<Plan, EffectError> {
+    ) -> Result<Plan> {
         let mut plan = Plan::new(system);
         let effects = effects.into_iter();
         for effect in EFFECTS {
@@ -215,7 +209,9 @@ impl Applied {
             };
             match (known, &mut path.late) {
                 (Some(Fates::Missing(missing)), late) if late.is_some() || path.drops.is_some() => {
-                    (path.drops, *late) = (Some(Drops::Sequence(missing)), None);
+                    let losses = path.drops.as_ref().map_or_else(Losses::default, |d| d.losses);
+                    path.drops = Some(Drops { losses, lost: Realisation::Known(missing) });
+                    *late = None;
                 }
                 (Some(Fates::Late(delays)), Some(late)) => late.delays = Delays::Known(delays),
                 _ => {}
@@ -224,8 +220,8 @@ impl Applied {
             if let Some(late) = &mut path.late {
                 late.delays = Delays::Seed(seed_of(seed));
             }
-            if let Some(Drops::Mean(losses)) = path.drops {
-                path.drops = Some(Drops::Random { losses, seed: seed_of(seed) });
+            if let Some(drops) = &mut path.drops {
+                drops.lost = Realisation::Seed(seed_of(seed));
             }
         }
         Ok(plan)

@@ -2,15 +2,14 @@
 
 use std::borrow::Cow;
 
-use super::definition::Effect;
-use super::error::EffectError;
+use super::definition::{ALL, OnChannel, names};
+use super::error::{EffectError, Result};
 use super::parameter::{Parameter, Role};
+use super::scales::{Scales, Spread};
 use crate::equations::system::Wrt;
 use crate::simulate::plan::Source;
-use crate::simulate::system::{Dynamics, Port, System};
-
-/// All outputs.
-pub(super) const ALL: &str = "*";
+use crate::simulate::simulator::Port;
+use crate::simulate::system::{Dynamics, System};
 
 /// A parameter without bounds: a size, or a limit where it is infinite when nominal.
 pub(super) fn free(name: impl Into<Cow<'static, str>>, unit: String, nominal: f64) -> Parameter {
@@ -49,19 +48,7 @@ pub(super) fn frequency(name: impl Into<Cow<'static, str>>) -> Parameter {
     Parameter { role: Role::Frequency, lower: 1e-9, ..free(name, "Hz".to_owned(), 1.0) }
 }
 
-fn unknown(effect: &dyn Effect, system: &System, channel: &str) -> EffectError {
-    EffectError::Channel {
-        effect: effect.name(),
-        channel: channel.to_owned(),
-        known: effect.channels(system),
-    }
-}
-
-pub(super) fn names(ports: &[Port]) -> Vec<String> {
-    ports.iter().map(|p| p.name.clone()).collect()
-}
-
-fn position(ports: &[Port], name: &str) -> Option<usize> {
+pub(super) fn position(ports: &[Port], name: &str) -> Option<usize> {
     ports.iter().position(|p| p.name == name)
 }
 
@@ -82,88 +69,103 @@ pub(super) fn ratio(to: &Port, from: &Port) -> String {
     if to.unit == from.unit { "1".to_owned() } else { format!("({})/({})", unit(to), unit(from)) }
 }
 
-pub(super) fn input(
-    effect: &dyn Effect,
-    system: &System,
-    channel: &str,
-) -> Result<usize, EffectError> {
-    position(&system.inputs, channel).ok_or_else(|| unknown(effect, system, channel))
-}
+impl<'a> OnChannel<'a> {
+    /// The channel is none on which the effect can act.
+    pub(super) fn unknown(self) -> EffectError {
+        EffectError::Channel {
+            effect: self.effect.name(),
+            channel: self.channel.to_owned(),
+            known: self.effect.channels(self.system),
+        }
+    }
 
-pub(super) fn state(
-    effect: &dyn Effect,
-    system: &System,
-    channel: &str,
-) -> Result<usize, EffectError> {
-    position(&system.states, channel).ok_or_else(|| unknown(effect, system, channel))
-}
+    fn place(self, ports: &[Port]) -> Result<usize> {
+        position(ports, self.channel).ok_or_else(|| self.unknown())
+    }
 
-pub(super) fn output(
-    effect: &dyn Effect,
-    system: &System,
-    channel: &str,
-) -> Result<usize, EffectError> {
-    position(&system.outputs, channel).ok_or_else(|| unknown(effect, system, channel))
-}
+    pub(super) fn input(self) -> Result<usize> {
+        self.place(&self.system.inputs)
+    }
 
-/// The outputs that a name or `*` means.
-pub(super) fn outputs(
-    effect: &dyn Effect,
-    system: &System,
-    channel: &str,
-) -> Result<Vec<usize>, EffectError> {
-    if channel == ALL {
-        Ok((0..system.outputs.len()).collect())
-    } else {
-        output(effect, system, channel).map(|i| vec![i])
+    pub(super) fn state(self) -> Result<usize> {
+        self.place(&self.system.states)
+    }
+
+    pub(super) fn output(self) -> Result<usize> {
+        self.place(&self.system.outputs)
+    }
+
+    /// How far the input goes.
+    pub(super) fn input_spread(self, scales: &Scales) -> Option<&Spread> {
+        scales.inputs.get(self.input().ok()?)
+    }
+
+    /// How far the output goes.
+    pub(super) fn output_spread(self, scales: &Scales) -> Option<&Spread> {
+        scales.outputs.get(self.output().ok()?)
+    }
+
+    /// How fast the state moves: the rms of its derivative.
+    pub(super) fn derivative(self, scales: &Scales) -> Option<f64> {
+        scales.derivatives.get(self.state().ok()?).copied()
+    }
+
+    /// The outputs that a name or `*` means.
+    pub(super) fn outputs(self) -> Result<Vec<usize>> {
+        if self.channel == ALL {
+            Ok((0..self.system.outputs.len()).collect())
+        } else {
+            self.output().map(|i| vec![i])
+        }
+    }
+
+    /// Two ports by their names, `from` and `to`, with the arrow between them.
+    fn pair<T>(self, arrow: &str, find: impl Fn(&str, &str) -> Option<T>) -> Result<T> {
+        let found = self.channel.split_once(arrow).and_then(|(from, to)| find(from, to));
+        found.ok_or_else(|| self.unknown())
+    }
+
+    /// `from->to` between two ports of one kind.
+    pub(super) fn arrow(self, ports: &[Port]) -> Result<(usize, usize)> {
+        self.pair("->", |from, to| two(ports, from, to))
+    }
+
+    /// `a<->b` between two states.
+    pub(super) fn exchange(self) -> Result<(usize, usize)> {
+        self.pair("<->", |a, b| two(&self.system.states, a, b))
+    }
+
+    /// `from->to`, from a state or an input to a state.
+    pub(super) fn coupling(self) -> Result<(Source, usize)> {
+        let System { states, inputs, .. } = self.system;
+        self.pair("->", |from, to| {
+            let source = position(states, from).map(Source::State);
+            let source = source.or_else(|| position(inputs, from).map(Source::Input))?;
+            Some((source, position(states, to)?))
+        })
     }
 }
 
-/// The channels of an effect that outputs may share: each output and `*`, or `*` alone where there is one.
+/// Two different ports.
+fn two(ports: &[Port], from: &str, to: &str) -> Option<(usize, usize)> {
+    Some((position(ports, from)?, position(ports, to)?)).filter(|(from, to)| from != to)
+}
+
+/// `from->to` for every two of these ports.
+pub(super) fn arrows(ports: &[Port]) -> Vec<String> {
+    let to = |from: &Port| {
+        let others = ports.iter().filter(|to| to.name != from.name);
+        others.map(|to| format!("{}->{}", from.name, to.name)).collect::<Vec<_>>()
+    };
+    ports.iter().flat_map(to).collect()
+}
+
+/// The channels of an effect that outputs may share: each output and `*`, or `*` alone where there
+/// is one.
 pub(super) fn shared(system: &System) -> Vec<String> {
     let mut channels = if system.outputs.len() > 1 { names(&system.outputs) } else { Vec::new() };
     channels.push(ALL.to_owned());
     channels
-}
-
-/// `from->to` between two ports of one kind.
-pub(super) fn arrow(
-    effect: &dyn Effect,
-    system: &System,
-    channel: &str,
-    ports: &[Port],
-) -> Result<(usize, usize), EffectError> {
-    let find = |(from, to)| {
-        Some((position(ports, from)?, position(ports, to)?)).filter(|(from, to)| from != to)
-    };
-    channel.split_once("->").and_then(find).ok_or_else(|| unknown(effect, system, channel))
-}
-
-/// `a<->b` between two states.
-pub(super) fn exchange(
-    effect: &dyn Effect,
-    system: &System,
-    channel: &str,
-) -> Result<(usize, usize), EffectError> {
-    let find = |(a, b)| {
-        Some((position(&system.states, a)?, position(&system.states, b)?)).filter(|(a, b)| a != b)
-    };
-    channel.split_once("<->").and_then(find).ok_or_else(|| unknown(effect, system, channel))
-}
-
-/// `from->to`, from a state or an input to a state.
-pub(super) fn coupling(
-    effect: &dyn Effect,
-    system: &System,
-    channel: &str,
-) -> Result<(Source, usize), EffectError> {
-    let find = |(from, to): (&str, &str)| {
-        let from = position(&system.states, from)
-            .map(Source::State)
-            .or_else(|| position(&system.inputs, from).map(Source::Input))?;
-        Some((from, position(&system.states, to)?))
-    };
-    channel.split_once("->").and_then(find).ok_or_else(|| unknown(effect, system, channel))
 }
 
 /// The derivative of state `to` depends on `from` in the model.
@@ -197,8 +199,9 @@ pub(super) fn instant() -> Parameter {
     Parameter { role: Role::Instant, ..not_negative("time", "s".to_owned(), 0.0) }
 }
 
-/// Delays of half a sample, one and a half and so on up to the longest looked for: through a direct path, and with fast edges, the cost has a minimum per sample.
-pub(super) fn delays(scales: &super::definition::Scales) -> Vec<Vec<f64>> {
+/// Delays of half a sample, one and a half and so on up to the longest looked for: through a direct
+/// path, and with fast edges, the cost has a minimum per sample.
+pub(super) fn delays(scales: &Scales) -> Vec<Vec<f64>> {
     // Not more than 40 of them, however long the longest.
     let step = scales.sample_time_s.max(scales.longest_delay_s / 40.0);
     let mut delay = 0.5 * step;
@@ -211,7 +214,7 @@ pub(super) fn delays(scales: &super::definition::Scales) -> Vec<Vec<f64>> {
 }
 
 /// Time constants from below a sample to the longest delay looked for, one per octave.
-pub(super) fn times(scales: &super::definition::Scales) -> Vec<Vec<f64>> {
+pub(super) fn times(scales: &Scales) -> Vec<Vec<f64>> {
     let mut times = Vec::new();
     let mut time = 0.5 * scales.sample_time_s;
     while time < scales.longest_delay_s {
@@ -223,7 +226,7 @@ pub(super) fn times(scales: &super::definition::Scales) -> Vec<Vec<f64>> {
 }
 
 /// Limits that a part of the data reaches: on both sides, and on each alone.
-pub(super) fn limits(spread: &super::definition::Spread) -> Vec<Vec<f64>> {
+pub(super) fn limits(spread: &Spread) -> Vec<Vec<f64>> {
     let (middle, half) =
         (0.5 * (spread.largest + spread.smallest), 0.5 * (spread.largest - spread.smallest));
     let mut starts = Vec::new();

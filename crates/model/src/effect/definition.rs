@@ -1,9 +1,10 @@
 //! What an effect is.
 
-use super::effects::EFFECTS;
-use super::error::EffectError;
+use super::error::Result;
 use super::parameter::Parameter;
+use super::scales::Scales;
 use crate::simulate::plan::Plan;
+use crate::simulate::simulator::Port;
 use crate::simulate::system::System;
 
 /// Where an effect acts.
@@ -33,77 +34,76 @@ impl Site {
     }
 }
 
-/// What a search over parameters may know of the data: the sizes that its first guesses are made of.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Scales {
-    /// Mean sample time, seconds.
-    pub sample_time_s: f64,
-    /// Length of the longest log, seconds.
-    pub duration_s: f64,
-    /// The time in which the fastest output of the nominal simulation moves by its standard deviation, seconds; 0 where none moves.
-    pub timescale_s: f64,
-    /// The longest delay and lag that are looked for, seconds.
-    pub longest_delay_s: f64,
-    /// Every input's |u| at quantiles 0.1, 0.25, 0.5, 0.75, 0.9, 1; then its rms, smallest and largest value, largest change per second.
-    pub inputs: Vec<Spread>,
-    /// The same for the nominal simulation's states.
-    pub states: Vec<Spread>,
-    /// Rms of every state's derivative in the nominal simulation.
-    pub derivatives: Vec<f64>,
-    /// The same for the measured outputs.
-    pub outputs: Vec<Spread>,
-    /// Frequencies at which the residual is strong, Hz.
-    pub peaks_hz: Vec<f64>,
-    /// First guesses of what changes with time, as a scan of the logs suggests them; empty where nothing does.
-    pub scanned: Vec<Scanned>,
-}
-
-impl Scales {
-    /// What the scan suggests for an effect on a channel: full sets of its parameters.
-    #[must_use]
-    pub fn scanned(&self, effect: &dyn Effect, channel: &str) -> Vec<Vec<f64>> {
-        let found = self.scanned.iter().find(|s| s.effect == effect.name() && s.channel == channel);
-        found.map(|s| s.starts.clone()).unwrap_or_default()
-    }
-}
-
-/// First guesses that come of a scan of the logs, not of sizes.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Scanned {
-    /// The effect.
-    pub effect: &'static str,
+/// What holds for an effect on every channel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Facts {
+    /// Its name in files.
+    pub name: &'static str,
     /// Where it acts.
-    pub channel: String,
-    /// Full sets of its parameters.
-    pub starts: Vec<Vec<f64>>,
+    pub site: Site,
+    /// What it is, in one line.
+    pub summary: &'static str,
+    /// Which channels it can act on, in words.
+    pub rule: &'static str,
+    /// It changes equations: a simulator that can only be called has none at hand.
+    pub needs_equations: bool,
+    /// It is there only where a model declares it: nobody misses it elsewhere.
+    pub is_declared: bool,
+    /// Even the right parameters leave a residual: noise decides what it does to single samples.
+    pub leaves_residual: bool,
+    /// How it makes commands late, where it does that and nothing else.
+    pub lateness: Option<Lateness>,
+    /// It changes a number that the model already has: all of them together are what a model that
+    /// is a little off may be off by.
+    pub corrects_model: bool,
+    /// It adds a constant and does nothing else, in proportion to its one parameter: what may be
+    /// another in every log, as a trim is.
+    pub is_constant: bool,
+    /// The effect of which it is a more elaborate form: the same on a channel at some of its
+    /// parameters, or as near as many logs can show.
+    pub elaborates: Option<&'static str>,
+    /// How it changes with log time what the plainer form holds still; first guesses of it come of
+    /// a scan of the logs.
+    pub changes: Option<Change>,
+    /// What tells it from effects that are like it; `None` where that depends on the case.
+    pub told_by: Option<Telling>,
+}
+
+impl Facts {
+    /// Those of an effect of which nothing else is to be said.
+    #[must_use]
+    pub const fn of(name: &'static str, site: Site, summary: &'static str) -> Self {
+        Self {
+            name,
+            site,
+            summary,
+            rule: match site {
+                Site::Input => "an input",
+                Site::Dynamics => "a state",
+                Site::Output => "an output",
+                Site::Clock => "`*`: all outputs",
+            },
+            needs_equations: matches!(site, Site::Dynamics),
+            is_declared: false,
+            leaves_residual: false,
+            lateness: None,
+            corrects_model: false,
+            is_constant: false,
+            elaborates: None,
+            changes: None,
+            told_by: None,
+        }
+    }
 }
 
 /// How an effect varies with log time what a plainer one holds still.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Change {
-    /// From a time on another value. Its parameters: the value before, the time, the value from then on.
+    /// From a time on another value. Its parameters: the value before, the time, the value from
+    /// then on.
     Jump,
     /// Evenly. Its parameters: the value at the start of the log, and its rate.
     Drift,
-}
-
-/// How far a signal goes.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Spread {
-    /// |v| at quantiles 0.1, 0.25, 0.5, 0.75, 0.9 and 1.
-    pub quantiles: [f64; 6],
-    /// Root of the mean square.
-    pub rms: f64,
-    /// Standard deviation.
-    pub std: f64,
-    /// Smallest value.
-    pub smallest: f64,
-    /// Largest value.
-    pub largest: f64,
-    /// Largest change from sample to sample, per second.
-    pub fastest: f64,
-    /// The step of the lattice on which all values lie, if they lie on one that is coarse.
-    pub lattice: Option<f64>,
 }
 
 /// What tells an effect from others that are like it.
@@ -117,7 +117,8 @@ pub enum Telling {
     Bandwidth,
 }
 
-/// How an effect makes commands late, for one that does nothing else; each says what its parameters are, in their order.
+/// How an effect makes commands late, for one that does nothing else; each says what its parameters
+/// are, in their order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lateness {
     /// All by the same time: the delay, seconds.
@@ -128,7 +129,8 @@ pub enum Lateness {
     SlowerLoop,
     /// Some never arrive, and the one before holds on: the part of them, 1.
     Lost,
-    /// Each by a draw of its own: mean and standard deviation of the delay, seconds, and 1 where they keep their order.
+    /// Each by a draw of its own: mean and standard deviation of the delay, seconds, and 1 where
+    /// they keep their order.
     Random,
 }
 
@@ -138,105 +140,70 @@ impl Lateness {
     pub fn is_hidden(self) -> bool {
         matches!(self, Self::Lost | Self::Random)
     }
+}
 
-    /// The effect that makes commands late in this way.
-    ///
-    /// # Errors
-    /// [`EffectError::Unknown`] where the table has none.
-    pub fn effect(self) -> Result<&'static dyn Effect, EffectError> {
-        let known = || EFFECTS.iter().map(|e| e.name()).collect();
-        EFFECTS
-            .iter()
-            .copied()
-            .find(|e| e.lateness() == Some(self))
-            .ok_or_else(|| EffectError::Unknown { name: format!("{self:?}"), known: known() })
-    }
+/// All outputs.
+pub(super) const ALL: &str = "*";
+
+/// A channel of a system, named to an effect.
+#[derive(Clone, Copy)]
+pub struct OnChannel<'a> {
+    /// The effect.
+    pub effect: &'a dyn Effect,
+    /// The system.
+    pub system: &'a System,
+    /// The channel's name.
+    pub channel: &'a str,
+}
+
+/// The names of ports.
+pub(super) fn names(ports: &[Port]) -> Vec<String> {
+    ports.iter().map(|p| p.name.clone()).collect()
 }
 
 /// An effect.
 pub trait Effect: Sync {
-    /// Its name in files.
-    fn name(&self) -> &'static str;
-    /// What it is, in one line.
-    fn summary(&self) -> &'static str;
-    /// Where it acts.
-    fn site(&self) -> Site;
-    /// Which channels it can act on, in words.
-    fn rule(&self) -> &'static str {
+    /// What holds on every channel.
+    fn facts(&self) -> Facts;
+    /// The channels of this system that it can act on.
+    fn channels(&self, system: &System) -> Vec<String> {
         match self.site() {
-            Site::Input => "an input",
-            Site::Dynamics => "a state",
-            Site::Output => "an output",
-            Site::Clock => "`*`: all outputs",
+            Site::Input => names(&system.inputs),
+            Site::Dynamics => names(&system.states),
+            Site::Output => names(&system.outputs),
+            Site::Clock => vec![ALL.to_owned()],
         }
     }
-    /// It changes equations: a simulator that can only be called has none at hand.
-    fn needs_equations(&self) -> bool {
-        self.site() == Site::Dynamics
-    }
-    /// It is there only where a model declares it: nobody misses it elsewhere.
-    fn is_declared(&self) -> bool {
-        false
-    }
-    /// The channels of this system that it can act on.
-    fn channels(&self, system: &System) -> Vec<String>;
     /// Its parameters on this channel.
     ///
     /// # Errors
-    /// [`EffectError`] for a channel that it cannot act on.
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError>;
-    /// First guesses of the parameters, from sizes of the data; each is a full set.
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>>;
-    /// The smallest values that a search may take, one per parameter; empty: those of the parameters. Below what samples show an elaborate law is its plain form
+    /// [`EffectError`](super::error::EffectError) for a channel that it cannot act on.
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>>;
+    /// First guesses of the parameters; each is a full set. Sizes of the data give them, or a scan
+    /// of the logs.
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let found =
+            scales.scanned.iter().find(|s| s.effect == self.name() && s.channel == on.channel);
+        found.map(|s| s.starts.clone()).unwrap_or_default()
+    }
+    /// The smallest values that a search may take, one per parameter; empty: those of the
+    /// parameters. Below what samples show an elaborate law is its plain form
     /// to any log, and ever slower to simulate.
-    fn least(&self, system: &System, channel: &str, scales: &Scales) -> Vec<f64> {
-        let _ = (system, channel, scales);
+    fn least(&self, _: OnChannel<'_>, _: &Scales) -> Vec<f64> {
         Vec::new()
     }
-    /// Further first guesses for a cost with many minima: looked at where a candidate stands alone, not beside another.
-    fn scan(&self, scales: &Scales) -> Vec<Vec<f64>> {
-        let _ = scales;
+    /// Further first guesses for a cost with many minima: looked at where a candidate stands alone,
+    /// not beside another.
+    fn scan(&self, _: &Scales) -> Vec<Vec<f64>> {
         Vec::new()
     }
-    /// The parameters make it the identity.
+    /// The parameters make it the identity: those of its size are nominal, whatever its shape.
     fn is_identity(&self, values: &[f64], parameters: &[Parameter]) -> bool {
-        values.iter().zip(parameters).all(|(v, p)| *v == p.nominal)
+        values.iter().zip(parameters).all(|(v, p)| p.role.is_shape() || *v == p.nominal)
     }
-    /// Even the right parameters leave a residual: noise decides what it does to single samples.
-    fn leaves_residual(&self) -> bool {
-        false
-    }
-    /// How it makes commands late, where it does that and nothing else.
-    fn lateness(&self) -> Option<Lateness> {
-        None
-    }
-    /// What it does to single samples is a hidden sequence of lost or late commands, which outputs reveal.
-    fn loses_commands(&self) -> bool {
-        self.lateness().is_some_and(Lateness::is_hidden)
-    }
-    /// It changes a number that the model already has: all of them together are what a model that is a little off may be off by.
-    fn corrects_model(&self) -> bool {
-        false
-    }
-    /// It adds a constant and does nothing else, in proportion to its one parameter: what may be another in every log, as a trim is.
-    fn is_constant(&self) -> bool {
-        false
-    }
-    /// The effect of which it is a more elaborate form: the same on a channel at some of its parameters, or as near as many logs can show.
-    fn elaborates(&self) -> Option<&'static str> {
-        None
-    }
-    /// How it changes with log time what [`Effect::elaborates`] holds still; first guesses of it come of a scan of the logs.
-    fn changes(&self) -> Option<Change> {
-        None
-    }
-    /// The values with which it does what a column does that is logged as so many times what the channel is: a wrong sign (−1), or a wrong unit.
-    fn of_factor(&self, factor: f64) -> Option<Vec<f64>> {
-        let _ = factor;
-        None
-    }
-    /// What tells it from effects that are like it; `None` where that depends on the case.
-    fn told_by(&self) -> Option<Telling> {
+    /// The values with which it does what a column does that is logged as so many times what the
+    /// channel is: a wrong sign (−1), or a wrong unit.
+    fn of_factor(&self, _: f64) -> Option<Vec<f64>> {
         None
     }
     /// Parameters that mean the same written in the one usual way.
@@ -246,12 +213,44 @@ pub trait Effect: Sync {
     /// Adds its hooks. Only called away from the identity and inside the bounds.
     ///
     /// # Errors
-    /// [`EffectError`] for a channel that it cannot act on.
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError>;
+    /// [`EffectError`](super::error::EffectError) for a channel that it cannot act on.
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()>;
+
+    /// Its name in files.
+    fn name(&self) -> &'static str {
+        self.facts().name
+    }
+    /// Where it acts.
+    fn site(&self) -> Site {
+        self.facts().site
+    }
+    /// How it makes commands late, where it does that and nothing else.
+    fn lateness(&self) -> Option<Lateness> {
+        self.facts().lateness
+    }
+    /// What it does to single samples is a hidden sequence of lost or late commands, which outputs
+    /// reveal.
+    fn loses_commands(&self) -> bool {
+        self.lateness().is_some_and(Lateness::is_hidden)
+    }
+    /// Even the right parameters leave a residual.
+    fn leaves_residual(&self) -> bool {
+        self.facts().leaves_residual
+    }
+    /// It changes a number that the model already has.
+    fn corrects_model(&self) -> bool {
+        self.facts().corrects_model
+    }
+    /// It adds a constant and does nothing else.
+    fn is_constant(&self) -> bool {
+        self.facts().is_constant
+    }
+    /// The effect of which it is a more elaborate form.
+    fn elaborates(&self) -> Option<&'static str> {
+        self.facts().elaborates
+    }
+    /// How it changes with log time what [`Effect::elaborates`] holds still.
+    fn changes(&self) -> Option<Change> {
+        self.facts().changes
+    }
 }

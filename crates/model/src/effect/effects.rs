@@ -1,7 +1,7 @@
 //! The list of effects.
 
-use super::definition::Effect;
-use super::error::EffectError;
+use super::definition::{Effect, Lateness};
+use super::error::{EffectError, Result};
 use super::{clock, dynamics, input, output};
 
 /// All effects, in the order of the format's table: of equals the first one leads.
@@ -22,7 +22,7 @@ pub static EFFECTS: [&dyn Effect; 40] = [
     &input::actuator_lag::ActuatorLag,
     &input::dropped_commands::DroppedCommands,
     &input::delay_jitter::DelayJitter,
-    &dynamics::candidate::Candidate,
+    &dynamics::candidate::CandidateTerm,
     &dynamics::parameter_error::ParameterError,
     &dynamics::parameter_jump::ParameterJump,
     &dynamics::cross_coupling::CrossCoupling,
@@ -63,4 +63,19 @@ pub fn find(name: &str) -> Result<&'static dyn Effect, EffectError> {
         name: name.to_owned(),
         known: EFFECTS.iter().map(|e| e.name()).collect(),
     })
+}
+
+impl Lateness {
+    /// The effect that makes commands late in this way.
+    ///
+    /// # Errors
+    /// [`EffectError::Unknown`] where the table has none.
+    pub fn effect(self) -> Result<&'static dyn Effect> {
+        let known = || EFFECTS.iter().map(|e| e.name()).collect();
+        EFFECTS
+            .iter()
+            .copied()
+            .find(|e| e.lateness() == Some(self))
+            .ok_or_else(|| EffectError::Unknown { name: format!("{self:?}"), known: known() })
+    }
 }

@@ -1,5 +1,8 @@
 //! Effects that cannot be applied.
 
+/// The result of work on effects.
+pub(crate) type Result<T, E = EffectError> = std::result::Result<T, E>;
+
 /// An effect that cannot be applied.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]

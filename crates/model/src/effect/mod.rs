@@ -14,13 +14,15 @@ mod input;
 mod on_log;
 mod output;
 mod parameter;
+mod scales;
 mod table;
 
 pub use applied::{Applied, Chance, Fates};
 pub use channel::depends;
-pub use definition::{Change, Effect, Lateness, Scales, Scanned, Site, Spread, Telling};
+pub use definition::{Change, Effect, Facts, Lateness, OnChannel, Site, Telling};
 pub use effects::{EFFECTS, find, row};
 pub use error::EffectError;
 pub use on_log::{OnLog, Still, check_units};
 pub use parameter::{Parameter, Role};
+pub use scales::{Scales, Scanned, Spread};
 pub use table::{Line, menu, table};

@@ -16,9 +16,8 @@ use crate::simulate::run::Commands;
 use crate::simulate::system::System;
 use deadtime_log::{Channel, Log, LogError};
 use deadtime_signal::progress::HowFar;
-use deadtime_signal::stats;
 use deadtime_signal::time::TimeError;
-use deadtime_signal::{Noise, NoiseColour, NoiseScaling, SignalError};
+use deadtime_signal::{Noise, NoiseColour, NoiseScaling, SignalError, stats};
 
 /// Tight: a simulation on paper is to differ from a measurement by the model alone.
 const TOLERANCE: Tolerance = Tolerance {
@@ -33,7 +32,7 @@ const TOLERANCE: Tolerance = Tolerance {
 ///
 /// # Errors
 /// [`LogError`] naming the channel.
-pub fn check_units(model: &ModelDocument, log: &Log) -> std::result::Result<(), LogError> {
+pub fn check_units(model: &ModelDocument, log: &Log) -> Result<(), LogError> {
     model
         .inputs()
         .iter()
@@ -147,7 +146,7 @@ impl<'a> OnLog<'a> {
     fn with_effects(&self) -> Result<Response> {
         let (log, system) = (self.log, &self.system);
         let effects = self.model.effects().iter().map(|entry| Applied::from_entry(system, entry));
-        let effects = effects.collect::<std::result::Result<Vec<_>, _>>()?;
+        let effects = effects.collect::<Result<Vec<_>, _>>()?;
         let mut plan = Applied::plan(system, &effects, Chance::Seed(self.seed))?;
         (plan.hold, plan.tolerance, plan.far) = (self.hold, TOLERANCE, self.far.clone());
         if let ModelDocument::Lti(file) = self.model
@@ -158,7 +157,7 @@ impl<'a> OnLog<'a> {
         let start_s = log.time_s().first().copied().unwrap_or(0.0);
         let time_s: Vec<f64> = log.time_s().iter().map(|t| t - start_s).collect();
         let inputs = system.inputs.iter().map(|port| log.input(&port.name).map(<[f64]>::to_vec));
-        let inputs = inputs.collect::<std::result::Result<Vec<_>, _>>()?;
+        let inputs = inputs.collect::<Result<Vec<_>, _>>()?;
         let run = system.simulate(
             &plan,
             Commands { time_s: &time_s, inputs: &inputs },
@@ -217,10 +216,7 @@ impl<'a> OnLog<'a> {
     ///
     /// # Errors
     /// [`LogError`] for a column that holds something else than numbers.
-    pub fn nrmse(
-        &self,
-        response: &Response,
-    ) -> Result<Vec<(&'a str, std::result::Result<f64, Still>)>> {
+    pub fn nrmse(&self, response: &Response) -> Result<Vec<(&'a str, Result<f64, Still>)>> {
         let mut comparison = Vec::new();
         for (c, simulated) in self.model.outputs().iter().zip(response.y.column_iter()) {
             match self.log.output(&c.name) {

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::definition::Scales;
+use super::scales::Scales;
 
 /// What a parameter is for. It decides how far a search goes and how small a change matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,10 +3,12 @@
 use nalgebra::DMatrix;
 
 use super::applied::Applied;
-use super::definition::Site;
+use super::definition::{Effect, OnChannel, Site};
 use super::effects::EFFECTS;
 use super::parameter::Parameter;
-use crate::simulate::system::{Dynamics, Matrices, Port, System};
+use crate::matrices::Matrices;
+use crate::simulate::simulator::Port;
+use crate::simulate::system::{Dynamics, System};
 
 /// An effect in general.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,18 +32,20 @@ const TELLING: [&str; 5] = ["from->x", "from->y", "u->output:y", "A[x,from]", "x
 #[must_use]
 pub fn table() -> Vec<Line> {
     let system = template();
-    let line = |effect: &&'static dyn super::definition::Effect| {
+    let line = |effect: &&'static dyn Effect| {
         let first = effect.channels(&system);
         let channels = TELLING.iter().copied().chain(first.iter().map(String::as_str));
         Line {
             site: effect.site(),
             effect: effect.name(),
-            channels: effect.rule(),
+            channels: effect.facts().rule,
             parameters: channels
-                .filter_map(|channel| effect.parameters(&system, channel).ok())
+                .filter_map(|channel| {
+                    effect.parameters(OnChannel { effect: *effect, system: &system, channel }).ok()
+                })
                 .next()
                 .unwrap_or_default(),
-            summary: effect.summary(),
+            summary: effect.facts().summary,
         }
     };
     EFFECTS.iter().map(line).collect()
@@ -81,7 +85,7 @@ fn template() -> System {
 /// Every effect on every channel of a system that it can act on, at its nominal parameters. None acts on the dynamics of a sampled model.
 #[must_use]
 pub fn menu(system: &System) -> Vec<Applied> {
-    let on_channels = |effect: &&'static dyn super::definition::Effect| {
+    let on_channels = |effect: &&'static dyn Effect| {
         let effect = *effect;
         effect
             .channels(system)

@@ -1,7 +1,5 @@
 //! What can be wrong with an equation, and a message that points into it.
 
-use std::fmt;
-
 /// Equations that cannot be compiled.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -67,22 +65,26 @@ pub enum EquationError {
 }
 
 /// What is wrong at one place of an expression.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
     /// Nothing there.
+    #[error("the expression is empty; write a number such as 0 if that is meant")]
     Empty,
     /// A character that no expression has.
+    #[error("{}", meaningless(*found))]
     Character {
         /// The character.
         found: char,
     },
     /// Digits that are no number.
+    #[error("`{found}` is no number; write it as 12.5 or 1e-3")]
     Number {
         /// What is written.
         found: String,
     },
     /// A name that is neither input, state, parameter nor `time`.
+    #[error("`{name}` is unknown; {}known names: {}", meant(closest.as_deref()), known.join(", "))]
     UnknownName {
         /// The name.
         name: String,
@@ -92,6 +94,10 @@ pub enum Fault {
         known: Vec<String>,
     },
     /// A call of something that is no function.
+    #[error(
+        "there is no function `{name}`; {}functions: {} (a product needs its `*`)",
+        meant(closest.as_deref()), super::function::names().collect::<Vec<_>>().join(", ")
+    )]
     UnknownFunction {
         /// The name.
         name: String,
@@ -99,11 +105,13 @@ pub enum Fault {
         closest: Option<String>,
     },
     /// A function's name without parentheses.
+    #[error("`{name}` is a function; give its argument in parentheses")]
     FunctionAsName {
         /// The function.
         name: &'static str,
     },
     /// Too few or too many arguments.
+    #[error("`{function}` takes {needed} argument{}, {got} given", if *needed == 1 { "" } else { "s" })]
     Arguments {
         /// The function.
         function: &'static str,
@@ -113,103 +121,64 @@ pub enum Fault {
         got: usize,
     },
     /// An operator, comma, closing parenthesis or the end where a value belongs.
+    #[error("{}", misplaced(found.as_deref()))]
     ValueExpected {
         /// What stands there; `None`: the end.
         found: Option<String>,
     },
     /// A value where an operator or the end belongs.
+    #[error(
+        "`{found}` follows a value without an operator; put + - * / or ^ between them, or take it out"
+    )]
     OperatorExpected {
         /// What stands there.
         found: String,
     },
     /// A parenthesis that nothing closes.
+    #[error("this parenthesis is never closed; add a `)`")]
     Unclosed,
     /// A closing parenthesis without an opening one.
+    #[error("this parenthesis closes nothing; take it out or add a `(`")]
     Unopened,
     /// A comma that separates no arguments.
+    #[error(
+        "a comma separates the arguments of a function; a decimal number is written with a point"
+    )]
     Comma,
     /// Too many parentheses, signs or powers inside each other.
+    #[error(
+        "more than {limit} parentheses, signs or powers inside each other; split the expression"
+    )]
     TooDeep {
         /// How many are allowed.
         limit: usize,
     },
     /// Too many numbers, names and operators.
+    #[error("more than {limit} numbers, names and operators; split the expression")]
     TooLong {
         /// How many are allowed.
         limit: usize,
     },
 }
 
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Empty => {
-                write!(f, "the expression is empty; write a number such as 0 if that is meant")
-            }
-            Self::Character { found: '=' } => {
-                write!(f, "an expression has no `=`; write the right-hand side alone")
-            }
-            Self::Character { found } => write!(
-                f,
-                "`{found}` has no meaning here; expressions know + - * / ^ ( ) , numbers and names"
-            ),
-            Self::Number { found } => write!(f, "`{found}` is no number; write it as 12.5 or 1e-3"),
-            Self::UnknownName { name, closest, known } => {
-                write!(f, "`{name}` is unknown; ")?;
-                if let Some(closest) = closest {
-                    write!(f, "did you mean `{closest}`? ")?;
-                }
-                write!(f, "known names: {}", known.join(", "))
-            }
-            Self::UnknownFunction { name, closest } => {
-                write!(f, "there is no function `{name}`; ")?;
-                if let Some(closest) = closest {
-                    write!(f, "did you mean `{closest}`? ")?;
-                }
-                write!(
-                    f,
-                    "functions: {} (a product needs its `*`)",
-                    super::function::names().collect::<Vec<_>>().join(", ")
-                )
-            }
-            Self::FunctionAsName { name } => {
-                write!(f, "`{name}` is a function; give its argument in parentheses")
-            }
-            Self::Arguments { function, needed, got } => {
-                let s = if *needed == 1 { "" } else { "s" };
-                write!(f, "`{function}` takes {needed} argument{s}, {got} given")
-            }
-            Self::ValueExpected { found: None } => {
-                write!(f, "the expression ends where a number, a name or `(` belongs")
-            }
-            Self::ValueExpected { found: Some(found) } if found == "**" => {
-                write!(f, "a power is written `^`, not `**`")
-            }
-            Self::ValueExpected { found: Some(found) } => {
-                write!(f, "`{found}` stands where a number, a name or `(` belongs")
-            }
-            Self::OperatorExpected { found } => {
-                write!(
-                    f,
-                    "`{found}` follows a value without an operator; put + - * / or ^ between them, or take it out"
-                )
-            }
-            Self::Unclosed => write!(f, "this parenthesis is never closed; add a `)`"),
-            Self::Unopened => {
-                write!(f, "this parenthesis closes nothing; take it out or add a `(`")
-            }
-            Self::Comma => write!(
-                f,
-                "a comma separates the arguments of a function; a decimal number is written with a point"
-            ),
-            Self::TooDeep { limit } => write!(
-                f,
-                "more than {limit} parentheses, signs or powers inside each other; split the expression"
-            ),
-            Self::TooLong { limit } => {
-                write!(f, "more than {limit} numbers, names and operators; split the expression")
-            }
-        }
+fn meaningless(found: char) -> String {
+    match found {
+        '=' => "an expression has no `=`; write the right-hand side alone".to_owned(),
+        _ => format!(
+            "`{found}` has no meaning here; expressions know + - * / ^ ( ) , numbers and names"
+        ),
+    }
+}
+
+fn meant(closest: Option<&str>) -> String {
+    closest.map_or_else(String::new, |closest| format!("did you mean `{closest}`? "))
+}
+
+fn misplaced(found: Option<&str>) -> String {
+    match found {
+        None => "the expression ends where a number, a name or `(` belongs".to_owned(),
+        Some("**") => "a power is written `^`, not `**`".to_owned(),
+        Some(found) => format!("`{found}` stands where a number, a name or `(` belongs"),
     }
 }
 

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::function::Operation;
-use super::parse::{Kind, Leaf, Tree};
+use super::parse::{Leaf, NodeKind, Tree};
 use super::program::Point;
 
 /// The part of an equation that first has no finite value.
@@ -78,9 +78,9 @@ pub(super) fn explain(
     }
     let broken = values.iter().position(|v| !v.is_finite())?;
     let breakdown = match tree.nodes[broken].kind {
-        Kind::Operation(operation, a, b) => breakdown(operation, values[a], values[b]),
-        Kind::Number(value) => Breakdown::Given { value },
-        Kind::Leaf(_) | Kind::Definition(_) => Breakdown::Given { value: values[broken] },
+        NodeKind::Operation(operation, a, b) => breakdown(operation, values[a], values[b]),
+        NodeKind::Number(value) => Breakdown::Given { value },
+        NodeKind::Leaf(_) | NodeKind::Definition(_) => Breakdown::Given { value: values[broken] },
     };
     Some(NonFinite {
         equation: equation.to_owned(),
@@ -96,13 +96,13 @@ pub(super) fn values(tree: &Tree, defined: &[f64], at: Point<'_>) -> Vec<f64> {
     for node in &tree.nodes {
         let of = |list: &[f64], i: usize| list.get(i).copied().unwrap_or(f64::NAN);
         values.push(match node.kind {
-            Kind::Number(value) => value,
-            Kind::Definition(i) => of(defined, i),
-            Kind::Leaf(Leaf::Time) => at.t,
-            Kind::Leaf(Leaf::State(i)) => of(at.x, i),
-            Kind::Leaf(Leaf::Input(i)) => of(at.u, i),
-            Kind::Leaf(Leaf::Parameter(i)) => of(at.p, i),
-            Kind::Operation(operation, a, b) => operation.apply(values[a], values[b]),
+            NodeKind::Number(value) => value,
+            NodeKind::Definition(i) => of(defined, i),
+            NodeKind::Leaf(Leaf::Time) => at.t,
+            NodeKind::Leaf(Leaf::State(i)) => of(at.x, i),
+            NodeKind::Leaf(Leaf::Input(i)) => of(at.u, i),
+            NodeKind::Leaf(Leaf::Parameter(i)) => of(at.p, i),
+            NodeKind::Operation(operation, a, b) => operation.apply(values[a], values[b]),
         });
     }
     values

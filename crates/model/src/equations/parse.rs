@@ -9,8 +9,7 @@ use winnow::stream::{Stateful, TokenSlice};
 use winnow::token::any;
 
 use super::error::{EquationError, Fault, closest};
-use super::function;
-use super::function::Operation;
+use super::function::{self, Operation};
 use super::token::{Span, Token, Word, Wrong, is_function, words};
 
 /// What a name stands for.
@@ -23,7 +22,7 @@ pub(super) enum Leaf {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Kind {
+pub(super) enum NodeKind {
     Number(f64),
     Leaf(Leaf),
     /// A named expression that was defined before, by its number.
@@ -34,7 +33,7 @@ pub(super) enum Kind {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Node {
-    pub(super) kind: Kind,
+    pub(super) kind: NodeKind,
     pub(super) span: Span,
 }
 
@@ -71,7 +70,7 @@ type Input<'t> = Stateful<TokenSlice<'t, Token>, Growing<'t>>;
 type Parsed<O> = Result<O, EmptyError>;
 
 impl Growing<'_> {
-    fn push(&mut self, kind: Kind, span: Span) -> usize {
+    fn push(&mut self, kind: NodeKind, span: Span) -> usize {
         self.nodes.push(Node { kind, span });
         self.nodes.len() - 1
     }
@@ -83,16 +82,16 @@ impl Growing<'_> {
     /// Only the first fault is told; the tree goes on with a zero.
     fn fault(&mut self, span: Span, fault: Fault) -> usize {
         self.wrong.get_or_insert((span, fault));
-        self.push(Kind::Number(0.0), span)
+        self.push(NodeKind::Number(0.0), span)
     }
 
     fn name(&mut self, span: Span) -> usize {
         let name = &self.text[span.from..span.to];
         if let Some(leaf) = self.scope.find(name) {
-            return self.push(Kind::Leaf(leaf), span);
+            return self.push(NodeKind::Leaf(leaf), span);
         }
         if let Some(at) = self.scope.definition(name) {
-            return self.push(Kind::Definition(at), span);
+            return self.push(NodeKind::Definition(at), span);
         }
         let fault = match function::find(name) {
             Some((name, ..)) => Fault::FunctionAsName { name },
@@ -112,8 +111,12 @@ impl Growing<'_> {
         let span = Span { from: name.from, to: end };
         let called = &self.text[name.from..name.to];
         match (function::find(called), arguments) {
-            (Some((_, operation, 1)), &[a]) => self.push(Kind::Operation(operation, a, a), span),
-            (Some((_, operation, 2)), &[a, b]) => self.push(Kind::Operation(operation, a, b), span),
+            (Some((_, operation, 1)), &[a]) => {
+                self.push(NodeKind::Operation(operation, a, a), span)
+            }
+            (Some((_, operation, 2)), &[a, b]) => {
+                self.push(NodeKind::Operation(operation, a, b), span)
+            }
             (Some((function, _, needed)), given) => {
                 self.fault(span, Fault::Arguments { function, needed, got: given.len() })
             }
@@ -135,7 +138,7 @@ impl Growing<'_> {
 fn infix(operation: Operation) -> fn(&mut Input<'_>, usize, usize) -> Parsed<usize> {
     fn join(i: &mut Input<'_>, operation: Operation, a: usize, b: usize) -> Parsed<usize> {
         let span = Span { from: i.state.span(a).from, to: i.state.span(b).to };
-        Ok(i.state.push(Kind::Operation(operation, a, b), span))
+        Ok(i.state.push(NodeKind::Operation(operation, a, b), span))
     }
     match operation {
         Operation::Add => |i, a, b| join(i, Operation::Add, a, b),
@@ -165,7 +168,7 @@ fn prefix_operator<'t>(i: &mut Input<'t>) -> Parsed<Prefix<Input<'t>, usize, Emp
             let operand = i.state.span(a);
             let from = i.state.text[..operand.from].rfind(['-', '−']).unwrap_or(operand.from);
             Ok(i.state
-                .push(Kind::Operation(Operation::Negate, a, a), Span { from, to: operand.to }))
+                .push(NodeKind::Operation(Operation::Negate, a, a), Span { from, to: operand.to }))
         }),
         _ => return fail.parse_next(i),
     })
@@ -174,7 +177,7 @@ fn prefix_operator<'t>(i: &mut Input<'t>) -> Parsed<Prefix<Input<'t>, usize, Emp
 fn value(i: &mut Input<'_>) -> Parsed<usize> {
     let token: Token = *any.parse_next(i)?;
     match token.word {
-        Word::Number(value) => Ok(i.state.push(Kind::Number(value), token.span)),
+        Word::Number(value) => Ok(i.state.push(NodeKind::Number(value), token.span)),
         Word::Open => {
             let inner = whole(i)?;
             let close: Token = *any.parse_next(i)?;

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::hash::{Hash, Hasher};
 
 use super::function::Operation;
-use super::parse::{Kind, Leaf, Tree};
+use super::parse::{Leaf, NodeKind, Tree};
 
 /// Numbers of states, inputs and parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -140,12 +140,12 @@ impl Program {
                 let mut places: Vec<Place> = Vec::with_capacity(tree.nodes.len());
                 for node in &tree.nodes {
                     places.push(match node.kind {
-                        Kind::Number(value) => Builder::constant(value),
-                        Kind::Leaf(leaf) => Place::Leaf(leaf),
-                        Kind::Definition(at) => {
+                        NodeKind::Number(value) => Builder::constant(value),
+                        NodeKind::Leaf(leaf) => Place::Leaf(leaf),
+                        NodeKind::Definition(at) => {
                             defined.get(at).copied().unwrap_or(Builder::constant(f64::NAN))
                         }
-                        Kind::Operation(operation, a, b) => {
+                        NodeKind::Operation(operation, a, b) => {
                             builder.operation(operation, places[a], places[b])
                         }
                     });

@@ -2,11 +2,12 @@
 
 use super::error::EquationError;
 use super::explain::NonFinite;
-use super::parse::reserved;
-use super::parse::{Leaf, Scope, Tree, parse};
+use super::parse::{Leaf, Scope, Tree, parse, reserved};
 use super::program::{Point, Program, Registers, Seeds, Sizes};
 use super::{explain, token};
+use crate::matrices::Matrices;
 use nalgebra::DMatrix;
+use std::collections::{HashMap, HashSet};
 
 /// A name with its unit.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -89,19 +90,6 @@ impl<'a> Directions<'a> {
     fn seeds(self) -> Seeds<'a> {
         Seeds { states: self.states, parameters: self.parameters }
     }
-}
-
-/// Matrices of a linearisation: δx' = A δx + B δu, δy = C δx + D δu.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Linearisation {
-    /// States × states.
-    pub a: DMatrix<f64>,
-    /// States × inputs.
-    pub b: DMatrix<f64>,
-    /// Outputs × states.
-    pub c: DMatrix<f64>,
-    /// Outputs × inputs.
-    pub d: DMatrix<f64>,
 }
 
 /// A compiled nonlinear model.
@@ -187,7 +175,7 @@ impl Names<'_> {
         let inputs = self.inputs.iter().map(|s| ("input", "an input", &s.name));
         let states = self.states.iter().map(|s| ("state", "a state", &s.name));
         let parameters = self.parameters.iter().map(|s| ("parameter", "a parameter", &s.name));
-        let mut seen = std::collections::HashMap::new();
+        let mut seen = HashMap::new();
         let definitions = self.definitions.iter().map(|d| ("definition", "a definition", &d.name));
         for (what, one, name) in states.chain(inputs).chain(parameters).chain(definitions) {
             if !token::is_name(name) {
@@ -282,41 +270,29 @@ impl Equations {
             definitions: &definitions,
         };
         names.check()?;
-        for (i, output) in outputs.iter().enumerate() {
-            if outputs[..i].iter().any(|o| o.name == output.name) {
-                return Err(EquationError::Clash {
-                    name: output.name.clone(),
-                    first: "an output",
-                    second: "another one of that kind",
-                });
-            }
+        let mut seen = HashSet::new();
+        if let Some(twice) = outputs.iter().find(|o| !seen.insert(o.name.as_str())) {
+            let (name, first) = (twice.name.clone(), "an output");
+            return Err(EquationError::Clash { name, first, second: "another one of that kind" });
         }
         let before = |i: usize| Names { definitions: &definitions[..i], ..names };
-        let definition_trees: Vec<Tree> = definitions
-            .iter()
-            .enumerate()
-            .map(|(i, d)| parse(&format!("definitions.{}", d.name), &d.expression, &before(i)))
+        let tree = |table: &str, name: &str, text: &str, names: &Names<'_>| {
+            parse(&format!("{table}.{name}"), text, names)
+        };
+        let definition_trees: Vec<Tree> = (definitions.iter().enumerate())
+            .map(|(i, d)| tree("definitions", &d.name, &d.expression, &before(i)))
             .collect::<Result<_, _>>()?;
-        let derivative_trees: Vec<Tree> = states
-            .iter()
-            .map(|s| parse(&format!("derivatives.{}", s.name), &s.derivative, &names))
+        let derivative_trees: Vec<Tree> = (states.iter())
+            .map(|s| tree("derivatives", &s.name, &s.derivative, &names))
             .collect::<Result<_, _>>()?;
-        let output_trees: Vec<Tree> = outputs
-            .iter()
-            .map(|o| parse(&format!("output_equations.{}", o.name), &o.equation, &names))
+        let output_trees: Vec<Tree> = (outputs.iter())
+            .map(|o| tree("output_equations", &o.name, &o.equation, &names))
             .collect::<Result<_, _>>()?;
-        let got = definition_trees
-            .iter()
-            .chain(&derivative_trees)
-            .chain(&output_trees)
-            .map(|t| t.nodes.len())
-            .sum();
-        if got > MOST_NODES {
-            return Err(EquationError::TooMany {
-                what: "numbers, names and operators",
-                got,
-                limit: MOST_NODES,
-            });
+        let trees = definition_trees.iter().chain(&derivative_trees).chain(&output_trees);
+        let (got, limit) = (trees.map(|t| t.nodes.len()).sum(), MOST_NODES);
+        if got > limit {
+            let what = "numbers, names and operators";
+            return Err(EquationError::TooMany { what, got, limit });
         }
         let sizes =
             Sizes { states: states.len(), inputs: inputs.len(), parameters: parameters.len() };
@@ -529,28 +505,6 @@ impl Equations {
         );
     }
 
-    /// ∂(dx/dt)/∂t, by the equations' own `time`.
-    pub fn derivatives_time_slope(
-        &self,
-        t: f64,
-        x: &[f64],
-        u: &[f64],
-        p: &[f64],
-        workspace: &mut Workspace,
-        slope: &mut [f64],
-    ) {
-        if (0..self.states.len()).any(|i| self.derivative_program.depends(i, 0)) {
-            self.derivative_program.differentiate(
-                Point { t, x, u, p },
-                (0, 1),
-                &mut workspace.derivatives,
-                slope,
-            );
-        } else {
-            slope.fill(0.0);
-        }
-    }
-
     /// The equations are linear in states and inputs, but for a constant, and `time` does not enter: the linear model about any point is the whole of them.
     #[must_use]
     pub fn is_affine(&self) -> bool {
@@ -559,7 +513,7 @@ impl Equations {
 
     /// The linear model about a point (which need not be an equilibrium).
     #[must_use]
-    pub fn linearise(&self, t: f64, x: &[f64], u: &[f64], p: &[f64]) -> Linearisation {
+    pub fn linearise(&self, t: f64, x: &[f64], u: &[f64], p: &[f64]) -> Matrices {
         let mut workspace = self.workspace();
         let (n, m, outputs) = (self.states.len(), self.inputs.len(), self.outputs.len());
         let [mut a, mut b] = [DMatrix::zeros(n, n), DMatrix::zeros(n, m)];
@@ -568,7 +522,7 @@ impl Equations {
         self.derivatives_jacobian(Wrt::Inputs, t, x, u, p, &mut workspace, b.as_mut_slice());
         self.outputs_jacobian(Wrt::States, t, x, u, p, &mut workspace, c.as_mut_slice());
         self.outputs_jacobian(Wrt::Inputs, t, x, u, p, &mut workspace, d.as_mut_slice());
-        Linearisation { a, b, c, d }
+        Matrices { a, b, c, d }
     }
 
     /// Whether the derivative of a state is built from the j-th of `wrt` at all.
@@ -576,13 +530,6 @@ impl Equations {
     pub fn derivative_depends(&self, state: usize, wrt: Wrt, j: usize) -> bool {
         let (first, count) = self.leaves(wrt);
         j < count && self.derivative_program.depends(state, first + j)
-    }
-
-    /// Whether an output is built from the j-th of `wrt` at all.
-    #[must_use]
-    pub fn output_depends(&self, output: usize, wrt: Wrt, j: usize) -> bool {
-        let (first, count) = self.leaves(wrt);
-        j < count && self.output_program.depends(output, first + j)
     }
 
     /// Operations of one evaluation of the derivatives and of the outputs, those on parameters alone aside.

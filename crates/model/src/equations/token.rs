@@ -139,7 +139,6 @@ fn check(text: &str, tokens: &[Token]) -> Result<(), Wrong> {
         let first = text.chars().next().map_or(0, char::len_utf8);
         return Err((Span { from: 0, to: first }, Fault::Empty));
     }
-    let said = |t: &Token| text[t.span.from..t.span.to].to_owned();
     let mut pending: Vec<Pending> = Vec::new();
     let mut value_expected = true;
     for (k, token) in tokens.iter().enumerate() {
@@ -179,22 +178,7 @@ fn check(text: &str, tokens: &[Token]) -> Result<(), Wrong> {
                 }
                 value_expected = true;
             }
-            (Word::Number(_) | Word::Name | Word::Open, false) => {
-                return Err((token.span, Fault::OperatorExpected { found: said(token) }));
-            }
-            (Word::Close, true) if !pending.iter().any(|p| *p != Pending::Operator) => {
-                return Err((token.span, Fault::Unopened));
-            }
-            (Word::Times, true)
-                if previous
-                    .is_some_and(|p| p.word == Word::Times && p.span.to == token.span.from) =>
-            {
-                let span = Span { from: token.span.from - 1, to: token.span.to };
-                return Err((span, Fault::ValueExpected { found: Some("**".to_owned()) }));
-            }
-            (Word::Times | Word::Over | Word::Caret | Word::Close | Word::Comma, true) => {
-                return Err((token.span, Fault::ValueExpected { found: Some(said(token)) }));
-            }
+            _ => return Err(misplaced(text, token, previous, value_expected, &pending)),
         }
         if pending.len() > DEEPEST {
             return Err((token.span, Fault::TooDeep { limit: DEEPEST }));
@@ -208,6 +192,29 @@ fn check(text: &str, tokens: &[Token]) -> Result<(), Wrong> {
     match pending.last() {
         Some(Pending::Group(k) | Pending::Call(k)) => Err((tokens[*k].span, Fault::Unclosed)),
         _ => Ok(()),
+    }
+}
+
+/// What is wrong with a word where it stands.
+fn misplaced(
+    text: &str,
+    token: &Token,
+    previous: Option<&Token>,
+    value_expected: bool,
+    pending: &[Pending],
+) -> Wrong {
+    let found = text[token.span.from..token.span.to].to_owned();
+    let doubled = previous.is_some_and(|p| p.word == Word::Times && p.span.to == token.span.from);
+    match token.word {
+        _ if !value_expected => (token.span, Fault::OperatorExpected { found }),
+        Word::Close if pending.iter().all(|p| *p == Pending::Operator) => {
+            (token.span, Fault::Unopened)
+        }
+        Word::Times if doubled => {
+            let span = Span { from: token.span.from - 1, to: token.span.to };
+            (span, Fault::ValueExpected { found: Some("**".to_owned()) })
+        }
+        _ => (token.span, Fault::ValueExpected { found: Some(found) }),
     }
 }
 

@@ -4,11 +4,37 @@ use super::channel::{Channel, ChannelKind, Operating};
 use crate::error::ModelError;
 use std::path::Path;
 
+const FINITE: &str = "it must be finite";
+
+/// What has a name and lacks what it needs.
+pub(super) fn unmatched(
+    path: &Path,
+    what: &'static str,
+    name: &str,
+    lacks: &'static str,
+) -> ModelError {
+    ModelError::Unmatched { path: path.to_owned(), what, name: name.to_owned(), lacks }
+}
+
+/// A number that must be another.
+pub(super) fn number(path: &Path, key: &'static str, value: f64, rule: &'static str) -> ModelError {
+    ModelError::Number { path: path.to_owned(), key, value, rule }
+}
+
+/// A sample time, or 0 of continuous time.
+pub(super) fn check_sample_time(path: &Path, sample_time_s: f64) -> Result<(), ModelError> {
+    if sample_time_s.is_finite() && sample_time_s >= 0.0 {
+        return Ok(());
+    }
+    let rule = "it must be above 0, or 0 for continuous time";
+    Err(number(path, "sample_time_s", sample_time_s, rule))
+}
+
 /// No more states, inputs, outputs and parameters than a model may have: before anything is compared with anything.
 pub(super) fn check_sizes(
     path: &Path,
     [inputs, states, parameters, outputs]: [usize; 4],
-) -> std::result::Result<(), ModelError> {
+) -> Result<(), ModelError> {
     let wrong = |source| ModelError::Equations { path: path.to_owned(), source: Box::new(source) };
     crate::equations::system::check_sizes(inputs, states, parameters, outputs).map_err(wrong)
 }
@@ -18,7 +44,7 @@ pub(super) fn check_names(
     path: &Path,
     what: &'static str,
     names: &[&str],
-) -> std::result::Result<(), ModelError> {
+) -> Result<(), ModelError> {
     match names.iter().enumerate().find(|(i, n)| names.iter().take(*i).any(|before| before == *n)) {
         Some((_, name)) => {
             Err(ModelError::Duplicate { path: path.to_owned(), what, name: (*name).to_owned() })
@@ -32,7 +58,7 @@ pub(super) fn check_channels(
     path: &Path,
     inputs: &[Channel],
     outputs: &[Channel],
-) -> std::result::Result<(), ModelError> {
+) -> Result<(), ModelError> {
     for (what, channels) in [("input", inputs), ("output", outputs)] {
         check_names(path, what, &channels.iter().map(|c| c.name.as_str()).collect::<Vec<_>>())?;
     }
@@ -41,24 +67,17 @@ pub(super) fn check_channels(
         _ => None,
     });
     if let Some(value) = operating {
-        return Err(ModelError::Number {
-            path: path.to_owned(),
-            key: "operating",
-            value,
-            rule: "it must be finite",
-        });
+        return Err(number(path, "operating", value, FINITE));
     }
     match inputs
         .iter()
         .chain(outputs)
         .find(|c| c.kind == Some(ChannelKind::Angle) && c.turn().is_none())
     {
-        Some(channel) => Err(ModelError::Unmatched {
-            path: path.to_owned(),
-            what: "the angle",
-            name: channel.name.clone(),
-            lacks: "needs its unit, `rad` or `deg`, to know what a whole turn is",
-        }),
+        Some(channel) => {
+            let lacks = "needs its unit, `rad` or `deg`, to know what a whole turn is";
+            Err(unmatched(path, "the angle", &channel.name, lacks))
+        }
         None => Ok(()),
     }
 }
@@ -77,7 +96,7 @@ pub(super) fn check_list(
     list: &[f64],
     needed: usize,
     sign: Sign,
-) -> std::result::Result<(), ModelError> {
+) -> Result<(), ModelError> {
     if !list.is_empty() && list.len() != needed {
         let detail = ModelError::Count { what: key, needed, got: list.len() }.to_string();
         return Err(ModelError::File { path: path.to_owned(), detail });
@@ -85,9 +104,8 @@ pub(super) fn check_list(
     let positive = sign == Sign::NotNegative;
     match list.iter().find(|v| !v.is_finite() || (positive && **v < 0.0)) {
         Some(&value) => {
-            let rule =
-                if positive { "it must be finite and not negative" } else { "it must be finite" };
-            Err(ModelError::Number { path: path.to_owned(), key, value, rule })
+            let rule = if positive { "it must be finite and not negative" } else { FINITE };
+            Err(number(path, key, value, rule))
         }
         None => Ok(()),
     }

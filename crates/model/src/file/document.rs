@@ -6,12 +6,13 @@ use serde::Serialize;
 
 use super::candidate::CandidateEntry;
 use super::channel::{Channel, EffectEntry, Operating};
+use super::check::unmatched;
 use super::equations::{EquationsFile, GroupEntry, GroupKind};
-use super::lti::ModelFile;
+use super::lti::{ModelFile, State};
 use super::nuisance::NuisanceEntry;
-use super::text::{Syntax, read_text};
-use crate::error::ModelError;
-use crate::error::Result;
+use super::text::{Syntax, parse_text, read_text};
+use super::transfer;
+use crate::error::{ModelError, Result};
 use deadtime_log::{Log, LogError};
 
 /// A model file, linear or as equations.
@@ -24,11 +25,22 @@ pub enum ModelDocument {
     Equations(EquationsFile),
 }
 
+/// The same of a file of either kind.
+macro_rules! either {
+    ($document:expr, $file:ident => $value:expr) => {
+        match $document {
+            ModelDocument::Lti($file) => $value,
+            ModelDocument::Equations($file) => $value,
+        }
+    };
+}
+
 impl ModelDocument {
     /// Reads and checks a model file of any kind.
     ///
     /// # Errors
-    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] that names the file and what is wrong in it.
+    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] that names the file and
+    /// what is wrong in it.
     pub fn read(path: &Path) -> Result<Self> {
         let (text, syntax) = read_text(path)?;
         Ok(Self::parse(&text, syntax, path)?)
@@ -38,7 +50,7 @@ impl ModelDocument {
     ///
     /// # Errors
     /// A [`ModelError`] that says what is wrong in it.
-    pub fn from_toml(text: &str, source: &Path) -> std::result::Result<Self, ModelError> {
+    pub fn from_toml(text: &str, source: &Path) -> Result<Self, ModelError> {
         Self::parse(text, Syntax::Toml, source)
     }
 
@@ -46,11 +58,11 @@ impl ModelDocument {
     ///
     /// # Errors
     /// As [`Self::from_toml`].
-    pub fn from_json(text: &str, source: &Path) -> std::result::Result<Self, ModelError> {
+    pub fn from_json(text: &str, source: &Path) -> Result<Self, ModelError> {
         Self::parse(text, Syntax::Json, source)
     }
 
-    fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
+    fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<Self, ModelError> {
         let kind = super::text::kind(text, syntax, path)?;
         Ok(if kind == "equations" {
             Self::Equations(EquationsFile::parse(text, syntax, path)?)
@@ -64,21 +76,15 @@ impl ModelDocument {
     /// # Errors
     /// [`FileError`](deadtime_signal::file::FileError), [`ModelError::Extension`].
     pub fn write(&self, path: &Path) -> Result<()> {
-        match self {
-            Self::Lti(file) => file.write(path),
-            Self::Equations(file) => file.write(path),
-        }
+        either!(self, file => file.write(path))
     }
 
     /// The file's text as TOML.
     ///
     /// # Errors
     /// [`ModelError::File`] if the writer refuses it.
-    pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
-        match self {
-            Self::Lti(file) => file.to_toml(),
-            Self::Equations(file) => file.to_toml(),
-        }
+    pub fn to_toml(&self) -> Result<String, ModelError> {
+        either!(self, file => file.to_toml())
     }
 
     /// The file's kind, `lti` or `equations`.
@@ -93,26 +99,20 @@ impl ModelDocument {
     /// The model's name.
     #[must_use]
     pub fn name(&self) -> &str {
-        match self {
-            Self::Lti(file) => &file.name,
-            Self::Equations(file) => &file.name,
-        }
+        either!(self, file => &file.name)
     }
 
     /// The inputs, in order.
     #[must_use]
     pub fn inputs(&self) -> &[Channel] {
-        match self {
-            Self::Lti(file) => &file.inputs,
-            Self::Equations(file) => &file.inputs,
-        }
+        either!(self, file => &file.inputs)
     }
 
     /// The log as the model takes it: angles without whole turns, attitudes of one sign, and the slopes that inputs ask for (`derivative_of`) and the log lacks.
     ///
     /// # Errors
     /// [`deadtime_log::LogError`] where the log lacks the input of a slope, or samples of it.
-    pub fn complete(&self, mut log: Log) -> std::result::Result<Log, LogError> {
+    pub fn complete(&self, mut log: Log) -> Result<Log, LogError> {
         for (channel, turn) in
             self.inputs().iter().chain(self.outputs()).filter_map(|c| Some((c, c.turn()?)))
         {
@@ -164,10 +164,7 @@ impl ModelDocument {
     /// The outputs, in order.
     #[must_use]
     pub fn outputs(&self) -> &[Channel] {
-        match self {
-            Self::Lti(file) => &file.outputs,
-            Self::Equations(file) => &file.outputs,
-        }
+        either!(self, file => &file.outputs)
     }
 
     /// Name and unit of each state, in order.
@@ -176,7 +173,7 @@ impl ModelDocument {
             Self::Lti(file) => (&file.states, &[]),
             Self::Equations(file) => (&[], &file.states),
         };
-        let lti = lti.iter().map(|s: &super::lti::State| (s.name.as_str(), s.unit.as_deref()));
+        let lti = lti.iter().map(|s: &State| (s.name.as_str(), s.unit.as_deref()));
         lti.chain(equations.iter().map(|(name, s)| (name.as_str(), s.unit.as_deref())))
     }
 
@@ -185,7 +182,7 @@ impl ModelDocument {
     ///
     /// # Errors
     /// [`ModelError`] for a sampled model, a name that cannot stand in an expression, or an operating point `"mean"`.
-    pub fn structure(&self) -> std::result::Result<EquationsFile, ModelError> {
+    pub fn structure(&self) -> Result<EquationsFile, ModelError> {
         let file = match self {
             Self::Equations(file) => return Ok(file.clone()),
             Self::Lti(file) => file,
@@ -201,12 +198,12 @@ impl ModelDocument {
                     ),
                 }),
             };
-            channels.iter().map(value).collect::<std::result::Result<Vec<f64>, ModelError>>()
+            channels.iter().map(value).collect::<Result<Vec<f64>, ModelError>>()
         };
         let (inputs, outputs) = (about(&file.inputs)?, about(&file.outputs)?);
         // A state that is measured under its own name has the measurement's level.
         let sys = file.continuous()?;
-        let level = |(j, state): (usize, &super::lti::State)| {
+        let level = |(j, state): (usize, &State)| {
             let Some(i) = file.outputs.iter().position(|o| o.name == state.name) else {
                 return Ok(0.0);
             };
@@ -215,19 +212,11 @@ impl ModelDocument {
             if itself {
                 return Ok(outputs.get(i).copied().unwrap_or(0.0));
             }
-            Err(ModelError::Unmatched {
-                path: file.name.clone().into(),
-                what: "the state",
-                name: state.name.clone(),
-                lacks: "has the name of an output that is another quantity; windows of a log would start there: give it another name",
-            })
+            let lacks = "has the name of an output that is another quantity; windows of a log would start there: give it another name";
+            Err(unmatched(Path::new(&file.name), "the state", &state.name, lacks))
         };
-        let states = file
-            .states
-            .iter()
-            .enumerate()
-            .map(level)
-            .collect::<std::result::Result<Vec<f64>, ModelError>>()?;
+        let states =
+            file.states.iter().enumerate().map(level).collect::<Result<Vec<f64>, ModelError>>()?;
         file.to_equations([&inputs, &states, &outputs])
     }
 
@@ -235,7 +224,7 @@ impl ModelDocument {
     ///
     /// # Errors
     /// [`ModelError`] where the model cannot have it.
-    pub fn suspect(&mut self, candidate: CandidateEntry) -> std::result::Result<(), ModelError> {
+    pub fn suspect(&mut self, candidate: CandidateEntry) -> Result<(), ModelError> {
         match self {
             Self::Lti(file) => {
                 file.candidates.push(candidate);
@@ -251,32 +240,48 @@ impl ModelDocument {
     /// Effects that already belong to the simulator.
     #[must_use]
     pub fn effects(&self) -> &[EffectEntry] {
-        match self {
-            Self::Lti(file) => &file.effects,
-            Self::Equations(file) => &file.effects,
-        }
+        either!(self, file => &file.effects)
     }
 
     /// The same, to be changed.
     pub fn effects_mut(&mut self) -> &mut Vec<EffectEntry> {
-        match self {
-            Self::Lti(file) => &mut file.effects,
-            Self::Equations(file) => &mut file.effects,
-        }
+        either!(self, file => &mut file.effects)
     }
 
     /// What is unknown anew in every log and no cause of a gap.
     #[must_use]
     pub fn nuisances(&self) -> &[NuisanceEntry] {
-        match self {
-            Self::Lti(file) => &file.nuisances,
-            Self::Equations(file) => &file.nuisances,
-        }
+        either!(self, file => &file.nuisances)
     }
 
     /// Sampled, not continuous.
     #[must_use]
     pub fn is_sampled(&self) -> bool {
         matches!(self, Self::Lti(file) if file.is_sampled())
+    }
+}
+
+impl ModelFile {
+    /// Reads and checks a model file.
+    ///
+    /// # Errors
+    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] that names the file and
+    /// what is wrong in it.
+    pub fn read(path: &Path) -> Result<Self> {
+        let (text, syntax) = read_text(path)?;
+        Ok(Self::parse(&text, syntax, path)?)
+    }
+
+    pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<Self, ModelError> {
+        let kind = super::text::kind(text, syntax, path)?;
+        if kind == "tf" || kind == "zpk" {
+            return transfer::parse(text, syntax, path);
+        }
+        if kind != "lti" {
+            return Err(ModelError::NotLinear { path: path.to_owned(), kind });
+        }
+        let model: Self = parse_text(text, syntax, path)?;
+        model.check(path)?;
+        Ok(model)
     }
 }

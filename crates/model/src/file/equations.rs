@@ -6,18 +6,15 @@ use serde::{Deserialize, Serialize, Serializer};
 
 use super::candidate::{CandidateEntry, Candidates};
 use super::channel::{Channel, ChannelKind, EffectEntry, Operating};
-use super::check::Sign;
-use super::nuisance::NuisanceEntry;
-use super::nuisance::check_nuisances;
-use super::table;
-use super::table::Table;
+use super::check::{Sign, check_channels, check_list, check_sizes, number, unmatched};
+use super::nuisance::{NuisanceEntry, check_nuisances};
+use super::table::{self, Table};
 use super::text::{FORMAT, Syntax, parse_text, read_text, syntax, write_text};
 use crate::equations::error::EquationError;
 use crate::equations::system::{
     Definition, Equations, OutputVariable, Parameter, StateVariable, Symbol,
 };
-use crate::error::ModelError;
-use crate::error::Result;
+use crate::error::{ModelError, Result};
 
 /// A state's unit and start.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -122,7 +119,7 @@ pub struct EquationsFile {
 fn without_operating<S: Serializer>(
     channels: &[Channel],
     serializer: S,
-) -> std::result::Result<S::Ok, S::Error> {
+) -> Result<S::Ok, S::Error> {
     #[derive(Serialize)]
     struct Named<'a> {
         name: &'a str,
@@ -224,11 +221,7 @@ impl EquationsFile {
         Ok(Self::parse(&text, syntax, path)?)
     }
 
-    pub(super) fn parse(
-        text: &str,
-        syntax: Syntax,
-        path: &Path,
-    ) -> std::result::Result<Self, ModelError> {
+    pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<Self, ModelError> {
         let kind = super::text::kind(text, syntax, path)?;
         if kind != "equations" {
             return Err(ModelError::Kind {
@@ -243,41 +236,30 @@ impl EquationsFile {
         Ok(file)
     }
 
-    fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
-        super::check::check_sizes(
+    fn check(&self, path: &Path) -> Result<(), ModelError> {
+        check_sizes(
             path,
             [self.inputs.len(), self.states.len(), self.parameters.len(), self.outputs.len()],
         )?;
-        super::check::check_channels(path, &self.inputs, &self.outputs)?;
+        check_channels(path, &self.inputs, &self.outputs)?;
         check_nuisances(path, &self.nuisances)?;
-        super::check::check_list(
+        check_list(
             path,
             "input_delay_s",
             &self.input_delay_s,
             self.inputs.len(),
             Sign::NotNegative,
         )?;
-        let number =
-            |key, value, rule| Err(ModelError::Number { path: path.to_owned(), key, value, rule });
         if self.sample_time_s != 0.0 {
-            return number(
-                "sample_time_s",
-                self.sample_time_s,
-                "equations are in continuous time; leave it out",
-            );
+            let rule = "equations are in continuous time; leave it out";
+            return Err(number(path, "sample_time_s", self.sample_time_s, rule));
         }
         self.check_groups(path)?;
         let rule = "only a linear model has an operating point; leave it out";
-        match self
-            .inputs
-            .iter()
-            .chain(&self.outputs)
-            .map(|c| c.operating)
-            .find(|o| *o != Operating::default())
-        {
-            Some(Operating::Value(value)) => return number("operating", value, rule),
-            Some(Operating::Mean(_)) => return number("operating", f64::NAN, rule),
-            None => {}
+        let mut operating = self.inputs.iter().chain(&self.outputs).map(|c| c.operating);
+        if let Some(operating) = operating.find(|o| *o != Operating::default()) {
+            let value = if let Operating::Value(value) = operating { value } else { f64::NAN };
+            return Err(number(path, "operating", value, rule));
         }
         self.compile_starts(path)?;
         self.compile_candidates(path)?;
@@ -285,10 +267,8 @@ impl EquationsFile {
     }
 
     /// Groups and slopes name what there is.
-    fn check_groups(&self, path: &Path) -> std::result::Result<(), ModelError> {
-        let unmatched = |what, name: &str, lacks| {
-            Err(ModelError::Unmatched { path: path.to_owned(), what, name: name.to_owned(), lacks })
-        };
+    fn check_groups(&self, path: &Path) -> Result<(), ModelError> {
+        let unmatched = |what, name: &str, lacks| Err(unmatched(path, what, name, lacks));
         for input in &self.inputs {
             if let Some(of) = &input.derivative_of
                 && !self.inputs.iter().any(|i| i.name == *of && i.derivative_of.is_none())
@@ -337,7 +317,7 @@ impl EquationsFile {
     ///
     /// # Errors
     /// [`ModelError::Equations`], which points into the expression; [`ModelError::Unmatched`] for a state without a derivative and its like.
-    pub fn equations(&self) -> std::result::Result<Equations, ModelError> {
+    pub fn equations(&self) -> Result<Equations, ModelError> {
         self.compile(Path::new(&self.name))
     }
 
@@ -345,7 +325,7 @@ impl EquationsFile {
     ///
     /// # Errors
     /// As [`Self::equations`].
-    pub fn start_equations(&self) -> std::result::Result<Option<Equations>, ModelError> {
+    pub fn start_equations(&self) -> Result<Option<Equations>, ModelError> {
         self.compile_starts(Path::new(&self.name))
     }
 
@@ -353,25 +333,31 @@ impl EquationsFile {
     ///
     /// # Errors
     /// As [`Self::equations`], and [`ModelError::Candidate`].
-    pub fn candidates(&self) -> std::result::Result<Option<Candidates>, ModelError> {
+    pub fn candidates(&self) -> Result<Option<Candidates>, ModelError> {
         self.compile_candidates(Path::new(&self.name))
     }
 
-    fn compile_starts(&self, path: &Path) -> std::result::Result<Option<Equations>, ModelError> {
+    /// Every entry of a table belongs to a state.
+    fn of_states(
+        &self,
+        path: &Path,
+        what: &'static str,
+        table: &Table<String>,
+    ) -> Result<(), ModelError> {
+        match table.iter().find(|(name, _)| entry(&self.states, name).is_none()) {
+            Some((name, _)) => {
+                let lacks = "belongs to no state; add it to [states] or correct its name";
+                Err(unmatched(path, what, name, lacks))
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn compile_starts(&self, path: &Path) -> Result<Option<Equations>, ModelError> {
         if self.starts.is_empty() {
             return Ok(None);
         }
-        if let Some((name, _)) =
-            self.starts.iter().find(|(name, _)| entry(&self.states, name).is_none())
-        {
-            let lacks = "belongs to no state; add it to [states] or correct its name";
-            return Err(ModelError::Unmatched {
-                path: path.to_owned(),
-                what: "the start",
-                name: name.clone(),
-                lacks,
-            });
-        }
+        self.of_states(path, "the start", &self.starts)?;
         let outputs = self.starts.iter().map(|(name, _)| Channel::plain(name, None)).collect();
         Self {
             outputs,
@@ -384,36 +370,17 @@ impl EquationsFile {
         .map(Some)
     }
 
-    pub(super) fn compile(&self, path: &Path) -> std::result::Result<Equations, ModelError> {
-        let unmatched = |what, name: &str, lacks| ModelError::Unmatched {
-            path: path.to_owned(),
-            what,
-            name: name.to_owned(),
-            lacks,
-        };
-        if let Some((name, _)) =
-            self.derivatives.iter().find(|(name, _)| entry(&self.states, name).is_none())
-        {
-            return Err(unmatched(
-                "the derivative",
-                name,
-                "belongs to no state; add it to [states] or correct its name",
-            ));
-        }
-        if let Some((name, _)) = self
-            .output_equations
-            .iter()
-            .find(|(name, _)| !self.outputs.iter().any(|o| o.name == *name))
-        {
-            return Err(unmatched(
-                "the output equation",
-                name,
-                "belongs to no output; add it to `outputs` or correct its name",
-            ));
+    pub(super) fn compile(&self, path: &Path) -> Result<Equations, ModelError> {
+        self.of_states(path, "the derivative", &self.derivatives)?;
+        let output = |name: &str| self.outputs.iter().any(|o| o.name == name);
+        if let Some((name, _)) = self.output_equations.iter().find(|(name, _)| !output(name)) {
+            let lacks = "belongs to no output; add it to `outputs` or correct its name";
+            return Err(unmatched(path, "the output equation", name, lacks));
         }
         let states = self.states.iter().map(|(name, state)| {
             let derivative = entry(&self.derivatives, name).ok_or_else(|| {
-                unmatched("the state", name, "has no derivative; add its equation to [derivatives]")
+                let lacks = "has no derivative; add its equation to [derivatives]";
+                unmatched(path, "the state", name, lacks)
             })?;
             let StateEntry { unit, initial, initial_std } = state.clone();
             Ok(StateVariable {
@@ -424,14 +391,11 @@ impl EquationsFile {
                 derivative: derivative.clone(),
             })
         });
-        let states = states.collect::<std::result::Result<_, ModelError>>()?;
+        let states = states.collect::<Result<_, ModelError>>()?;
         let outputs = self.outputs.iter().map(|output| {
             let equation = entry(&self.output_equations, &output.name).ok_or_else(|| {
-                unmatched(
-                    "the output",
-                    &output.name,
-                    "has no equation; add one to [output_equations]",
-                )
+                let lacks = "has no equation; add one to [output_equations]";
+                unmatched(path, "the output", &output.name, lacks)
             })?;
             Ok(OutputVariable {
                 name: output.name.clone(),
@@ -439,7 +403,7 @@ impl EquationsFile {
                 equation: equation.clone(),
             })
         });
-        let outputs = outputs.collect::<std::result::Result<_, ModelError>>()?;
+        let outputs = outputs.collect::<Result<_, ModelError>>()?;
         let inputs = self
             .inputs
             .iter()
@@ -475,7 +439,7 @@ impl EquationsFile {
     ///
     /// # Errors
     /// [`ModelError::File`] if the writer refuses it.
-    pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
+    pub fn to_toml(&self) -> Result<String, ModelError> {
         super::text::text(self, Syntax::Toml)
             .map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
     }

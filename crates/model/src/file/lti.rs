@@ -7,14 +7,15 @@ use serde::{Deserialize, Serialize};
 
 use super::candidate::CandidateEntry;
 use super::channel::{Channel, EffectEntry, Operating};
-use super::check::Sign;
+use super::check::{
+    Sign, check_channels, check_list, check_names, check_sample_time, check_sizes, number,
+};
 use super::equations::{EquationsFile, ParameterEntry, StateEntry};
-use super::nuisance::NuisanceEntry;
-use super::nuisance::check_nuisances;
-use super::text::{FORMAT, Syntax, parse_text, read_text, syntax, write_text};
+use super::nuisance::{NuisanceEntry, check_nuisances};
+use super::table::Table;
+use super::text::{FORMAT, Syntax, syntax, write_text};
 use crate::c2d::conversion::Conversion;
-use crate::error::ModelError;
-use crate::error::Result;
+use crate::error::{ModelError, Result};
 use crate::state_space::{Continuous, Sampled, StateSpace};
 use deadtime_signal::time::SampleTime;
 
@@ -75,61 +76,22 @@ pub struct ModelFile {
 }
 
 impl ModelFile {
-    /// Reads and checks a model file.
-    ///
-    /// # Errors
-    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] that names the file and what is wrong in it.
-    pub fn read(path: &Path) -> Result<Self> {
-        let (text, syntax) = read_text(path)?;
-        Ok(Self::parse(&text, syntax, path)?)
-    }
-
-    pub(super) fn parse(
-        text: &str,
-        syntax: Syntax,
-        path: &Path,
-    ) -> std::result::Result<Self, ModelError> {
-        let kind = super::text::kind(text, syntax, path)?;
-        if kind == "tf" || kind == "zpk" {
-            return super::transfer::parse(text, syntax, path);
-        }
-        if kind != "lti" {
-            return Err(ModelError::NotLinear { path: path.to_owned(), kind });
-        }
-        let model: Self = parse_text(text, syntax, path)?;
-        model.check(path)?;
-        Ok(model)
-    }
-
-    pub(super) fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
+    pub(super) fn check(&self, path: &Path) -> Result<(), ModelError> {
         let states: Vec<&str> = self.states.iter().map(|s| s.name.as_str()).collect();
-        super::check::check_sizes(path, [self.inputs.len(), states.len(), 0, self.outputs.len()])?;
-        super::check::check_channels(path, &self.inputs, &self.outputs)?;
-        super::check::check_names(path, "state", &states)?;
+        check_sizes(path, [self.inputs.len(), states.len(), 0, self.outputs.len()])?;
+        check_channels(path, &self.inputs, &self.outputs)?;
+        check_names(path, "state", &states)?;
         check_nuisances(path, &self.nuisances)?;
-        super::check::check_list(
+        check_list(
             path,
             "input_delay_s",
             &self.input_delay_s,
             self.inputs.len(),
             Sign::NotNegative,
         )?;
-        super::check::check_list(path, "initial", &self.initial, states.len(), Sign::Any)?;
-        super::check::check_list(
-            path,
-            "initial_std",
-            &self.initial_std,
-            states.len(),
-            Sign::NotNegative,
-        )?;
-        if !(self.sample_time_s.is_finite() && self.sample_time_s >= 0.0) {
-            return Err(ModelError::Number {
-                path: path.to_owned(),
-                key: "sample_time_s",
-                value: self.sample_time_s,
-                rule: "it must be above 0, or 0 for continuous time",
-            });
-        }
+        check_list(path, "initial", &self.initial, states.len(), Sign::Any)?;
+        check_list(path, "initial_std", &self.initial_std, states.len(), Sign::NotNegative)?;
+        check_sample_time(path, self.sample_time_s)?;
         let named =
             |e: ModelError| ModelError::File { path: path.to_owned(), detail: e.to_string() };
         if !self.candidates.is_empty() {
@@ -152,7 +114,7 @@ impl ModelFile {
         inputs: Vec<Channel>,
         states: Vec<State>,
         outputs: Vec<Channel>,
-    ) -> std::result::Result<Self, ModelError> {
+    ) -> Result<Self, ModelError> {
         let delays = sys.input_delay().to_vec();
         Self::from_matrices(
             name,
@@ -173,7 +135,7 @@ impl ModelFile {
         inputs: Vec<Channel>,
         mut states: Vec<State>,
         outputs: Vec<Channel>,
-    ) -> std::result::Result<Self, ModelError> {
+    ) -> Result<Self, ModelError> {
         let ts = sys.sample_time();
         let delays = sys.input_delay().iter().map(|&d| ts.to_seconds(d as f64)).collect();
         // A realisation with fewer states than named (after cancellation) or of another kind has states of its own.
@@ -201,7 +163,7 @@ impl ModelFile {
         conversion: &dyn Conversion,
         sample_time: SampleTime,
         pair: Option<(usize, usize)>,
-    ) -> std::result::Result<Self, ModelError> {
+    ) -> Result<Self, ModelError> {
         if !self.effects.is_empty() {
             return Err(ModelError::Effects { name: self.name.clone() });
         }
@@ -231,7 +193,7 @@ impl ModelFile {
         [a, b, c, d]: [&DMatrix<f64>; 4],
         input_delay_s: Vec<f64>,
         (inputs, states, outputs): (Vec<Channel>, Vec<State>, Vec<Channel>),
-    ) -> std::result::Result<Self, ModelError> {
+    ) -> Result<Self, ModelError> {
         for (what, got, needed) in [
             ("input names", inputs.len(), d.ncols()),
             ("state names", states.len(), a.nrows()),
@@ -271,43 +233,18 @@ impl ModelFile {
     pub fn to_equations(
         &self,
         [about_inputs, about_states, about_outputs]: [&[f64]; 3],
-    ) -> std::result::Result<EquationsFile, ModelError> {
+    ) -> Result<EquationsFile, ModelError> {
         let sys = self.continuous()?;
         let deviation = |name: &str, about: Option<&f64>| match about {
             Some(about) if *about != 0.0 => format!("({name} - ({about:e}))"),
             _ => name.to_owned(),
         };
-        let states: Vec<String> = self
-            .states
-            .iter()
-            .enumerate()
-            .map(|(i, s)| deviation(&s.name, about_states.get(i)))
-            .collect();
-        let inputs: Vec<String> = self
-            .inputs
-            .iter()
-            .enumerate()
-            .map(|(j, c)| deviation(&c.name, about_inputs.get(j)))
-            .collect();
-        let mut parameters = Vec::new();
-        let mut derivatives = Vec::new();
-        for (i, state) in self.states.iter().map(|s| s.name.as_str()).enumerate() {
-            let mut derivative = "0".to_owned();
-            let of_states =
-                self.states.iter().zip(&states).map(|(s, x)| ("A", sys.a(), s.name.as_str(), x));
-            let of_inputs =
-                self.inputs.iter().zip(&inputs).map(|(c, u)| ("B", sys.b(), c.name.as_str(), u));
-            for (j, (letter, matrix, column, value)) in
-                of_states.enumerate().chain(of_inputs.enumerate())
-            {
-                if matrix[(i, j)] != 0.0 {
-                    let name = format!("{letter}_{state}_{column}");
-                    derivative.push_str(&format!(" + {name}*{value}"));
-                    parameters.push((name, ParameterEntry { unit: None, value: matrix[(i, j)] }));
-                }
-            }
-            derivatives.push((state.to_owned(), derivative));
-        }
+        let deviations = |names: &mut dyn Iterator<Item = &String>, about: &[f64]| {
+            names.enumerate().map(|(i, name)| deviation(name, about.get(i))).collect::<Vec<_>>()
+        };
+        let states = deviations(&mut self.states.iter().map(|s| &s.name), about_states);
+        let inputs = deviations(&mut self.inputs.iter().map(|c| &c.name), about_inputs);
+        let (parameters, derivatives) = self.entries(&sys, &states, &inputs);
         let output = |(i, channel): (usize, &Channel)| {
             let mut equation = format!("{:e}", about_outputs.get(i).copied().unwrap_or(0.0));
             let of_states = states.iter().map(|x| (sys.c(), x));
@@ -348,6 +285,35 @@ impl ModelFile {
         })
     }
 
+    /// The entries of A and B that are not 0 as parameters, and each state's derivative by them.
+    fn entries(
+        &self,
+        sys: &StateSpace<Continuous>,
+        states: &[String],
+        inputs: &[String],
+    ) -> (Table<ParameterEntry>, Table<String>) {
+        let mut parameters = Vec::new();
+        let mut derivatives = Vec::new();
+        for (i, state) in self.states.iter().map(|s| s.name.as_str()).enumerate() {
+            let mut derivative = "0".to_owned();
+            let of_states =
+                self.states.iter().zip(states).map(|(s, x)| ("A", sys.a(), s.name.as_str(), x));
+            let of_inputs =
+                self.inputs.iter().zip(inputs).map(|(c, u)| ("B", sys.b(), c.name.as_str(), u));
+            for (j, (letter, matrix, column, value)) in
+                of_states.enumerate().chain(of_inputs.enumerate())
+            {
+                if matrix[(i, j)] != 0.0 {
+                    let name = format!("{letter}_{state}_{column}");
+                    derivative.push_str(&format!(" + {name}*{value}"));
+                    parameters.push((name, ParameterEntry { unit: None, value: matrix[(i, j)] }));
+                }
+            }
+            derivatives.push((state.to_owned(), derivative));
+        }
+        (parameters, derivatives)
+    }
+
     /// Writes the file, as TOML or JSON by its extension.
     ///
     /// # Errors
@@ -360,12 +326,12 @@ impl ModelFile {
     ///
     /// # Errors
     /// [`ModelError::File`] if the writer refuses it.
-    pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
+    pub fn to_toml(&self) -> Result<String, ModelError> {
         super::text::text(self, Syntax::Toml)
             .map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
     }
 
-    fn matrices(&self) -> std::result::Result<[DMatrix<f64>; 4], ModelError> {
+    fn matrices(&self) -> Result<[DMatrix<f64>; 4], ModelError> {
         let (n, m, p) = (self.states.len(), self.inputs.len(), self.outputs.len());
         let matrix = |matrix: &'static str, rows: &[Vec<f64>], needed: (usize, usize)| {
             // No states: the file may write [] for a matrix of no rows or of no columns.
@@ -375,13 +341,9 @@ impl ModelFile {
                 .or(rows.first())
                 .map_or(needed.1, Vec::len);
             if rows.len() != needed.0 || columns != needed.1 {
-                return Err(ModelError::Shape {
-                    matrix,
-                    rows: needed.0,
-                    columns: needed.1,
-                    got_rows: rows.len(),
-                    got_columns: columns,
-                });
+                let (got_rows, got_columns) = (rows.len(), columns);
+                let (rows, columns) = needed;
+                return Err(ModelError::Shape { matrix, rows, columns, got_rows, got_columns });
             }
             Ok(DMatrix::from_row_iterator(needed.0, needed.1, rows.iter().flatten().copied()))
         };
@@ -401,19 +363,23 @@ impl ModelFile {
         }
     }
 
+    fn must_be(
+        &self,
+        needed: &'static str,
+        found: &'static str,
+        is: bool,
+    ) -> Result<(), ModelError> {
+        let name = || self.name.clone();
+        let what = "this step";
+        if is { Ok(()) } else { Err(ModelError::Domain { what, needed, name: name(), found }) }
+    }
+
     /// The continuous model.
     ///
     /// # Errors
     /// [`ModelError::Domain`] if it is sampled, [`ModelError::Shape`] or [`ModelError::NotFinite`].
-    pub fn continuous(&self) -> std::result::Result<StateSpace<Continuous>, ModelError> {
-        if self.is_sampled() {
-            return Err(ModelError::Domain {
-                what: "this step",
-                needed: "continuous",
-                name: self.name.clone(),
-                found: "sampled",
-            });
-        }
+    pub fn continuous(&self) -> Result<StateSpace<Continuous>, ModelError> {
+        self.must_be("continuous", "sampled", !self.is_sampled())?;
         let [a, b, c, d] = self.matrices()?;
         StateSpace::continuous(a, b, c, d)?.with_input_delay(self.delays())
     }
@@ -422,27 +388,16 @@ impl ModelFile {
     ///
     /// # Errors
     /// [`ModelError::Domain`] if it is continuous, [`ModelError::Shape`], [`ModelError::NotFinite`] or [`ModelError::Number`].
-    pub fn sampled(&self) -> std::result::Result<StateSpace<Sampled>, ModelError> {
-        if !self.is_sampled() {
-            return Err(ModelError::Domain {
-                what: "this step",
-                needed: "sampled",
-                name: self.name.clone(),
-                found: "continuous",
-            });
-        }
+    pub fn sampled(&self) -> Result<StateSpace<Sampled>, ModelError> {
+        self.must_be("sampled", "continuous", self.is_sampled())?;
         let ts = SampleTime::new(self.sample_time_s)?;
         let [a, b, c, d] = self.matrices()?;
         let mut whole = Vec::with_capacity(self.inputs.len());
         for delay_s in self.delays() {
             let delay = ts.samples(delay_s)?;
             if delay.fraction != 0.0 {
-                return Err(ModelError::Number {
-                    path: self.name.clone().into(),
-                    key: "input_delay_s",
-                    value: delay_s,
-                    rule: "a sampled model's delays are multiples of its sample time; convert the continuous model instead",
-                });
+                let rule = "a sampled model's delays are multiples of its sample time; convert the continuous model instead";
+                return Err(number(Path::new(&self.name), "input_delay_s", delay_s, rule));
             }
             whole.push(delay.whole);
         }

@@ -5,6 +5,7 @@
 pub(crate) mod candidate;
 pub(crate) mod channel;
 mod check;
+mod compiled_candidates;
 pub(crate) mod document;
 pub(crate) mod equations;
 pub(crate) mod lti;

@@ -1,7 +1,6 @@
 //! The text of a model file.
 
-use crate::error::ModelError;
-use crate::error::Result;
+use crate::error::{ModelError, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -17,7 +16,7 @@ pub(super) enum Syntax {
     Json,
 }
 
-pub(super) fn syntax(path: &Path) -> std::result::Result<Syntax, ModelError> {
+pub(super) fn syntax(path: &Path) -> Result<Syntax, ModelError> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("toml") => Ok(Syntax::Toml),
         Some("json") => Ok(Syntax::Json),
@@ -35,7 +34,7 @@ pub(super) fn parse_text<T: DeserializeOwned>(
     text: &str,
     syntax: Syntax,
     path: &Path,
-) -> std::result::Result<T, ModelError> {
+) -> Result<T, ModelError> {
     let wrong = |detail: String| ModelError::File { path: path.to_owned(), detail };
     match syntax {
         Syntax::Toml => toml::from_str(text).map_err(|e| wrong(e.to_string())),
@@ -43,7 +42,7 @@ pub(super) fn parse_text<T: DeserializeOwned>(
     }
 }
 
-pub(super) fn text<T: Serialize>(file: &T, syntax: Syntax) -> std::result::Result<String, String> {
+pub(super) fn text<T: Serialize>(file: &T, syntax: Syntax) -> Result<String, String> {
     match syntax {
         Syntax::Toml => toml::to_string(file).map_err(|e| e.to_string()),
         Syntax::Json => {
@@ -66,11 +65,7 @@ pub(super) struct Header {
 }
 
 /// The file's kind, `lti`, `equations`, `tf` or `zpk`; its format is that of this version.
-pub(super) fn kind(
-    text: &str,
-    syntax: Syntax,
-    path: &Path,
-) -> std::result::Result<String, ModelError> {
+pub(super) fn kind(text: &str, syntax: Syntax, path: &Path) -> Result<String, ModelError> {
     let Header { format, kind } = parse_text(text, syntax, path)?;
     let wrong = |key, found: Option<String>, known| {
         let found = found.unwrap_or_else(|| "missing".to_owned());

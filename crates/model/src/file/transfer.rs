@@ -6,6 +6,7 @@ use nalgebra::{Complex, DMatrix};
 use serde::Deserialize;
 
 use super::channel::{Channel, EffectEntry};
+use super::check::check_sample_time;
 use super::lti::{ModelFile, State};
 use super::nuisance::NuisanceEntry;
 use super::text::{Syntax, parse_text};
@@ -73,15 +74,7 @@ impl Root {
 pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<ModelFile, ModelError> {
     let file: TransferFile = parse_text(text, syntax, path)?;
     let wrong = |detail: String| ModelError::File { path: path.to_owned(), detail };
-    if !(file.sample_time_s.is_finite() && file.sample_time_s >= 0.0) {
-        let rule = "it must be above 0, or 0 for continuous time";
-        return Err(ModelError::Number {
-            path: path.to_owned(),
-            key: "sample_time_s",
-            value: file.sample_time_s,
-            rule,
-        });
-    }
+    check_sample_time(path, file.sample_time_s)?;
     let matrices = if file.sample_time_s > 0.0 {
         let ts = SampleTime::new(file.sample_time_s)?;
         file.assembled(Sampled(ts), &wrong)?

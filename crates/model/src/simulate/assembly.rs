@@ -1,6 +1,6 @@
 //! The plant with its hooks as one system: every signal on the way is a row over (states, signals, 1, the plant's own outputs).
 
-use super::plan::{Plan, Site, Source, Term};
+use super::plan::{ModeSite, Plan, Source, Term};
 use super::system::{Affine, System};
 
 /// Coefficients over (states, signals, 1, the plant's own outputs).
@@ -37,27 +37,9 @@ impl Assembly {
         own_outputs: impl FnOnce(&[f64]) -> Vec<f64>,
     ) -> Self {
         let (n, m, p) = (system.states.len(), system.inputs.len(), system.outputs.len());
-        let lags = plan
-            .inputs
-            .iter()
-            .map(|i| i.lags_s.len())
-            .chain(plan.outputs.iter().map(|o| o.lags_s.len()))
-            .sum::<usize>();
-        let sines = plan.terms.iter().filter(|t| matches!(t, Term::Sine { .. })).count();
-        let memories = plan.terms.iter().filter(|t| matches!(t, Term::Hysteresis { .. })).count();
-        let states = n + lags + 2 * plan.modes.len() + 2 * sines + memories;
-        let mut build = Build {
-            states,
-            signals: m,
-            outputs: p,
-            used: n,
-            derivatives: Vec::with_capacity(states),
-            now: Vec::new(),
-            memories: Vec::new(),
-        };
-        build.derivatives = (0..states).map(|_| build.zero()).collect();
+        let mut build = Build::new(plan, [n, m, p]);
+        let states = build.states;
         // The values of (states, signals, 1, outputs) at the start, filled in as they become known.
-        build.now = build.zero();
         build.now[..n].copy_from_slice(x0);
         build.now[states..states + m].copy_from_slice(first);
         build.now[states + m] = 1.0;
@@ -118,13 +100,31 @@ struct Build {
 }
 
 impl Build {
+    /// For a plant of so many states, inputs and outputs.
+    fn new(plan: &Plan, [n, signals, outputs]: [usize; 3]) -> Self {
+        let lags = plan.inputs.iter().map(|i| i.lags_s.len());
+        let lags = lags.chain(plan.outputs.iter().map(|o| o.lags_s.len())).sum::<usize>();
+        let of_term = |term: &Term| match term {
+            Term::Sine { .. } => 2,
+            Term::Hysteresis { .. } => 1,
+            _ => 0,
+        };
+        let terms = plan.terms.iter().map(of_term).sum::<usize>();
+        let states = n + lags + 2 * plan.modes.len() + terms;
+        let (derivatives, now, memories) = (Vec::new(), Vec::new(), Vec::new());
+        let mut build = Self { states, signals, outputs, used: n, derivatives, now, memories };
+        build.derivatives = vec![build.zero(); states];
+        build.now = build.zero();
+        build
+    }
+
     /// What arrives of an input: behind its lags, with the modes that act on it.
     fn arriving(&mut self, plan: &Plan, input: usize) -> Row {
         let mut v = self.unit(self.states + input);
         for &lag_s in &plan.inputs[input].lags_s {
             v = self.lag(&v, lag_s);
         }
-        for mode in plan.modes.iter().filter(|mode| mode.site == Site::Input(input)) {
+        for mode in plan.modes.iter().filter(|mode| mode.site == ModeSite::Input(input)) {
             let q = self.mode(&v, mode.omega_rad_s, mode.damping);
             v[q] += mode.gain;
         }
@@ -135,15 +135,15 @@ impl Build {
     fn modes(&mut self, plan: &Plan, arriving: &[Row], outputs: &mut [Row]) {
         for mode in &plan.modes {
             let Some(driver) =
-                arriving.get(mode.input).filter(|_| !matches!(mode.site, Site::Input(_)))
+                arriving.get(mode.input).filter(|_| !matches!(mode.site, ModeSite::Input(_)))
             else {
                 continue;
             };
             let q = self.mode(driver, mode.omega_rad_s, mode.damping);
             match mode.site {
-                Site::State(to) => self.derivatives[to][q] += mode.gain,
-                Site::Output(to) => outputs[to][q] += mode.gain,
-                Site::Input(_) => {}
+                ModeSite::State(to) => self.derivatives[to][q] += mode.gain,
+                ModeSite::Output(to) => outputs[to][q] += mode.gain,
+                ModeSite::Input(_) => {}
             }
         }
     }

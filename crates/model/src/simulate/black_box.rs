@@ -9,26 +9,9 @@ use nalgebra::DMatrix;
 use sha2::{Digest, Sha256};
 
 use super::error::SimulateError;
-use super::system::{Dynamics, Port, System};
+use super::simulator::{Port, Restart, Simulator};
+use super::system::{Dynamics, System};
 use deadtime_signal::stop::Stop;
-
-/// A simulator of which nothing is known but what it answers.
-pub trait Simulator: Send + Sync + fmt::Debug {
-    /// The outputs (samples × outputs) at the time stamps, from the start `x0`.
-    ///
-    /// `u` (samples × inputs) holds from its own stamp to the next; `time_s` counts from the log's first sample and may be uneven. The same call must give
-    /// the same answer.
-    ///
-    /// # Errors
-    /// What went wrong, as a phrase.
-    fn simulate(
-        &self,
-        u: &DMatrix<f64>,
-        time_s: &[f64],
-        x0: &[f64],
-        parameters: &[f64],
-    ) -> Result<DMatrix<f64>, String>;
-}
 
 /// A state whose start a user names.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,15 +22,6 @@ pub struct Start {
     pub initial: f64,
     /// The standard deviation of that; `None` where the start is unknown.
     pub std: Option<f64>,
-}
-
-/// Where a simulator's states stand in logs, so that it can be started again on the way: multiple shooting, for simulators whose free run says nothing.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Restart {
-    /// Per state, the log's channel that holds it; `None`: it begins at its initial value every time.
-    pub channels: Vec<Option<String>>,
-    /// Seconds between two starts; `None`: chosen by how fast a push grows.
-    pub every_s: Option<f64>,
 }
 
 /// The names under which a simulator's channels stand in logs.
@@ -220,21 +194,21 @@ pub struct Remembered {
     inner: Arc<dyn Simulator>,
     outputs: Vec<Port>,
     stop: Stop,
-    memory: Mutex<Memory>,
+    memory: Mutex<Answers>,
     done: Condvar,
 }
 
-type Key = [u8; 32];
+type CallKey = [u8; 32];
 type Answer = Result<DMatrix<f64>, String>;
 
 #[derive(Default)]
-struct Memory {
-    answers: HashMap<Key, Answer>,
+struct Answers {
+    answers: HashMap<CallKey, Answer>,
     /// Oldest first.
-    order: VecDeque<Key>,
+    order: VecDeque<CallKey>,
     bytes: usize,
     /// Calls that other threads make just now.
-    running: HashSet<Key>,
+    running: HashSet<CallKey>,
     calls: usize,
     failed: usize,
     failure: Option<String>,
@@ -247,7 +221,7 @@ impl fmt::Debug for Remembered {
 }
 
 /// Takes a call off the list of those that run, whatever ends it.
-struct Running<'a>(&'a Remembered, Key);
+struct Running<'a>(&'a Remembered, CallKey);
 
 impl Drop for Running<'_> {
     fn drop(&mut self) {
@@ -263,7 +237,7 @@ impl Remembered {
         Self { inner, outputs, stop, memory: Mutex::default(), done: Condvar::new() }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Memory> {
+    fn lock(&self) -> MutexGuard<'_, Answers> {
         self.memory.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -302,7 +276,7 @@ impl Remembered {
 }
 
 /// The call as a key: a hash of every number that goes in.
-fn key(u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Key {
+fn key(u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> CallKey {
     let mut hash = Sha256::new();
     for part in [u.as_slice(), time_s, x0, parameters] {
         hash.update(part.len().to_le_bytes());
@@ -331,7 +305,7 @@ impl Simulator for Remembered {
         let running = Running(self, key);
         let answer = self.call(u, time_s, x0, parameters);
         if !self.stop.is_set() {
-            let size = |a: &Answer| a.as_ref().map_or(0, |y| 8 * y.len()) + size_of::<Key>();
+            let size = |a: &Answer| a.as_ref().map_or(0, |y| 8 * y.len()) + size_of::<CallKey>();
             let mut memory = self.lock();
             memory.bytes += size(&answer);
             memory.answers.insert(key, answer.clone());

@@ -46,14 +46,14 @@ impl Contact {
 
 /// A state that remembers the way of a velocity.
 #[derive(Debug, Clone, Copy)]
-struct Memory {
+struct WayMemory {
     state: usize,
     velocity: usize,
     displacement: f64,
     sharpness: f64,
 }
 
-impl Memory {
+impl WayMemory {
     /// What is left of the slope before the force is full: 1 on the way back.
     fn open(&self, x: &[f64]) -> f64 {
         let z = x[self.state];
@@ -106,7 +106,7 @@ pub(super) struct Field<'a> {
     /// What the plant receives.
     received: Vec<f64>,
     pub(super) contacts: Vec<Contact>,
-    memories: Vec<Memory>,
+    memories: Vec<WayMemory>,
     /// By columns: the plant's Jacobians by its inputs, and of its outputs by states and inputs.
     blocks: [Vec<f64>; 4],
 }
@@ -141,7 +141,7 @@ impl<'a> Field<'a> {
             _ => None,
         };
         let memories = (terms.iter().filter_map(memory).zip(&assembly.memories))
-            .map(|((velocity, displacement, sharpness), &state)| Memory {
+            .map(|((velocity, displacement, sharpness), &state)| WayMemory {
                 state,
                 velocity,
                 displacement,
@@ -308,75 +308,11 @@ impl<'a> Field<'a> {
 
     /// ∂(dx)/∂x by columns: exact, but for functions of one state.
     fn jacobian(&mut self, t: f64, x: &[f64], jacobian: &mut [f64], drive: &Drive) {
-        let (size, n) = (self.states, self.plant);
+        let size = self.states;
         self.fill(t, x, drive);
         jacobian.fill(0.0);
-        let [by_states, by_inputs, own_by_states, own_by_inputs] = &mut self.blocks;
-        let own = self.now.len() - self.one - 1;
-        // (row, column) of a row's coefficient on a state.
-        let on_states = |&&(_, j, _): &&Entry| j < size;
-        if let Some((equations, parameters, workspace)) = &mut self.equations {
-            equations.derivatives_jacobian(
-                Wrt::States,
-                t,
-                &x[..n],
-                &self.received,
-                parameters,
-                workspace,
-                by_states,
-            );
-            for j in 0..n {
-                jacobian[size * j..size * j + n].copy_from_slice(&by_states[n * j..n * (j + 1)]);
-            }
-            if !self.direct {
-                equations.derivatives_jacobian(
-                    Wrt::Inputs,
-                    t,
-                    &x[..n],
-                    &self.received,
-                    parameters,
-                    workspace,
-                    by_inputs,
-                );
-                for &(input, j, value) in self.inputs.iter().filter(on_states) {
-                    for i in 0..n {
-                        jacobian[i + size * j] += by_inputs[i + n * input] * value;
-                    }
-                }
-            }
-            if self.senses {
-                equations.outputs_jacobian(
-                    Wrt::States,
-                    t,
-                    &x[..n],
-                    &self.received,
-                    parameters,
-                    workspace,
-                    own_by_states,
-                );
-                equations.outputs_jacobian(
-                    Wrt::Inputs,
-                    t,
-                    &x[..n],
-                    &self.received,
-                    parameters,
-                    workspace,
-                    own_by_inputs,
-                );
-                for &(i, from, value) in self.derivatives.iter().filter(|&&(_, j, _)| j > self.one)
-                {
-                    let output = from - self.one - 1;
-                    for j in 0..n {
-                        jacobian[i + size * j] += value * own_by_states[output + own * j];
-                    }
-                    for &(input, j, gain) in self.inputs.iter().filter(on_states) {
-                        jacobian[i + size * j] +=
-                            value * own_by_inputs[output + own * input] * gain;
-                    }
-                }
-            }
-        }
-        for &(i, j, value) in self.derivatives.iter().filter(on_states) {
+        self.plant_jacobian(t, x, jacobian);
+        for &(i, j, value) in self.derivatives.iter().filter(|(_, j, _)| *j < size) {
             jacobian[i + size * j] += value;
         }
         for term in self.terms {
@@ -393,6 +329,44 @@ impl<'a> Field<'a> {
         for contact in self.contacts.iter().filter(|c| c.direction == 0.0) {
             for j in 0..size {
                 jacobian[contact.state + size * j] = 0.0;
+            }
+        }
+    }
+
+    /// What the equations add to it: their own, through what feeds their inputs back, and through
+    /// lags of sensors.
+    fn plant_jacobian(&mut self, t: f64, x: &[f64], jacobian: &mut [f64]) {
+        let (size, n) = (self.states, self.plant);
+        let Some((equations, p, workspace)) = &mut self.equations else { return };
+        let [by_states, by_inputs, own_by_states, own_by_inputs] = &mut self.blocks;
+        let (x, u) = (&x[..n], self.received.as_slice());
+        // Rows of inputs with a coefficient on a state.
+        let fed_back = || self.inputs.iter().filter(|(_, j, _)| *j < size);
+        equations.derivatives_jacobian(Wrt::States, t, x, u, p, workspace, by_states);
+        for j in 0..n {
+            jacobian[size * j..size * j + n].copy_from_slice(&by_states[n * j..n * (j + 1)]);
+        }
+        if !self.direct {
+            equations.derivatives_jacobian(Wrt::Inputs, t, x, u, p, workspace, by_inputs);
+            for &(input, j, value) in fed_back() {
+                for i in 0..n {
+                    jacobian[i + size * j] += by_inputs[i + n * input] * value;
+                }
+            }
+        }
+        if !self.senses {
+            return;
+        }
+        let own = self.now.len() - self.one - 1;
+        equations.outputs_jacobian(Wrt::States, t, x, u, p, workspace, own_by_states);
+        equations.outputs_jacobian(Wrt::Inputs, t, x, u, p, workspace, own_by_inputs);
+        for &(i, from, value) in self.derivatives.iter().filter(|(_, j, _)| *j > self.one) {
+            let output = from - self.one - 1;
+            for j in 0..n {
+                jacobian[i + size * j] += value * own_by_states[output + own * j];
+            }
+            for &(input, j, gain) in fed_back() {
+                jacobian[i + size * j] += value * own_by_inputs[output + own * input] * gain;
             }
         }
     }

@@ -6,8 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use pulp::{Arch, Simd, WithSimd};
 
 use super::error::SimulateError;
-use crate::c2d::hold::Hold;
-use crate::c2d::hold::{delayed_taps, transition};
+use crate::c2d::hold::{Hold, delayed_taps, transition};
 use crate::state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 use deadtime_signal::time::SampleTime;
 
@@ -145,16 +144,12 @@ impl Recursion {
             for i in 0..n {
                 let to = i * samples + start + 1;
                 let to = &mut x[to..to + known];
-                for (to, row) in to.iter_mut().zip(block.chunks_exact(stride)) {
-                    *to = row[i];
-                }
+                put_column(to, block, stride, i);
                 finite &= to.iter().fold(true, |finite, value| finite & value.is_finite());
             }
             for i in 0..outputs {
                 let to = i * samples + start;
-                for (to, row) in y[to..to + count].iter_mut().zip(block.chunks_exact(stride)) {
-                    *to = row[n + i];
-                }
+                put_column(&mut y[to..to + count], block, stride, n + i);
             }
             if !finite {
                 let first = block
@@ -169,6 +164,13 @@ impl Recursion {
             y: DMatrix::from_vec(samples, outputs, y),
             x: DMatrix::from_vec(samples, n, x),
         })
+    }
+}
+
+/// One number of every row.
+fn put_column(to: &mut [f64], rows: &[f64], stride: usize, at: usize) {
+    for (to, row) in to.iter_mut().zip(rows.chunks_exact(stride)) {
+        *to = row[at];
     }
 }
 
@@ -645,8 +647,7 @@ fn rounding(time_s: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::uav;
-    use crate::uav::Dynamics;
+    use crate::uav::{self, Dynamics};
 
     fn input(samples: usize, m: usize) -> DMatrix<f64> {
         DMatrix::from_fn(samples, m, |k, j| ((k * 7919 + j * 104_729) % 23) as f64 / 11.0 - 1.0)

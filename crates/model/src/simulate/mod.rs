@@ -17,20 +17,25 @@ pub mod process;
 mod response;
 pub(crate) mod run;
 mod sampled;
+pub(crate) mod simulator;
 pub(crate) mod system;
 mod walk;
 
 /// How the input runs between samples.
 pub use crate::c2d::hold::Hold;
+pub use crate::matrices::Matrices;
 pub use black_box::windows;
-pub use black_box::{Face, Remembered, Restart, Simulator, Start};
+pub use black_box::{Face, Remembered, Start};
 pub use error::SimulateError;
 pub use lsim::{Grid, Options, Prehistory, Responds, Response, lsim};
 pub use piecewise::{Piece, Piecewise};
-pub use plan::{Delays, Drops, Late, Losses, Mode, Plan, Source, Switch, Term, Tolerance, Wanted};
+pub use plan::{
+    Delays, Drops, Late, Losses, Mode, Plan, Realisation, Source, Switch, Term, Tolerance, Wanted,
+};
 pub use response::{
     impulse_response, impulse_response_sampled, step_response, step_response_sampled,
 };
 pub use run::Commands;
-pub use system::{Dynamics, Matrices, ModelNumber, Port, System};
+pub use simulator::{Port, Restart, Simulator};
+pub use system::{Dynamics, ModelNumber, System};
 pub use walk::{Correction, Measured, Run};

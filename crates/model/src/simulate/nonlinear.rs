@@ -5,7 +5,7 @@ use super::error::SimulateError;
 use super::field::{Driven, Field, Plant, sign};
 use super::piecewise::Piece;
 use super::plan::Term;
-use super::system::Port;
+use super::simulator::Port;
 use super::walk::{Drive, Stepper};
 use crate::simulate::ode::integrator::Integrator;
 

@@ -15,8 +15,8 @@ pub type SignalMap = Arc<dyn Fn(Piecewise) -> Piecewise + Send + Sync>;
 /// A map of one sample: log time (s) and value.
 pub type SampleMap = Arc<dyn Fn(f64, f64) -> f64 + Send + Sync>;
 
-/// How commands get lost.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// How commands get lost; by default none does.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Losses {
     /// Probability of a loss.
     pub probability: f64,
@@ -33,20 +33,24 @@ impl Losses {
     }
 }
 
+/// What became of something random.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Realisation<K> {
+    /// Its mean, which is what a fit can predict.
+    Mean,
+    /// A draw from this seed.
+    Seed(u64),
+    /// What happened.
+    Known(K),
+}
+
 /// Commands that do not arrive: the last one that did is held. The first sample always arrives.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Drops {
+pub struct Drops {
+    /// How they get lost.
+    pub losses: Losses,
     /// Which samples of the log are lost.
-    Sequence(Vec<bool>),
-    /// They are lost at random; the sequence is drawn from the seed.
-    Random {
-        /// How they get lost.
-        losses: Losses,
-        /// Seed of the sequence.
-        seed: u64,
-    },
-    /// The mean over all such sequences: what a fit can predict.
-    Mean(Losses),
+    pub lost: Realisation<Vec<bool>>,
 }
 
 /// Commands that arrive late, each by a delay of its own: draws of a gamma distribution. The first sample has always arrived.
@@ -58,20 +62,12 @@ pub struct Late {
     pub spread_s: f64,
     /// No command overtakes another: it waits for those sent before it. Else the last to arrive acts.
     pub ordered: bool,
-    /// The delays of single commands.
+    /// The delays of single commands, seconds, one for each sample of the log.
     pub delays: Delays,
 }
 
 /// The delays of single commands.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Delays {
-    /// Each is the mean: what a fit can predict.
-    Mean,
-    /// They are drawn from this seed.
-    Seed(u64),
-    /// They are known, seconds, one for each sample of the log.
-    Known(Vec<f64>),
-}
+pub type Delays = Realisation<Vec<f64>>;
 
 /// The way of one input from the log to the plant.
 #[derive(Clone, Default)]
@@ -137,7 +133,7 @@ impl OutputPath {
 
 /// Where a resonance is added.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Site {
+pub enum ModeSite {
     /// An input of the plant.
     Input(usize),
     /// A state's derivative.
@@ -152,7 +148,7 @@ pub struct Mode {
     /// The input that drives it: on its way in where it is added to the same input, else at the end of that way (before an operating point is taken off).
     pub input: usize,
     /// Where it is added.
-    pub site: Site,
+    pub site: ModeSite,
     /// ω, rad/s.
     pub omega_rad_s: f64,
     /// ζ.

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::error::SimulateError;
 use super::lsim::{Options, Prehistory, lsim};
-use crate::c2d::hold::transition;
+use crate::c2d::hold::{Hold, transition};
 use crate::matrix::exp;
 use crate::state_space::{Continuous, Sampled, StateSpace};
 use deadtime_signal::time::SampleTime;
@@ -58,7 +58,7 @@ pub fn impulse_response(
     samples: usize,
 ) -> Result<Vec<DMatrix<f64>>, SimulateError> {
     let ts = sample_time.seconds();
-    let phi = transition(sys.a(), sys.b(), ts, crate::c2d::hold::Hold::Zero).0;
+    let phi = transition(sys.a(), sys.b(), ts, Hold::Zero).0;
     let one = |j: usize| {
         let delay = sample_time.samples(sys.input_delay()[j])?;
         // The first sample at or after the impulse, and how long after it.

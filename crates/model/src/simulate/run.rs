@@ -12,7 +12,7 @@ use super::error::SimulateError;
 use super::linear::Linear;
 use super::nonlinear::Nonlinear;
 use super::piecewise::Piecewise;
-use super::plan::{Delays, Drops, InputPath, Late, Plan, Term};
+use super::plan::{Delays, Drops, InputPath, Late, Plan, Realisation, Term, Tolerance};
 use super::sampled;
 use super::system::{Affine, Dynamics, System};
 use super::walk::{Correction, Guide, Run, walk};
@@ -48,61 +48,43 @@ impl System {
         correction: Option<Correction<'_>>,
     ) -> Result<Run, SimulateError> {
         check(self, commands, x0)?;
-        let joined = plan.hold == Hold::Linear
-            && !matches!(plan.dynamics, Dynamics::Sampled(..) | Dynamics::BlackBox(..));
-        let signals = (plan.inputs.iter().zip(commands.inputs).enumerate())
-            .map(|(input, (path, values))| {
-                if joined {
-                    arrive_joined(input, path, commands.time_s, values)
-                } else {
-                    arrive(path, commands.time_s, values)
-                }
-            })
-            .collect::<Result<Vec<_>, _>>()?;
-        let first: Vec<f64> = signals.iter().map(Piecewise::first).collect();
+        let signals = arriving(plan, commands)?;
         let time_s = commands.time_s;
-        let dynamics = &plan.dynamics;
-        if let Dynamics::Sampled(matrices, ts) = dynamics {
-            return sampled::run(self, plan, (matrices, *ts), &signals, time_s, x0, correction);
-        }
-        if let Dynamics::BlackBox(simulator, parameters) = dynamics {
-            if correction.is_some() {
-                return Err(SimulateError::Uncorrected);
+        match &plan.dynamics {
+            Dynamics::Sampled(matrices, ts) => {
+                sampled::run(self, plan, (matrices, *ts), &signals, time_s, x0, correction)
             }
-            return sampled::called(
-                self,
-                plan,
-                (simulator.as_ref(), parameters),
-                &signals,
-                time_s,
-                x0,
-            );
+            Dynamics::BlackBox(..) if correction.is_some() => Err(SimulateError::Uncorrected),
+            Dynamics::BlackBox(simulator, parameters) => {
+                let called = (simulator.as_ref(), parameters.as_slice());
+                sampled::called(self, plan, called, &signals, time_s, x0)
+            }
+            Dynamics::Linear(_) | Dynamics::Equations(..) => {
+                self.between_samples(plan, &signals, time_s, x0, correction)
+            }
         }
+    }
+
+    /// Simulates dynamics that are known at all times.
+    fn between_samples(
+        &self,
+        plan: &Plan,
+        signals: &[Piecewise],
+        time_s: &[f64],
+        x0: &[f64],
+        correction: Option<Correction<'_>>,
+    ) -> Result<Run, SimulateError> {
+        let dynamics = &plan.dynamics;
+        let first: Vec<f64> = signals.iter().map(Piecewise::first).collect();
         let phases = plan.phases();
         let every = || std::iter::once(dynamics).chain(phases.iter().map(|(_, dynamics)| dynamics));
         // Equations that are affine throughout need no evaluation.
         let affine: Option<Vec<Affine>> = every().map(|dynamics| self.affine(dynamics)).collect();
         let assemble = |at: usize, dynamics: &Dynamics| {
-            Assembly::new(
-                self,
-                (plan, affine.as_ref().map(|all| &all[at])),
-                x0,
-                &first,
-                |received| {
-                    let mut y = vec![0.0; self.outputs.len()];
-                    if let Some((equations, parameters)) = equations_of(dynamics) {
-                        equations.outputs(
-                            0.0,
-                            x0,
-                            received,
-                            parameters,
-                            &mut equations.workspace(),
-                            &mut y,
-                        );
-                    }
-                    y
-                },
-            )
+            let plant = affine.as_ref().map(|all| &all[at]);
+            Assembly::new(self, (plan, plant), x0, &first, |received| {
+                self.first_outputs(dynamics, x0, received)
+            })
         };
         let equations_of = |dynamics| if affine.is_some() { None } else { equations_of(dynamics) };
         let (equations, assembly) = (equations_of(dynamics), assemble(0, dynamics));
@@ -114,27 +96,46 @@ impl System {
         if equations.is_none() && smooth {
             let ramps = !signals.iter().all(Piecewise::is_held);
             return follow(correction, |guide| {
-                walk(&mut Linear::new(&assembly, &later, ramps), &signals, plan, time_s, guide)
+                walk(&mut Linear::new(&assembly, &later, ramps), signals, plan, time_s, guide)
             });
         }
         let operations = equations.map_or(0, |(e, _)| e.operations().0);
+        let Tolerance { relative, absolute, steps, budget, .. } = plan.tolerance;
         follow(correction, |guide| {
-            let mut integrator = Integrator::with_tolerance(
-                assembly.states,
-                plan.tolerance.relative,
-                plan.tolerance.absolute,
-            );
-            (integrator.max_steps, integrator.budget) = (
-                plan.tolerance.steps,
-                plan.tolerance.budget.min(affordable(operations, assembly.states, time_s.len())),
-            );
+            let mut integrator = Integrator::with_tolerance(assembly.states, relative, absolute);
+            integrator.max_steps = steps;
+            integrator.budget = budget.min(affordable(operations, assembly.states, time_s.len()));
             let later = later.iter().zip(phases.iter().map(|(_, dynamics)| equations_of(dynamics)));
             let mut stepper =
                 Nonlinear::new((&assembly, equations), later, &plan.terms, integrator);
-            walk(&mut stepper, &signals, plan, time_s, guide)
+            walk(&mut stepper, signals, plan, time_s, guide)
                 .map_err(|e| stepper.blame(e, &self.states))
         })
     }
+
+    /// The outputs of equations at the start; 0 of linear dynamics.
+    fn first_outputs(&self, dynamics: &Dynamics, x0: &[f64], received: &[f64]) -> Vec<f64> {
+        let mut y = vec![0.0; self.outputs.len()];
+        if let Some((equations, parameters)) = equations_of(dynamics) {
+            let mut workspace = equations.workspace();
+            equations.outputs(0.0, x0, received, parameters, &mut workspace, &mut y);
+        }
+        y
+    }
+}
+
+/// What arrives of every input at the end of its path.
+fn arriving(plan: &Plan, commands: Commands<'_>) -> Result<Vec<Piecewise>, SimulateError> {
+    let joined = plan.hold == Hold::Linear
+        && !matches!(plan.dynamics, Dynamics::Sampled(..) | Dynamics::BlackBox(..));
+    let arriving = |(input, (path, values)): (usize, (&InputPath, &Vec<f64>))| {
+        if joined {
+            arrive_joined(input, path, commands.time_s, values)
+        } else {
+            arrive(path, commands.time_s, values)
+        }
+    };
+    plan.inputs.iter().zip(commands.inputs).enumerate().map(arriving).collect()
 }
 
 /// The equations and their parameters; `None` of linear dynamics.
@@ -301,14 +302,15 @@ fn passed_on(drops: &Drops, values: &[f64]) -> Result<Vec<f64>, SimulateError> {
         };
         values.iter().enumerate().map(pass).collect()
     };
-    match drops {
-        Drops::Sequence(lost) if lost.len() != values.len() => {
+    let losses = drops.losses;
+    let [begins, goes_on] = losses.begins_and_goes_on();
+    match &drops.lost {
+        Realisation::Known(lost) if lost.len() != values.len() => {
             Err(SimulateError::Drops { needed: values.len(), got: lost.len() })
         }
-        Drops::Sequence(lost) => Ok(held(&mut |k| lost[k])),
-        Drops::Random { losses, seed } => {
+        Realisation::Known(lost) => Ok(held(&mut |k| lost[k])),
+        Realisation::Seed(seed) => {
             let mut rng = ChaCha8Rng::seed_from_u64(*seed);
-            let [begins, goes_on] = losses.begins_and_goes_on();
             let mut lost = false;
             Ok(held(&mut |k| {
                 // The first command arrives, whatever was drawn.
@@ -319,8 +321,8 @@ fn passed_on(drops: &Drops, values: &[f64]) -> Result<Vec<f64>, SimulateError> {
         }
         // While a loss lasts, w(k) = E[held | lost at k] = (1 − c)·u(k − 1) + c·w(k − 1), c the probability that it goes on: what was there before it began.
         // E[passed on at k] = (1 − p)·u(k) + p·w(k).
-        Drops::Mean(losses) => {
-            let (p, [_, goes_on]) = (losses.probability, losses.begins_and_goes_on());
+        Realisation::Mean => {
+            let p = losses.probability;
             let (mut held, mut before) = (first, first);
             let pass = |value: &f64| {
                 held = (1.0 - goes_on) * before + goes_on * held;

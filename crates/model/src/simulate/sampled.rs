@@ -7,13 +7,14 @@ use nalgebra::{DMatrix, DVector};
 
 use super::assembly::Assembly;
 use super::black_box;
-use super::black_box::Simulator;
 use super::error::SimulateError;
 use super::linear::Linear;
 use super::piecewise::{Piece, Piecewise};
 use super::plan::{InputPath, OutputPath, Plan, SensorClock};
-use super::system::{Dynamics, Matrices, Port, System};
+use super::simulator::{Port, Simulator};
+use super::system::{Dynamics, System};
 use super::walk::{Correction, Drive, Guide, Run, Stepper, begin_of, walk};
+use crate::matrices::Matrices;
 use deadtime_signal::time::SampleTime;
 
 /// A plant of gains and integrators, to carry signals through their paths.
@@ -121,6 +122,12 @@ struct Sensor<'a> {
 }
 
 impl Sensor<'_> {
+    /// The output of this number with what is added of the others.
+    fn mixed(&self, output: usize, own: &[f64]) -> f64 {
+        let added = self.path.mixing.iter().map(|&(from, gain)| gain * own[from]);
+        own[output] + added.sum::<f64>()
+    }
+
     fn lag(&self, state: &[f64], piece: Piece, to_s: f64) -> Result<Vec<f64>, SimulateError> {
         let one = DMatrix::identity(1, 1);
         let system =
@@ -198,10 +205,7 @@ impl<'a> Sensors<'a> {
     /// The plant's own outputs at the next sample.
     fn push(&mut self, own: &[f64]) -> Result<(), SimulateError> {
         for (i, sensor) in self.all.iter_mut().enumerate() {
-            sensor.push(
-                own[i]
-                    + sensor.path.mixing.iter().map(|&(from, gain)| gain * own[from]).sum::<f64>(),
-            )?;
+            sensor.push(sensor.mixed(i, own))?;
         }
         Ok(())
     }
@@ -209,9 +213,9 @@ impl<'a> Sensors<'a> {
     /// At the last sample the outputs are these, and the lags where others have them.
     fn begin_again(&mut self, others: &Self, own: &[f64]) {
         for (i, (sensor, other)) in self.all.iter_mut().zip(&others.all).enumerate() {
+            let mixed = sensor.mixed(i, own);
             if let Some(last) = sensor.values.last_mut() {
-                *last = own[i]
-                    + sensor.path.mixing.iter().map(|&(from, gain)| gain * own[from]).sum::<f64>();
+                *last = mixed;
             }
             if let (Some(last), Some(there)) = (sensor.lagged.last_mut(), other.lagged.last()) {
                 last.clone_from(there);
@@ -262,17 +266,7 @@ pub(super) fn run(
     correction: Option<Correction<'_>>,
 ) -> Result<Run, SimulateError> {
     let samples = time_s.len();
-    // A clock that runs ahead reads outputs after the log's last sample: the model goes on with the last command.
-    let last = time_s.last().copied().unwrap_or(0.0);
-    let ahead =
-        plan.outputs.iter().map(|path| taken(plan.clock, path, last) - last).fold(0.0, f64::max)
-            / ts.seconds();
-    let beyond = if correction.is_none() { (ahead.ceil() as usize).min(samples) } else { 0 };
-    let grid: Vec<f64> = time_s
-        .iter()
-        .copied()
-        .chain((1..=beyond).map(|k| last + ts.to_seconds(k as f64)))
-        .collect();
+    let grid = grid(plan, time_s, ts, correction.is_none());
     let [mean, instant] = arriving(&plan.inputs, signals, &grid, ts.seconds())?;
     let about = |u: &DMatrix<f64>, k: usize| {
         DVector::from_fn(u.ncols(), |i, _| u[(k, i)] - system.input_operating[i])
@@ -283,18 +277,11 @@ pub(super) fn run(
     };
     let after = |x: &DVector<f64>, k: usize| &matrices.a * x + &matrices.b * about(&mean, k);
     let mut sensors = Sensors::new(plan, &grid);
-    let mut run = Run {
-        y: DMatrix::zeros(samples, plan.outputs.len()),
-        x: DMatrix::zeros(samples, x0.len()),
-        steps: 0,
-        begins: Vec::new(),
-    };
+    let mut run = Run::of(samples, plan.outputs.len(), (samples, x0.len()));
     let mut x = DVector::from_column_slice(x0);
-    let horizon = correction.and_then(|c| c.horizon);
-    let mut predicted = horizon.map(|every| Ahead {
-        every: every.get(),
-        x: x.clone(),
-        sensors: Sensors::new(plan, &grid),
+    let mut predicted = correction.and_then(|c| c.horizon).map(|every| {
+        let (every, sensors) = (every.get(), Sensors::new(plan, &grid));
+        Ahead { every, x: x.clone(), sensors }
     });
     for (k, &at_s) in grid.iter().enumerate() {
         sensors.push(&own(&x, k))?;
@@ -302,26 +289,8 @@ pub(super) fn run(
             ahead.sensors.push(&own(&ahead.x, k))?;
         }
         if let Some(correction) = correction {
-            for j in 0..plan.outputs.len() {
-                let value = sensors.reading(j, time_s[k])?;
-                run.y[(k, j)] = match &predicted {
-                    // What was taken before the prediction began belongs to the time that the corrected run knows.
-                    Some(ahead)
-                        if taken(plan.clock, &plan.outputs[j], time_s[k])
-                            > time_s[begin_of(k, ahead.every)]
-                            || k == 0 =>
-                    {
-                        ahead.sensors.reading(j, time_s[k])?
-                    }
-                    _ => value,
-                };
-                let innovation = correction
-                    .measured
-                    .get(j)
-                    .and_then(|m| m.get(k))
-                    .map_or(0.0, |measured| (measured - value) * plan.outputs[j].correction());
-                x += correction.gain.column(j) * innovation;
-            }
+            let read = (&sensors, predicted.as_ref());
+            correct(plan, correction, (k, time_s), read, &mut x, &mut run.y)?;
         }
         if let Some(ahead) =
             predicted.as_mut().filter(|ahead| k > 0 && k.is_multiple_of(ahead.every))
@@ -347,6 +316,45 @@ pub(super) fn run(
     Ok(run)
 }
 
+/// The stamps at which the model is simulated. A clock that runs ahead reads outputs after the
+/// log's last sample: the model then goes on with the last command.
+fn grid(plan: &Plan, time_s: &[f64], ts: SampleTime, free: bool) -> Vec<f64> {
+    let last = time_s.last().copied().unwrap_or(0.0);
+    let ahead =
+        plan.outputs.iter().map(|path| taken(plan.clock, path, last) - last).fold(0.0, f64::max)
+            / ts.seconds();
+    let beyond = if free { (ahead.ceil() as usize).min(time_s.len()) } else { 0 };
+    let more = (1..=beyond).map(|k| last + ts.to_seconds(k as f64));
+    time_s.iter().copied().chain(more).collect()
+}
+
+/// Reads every output at sample `k`, and moves the state by what was measured there.
+fn correct(
+    plan: &Plan,
+    correction: Correction<'_>,
+    (k, time_s): (usize, &[f64]),
+    (sensors, predicted): (&Sensors<'_>, Option<&Ahead<'_>>),
+    x: &mut DVector<f64>,
+    y: &mut DMatrix<f64>,
+) -> Result<(), SimulateError> {
+    for (j, path) in plan.outputs.iter().enumerate() {
+        let value = sensors.reading(j, time_s[k])?;
+        // What was taken before the prediction began belongs to the time that the corrected run
+        // knows.
+        let own = |ahead: &&Ahead<'_>| {
+            k == 0 || taken(plan.clock, path, time_s[k]) > time_s[begin_of(k, ahead.every)]
+        };
+        y[(k, j)] = match predicted.filter(own) {
+            Some(ahead) => ahead.sensors.reading(j, time_s[k])?,
+            None => value,
+        };
+        let measured = correction.measured.get(j).and_then(|m| m.get(k));
+        let innovation = measured.map_or(0.0, |measured| (measured - value) * path.correction());
+        *x += correction.gain.column(j) * innovation;
+    }
+    Ok(())
+}
+
 /// Simulates what can only be called, at the log's stamps: once, or from window to window where `x0` holds several starts, one behind the other. What its clock would have it read after the last of them is the last sample.
 pub(super) fn called(
     system: &System,
@@ -370,12 +378,7 @@ pub(super) fn called(
     for row in own.row_iter() {
         sensors.push(&row.iter().copied().collect::<Vec<_>>())?;
     }
-    let mut run = Run {
-        y: DMatrix::zeros(time_s.len(), plan.outputs.len()),
-        x: DMatrix::zeros(0, 0),
-        steps: 0,
-        begins: Vec::new(),
-    };
+    let mut run = Run::of(time_s.len(), plan.outputs.len(), (0, 0));
     sensors.readings(time_s, &mut run.y)?;
     Ok(run)
 }

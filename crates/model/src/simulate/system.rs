@@ -2,40 +2,16 @@
 
 use std::sync::Arc;
 
-use nalgebra::DMatrix;
-
-use super::black_box::{Restart, Simulator};
-use crate::equations::system::{Equations, Linearisation};
+use super::simulator::{Port, Restart, Simulator};
+use crate::equations::system::Equations;
 use crate::error::Result;
 use crate::file::candidate::Candidates;
 use crate::file::channel::{Channel, Operating};
 use crate::file::document::ModelDocument;
 use crate::file::equations::EquationsFile;
 use crate::file::lti::ModelFile;
-use crate::state_space::{StateSpace, TimeDomain};
+use crate::matrices::Matrices;
 use deadtime_signal::time::SampleTime;
-
-/// The name and unit of an input, state, output or parameter.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Port {
-    /// Its name in the model file and the log.
-    pub name: String,
-    /// Its unit, where the file gives one.
-    pub unit: Option<String>,
-}
-
-/// The matrices of ẋ = A x + B u or x(k+1) = A x(k) + B u(k), y = C x + D u.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Matrices {
-    /// n×n.
-    pub a: DMatrix<f64>,
-    /// n×m.
-    pub b: DMatrix<f64>,
-    /// p×n.
-    pub c: DMatrix<f64>,
-    /// p×m.
-    pub d: DMatrix<f64>,
-}
 
 /// A continuous or sampled model that is linear but for constants: ẋ = A x + B u + drift, y = C x + D u + level.
 #[derive(Debug, Clone)]
@@ -289,19 +265,13 @@ impl Affine {
         let mut workspace = equations.workspace();
         equations.derivatives(0.0, &x, &u, parameters, &mut workspace, &mut drift);
         equations.outputs(0.0, &x, &u, parameters, &mut workspace, &mut level);
-        let Linearisation { a, b, c, d } = equations.linearise(0.0, &x, &u, parameters);
-        let finite = [&a, &b, &c, &d]
+        let matrices = equations.linearise(0.0, &x, &u, parameters);
+        let finite = [&matrices.a, &matrices.b, &matrices.c, &matrices.d]
             .into_iter()
             .flat_map(|m| m.iter())
             .chain(&drift)
             .chain(&level)
             .all(|v| v.is_finite());
-        finite.then_some(Self { matrices: Matrices { a, b, c, d }, drift, level })
-    }
-}
-
-impl Matrices {
-    fn of<T: TimeDomain>(sys: &StateSpace<T>) -> Self {
-        Self { a: sys.a().clone(), b: sys.b().clone(), c: sys.c().clone(), d: sys.d().clone() }
+        finite.then_some(Self { matrices, drift, level })
     }
 }

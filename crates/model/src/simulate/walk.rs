@@ -57,10 +57,6 @@ pub(super) enum Guide<'a> {
 }
 
 impl Guide<'_> {
-    fn is_free(&self) -> bool {
-        matches!(self, Self::Free)
-    }
-
     /// Samples from one beginning of a prediction to the next.
     fn every(&self) -> Option<usize> {
         match self {
@@ -133,8 +129,16 @@ pub struct Run {
     pub(super) begins: Vec<Vec<f64>>,
 }
 
+impl Run {
+    /// One of so many samples and outputs, and of so many samples and states, to be filled in.
+    pub(super) fn of(samples: usize, outputs: usize, (rows, states): (usize, usize)) -> Self {
+        let (y, x) = (DMatrix::zeros(samples, outputs), DMatrix::zeros(rows, states));
+        Self { y, x, steps: 0, begins: Vec::new() }
+    }
+}
+
 /// Outputs that are sampled at the same instants.
-struct Group {
+struct OutputGroup {
     delay_s: f64,
     outputs: Vec<usize>,
     /// The next sample.
@@ -143,7 +147,7 @@ struct Group {
     due_s: f64,
 }
 
-impl Group {
+impl OutputGroup {
     /// Takes note of when the next sample is taken.
     fn look_ahead(&mut self, plan: &Plan, time_s: &[f64]) {
         self.due_s = self.due_at(self.next, plan, time_s);
@@ -200,12 +204,12 @@ impl Group {
 }
 
 /// Outputs by the delay at which they are read.
-fn groups(plan: &Plan, states: bool, time_s: &[f64]) -> Vec<Group> {
-    let mut groups: Vec<Group> = Vec::new();
+fn groups(plan: &Plan, states: bool, time_s: &[f64]) -> Vec<OutputGroup> {
+    let mut groups: Vec<OutputGroup> = Vec::new();
     for (i, output) in plan.outputs.iter().enumerate() {
         match groups.iter_mut().find(|g| g.delay_s == output.delay_s) {
             Some(group) => group.outputs.push(i),
-            None => groups.push(Group {
+            None => groups.push(OutputGroup {
                 delay_s: output.delay_s,
                 outputs: vec![i],
                 next: 0,
@@ -214,10 +218,33 @@ fn groups(plan: &Plan, states: bool, time_s: &[f64]) -> Vec<Group> {
         }
     }
     if states {
-        groups.push(Group { delay_s: 0.0, outputs: Vec::new(), next: 0, due_s: 0.0 });
+        groups.push(OutputGroup { delay_s: 0.0, outputs: Vec::new(), next: 0, due_s: 0.0 });
     }
     groups.iter_mut().for_each(|group| group.look_ahead(plan, time_s));
     groups
+}
+
+/// A walk on its way through the log's time.
+struct Course<'a> {
+    signals: &'a [Piecewise],
+    plan: &'a Plan,
+    time_s: &'a [f64],
+    /// The stamps at which samples are wanted.
+    stamps: &'a [f64],
+    guide: Guide<'a>,
+    begins: Option<Begins>,
+    groups: Vec<OutputGroup>,
+    /// The next piece of every signal.
+    edges: Vec<usize>,
+    /// When the plan's numbers change, in order, and how many did.
+    switches_s: Vec<f64>,
+    switched: usize,
+    /// Edges and samples this close fall together: the edge comes first.
+    together: f64,
+    now: f64,
+    drive: Drive,
+    run: Run,
+    y: Vec<f64>,
 }
 
 /// Walks a system through the log's time, as far as samples are wanted. `time_s` counts from the log's first sample.
@@ -228,112 +255,147 @@ pub(super) fn walk(
     time_s: &[f64],
     guide: Guide<'_>,
 ) -> Result<Run, SimulateError> {
-    let samples = time_s.len();
-    let outputs = plan.outputs.len();
-    let states = plan.wanted.states;
-    let rows = if states { samples } else { 0 };
-    let stamps = &time_s[..samples.min(plan.wanted.samples)];
-    let mut run = Run {
-        y: DMatrix::zeros(samples, outputs),
-        x: DMatrix::zeros(rows, system.plant_state().len()),
-        steps: 0,
-        begins: Vec::new(),
-    };
-    let mut begins = guide.every().map(|every| Begins::new(every, plan, stamps));
-    let mut groups = groups(plan, states, stamps);
+    let mut course = Course::new(system, signals, plan, time_s, guide);
     let end = time_s.last().copied().unwrap_or(0.0);
-    // Edges and samples that fall together: the edge comes first.
-    let together = TOGETHER * if samples > 1 { end / (samples - 1) as f64 } else { 1.0 };
-    let mut drive = Drive {
-        pieces: signals.iter().map(|s| s.pieces().first().copied().unwrap_or(LEVEL)).collect(),
-        alone_until_s: None,
-    };
-    let mut edges = vec![1_usize; signals.len()];
-    let mut switches_s: Vec<f64> = plan.switches.iter().map(|s| s.time_s).collect();
-    switches_s.sort_by(f64::total_cmp);
-    let mut switched = 0;
-    let past_samples = plan.tolerance.past_samples && guide.is_free();
-    let last_s = groups
-        .iter()
-        .map(|group| group.due_at(stamps.len().saturating_sub(1), plan, stamps))
-        .fold(0.0, f64::max);
-    let mut now = 0.0;
-    let mut y = vec![0.0; outputs];
-    loop {
-        let sample = groups
-            .iter()
-            .map(|group| group.due_s)
-            .chain(begins.iter().map(|b| b.due_s))
-            .fold(f64::INFINITY, f64::min);
-        if sample == f64::INFINITY {
-            break;
-        }
-        let mut edge = switches_s.get(switched).copied().unwrap_or(f64::INFINITY);
-        for (signal, &at) in signals.iter().zip(&edges) {
-            if let Some(piece) = signal.pieces().get(at) {
-                edge = edge.min(piece.start_s);
-            }
-        }
-        let to = if edge <= sample + together { edge.min(sample.max(now)) } else { sample };
+    let past_samples = plan.tolerance.past_samples && matches!(guide, Guide::Free);
+    let last = course.stamps.len().saturating_sub(1);
+    let due = course.groups.iter().map(|group| group.due_at(last, plan, course.stamps));
+    let last_s = due.fold(0.0, f64::max);
+    while let Some(sample) = course.next_sample() {
+        let edge = course.next_edge();
+        let to = if edge <= sample + course.together {
+            edge.min(sample.max(course.now))
+        } else {
+            sample
+        };
         // Samples that a clock or a delay puts before the start see the start.
-        let to = to.max(now);
-        if groups.first().is_some_and(|group| group.next % TOLD == 0) {
-            plan.far.at(now / end.max(f64::MIN_POSITIVE), &"simulating");
+        let to = to.max(course.now);
+        if course.groups.first().is_some_and(|group| group.next % TOLD == 0) {
+            plan.far.at(course.now / end.max(f64::MIN_POSITIVE), &"simulating");
         }
-        if to > now + together {
-            drive.alone_until_s = past_samples.then(|| edge.min(last_s).max(to));
-            system.advance(now, to, &drive)?;
-            now = to;
+        if to > course.now + course.together {
+            course.drive.alone_until_s = past_samples.then(|| edge.min(last_s).max(to));
+            system.advance(course.now, to, &course.drive)?;
+            course.now = to;
         }
-        for ((signal, at), piece) in signals.iter().zip(&mut edges).zip(&mut drive.pieces) {
-            while let Some(next) = signal.pieces().get(*at).filter(|p| p.start_s <= now + together)
-            {
+        course.pass_edges(system);
+        course.take_samples(system)?;
+        course.begin_predictions(system);
+    }
+    let run = Run { steps: system.steps(), ..course.run };
+    if run.y.iter().all(|v| v.is_finite()) {
+        return Ok(run);
+    }
+    match (0..time_s.len()).find(|&k| run.y.row(k).iter().any(|v| !v.is_finite())) {
+        Some(k) => Err(SimulateError::Explodes { time_s: time_s[k] }),
+        None => Ok(run),
+    }
+}
+
+impl<'a> Course<'a> {
+    fn new(
+        system: &mut impl Stepper,
+        signals: &'a [Piecewise],
+        plan: &'a Plan,
+        time_s: &'a [f64],
+        guide: Guide<'a>,
+    ) -> Self {
+        let (samples, outputs, states) = (time_s.len(), plan.outputs.len(), plan.wanted.states);
+        let rows = if states { samples } else { 0 };
+        let stamps = &time_s[..samples.min(plan.wanted.samples)];
+        let end = time_s.last().copied().unwrap_or(0.0);
+        let pieces = signals.iter().map(|s| s.pieces().first().copied().unwrap_or(LEVEL)).collect();
+        let mut switches_s: Vec<f64> = plan.switches.iter().map(|s| s.time_s).collect();
+        switches_s.sort_by(f64::total_cmp);
+        Self {
+            signals,
+            plan,
+            time_s,
+            stamps,
+            guide,
+            begins: guide.every().map(|every| Begins::new(every, plan, stamps)),
+            groups: groups(plan, states, stamps),
+            edges: vec![1; signals.len()],
+            switches_s,
+            switched: 0,
+            together: TOGETHER * if samples > 1 { end / (samples - 1) as f64 } else { 1.0 },
+            now: 0.0,
+            drive: Drive { pieces, alone_until_s: None },
+            run: Run::of(samples, outputs, (rows, system.plant_state().len())),
+            y: vec![0.0; outputs],
+        }
+    }
+
+    /// When something is sampled next, or a prediction begins; `None`: never.
+    fn next_sample(&self) -> Option<f64> {
+        let due = self.groups.iter().map(|group| group.due_s);
+        let next = due.chain(self.begins.iter().map(|b| b.due_s)).fold(f64::INFINITY, f64::min);
+        (next != f64::INFINITY).then_some(next)
+    }
+
+    /// When a signal or a number changes next.
+    fn next_edge(&self) -> f64 {
+        let switch = self.switches_s.get(self.switched).copied().unwrap_or(f64::INFINITY);
+        let pieces = self.signals.iter().zip(&self.edges);
+        pieces
+            .filter_map(|(signal, &at)| Some(signal.pieces().get(at)?.start_s))
+            .fold(switch, f64::min)
+    }
+
+    fn pass_edges(&mut self, system: &mut impl Stepper) {
+        let until = self.now + self.together;
+        for ((signal, at), piece) in
+            self.signals.iter().zip(&mut self.edges).zip(&mut self.drive.pieces)
+        {
+            while let Some(next) = signal.pieces().get(*at).filter(|p| p.start_s <= until) {
                 *piece = *next;
                 *at += 1;
             }
         }
-        while switches_s.get(switched).is_some_and(|at_s| *at_s <= now + together) {
-            system.switch(switched);
-            switched += 1;
+        while self.switches_s.get(self.switched).is_some_and(|at_s| *at_s <= until) {
+            system.switch(self.switched);
+            self.switched += 1;
         }
-        for group in &mut groups {
-            while group.due_s <= now + together {
+    }
+
+    fn take_samples(&mut self, system: &mut impl Stepper) -> Result<(), SimulateError> {
+        for group in &mut self.groups {
+            while group.due_s <= self.now + self.together {
                 let k = group.next;
-                let before_start = group.due_s < -together;
+                let before_start = group.due_s < -self.together;
                 group.next += 1;
-                group.look_ahead(plan, stamps);
+                group.look_ahead(self.plan, self.stamps);
                 // A sample from before the start tells nothing of the state now.
-                let guide = if before_start { Guide::Free } else { guide };
-                let begun = begins.as_ref().map_or(0, |b| b.sample);
+                let guide = if before_start { Guide::Free } else { self.guide };
+                let begun = self.begins.as_ref().map_or(0, |b| b.sample);
                 group.sample(
                     k,
                     system,
-                    (now, &drive),
-                    (plan, time_s),
+                    (self.now, &self.drive),
+                    (self.plan, self.time_s),
                     (guide, begun),
-                    (&mut run, &mut y),
+                    (&mut self.run, &mut self.y),
                 )?;
             }
         }
-        while let Some(begins) = begins.as_mut().filter(|b| b.due_s <= now + together) {
-            match guide {
+        Ok(())
+    }
+
+    fn begin_predictions(&mut self, system: &mut impl Stepper) {
+        let until = self.now + self.together;
+        while let Some(begins) = self.begins.as_mut().filter(|b| b.due_s <= until) {
+            match self.guide {
                 Guide::Restarted { corrected, .. } => {
                     let there = corrected.begins.get(begins.sample / begins.every);
                     there.into_iter().for_each(|there| system.whole_state().copy_from_slice(there));
                 }
-                Guide::Free | Guide::Corrected(_) => run.begins.push(system.whole_state().to_vec()),
+                Guide::Free | Guide::Corrected(_) => {
+                    self.run.begins.push(system.whole_state().to_vec());
+                }
             }
             begins.sample += begins.every;
-            begins.look_ahead(plan, stamps);
+            begins.look_ahead(self.plan, self.stamps);
         }
-    }
-    run.steps = system.steps();
-    if run.y.iter().all(|v| v.is_finite()) {
-        return Ok(run);
-    }
-    match (0..samples).find(|&k| run.y.row(k).iter().any(|v| !v.is_finite())) {
-        Some(k) => Err(SimulateError::Explodes { time_s: time_s[k] }),
-        None => Ok(run),
     }
 }
 

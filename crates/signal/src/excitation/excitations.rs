@@ -11,50 +11,31 @@ use super::staircase::Staircase;
 use super::step::Step;
 use super::three_two_one_one::ThreeTwoOneOne;
 use super::two_ramps::TwoRamps;
-use crate::registry;
-use crate::registry::{Entry, RegistryError, entry};
+use crate::registry::{self, Entry, RegistryError, entry};
 
 /// Every excitation there is.
 pub const EXCITATIONS: &[Entry<dyn Excitation>] = &[
     entry!(
         "two_ramps",
         "two ramps, up and down again, then zero (the thesis' algorithm 4.1)",
-        TwoRamps,
-        dyn Excitation
+        TwoRamps
     ),
-    entry!("impulse", "one sample that is not zero", Impulse, dyn Excitation),
-    entry!("step", "zero, then a constant", Step, dyn Excitation),
-    entry!(
-        "rbs",
-        "random binary signal with a frequency band, as MATLAB's idinput makes it",
-        Rbs,
-        dyn Excitation
-    ),
-    entry!(
-        "prbs",
-        "pseudo-random binary sequence of a maximum-length shift register",
-        Prbs,
-        dyn Excitation
-    ),
+    entry!("impulse", "one sample that is not zero", Impulse),
+    entry!("step", "zero, then a constant", Step),
+    entry!("rbs", "random binary signal with a frequency band, as MATLAB's idinput makes it", Rbs),
+    entry!("prbs", "pseudo-random binary sequence of a maximum-length shift register", Prbs),
     entry!(
         "multisine",
         "sum of harmonics with a flat spectrum, Schroeder or random phases",
-        Multisine,
-        dyn Excitation
+        Multisine
     ),
-    entry!(
-        "chirp",
-        "sine whose frequency sweeps linearly or logarithmically",
-        Chirp,
-        dyn Excitation
-    ),
-    entry!("staircase", "levels, each held for a number of samples", Staircase, dyn Excitation),
-    entry!("doublet", "a pulse up, then the same pulse down", Doublet, dyn Excitation),
+    entry!("chirp", "sine whose frequency sweeps linearly or logarithmically", Chirp),
+    entry!("staircase", "levels, each held for a number of samples", Staircase),
+    entry!("doublet", "a pulse up, then the same pulse down", Doublet),
     entry!(
         "three_two_one_one",
         "pulses of 3, 2, 1 and 1 units of alternating sign",
-        ThreeTwoOneOne,
-        dyn Excitation
+        ThreeTwoOneOne
     ),
 ];
 

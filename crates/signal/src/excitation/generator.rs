@@ -16,8 +16,7 @@ pub trait Excitation: Send + Sync {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::excitation::excitations::EXCITATIONS;
-    use crate::excitation::excitations::by_name;
+    use crate::excitation::excitations::{EXCITATIONS, by_name};
     use rand_chacha::rand_core::SeedableRng;
     use serde_json::{Value, json};
 

@@ -110,6 +110,9 @@ pub struct Fit {
     pub last_change: f64,
 }
 
+/// Parameters of a lower cost, and what the cost is there.
+type Better = (Vec<f64>, Normal);
+
 impl LevenbergMarquardt {
     /// Minimises Σ r² from `start`. `evaluate` returns `None` where the problem is not defined (an unstable predictor, say); such steps are shortened.
     pub fn minimise(
@@ -117,46 +120,24 @@ impl LevenbergMarquardt {
         start: &[f64],
         mut evaluate: impl FnMut(&[f64]) -> Option<Normal>,
     ) -> Fit {
-        let n = start.len();
-        let bound = |bounds: &[f64], i: usize, none: f64| bounds.get(i).copied().unwrap_or(none);
-        let clamp = |i: usize, v: f64| {
-            v.max(bound(&self.lower, i, f64::NEG_INFINITY)).min(bound(
-                &self.upper,
-                i,
-                f64::INFINITY,
-            ))
-        };
         let mut parameters: Vec<f64> =
-            start.iter().enumerate().map(|(i, &v)| clamp(i, v)).collect();
-        let usable = |normal: &Normal| {
-            normal.cost.is_finite() && normal.gradient.iter().all(|g| g.is_finite())
+            start.iter().enumerate().map(|(i, &v)| self.inside(i, v)).collect();
+        let mut evaluate = |p: &[f64]| {
+            evaluate(p).filter(|normal| {
+                normal.cost.is_finite() && normal.gradient.iter().all(|g| g.is_finite())
+            })
         };
-        let Some(mut normal) = evaluate(&parameters).filter(usable) else {
-            let empty = Normal {
-                cost: f64::INFINITY,
-                gradient: DVector::zeros(0),
-                information: DMatrix::zeros(0, 0),
-            };
-            return Fit {
-                parameters,
-                normal: empty,
-                stopped: Stopped::Undefined,
-                iterations: 0,
-                last_change: f64::NAN,
-            };
+        let Some(mut normal) = evaluate(&parameters) else {
+            let (gradient, information) = (DVector::zeros(0), DMatrix::zeros(0, 0));
+            let normal = Normal { cost: f64::INFINITY, gradient, information };
+            let (stopped, last_change) = (Stopped::Undefined, f64::NAN);
+            return Fit { parameters, normal, stopped, iterations: 0, last_change };
         };
         let mut damping = 1e-4;
         let mut last_change = f64::INFINITY;
         let mut iterations = 0;
         let stopped = loop {
-            // A parameter at a bound whose descent direction points outwards stands still.
-            let free: Vec<bool> = (0..n)
-                .map(|i| {
-                    let (v, down) = (parameters[i], -normal.gradient[i]);
-                    !(v <= bound(&self.lower, i, f64::NEG_INFINITY) && down < 0.0
-                        || v >= bound(&self.upper, i, f64::INFINITY) && down > 0.0)
-                })
-                .collect();
+            let free = self.free(&parameters, &normal);
             if normal.cost <= self.cost_floor {
                 break Stopped::Cost;
             }
@@ -166,31 +147,12 @@ impl LevenbergMarquardt {
             if iterations >= self.max_iterations {
                 break Stopped::Iterations;
             }
-            let mut accepted = false;
-            while damping < 1e12 {
-                let Some(step) = damped_step(&normal, &free, damping) else {
-                    damping *= 10.0;
-                    continue;
-                };
-                let trial: Vec<f64> = (0..n).map(|i| clamp(i, parameters[i] + step[i])).collect();
-                let change = (0..n)
-                    .map(|i| (trial[i] - parameters[i]).abs() / parameters[i].abs().max(1e-3))
-                    .fold(0.0, f64::max);
-                match evaluate(&trial).filter(|t| usable(t) && t.cost < normal.cost) {
-                    Some(better) => {
-                        parameters = trial;
-                        normal = better;
-                        damping = (damping * 0.1).max(1e-15);
-                        last_change = change;
-                        accepted = true;
-                        break;
-                    }
-                    // Too short a step to tell the costs apart: rounding, not the gradient, decides.
-                    None if change <= self.step_tolerance => {
-                        last_change = change;
-                        break;
-                    }
-                    None => damping *= 10.0,
+            let tried = self.improved(&parameters, &normal, &free, &mut damping, &mut evaluate);
+            let accepted = tried.as_ref().is_some_and(|(_, better)| better.is_some());
+            if let Some((change, better)) = tried {
+                last_change = change;
+                if let Some(better) = better {
+                    (parameters, normal) = better;
                 }
             }
             iterations += 1;
@@ -204,6 +166,62 @@ impl LevenbergMarquardt {
             }
         };
         Fit { parameters, normal, stopped, iterations, last_change }
+    }
+
+    fn lower(&self, i: usize) -> f64 {
+        self.lower.get(i).copied().unwrap_or(f64::NEG_INFINITY)
+    }
+
+    fn upper(&self, i: usize) -> f64 {
+        self.upper.get(i).copied().unwrap_or(f64::INFINITY)
+    }
+
+    fn inside(&self, i: usize, value: f64) -> f64 {
+        value.max(self.lower(i)).min(self.upper(i))
+    }
+
+    /// Which parameters move: one at a bound whose descent direction points outwards stands still.
+    fn free(&self, parameters: &[f64], normal: &Normal) -> Vec<bool> {
+        let outwards = |(i, &v): (usize, &f64)| {
+            let down = -normal.gradient[i];
+            v <= self.lower(i) && down < 0.0 || v >= self.upper(i) && down > 0.0
+        };
+        parameters.iter().enumerate().map(|at| !outwards(at)).collect()
+    }
+
+    /// The relative change of the last step that was tried, with what it leads to where that is
+    /// better; `None` where the damping has no step.
+    fn improved(
+        &self,
+        parameters: &[f64],
+        normal: &Normal,
+        free: &[bool],
+        damping: &mut f64,
+        evaluate: &mut impl FnMut(&[f64]) -> Option<Normal>,
+    ) -> Option<(f64, Option<Better>)> {
+        while *damping < 1e12 {
+            let Some(step) = damped_step(normal, free, *damping) else {
+                *damping *= 10.0;
+                continue;
+            };
+            let trial: Vec<f64> =
+                parameters.iter().enumerate().map(|(i, p)| self.inside(i, p + step[i])).collect();
+            let change = trial
+                .iter()
+                .zip(parameters)
+                .map(|(t, p)| (t - p).abs() / p.abs().max(1e-3))
+                .fold(0.0, f64::max);
+            match evaluate(&trial).filter(|t| t.cost < normal.cost) {
+                Some(better) => {
+                    *damping = (*damping * 0.1).max(1e-15);
+                    return Some((change, Some((trial, better))));
+                }
+                // Too short a step to tell the costs apart: rounding, not the gradient, decides.
+                None if change <= self.step_tolerance => return Some((change, None)),
+                None => *damping *= 10.0,
+            }
+        }
+        None
     }
 }
 

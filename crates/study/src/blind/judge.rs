@@ -152,6 +152,7 @@ pub fn judge(case: &Scored) -> Judged {
     let leading = verdict.first().cloned().unwrap_or_default();
     let exact = same_set(&truth, &verdict);
     let mut j = Judgement { exact, right: exact, time_s: case.time_s, ..Judgement::default() };
+    let classes = names.classes(label, &truth);
     match label.group {
         Group::Single => {
             single(&mut j, label, diagnosis, &names, &verdict);
@@ -162,43 +163,28 @@ pub fn judge(case: &Scored) -> Judged {
             j.right = j.moving_class == Some(true);
         }
         Group::Pair => {
-            let classes: Vec<Vec<String>> =
-                (0..truth.len()).map(|i| names.class(&truth[i], label.alias_class.of(i))).collect();
             j.pair_exact = Some(exact);
             j.pair_class = Some(matches_classes(&verdict, &classes));
             j.pair_any = Some(verdict.iter().any(|v| truth.contains(v)));
             j.right = j.pair_class == Some(true);
         }
         Group::Mixture => {
-            mixture(&mut j, label, diagnosis, &names, &truth);
+            mixture(&mut j, label, diagnosis, &names, (&truth, &classes));
             j.right = j.strongest == Some(true);
         }
         Group::None | Group::Unknown => j.right = leading == truth[0],
     }
     place(&mut j, label, diagnosis);
-    let classes: Vec<Vec<String>> = truth
-        .iter()
-        .enumerate()
-        .map(|(i, name)| names.class(name, label.alias_class.of(i)))
-        .collect();
     let claim = |(c, (class, _)): (&Contribution, (Vec<String>, f64))| Claim {
         name: class.first().cloned().unwrap_or_default(),
         probability: c.probability,
         right: classes.iter().any(|truth| meets(&class, truth)),
     };
-    j.contributions = diagnosis
-        .cause
-        .contributions
-        .iter()
-        .zip(names.contributions(diagnosis))
-        .map(claim)
-        .collect();
+    let contributions = &diagnosis.cause.contributions;
+    j.contributions = contributions.iter().zip(names.contributions(diagnosis)).map(claim).collect();
     j.of_oracle = of_oracle(label, diagnosis);
-    j.harm = diagnosis
-        .shrink
-        .before
-        .zip(diagnosis.shrink.after)
-        .map(|(before, after)| after > HARM * before);
+    let errors = diagnosis.shrink.before.zip(diagnosis.shrink.after);
+    j.harm = errors.map(|(before, after)| after > HARM * before);
     j.truth_probability = names.probability(diagnosis, &truth);
     j.verdict_probability = names.probability(diagnosis, &verdict);
     Judged {
@@ -271,14 +257,9 @@ fn mixture(
     label: &Label,
     diagnosis: &Diagnosis,
     names: &Names,
-    truth: &[String],
+    (truth, classes): (&[String], &[Vec<String>]),
 ) {
     let named = names.contributions(diagnosis);
-    let classes: Vec<Vec<String>> = truth
-        .iter()
-        .enumerate()
-        .map(|(i, name)| names.class(name, label.alias_class.of(i)))
-        .collect();
     j.strongest = Some(
         named
             .first()
@@ -443,6 +424,12 @@ struct Names {
 }
 
 impl Names {
+    /// The alias class of every true effect.
+    fn classes(&self, label: &Label, truth: &[String]) -> Vec<Vec<String>> {
+        let class = |(i, name): (usize, &String)| self.class(name, label.alias_class.of(i));
+        truth.iter().enumerate().map(class).collect()
+    }
+
     fn of(diagnosis: &Diagnosis) -> Self {
         match diagnosis.gap.outputs.as_slice() {
             [only] => Self { only_output: Some(only.name.clone()) },

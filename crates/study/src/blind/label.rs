@@ -184,14 +184,12 @@ impl Label {
 /// A member that may be null.
 fn or_default<'de, D: Deserializer<'de>, T: Default + Deserialize<'de>>(
     deserializer: D,
-) -> std::result::Result<T, D::Error> {
+) -> Result<T, D::Error> {
     Ok(Option::<T>::deserialize(deserializer)?.unwrap_or_default())
 }
 
 /// A word, or a number or truth value as one.
-fn word<'de, D: Deserializer<'de>>(
-    deserializer: D,
-) -> std::result::Result<Option<String>, D::Error> {
+fn word<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String>, D::Error> {
     Ok(match Value::deserialize(deserializer)? {
         Value::Null => None,
         Value::String(text) => Some(text),
@@ -202,7 +200,7 @@ fn word<'de, D: Deserializer<'de>>(
 /// Parameters as an object, or as a list of names and values. What is no number is passed over: it can be no parameter of the catalogue.
 fn parameters<'de, D: Deserializer<'de>>(
     deserializer: D,
-) -> std::result::Result<BTreeMap<String, Option<f64>>, D::Error> {
+) -> Result<BTreeMap<String, Option<f64>>, D::Error> {
     let number =
         |value: &Value| value.is_null().then_some(None).or_else(|| value.as_f64().map(Some));
     let listed = |entry: &Value| {

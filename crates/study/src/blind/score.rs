@@ -12,7 +12,7 @@ use super::scores::{Definition, Measure, SCORES};
 use deadtime_signal::stats::{mean, quantile};
 
 /// What a case is sorted by.
-type Key = fn(&Judged) -> Option<String>;
+type SplitKey = fn(&Judged) -> Option<String>;
 
 /// Bins of the probability that was given to the verdict.
 const BINS: u32 = 5;
@@ -100,7 +100,7 @@ pub fn score(cases: &[Scored]) -> BlindScore {
     let answers: Vec<Judged> = cases.iter().map(judge).collect();
     let all: Vec<&Judged> = answers.iter().collect();
     let mut by = Vec::new();
-    let keys: [(&'static str, Key); 4] = [
+    let keys: [(&'static str, SplitKey); 4] = [
         ("effect", |c| Some(kind(c))),
         ("plant", |c| Some(c.plant.clone())),
         ("strength", |c| c.strength_db.map(|s| strength(s).to_owned())),

@@ -26,7 +26,7 @@ pub struct Diagnoses {
     /// What each is called.
     pub names: Vec<String>,
     /// How each stands, in the order of the names.
-    pub diagnoses: Vec<Standing>,
+    pub diagnoses: Vec<GapStanding>,
     /// Every cause of any of them, what most have first.
     pub causes: Vec<CauseRow>,
     /// Every number of a cause that two or more of them give.
@@ -37,7 +37,7 @@ pub struct Diagnoses {
 
 /// How one diagnosis stands.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Standing {
+pub struct GapStanding {
     /// The model's name.
     pub model: String,
     /// The leading effect, `none` or `unknown`.
@@ -64,12 +64,12 @@ pub struct CauseRow {
     /// `effect:channel`.
     pub cause: String,
     /// Per diagnosis; missing where it was not found.
-    pub parts: Vec<Option<Part>>,
+    pub parts: Vec<Option<CausePart>>,
 }
 
 /// A cause in one diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Part {
+pub struct CausePart {
     /// Its share of the gap, held out, else learnt; missing in files of `deadtime/diagnosis@1`.
     pub share: Option<f64>,
     /// How clearly it shows; missing there too.
@@ -88,7 +88,7 @@ pub struct ParameterRow {
     /// Its unit.
     pub unit: String,
     /// Per diagnosis; missing where it was not found, or has another unit.
-    pub values: Vec<Option<Value>>,
+    pub values: Vec<Option<CauseValue>>,
     /// Whether one value describes all: Cochran's Q (1954, Biometrics 10(1), 101-129, doi:10.2307/3001666) at the level of the comparison; missing where fewer than
     /// two have an interval.
     pub agree: Option<bool>,
@@ -105,7 +105,7 @@ pub struct ParameterRow {
 
 /// A number of one diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Value {
+pub struct CauseValue {
     /// The number.
     pub value: f64,
     /// Its 95 % interval; missing at a bound.
@@ -116,7 +116,7 @@ pub struct Value {
 struct Found<'a> {
     key: String,
     parameters: &'a [FoundParameter],
-    part: Part,
+    part: CausePart,
     class: &'a [String],
 }
 
@@ -159,8 +159,8 @@ impl Diagnoses {
     }
 }
 
-fn standing(d: &Diagnosis) -> Standing {
-    Standing {
+fn standing(d: &Diagnosis) -> GapStanding {
+    GapStanding {
         model: d.model.clone(),
         verdict: d.cause.verdict.clone(),
         explained: d.cause.explained,
@@ -175,7 +175,7 @@ fn standing(d: &Diagnosis) -> Standing {
 
 /// What contributes; of a file of `deadtime/diagnosis@1` the effects of its verdict.
 fn causes_of(d: &Diagnosis) -> Vec<Found<'_>> {
-    let contributing = |c: &'_ Contribution| Part {
+    let contributing = |c: &'_ Contribution| CausePart {
         share: c.share.held_out.or(c.share.learnt),
         strength: Some(c.strength),
         stands_in: None,
@@ -205,12 +205,12 @@ fn causes_of(d: &Diagnosis) -> Vec<Found<'_>> {
                 class: class(&key),
                 key,
                 parameters: &e.parameters,
-                part: Part { share: None, strength: None, stands_in: None },
+                part: CausePart { share: None, strength: None, stands_in: None },
             }
         }));
     }
     if let Some(all) = d.cause.recalibration.as_ref().filter(|r| r.accepted) {
-        let part = Part {
+        let part = CausePart {
             share: all.share.held_out.or(all.share.learnt),
             strength: None,
             stands_in: None,
@@ -257,9 +257,9 @@ fn cause_rows(found: &[Vec<Found<'_>>]) -> Vec<CauseRow> {
             }
             *taken = true;
             let stands_in = itself.is_none().then(|| cause.key.clone());
-            Some(Part { stands_in, ..cause.part.clone() })
+            Some(CausePart { stands_in, ..cause.part.clone() })
         });
-        let parts: Vec<Option<Part>> = parts.collect();
+        let parts: Vec<Option<CausePart>> = parts.collect();
         if parts.iter().any(Option::is_some) {
             rows.push(CauseRow { cause: name.to_owned(), parts });
         }
@@ -286,9 +286,9 @@ fn parameter_rows(causes: &[CauseRow], found: &[Vec<Found<'_>>]) -> Vec<Paramete
             }
             let value = |parameters: &Vec<FoundParameter>| {
                 let same = parameters.iter().find(|q| q.name == p.name && q.unit == p.unit)?;
-                Some(Value { value: same.value.filter(|v| v.is_finite())?, ci95: same.ci95 })
+                Some(CauseValue { value: same.value.filter(|v| v.is_finite())?, ci95: same.ci95 })
             };
-            let values: Vec<Option<Value>> = each.iter().map(value).collect();
+            let values: Vec<Option<CauseValue>> = each.iter().map(value).collect();
             if values.iter().flatten().count() > 1 {
                 rows.push(row(&cause.cause, &p.name, &p.unit, values));
             }
@@ -297,7 +297,7 @@ fn parameter_rows(causes: &[CauseRow], found: &[Vec<Found<'_>>]) -> Vec<Paramete
     rows
 }
 
-fn row(cause: &str, parameter: &str, unit: &str, values: Vec<Option<Value>>) -> ParameterRow {
+fn row(cause: &str, parameter: &str, unit: &str, values: Vec<Option<CauseValue>>) -> ParameterRow {
     let (cause, parameter, unit) = (cause.to_owned(), parameter.to_owned(), unit.to_owned());
     let blank = ParameterRow {
         cause,
@@ -343,10 +343,10 @@ mod tests {
 
     use super::*;
 
-    fn values(of: &[(f64, f64)]) -> Vec<Option<Value>> {
+    fn values(of: &[(f64, f64)]) -> Vec<Option<CauseValue>> {
         of.iter()
             .map(|(value, half)| {
-                Some(Value { value: *value, ci95: Some([value - half, value + half]) })
+                Some(CauseValue { value: *value, ci95: Some([value - half, value + half]) })
             })
             .collect()
     }
@@ -382,7 +382,7 @@ mod tests {
         Found {
             key: key.into(),
             parameters: &[],
-            part: Part { share: Some(0.5), strength: None, stands_in: None },
+            part: CausePart { share: Some(0.5), strength: None, stands_in: None },
             class,
         }
     }

@@ -3,7 +3,9 @@
 mod diagnoses;
 mod studies;
 
-pub use diagnoses::{CauseRow, Diagnoses, ParameterRow, Part, Standing, Value, diagnoses};
+pub use diagnoses::{
+    CausePart, CauseRow, CauseValue, Diagnoses, GapStanding, ParameterRow, diagnoses,
+};
 pub use studies::{MethodRow, Studies, StudyStanding, studies};
 
 use serde::{Deserialize, Serialize};

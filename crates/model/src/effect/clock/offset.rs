@@ -1,11 +1,11 @@
 //! The sensors' clock is set differently: it reads t + offset. Positive: outputs seem late.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{ALL, Effect, Facts, OnChannel, Site};
+use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// The sensors' clock is set differently.
 ///
@@ -17,51 +17,25 @@ use crate::simulate::system::System;
 pub(crate) struct ClockOffset;
 
 impl Effect for ClockOffset {
-    fn name(&self) -> &'static str {
-        "clock_offset"
-    }
-
-    fn summary(&self) -> &'static str {
-        "the sensors' clock is set differently"
-    }
-
-    fn site(&self) -> Site {
-        Site::Clock
-    }
-
-    fn channels(&self, _: &System) -> Vec<String> {
-        vec![channel::ALL.to_owned()]
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        if channel != channel::ALL {
-            return Err(EffectError::Channel {
-                effect: self.name(),
-                channel: channel.to_owned(),
-                known: self.channels(system),
-            });
+    fn facts(&self) -> Facts {
+        Facts {
+            is_constant: true,
+            ..Facts::of("clock_offset", Site::Clock, "the sensors' clock is set differently")
         }
+    }
 
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        if on.channel != ALL {
+            return Err(on.unknown());
+        }
         Ok(vec![Parameter { role: Role::Clock, ..channel::free("offset", "s".to_owned(), 0.0) }])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let _ = (system, channel);
+    fn starts(&self, _: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         channel::delays(scales).into_iter().flat_map(|t| [t.clone(), vec![-t[0]]]).collect()
     }
 
-    fn is_constant(&self) -> bool {
-        true
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let _ = (system, channel);
+    fn apply(&self, _: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         plan.clock.offset_s += values[0];
         Ok(())
     }

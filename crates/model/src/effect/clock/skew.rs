@@ -1,11 +1,11 @@
 //! The sensors' clock runs at another rate: when the commands' clock reads t, it reads ratio·t.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{ALL, Effect, Facts, OnChannel, Site};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// How many rates are looked at on either side, and the furthest of them: clocks that differ by more are no clocks.
 const SCANNED: u32 = 40;
@@ -20,31 +20,14 @@ const FURTHEST: f64 = 0.15;
 pub(crate) struct ClockSkew;
 
 impl Effect for ClockSkew {
-    fn name(&self) -> &'static str {
-        "clock_skew"
+    fn facts(&self) -> Facts {
+        Facts::of("clock_skew", Site::Clock, "the sensors' clock runs at another rate")
     }
 
-    fn summary(&self) -> &'static str {
-        "the sensors' clock runs at another rate"
-    }
-
-    fn site(&self) -> Site {
-        Site::Clock
-    }
-
-    fn channels(&self, _: &System) -> Vec<String> {
-        vec![channel::ALL.to_owned()]
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        if channel != channel::ALL {
-            return Err(EffectError::Channel {
-                effect: self.name(),
-                channel: channel.to_owned(),
-                known: self.channels(system),
-            });
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        if on.channel != ALL {
+            return Err(on.unknown());
         }
-
         Ok(vec![Parameter {
             lower: 1e-3,
             upper: 1e3,
@@ -52,8 +35,7 @@ impl Effect for ClockSkew {
         }])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let _ = (system, channel);
+    fn starts(&self, _: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         // Shifts of a tenth of a sample to ten samples at the end of the log.
         let shift = |samples: f64| {
             samples * scales.sample_time_s / scales.duration_s.max(f64::MIN_POSITIVE)
@@ -70,14 +52,7 @@ impl Effect for ClockSkew {
         ratios.flat_map(|off| [vec![1.0 + off], vec![1.0 - off]]).collect()
     }
 
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let _ = (system, channel);
+    fn apply(&self, _: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         plan.clock.ratio *= values[0];
         Ok(())
     }

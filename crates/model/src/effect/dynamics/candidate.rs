@@ -5,9 +5,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site};
+use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
+use crate::effect::scales::{Scales, Spread};
+use crate::file::candidate::CandidateParameter;
 use crate::file::candidate::{Candidate as Suspected, Candidates};
 use crate::simulate::plan::Plan;
 use crate::simulate::system::{Dynamics, System};
@@ -21,36 +23,24 @@ const FIRST_GUESS: f64 = 0.2;
 /// Fails when: another term of the catalogue moves the outputs in the same way; both then stand in one class.
 /// Source: Ljung (1999), System Identification: Theory for the User, section 4.3, grey-box models.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Candidate;
+pub(crate) struct CandidateTerm;
 
-impl Effect for Candidate {
-    fn name(&self) -> &'static str {
-        "candidate"
-    }
-
-    fn summary(&self) -> &'static str {
-        "a term that the user suspects to be missing"
-    }
-
-    fn site(&self) -> Site {
-        Site::Dynamics
-    }
-
-    fn rule(&self) -> &'static str {
-        "a candidate of the model file or of `--candidate`: `state += expression`"
-    }
-
-    fn is_declared(&self) -> bool {
-        true
+impl Effect for CandidateTerm {
+    fn facts(&self) -> Facts {
+        Facts {
+            rule: "a candidate of the model file or of `--candidate`: `state += expression`",
+            is_declared: true,
+            ..Facts::of("candidate", Site::Dynamics, "a term that the user suspects to be missing")
+        }
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
         system.candidates.iter().flat_map(|all| &all.list).map(|c| c.name.clone()).collect()
     }
 
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let (_, suspected) = self.place(system, channel)?;
-        let parameter = |(name, said): &(String, crate::file::candidate::CandidateParameter)| {
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let (_, suspected) = named(on)?;
+        let parameter = |(name, said): &(String, CandidateParameter)| {
             let free = channel::free(
                 name.clone(),
                 said.unit.clone().unwrap_or_else(|| "1".to_owned()),
@@ -66,8 +56,8 @@ impl Effect for Candidate {
         Ok(suspected.parameters.iter().map(parameter).collect())
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Ok((all, suspected)) = self.place(system, channel) else { return Vec::new() };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok((all, suspected)) = named(on) else { return Vec::new() };
         let moved = scales.derivatives.get(suspected.state).copied().unwrap_or(0.0);
         let sizes: Vec<usize> = (0..suspected.parameters.len())
             .filter(|&i| suspected.parameters[i].1.value == 0.0)
@@ -91,19 +81,8 @@ impl Effect for Candidate {
         starts
     }
 
-    /// Without any size it is nothing, whatever its shape.
-    fn is_identity(&self, values: &[f64], parameters: &[Parameter]) -> bool {
-        values.iter().zip(parameters).all(|(v, p)| p.role == Role::Shape || *v == p.nominal)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let (all, suspected) = self.place(system, channel)?;
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        let (all, suspected) = named(on)?;
         let Dynamics::Equations(equations, parameters) = &mut plan.dynamics else { return Ok(()) };
         let nominal = all.equations.nominal();
         if let Some(added) = nominal.get(parameters.len()..) {
@@ -117,20 +96,11 @@ impl Effect for Candidate {
     }
 }
 
-impl Candidate {
-    fn place<'s>(
-        &self,
-        system: &'s System,
-        channel: &str,
-    ) -> Result<(&'s Candidates, &'s Suspected), EffectError> {
-        let all = system.candidates.as_deref();
-        let found = all.and_then(|all| Some((all, all.list.iter().find(|c| c.name == channel)?)));
-        found.ok_or_else(|| EffectError::Channel {
-            effect: self.name(),
-            channel: channel.to_owned(),
-            known: self.channels(system),
-        })
-    }
+/// The term that a channel names, among all of them.
+fn named(on: OnChannel<'_>) -> Result<(&Candidates, &Suspected)> {
+    let all = on.system.candidates.as_deref();
+    let found = all.and_then(|all| Some((all, all.list.iter().find(|c| c.name == on.channel)?)));
+    found.ok_or_else(|| on.unknown())
 }
 
 /// The largest size of the term for a parameter of 1, over states and inputs that are as large as in the nominal run, of either sign.
@@ -140,11 +110,10 @@ fn term_of_one(all: &Candidates, suspected: &Suspected, parameter: usize, scales
     let mut workspace = equations.workspace();
     let (states, inputs) = (equations.state_variables().len(), equations.input_symbols().len());
     let mut slope = |p: &[f64], turn: usize| {
-        let signed =
-            |list: &[crate::effect::definition::Spread], count: usize, shift: usize| -> Vec<f64> {
-                let sign = |i: usize| if (turn >> ((i + shift) % 4)) & 1 == 1 { -1.0 } else { 1.0 };
-                (0..count).map(|i| sign(i) * list.get(i).map_or(0.0, |s| s.rms)).collect()
-            };
+        let signed = |list: &[Spread], count: usize, shift: usize| -> Vec<f64> {
+            let sign = |i: usize| if (turn >> ((i + shift) % 4)) & 1 == 1 { -1.0 } else { 1.0 };
+            (0..count).map(|i| sign(i) * list.get(i).map_or(0.0, |s| s.rms)).collect()
+        };
         let (x, u) = (signed(&scales.states, states, 0), signed(&scales.inputs, inputs, 1));
         let mut dx = vec![0.0; states];
         equations.derivatives(0.0, &x, &u, p, &mut workspace, &mut dx);

@@ -1,11 +1,11 @@
 //! Dry friction: −level·sign(x) on the derivative of the velocity x, which sticks at 0.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Term};
-use crate::simulate::system::System;
 
 /// Dry friction that sticks.
 ///
@@ -17,51 +17,25 @@ use crate::simulate::system::System;
 pub(crate) struct CoulombFriction;
 
 impl Effect for CoulombFriction {
-    fn name(&self) -> &'static str {
-        "coulomb_friction"
+    fn facts(&self) -> Facts {
+        Facts {
+            told_by: Some(Telling::Amplitude),
+            ..Facts::of("coulomb_friction", Site::Dynamics, "dry friction that sticks")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "dry friction that sticks"
-    }
-
-    fn site(&self) -> Site {
-        Site::Dynamics
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.states)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let unit = channel::per(&system.states[channel::state(self, system, channel)?], "s");
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let unit = channel::per(&on.system.states[on.state()?], "s");
         Ok(vec![channel::not_negative("level", unit, 0.0)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(size) =
-            channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i))
-        else {
-            return Vec::new();
-        };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(size) = on.derivative(scales) else { return Vec::new() };
         [0.05, 0.2, 0.6].map(|share| vec![share * size]).to_vec()
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Amplitude)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        plan.terms.push(Term::Friction {
-            state: channel::state(self, system, channel)?,
-            level: values[0],
-        });
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        plan.terms.push(Term::Friction { state: on.state()?, level: values[0] });
         Ok(())
     }
 }

@@ -1,9 +1,10 @@
 //! A state or input moves a state that the model keeps apart: gain·from on the derivative of `to`.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Source, Term};
 use crate::simulate::system::System;
 
@@ -16,20 +17,11 @@ use crate::simulate::system::System;
 pub(crate) struct CrossCoupling;
 
 impl Effect for CrossCoupling {
-    fn name(&self) -> &'static str {
-        "cross_coupling"
-    }
-
-    fn summary(&self) -> &'static str {
-        "a coupling that the model lacks"
-    }
-
-    fn site(&self) -> Site {
-        Site::Dynamics
-    }
-
-    fn rule(&self) -> &'static str {
-        "`from->x`: a state or input into a state that does not depend on it in the model"
+    fn facts(&self) -> Facts {
+        Facts {
+            rule: "`from->x`: a state or input into a state that does not depend on it in the model",
+            ..Facts::of("cross_coupling", Site::Dynamics, "a coupling that the model lacks")
+        }
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
@@ -47,14 +39,14 @@ impl Effect for CrossCoupling {
         channels
     }
 
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let (from, to) = channel::coupling(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let (from, to) = on.coupling()?;
         let from = match from {
-            Source::State(i) => &system.states[i],
-            Source::Input(i) => &system.inputs[i],
+            Source::State(i) => &on.system.states[i],
+            Source::Input(i) => &on.system.inputs[i],
         };
         let unit = channel::unit(from);
-        let derivative = channel::per(&system.states[to], "s");
+        let derivative = channel::per(&on.system.states[to], "s");
         Ok(vec![channel::free(
             "gain",
             if unit == "1" { derivative } else { format!("({derivative})/({unit})") },
@@ -62,8 +54,8 @@ impl Effect for CrossCoupling {
         )])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Ok((from, to)) = channel::coupling(self, system, channel) else { return Vec::new() };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok((from, to)) = on.coupling() else { return Vec::new() };
         let size = match from {
             Source::State(i) => scales.states.get(i),
             Source::Input(i) => scales.inputs.get(i),
@@ -74,14 +66,8 @@ impl Effect for CrossCoupling {
         channel::both_signs([0.2 * derivative / size.rms.max(f64::MIN_POSITIVE)])
     }
 
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let (from, to) = channel::coupling(self, system, channel)?;
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        let (from, to) = on.coupling()?;
         plan.terms.push(Term::Linear { to, from, gain: values[0] });
         Ok(())
     }

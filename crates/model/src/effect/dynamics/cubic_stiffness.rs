@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Term};
 use crate::simulate::system::System;
 
@@ -18,35 +19,25 @@ use crate::simulate::system::System;
 pub(crate) struct CubicStiffness;
 
 impl Effect for CubicStiffness {
-    fn name(&self) -> &'static str {
-        "cubic_stiffness"
-    }
-
-    fn summary(&self) -> &'static str {
-        "a spring that hardens with the cube of a state"
-    }
-
-    fn site(&self) -> Site {
-        Site::Dynamics
-    }
-
-    fn rule(&self) -> &'static str {
-        "`from->x`: one state on another"
+    fn facts(&self) -> Facts {
+        Facts {
+            rule: "`from->x`: one state on another",
+            ..Facts::of(
+                "cubic_stiffness",
+                Site::Dynamics,
+                "a spring that hardens with the cube of a state",
+            )
+        }
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
-        let pairs =
-            system.states.iter().flat_map(|from| system.states.iter().map(move |to| (from, to)));
-        pairs
-            .filter(|(from, to)| from.name != to.name)
-            .map(|(from, to)| format!("{}->{}", from.name, to.name))
-            .collect()
+        channel::arrows(&system.states)
     }
 
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let (from, to) = channel::arrow(self, system, channel, &system.states)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let (from, to) = on.arrow(&on.system.states)?;
         let (derivative, unit) =
-            (channel::per(&system.states[to], "s"), channel::unit(&system.states[from]));
+            (channel::per(&on.system.states[to], "s"), channel::unit(&on.system.states[from]));
         Ok(vec![channel::free(
             "coefficient",
             if unit == "1" { derivative } else { format!("({derivative})/({unit})^3") },
@@ -54,8 +45,8 @@ impl Effect for CubicStiffness {
         )])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Ok((from, to)) = channel::arrow(self, system, channel, &system.states) else {
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok((from, to)) = on.arrow(&on.system.states) else {
             return Vec::new();
         };
         let Some((size, derivative)) = scales.states.get(from).zip(scales.derivatives.get(to))
@@ -65,14 +56,8 @@ impl Effect for CubicStiffness {
         channel::both_signs([0.2 * derivative / size.rms.powi(3).max(f64::MIN_POSITIVE)])
     }
 
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let (from, to) = channel::arrow(self, system, channel, &system.states)?;
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        let (from, to) = on.arrow(&on.system.states)?;
         let coefficient = values[0];
         plan.terms.push(Term::Function {
             to,

@@ -1,9 +1,10 @@
 //! Two states that exchange what they store: gain·(a − b) on the derivative of b, and as much less on that of a.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Source, Term};
 use crate::simulate::system::System;
 
@@ -16,20 +17,15 @@ use crate::simulate::system::System;
 pub(crate) struct Exchange;
 
 impl Effect for Exchange {
-    fn name(&self) -> &'static str {
-        "exchange"
-    }
-
-    fn summary(&self) -> &'static str {
-        "an exchange between two states that the model lacks"
-    }
-
-    fn site(&self) -> Site {
-        Site::Dynamics
-    }
-
-    fn rule(&self) -> &'static str {
-        "`a<->b`: two states of equal unit that do not depend on each other in the model"
+    fn facts(&self) -> Facts {
+        Facts {
+            rule: "`a<->b`: two states of equal unit that do not depend on each other in the model",
+            ..Facts::of(
+                "exchange",
+                Site::Dynamics,
+                "an exchange between two states that the model lacks",
+            )
+        }
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
@@ -47,26 +43,20 @@ impl Effect for Exchange {
             .collect()
     }
 
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        channel::exchange(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        on.exchange()?;
         Ok(vec![channel::free("gain", "1/s".to_owned(), 0.0)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Ok((a, b)) = channel::exchange(self, system, channel) else { return Vec::new() };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok((a, b)) = on.exchange() else { return Vec::new() };
         let size = |i: usize| scales.states.get(i).map_or(0.0, |s| s.rms).max(f64::MIN_POSITIVE);
         let moved = |i: usize| scales.derivatives.get(i).copied().unwrap_or(0.0);
         channel::both_signs([0.2 * f64::max(moved(a), moved(b)) / f64::max(size(a), size(b))])
     }
 
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let (a, b) = channel::exchange(self, system, channel)?;
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        let (a, b) = on.exchange()?;
         for (to, sign) in [(b, 1.0), (a, -1.0)] {
             plan.terms.push(Term::Linear { to, from: Source::State(a), gain: sign * values[0] });
             plan.terms.push(Term::Linear { to, from: Source::State(b), gain: -sign * values[0] });

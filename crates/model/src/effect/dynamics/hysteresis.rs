@@ -5,11 +5,11 @@
 //! one a spring.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Term};
-use crate::simulate::system::System;
 
 /// A force with a memory of the way: hysteresis.
 ///
@@ -20,28 +20,20 @@ use crate::simulate::system::System;
 pub(crate) struct Hysteresis;
 
 impl Effect for Hysteresis {
-    fn name(&self) -> &'static str {
-        "hysteresis"
+    fn facts(&self) -> Facts {
+        Facts {
+            elaborates: Some("coulomb_friction"),
+            told_by: Some(Telling::Amplitude),
+            ..Facts::of(
+                "hysteresis",
+                Site::Dynamics,
+                "a force that depends on the way there (Bouc-Wen)",
+            )
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "a force that depends on the way there (Bouc-Wen)"
-    }
-
-    fn site(&self) -> Site {
-        Site::Dynamics
-    }
-
-    fn elaborates(&self) -> Option<&'static str> {
-        Some("coulomb_friction")
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.states)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let state = &system.states[channel::state(self, system, channel)?];
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let state = &on.system.states[on.state()?];
         let way = match channel::unit(state).as_str() {
             "1" => "s".to_owned(),
             unit => format!("({unit})*s"),
@@ -62,8 +54,8 @@ impl Effect for Hysteresis {
         ])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Ok(i) = channel::state(self, system, channel) else { return Vec::new() };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok(i) = on.state() else { return Vec::new() };
         let Some((speed, force)) = scales.states.get(i).zip(scales.derivatives.get(i)) else {
             return Vec::new();
         };
@@ -74,30 +66,14 @@ impl Effect for Hysteresis {
     }
 
     /// A hundredth of the usual way within a sample: less changes a twentieth of what dry friction does, and takes ever more steps.
-    fn least(&self, system: &System, channel: &str, scales: &Scales) -> Vec<f64> {
-        let speed = channel::state(self, system, channel)
-            .ok()
-            .and_then(|i| scales.states.get(i))
-            .map_or(0.0, |speed| speed.rms);
+    fn least(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<f64> {
+        let speed =
+            on.state().ok().and_then(|i| scales.states.get(i)).map_or(0.0, |speed| speed.rms);
         vec![0.0, 0.01 * speed * scales.sample_time_s, 1.0]
     }
 
-    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
-        values[0] == 0.0
-    }
-
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Amplitude)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let velocity = channel::state(self, system, channel)?;
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        let velocity = on.state()?;
         plan.terms.push(Term::Hysteresis {
             velocity,
             level: values[0],

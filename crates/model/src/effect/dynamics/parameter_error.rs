@@ -5,11 +5,13 @@
 use nalgebra::DMatrix;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, names};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::{Dynamics, ModelNumber, Port, System};
+use crate::simulate::simulator::Port;
+use crate::simulate::system::{Dynamics, ModelNumber, System};
 
 /// A parameter of the model is wrong.
 ///
@@ -20,54 +22,33 @@ use crate::simulate::system::{Dynamics, ModelNumber, Port, System};
 pub(crate) struct ParameterError;
 
 impl Effect for ParameterError {
-    fn name(&self) -> &'static str {
-        "parameter_error"
-    }
-
-    fn summary(&self) -> &'static str {
-        "a parameter of the model is wrong"
-    }
-
-    fn site(&self) -> Site {
-        Site::Dynamics
-    }
-
-    fn rule(&self) -> &'static str {
-        RULE
-    }
-
-    fn needs_equations(&self) -> bool {
-        false
-    }
-
-    fn corrects_model(&self) -> bool {
-        true
+    fn facts(&self) -> Facts {
+        Facts {
+            rule: RULE,
+            needs_equations: false,
+            corrects_model: true,
+            ..Facts::of("parameter_error", Site::Dynamics, "a parameter of the model is wrong")
+        }
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
         channels(system)
     }
 
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let (_, unit, nominal) = number(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let (_, unit, nominal) = number(on)?;
         Ok(vec![channel::free("value", unit, nominal)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         let _ = scales;
-        let Ok((_, _, nominal)) = number(self, system, channel) else { return Vec::new() };
+        let Ok((_, _, nominal)) = number(on) else { return Vec::new() };
         let size = if nominal == 0.0 { 1.0 } else { nominal };
         vec![vec![nominal + 0.1 * size], vec![nominal - 0.1 * size]]
     }
 
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let (number, ..) = number(self, system, channel)?;
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        let (number, ..) = number(on)?;
         plan.dynamics.set(number, values[0]);
         Ok(())
     }
@@ -79,7 +60,7 @@ pub(super) const RULE: &str = "a parameter, or an entry of A or B that is not 0:
 /// Every number of the model.
 pub(super) fn channels(system: &System) -> Vec<String> {
     match &system.dynamics {
-        Dynamics::Equations(..) | Dynamics::BlackBox(..) => channel::names(&system.parameters),
+        Dynamics::Equations(..) | Dynamics::BlackBox(..) => names(&system.parameters),
         Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
             let entries = |letter: &'static str, matrix: &DMatrix<f64>, columns: &[Port]| {
                 let place = |(i, j): (usize, usize)| {
@@ -96,18 +77,9 @@ pub(super) fn channels(system: &System) -> Vec<String> {
 }
 
 /// The place that a channel names, its unit and what stands there.
-pub(super) fn number(
-    effect: &dyn Effect,
-    system: &System,
-    channel: &str,
-) -> Result<(ModelNumber, String, f64), EffectError> {
-    let unknown = || EffectError::Channel {
-        effect: effect.name(),
-        channel: channel.to_owned(),
-        known: effect.channels(system),
-    };
-    let at =
-        |ports: &[Port], name: &str| ports.iter().position(|p| p.name == name).ok_or_else(unknown);
+pub(super) fn number(on: OnChannel<'_>) -> Result<(ModelNumber, String, f64)> {
+    let (system, channel, unknown) = (on.system, on.channel, || on.unknown());
+    let at = |ports: &[Port], name: &str| channel::position(ports, name).ok_or_else(unknown);
     match &system.dynamics {
         Dynamics::Equations(_, parameters) | Dynamics::BlackBox(_, parameters) => {
             let i = at(&system.parameters, channel)?;

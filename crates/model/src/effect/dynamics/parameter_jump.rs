@@ -4,8 +4,8 @@
 
 use super::parameter_error::number;
 use crate::effect::channel;
-use crate::effect::definition::{Change, Effect, Scales, Site};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Change, Effect, Facts, OnChannel, Site};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
 use crate::simulate::plan::{Plan, Switch};
 use crate::simulate::system::System;
@@ -21,36 +21,25 @@ use crate::simulate::system::System;
 pub(crate) struct ParameterJump;
 
 impl Effect for ParameterJump {
-    fn name(&self) -> &'static str {
-        "parameter_jump"
-    }
-
-    fn summary(&self) -> &'static str {
-        "a parameter of the model steps at a time"
-    }
-
-    fn site(&self) -> Site {
-        Site::Dynamics
-    }
-
-    fn rule(&self) -> &'static str {
-        super::parameter_error::RULE
-    }
-
-    fn elaborates(&self) -> Option<&'static str> {
-        Some("parameter_error")
-    }
-
-    fn changes(&self) -> Option<Change> {
-        Some(Change::Jump)
+    fn facts(&self) -> Facts {
+        Facts {
+            rule: super::parameter_error::RULE,
+            elaborates: Some("parameter_error"),
+            changes: Some(Change::Jump),
+            ..Facts::of(
+                "parameter_jump",
+                Site::Dynamics,
+                "a parameter of the model steps at a time",
+            )
+        }
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
         super::parameter_error::channels(system)
     }
 
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let (_, unit, nominal) = number(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let (_, unit, nominal) = number(on)?;
         Ok(vec![
             channel::free("value", unit.clone(), nominal),
             channel::instant(),
@@ -58,22 +47,8 @@ impl Effect for ParameterJump {
         ])
     }
 
-    fn starts(&self, _: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        scales.scanned(self, channel)
-    }
-
-    fn is_identity(&self, values: &[f64], parameters: &[Parameter]) -> bool {
-        values[0] == parameters[0].nominal && values[2] == parameters[2].nominal
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let (number, ..) = number(self, system, channel)?;
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        let (number, ..) = number(on)?;
         plan.dynamics.set(number, values[0]);
         plan.switches.push(Switch { time_s: values[1], number, value: values[2] });
         Ok(())

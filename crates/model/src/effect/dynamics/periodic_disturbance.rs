@@ -1,11 +1,11 @@
 //! Something shakes: amplitude·sin(2π·frequency·t + phase) on a state's derivative, t from the log's first sample.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site};
+use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Term};
-use crate::simulate::system::System;
 
 /// Something shakes at one frequency.
 ///
@@ -16,24 +16,12 @@ use crate::simulate::system::System;
 pub(crate) struct PeriodicDisturbance;
 
 impl Effect for PeriodicDisturbance {
-    fn name(&self) -> &'static str {
-        "periodic_disturbance"
+    fn facts(&self) -> Facts {
+        Facts::of("periodic_disturbance", Site::Dynamics, "something shakes at one frequency")
     }
 
-    fn summary(&self) -> &'static str {
-        "something shakes at one frequency"
-    }
-
-    fn site(&self) -> Site {
-        Site::Dynamics
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.states)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let unit = channel::per(&system.states[channel::state(self, system, channel)?], "s");
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let unit = channel::per(&on.system.states[on.state()?], "s");
         Ok(vec![
             channel::frequency("frequency"),
             channel::free("amplitude", unit, 0.0),
@@ -41,19 +29,11 @@ impl Effect for PeriodicDisturbance {
         ])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(size) =
-            channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i))
-        else {
-            return Vec::new();
-        };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(size) = on.derivative(scales) else { return Vec::new() };
         let guesses =
             |f: &f64| [0.0, std::f64::consts::FRAC_PI_2].map(|phase| vec![*f, 0.1 * size, phase]);
         scales.peaks_hz.iter().flat_map(guesses).collect()
-    }
-
-    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
-        values[1] == 0.0
     }
 
     fn canonical(&self, values: Vec<f64>) -> Vec<f64> {
@@ -64,14 +44,8 @@ impl Effect for PeriodicDisturbance {
         vec![frequency, amplitude.abs(), PI - (PI - phase).rem_euclid(TAU)]
     }
 
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let to = channel::state(self, system, channel)?;
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        let to = on.state()?;
         plan.terms.push(Term::Sine {
             to,
             omega_rad_s: std::f64::consts::TAU * values[0],

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Term};
-use crate::simulate::system::System;
 
 /// Drag that grows with the square of a velocity.
 ///
@@ -18,49 +18,34 @@ use crate::simulate::system::System;
 pub(crate) struct QuadraticDrag;
 
 impl Effect for QuadraticDrag {
-    fn name(&self) -> &'static str {
-        "quadratic_drag"
+    fn facts(&self) -> Facts {
+        Facts {
+            told_by: Some(Telling::Amplitude),
+            ..Facts::of(
+                "quadratic_drag",
+                Site::Dynamics,
+                "drag that grows with the square of a velocity",
+            )
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "drag that grows with the square of a velocity"
-    }
-
-    fn site(&self) -> Site {
-        Site::Dynamics
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.states)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let state = &system.states[channel::state(self, system, channel)?];
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let state = &on.system.states[on.state()?];
         let unit = channel::unit(state);
         let per = if unit == "1" { "1/s".to_owned() } else { format!("1/(({unit}) s)") };
         Ok(vec![channel::free("coefficient", per, 0.0)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Ok(i) = channel::state(self, system, channel) else { return Vec::new() };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok(i) = on.state() else { return Vec::new() };
         let Some((size, derivative)) = scales.states.get(i).zip(scales.derivatives.get(i)) else {
             return Vec::new();
         };
         channel::both_signs([0.2 * derivative / (size.rms * size.rms).max(f64::MIN_POSITIVE)])
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Amplitude)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let state = channel::state(self, system, channel)?;
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        let state = on.state()?;
         let coefficient = values[0];
         plan.terms.push(Term::Function {
             to: state,

@@ -7,11 +7,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Term};
-use crate::simulate::system::System;
 
 /// Dry friction that is larger at low speed.
 ///
@@ -22,28 +22,20 @@ use crate::simulate::system::System;
 pub(crate) struct StribeckFriction;
 
 impl Effect for StribeckFriction {
-    fn name(&self) -> &'static str {
-        "stribeck_friction"
+    fn facts(&self) -> Facts {
+        Facts {
+            elaborates: Some("coulomb_friction"),
+            told_by: Some(Telling::Amplitude),
+            ..Facts::of(
+                "stribeck_friction",
+                Site::Dynamics,
+                "dry friction that sticks, larger at low speed",
+            )
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "dry friction that sticks, larger at low speed"
-    }
-
-    fn site(&self) -> Site {
-        Site::Dynamics
-    }
-
-    fn elaborates(&self) -> Option<&'static str> {
-        Some("coulomb_friction")
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.states)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let state = &system.states[channel::state(self, system, channel)?];
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let state = &on.system.states[on.state()?];
         let force = channel::per(state, "s");
         Ok(vec![
             channel::not_negative("level", force.clone(), 0.0),
@@ -56,8 +48,8 @@ impl Effect for StribeckFriction {
         ])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Ok(i) = channel::state(self, system, channel) else { return Vec::new() };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok(i) = on.state() else { return Vec::new() };
         let Some((speed, force)) = scales.states.get(i).zip(scales.derivatives.get(i)) else {
             return Vec::new();
         };
@@ -68,31 +60,13 @@ impl Effect for StribeckFriction {
     }
 
     /// A fiftieth of the usual change within a sample: less changes a twentieth of what the friction does; what is left is the force to break away.
-    fn least(&self, system: &System, channel: &str, scales: &Scales) -> Vec<f64> {
-        let pull = channel::state(self, system, channel)
-            .ok()
-            .and_then(|i| scales.derivatives.get(i))
-            .copied()
-            .unwrap_or(0.0);
+    fn least(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<f64> {
+        let pull = on.state().ok().and_then(|i| scales.derivatives.get(i)).copied().unwrap_or(0.0);
         vec![0.0, 0.0, 0.02 * pull * scales.sample_time_s]
     }
 
-    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
-        values[0] == 0.0 && values[1] == 0.0
-    }
-
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Amplitude)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let state = channel::state(self, system, channel)?;
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        let state = on.state()?;
         let (level, extra, velocity) = (values[0], values[1], values[2]);
         plan.terms.push(Term::Friction { state, level: level + extra });
         if extra != 0.0 {

@@ -1,11 +1,11 @@
 //! A resonance that the model lacks: q″ + 2ζω·q′ + ω²·q = ω²·u, gain·q added to an input, a state's derivative or an output.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
-use crate::simulate::plan;
-use crate::simulate::plan::{Mode, Plan};
+use crate::effect::scales::Scales;
+use crate::simulate::plan::{self, Mode, Plan};
 use crate::simulate::system::System;
 
 /// A resonance that the model lacks.
@@ -17,20 +17,12 @@ use crate::simulate::system::System;
 pub(crate) struct UnmodelledMode;
 
 impl Effect for UnmodelledMode {
-    fn name(&self) -> &'static str {
-        "unmodelled_mode"
-    }
-
-    fn summary(&self) -> &'static str {
-        "a resonance that the model lacks"
-    }
-
-    fn site(&self) -> Site {
-        Site::Dynamics
-    }
-
-    fn rule(&self) -> &'static str {
-        "`u->input:u`, `u->state:x` or `u->output:y`"
+    fn facts(&self) -> Facts {
+        Facts {
+            rule: "`u->input:u`, `u->state:x` or `u->output:y`",
+            told_by: Some(Telling::Bandwidth),
+            ..Facts::of("unmodelled_mode", Site::Dynamics, "a resonance that the model lacks")
+        }
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
@@ -44,14 +36,14 @@ impl Effect for UnmodelledMode {
         channels
     }
 
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let (input, site) = self.place(system, channel)?;
-        let input = channel::unit(&system.inputs[input]);
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let (input, site) = place(on)?;
+        let input = channel::unit(&on.system.inputs[input]);
         let over = |unit: String| if input == "1" { unit } else { format!("({unit})/({input})") };
         let gain = match site {
-            plan::Site::Input(_) => "1".to_owned(),
-            plan::Site::State(i) => over(channel::per(&system.states[i], "s")),
-            plan::Site::Output(i) => over(channel::unit(&system.outputs[i])),
+            plan::ModeSite::Input(_) => "1".to_owned(),
+            plan::ModeSite::State(i) => over(channel::per(&on.system.states[i], "s")),
+            plan::ModeSite::Output(i) => over(channel::unit(&on.system.outputs[i])),
         };
         Ok(vec![
             channel::frequency("frequency"),
@@ -65,36 +57,22 @@ impl Effect for UnmodelledMode {
         ])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Ok((input, site)) = self.place(system, channel) else { return Vec::new() };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok((input, site)) = place(on) else { return Vec::new() };
         let Some(drive) = scales.inputs.get(input).map(|s| s.std.max(f64::MIN_POSITIVE)) else {
             return Vec::new();
         };
         let size = match site {
-            plan::Site::Input(_) => 1.0,
-            plan::Site::State(i) => scales.derivatives.get(i).map_or(1.0, |v| v / drive),
-            plan::Site::Output(i) => scales.outputs.get(i).map_or(1.0, |v| v.std / drive),
+            plan::ModeSite::Input(_) => 1.0,
+            plan::ModeSite::State(i) => scales.derivatives.get(i).map_or(1.0, |v| v / drive),
+            plan::ModeSite::Output(i) => scales.outputs.get(i).map_or(1.0, |v| v.std / drive),
         };
         let guesses = |f: &f64| [0.05, 0.4].map(|damping| vec![*f, damping, 0.1 * size]);
         scales.peaks_hz.iter().flat_map(guesses).collect()
     }
 
-    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
-        values[2] == 0.0
-    }
-
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Bandwidth)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let (input, site) = self.place(system, channel)?;
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        let (input, site) = place(on)?;
         let mode = Mode {
             input,
             site,
@@ -107,27 +85,22 @@ impl Effect for UnmodelledMode {
     }
 }
 
-impl UnmodelledMode {
-    /// The input that drives it and where it is added.
-    fn place(&self, system: &System, channel: &str) -> Result<(usize, plan::Site), EffectError> {
-        let find = || {
-            let (from, to) = channel.split_once("->")?;
-            let (kind, name) = to.split_once(':')?;
-            let input = system.inputs.iter().position(|p| p.name == from)?;
-            let at =
-                |ports: &[crate::simulate::system::Port]| ports.iter().position(|p| p.name == name);
-            let site = match kind {
-                "input" => plan::Site::Input(at(&system.inputs).filter(|&i| i == input)?),
-                "state" => plan::Site::State(at(&system.states)?),
-                "output" => plan::Site::Output(at(&system.outputs)?),
-                _ => return None,
-            };
-            Some((input, site))
+/// The input that drives it and where it is added.
+fn place(on: OnChannel<'_>) -> Result<(usize, plan::ModeSite)> {
+    let System { inputs, states, outputs, .. } = on.system;
+    let find = || {
+        let (from, to) = on.channel.split_once("->")?;
+        let (kind, name) = to.split_once(':')?;
+        let input = channel::position(inputs, from)?;
+        let site = match kind {
+            "input" => {
+                plan::ModeSite::Input(channel::position(inputs, name).filter(|&i| i == input)?)
+            }
+            "state" => plan::ModeSite::State(channel::position(states, name)?),
+            "output" => plan::ModeSite::Output(channel::position(outputs, name)?),
+            _ => return None,
         };
-        find().ok_or_else(|| EffectError::Channel {
-            effect: self.name(),
-            channel: channel.to_owned(),
-            known: self.channels(system),
-        })
-    }
+        Some((input, site))
+    };
+    find().ok_or_else(|| on.unknown())
 }

@@ -1,11 +1,11 @@
 //! The actuator lags: w′ = (u − w)/time_constant.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Lateness, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, Lateness, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// The actuator follows with a first-order lag.
 ///
@@ -16,48 +16,25 @@ use crate::simulate::system::System;
 pub(crate) struct ActuatorLag;
 
 impl Effect for ActuatorLag {
-    fn name(&self) -> &'static str {
-        "actuator_lag"
+    fn facts(&self) -> Facts {
+        Facts {
+            lateness: Some(Lateness::Lag),
+            told_by: Some(Telling::Bandwidth),
+            ..Facts::of("actuator_lag", Site::Input, "the actuator follows with a first-order lag")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "the actuator follows with a first-order lag"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        channel::input(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        on.input()?;
         Ok(vec![channel::time_constant("time_constant")])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let _ = (system, channel);
+    fn starts(&self, _: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         channel::times(scales)
     }
 
-    fn lateness(&self) -> Option<Lateness> {
-        Some(Lateness::Lag)
-    }
-
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Bandwidth)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        plan.inputs[channel::input(self, system, channel)?].lags_s.push(values[0]);
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        plan.inputs[on.input()?].lags_s.push(values[0]);
         Ok(())
     }
 }

@@ -5,12 +5,12 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::piecewise::{Piece, Piecewise};
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// Play between command and plant.
 ///
@@ -21,51 +21,26 @@ use crate::simulate::system::System;
 pub(crate) struct Backlash;
 
 impl Effect for Backlash {
-    fn name(&self) -> &'static str {
-        "backlash"
+    fn facts(&self) -> Facts {
+        Facts {
+            told_by: Some(Telling::Amplitude),
+            ..Facts::of("backlash", Site::Input, "play between command and plant")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "play between command and plant"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let unit = channel::unit(&system.inputs[channel::input(self, system, channel)?]);
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let unit = channel::unit(&on.system.inputs[on.input()?]);
         Ok(vec![channel::not_negative("width", unit, 0.0)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) =
-            channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i))
-        else {
-            return Vec::new();
-        };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = on.input_spread(scales) else { return Vec::new() };
         [0.05, 0.15, 0.35, 0.7].map(|share| vec![share * spread.quantiles[5]]).to_vec()
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Amplitude)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let width = values[0];
-        plan.inputs[channel::input(self, system, channel)?]
-            .maps
-            .push(Arc::new(move |signal| play(&signal, width)));
+        plan.inputs[on.input()?].maps.push(Arc::new(move |signal| play(&signal, width)));
         Ok(())
     }
 }

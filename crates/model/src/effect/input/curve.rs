@@ -1,11 +1,11 @@
 //! The actuator is not straight: u + quadratic·u·|u|.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// The actuator has a quadratic characteristic.
 ///
@@ -17,51 +17,25 @@ use crate::simulate::system::System;
 pub(crate) struct InputCurve;
 
 impl Effect for InputCurve {
-    fn name(&self) -> &'static str {
-        "input_curve"
+    fn facts(&self) -> Facts {
+        Facts {
+            told_by: Some(Telling::Amplitude),
+            ..Facts::of("input_curve", Site::Input, "the actuator has a quadratic characteristic")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "the actuator has a quadratic characteristic"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let unit = channel::unit(&system.inputs[channel::input(self, system, channel)?]);
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let unit = channel::unit(&on.system.inputs[on.input()?]);
         Ok(vec![channel::free("quadratic", format!("1/({unit})"), 0.0)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) =
-            channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i))
-        else {
-            return Vec::new();
-        };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = on.input_spread(scales) else { return Vec::new() };
         channel::both_signs([0.3 / spread.quantiles[5].max(f64::MIN_POSITIVE)])
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Amplitude)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        plan.inputs[channel::input(self, system, channel)?]
-            .curve
-            .get_or_insert_default()
-            .quadratic += values[0];
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        plan.inputs[on.input()?].curve.get_or_insert_default().quadratic += values[0];
         Ok(())
     }
 }

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// Small commands do nothing.
 ///
@@ -19,33 +19,20 @@ use crate::simulate::system::System;
 pub(crate) struct Deadband;
 
 impl Effect for Deadband {
-    fn name(&self) -> &'static str {
-        "deadband"
+    fn facts(&self) -> Facts {
+        Facts {
+            told_by: Some(Telling::Amplitude),
+            ..Facts::of("deadband", Site::Input, "small commands do nothing")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "small commands do nothing"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let unit = channel::unit(&system.inputs[channel::input(self, system, channel)?]);
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let unit = channel::unit(&on.system.inputs[on.input()?]);
         Ok(vec![channel::not_negative("width", unit, 0.0)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) =
-            channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i))
-        else {
-            return Vec::new();
-        };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = on.input_spread(scales) else { return Vec::new() };
         [0.1, 0.25, 0.5, 0.75]
             .map(|share| vec![share * spread.quantiles[5]])
             .into_iter()
@@ -53,19 +40,9 @@ impl Effect for Deadband {
             .collect()
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Amplitude)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let width = values[0];
-        plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(move |signal| {
+        plan.inputs[on.input()?].maps.push(Arc::new(move |signal| {
             signal.map_with_kinks(&[-width, width], |u| {
                 if u.abs() <= width { (0.0, 0.0) } else { (u - width * u.signum(), 1.0) }
             })

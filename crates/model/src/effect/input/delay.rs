@@ -1,11 +1,11 @@
 //! A command reaches the plant later: u(t − delay).
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Lateness, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, Lateness, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// Dead time between the command and the plant; continuous, never rounded to samples.
 ///
@@ -17,48 +17,25 @@ use crate::simulate::system::System;
 pub(crate) struct InputDelay;
 
 impl Effect for InputDelay {
-    fn name(&self) -> &'static str {
-        "input_delay"
+    fn facts(&self) -> Facts {
+        Facts {
+            lateness: Some(Lateness::Fixed),
+            told_by: Some(Telling::Bandwidth),
+            ..Facts::of("input_delay", Site::Input, "the command arrives late")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "the command arrives late"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        channel::input(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        on.input()?;
         Ok(vec![channel::delay("delay")])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let _ = (system, channel);
+    fn starts(&self, _: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         channel::delays(scales)
     }
 
-    fn lateness(&self) -> Option<Lateness> {
-        Some(Lateness::Fixed)
-    }
-
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Bandwidth)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        plan.inputs[channel::input(self, system, channel)?].delay_s += values[0];
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        plan.inputs[on.input()?].delay_s += values[0];
         Ok(())
     }
 }

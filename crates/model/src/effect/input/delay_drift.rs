@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Change, Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Change, Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::simulate::piecewise::Piecewise;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// No delay grows or shrinks faster than this, in seconds per second: at 1 no later command would ever arrive.
 const FASTEST: f64 = 0.9;
@@ -21,32 +21,21 @@ const FASTEST: f64 = 0.9;
 pub(crate) struct DelayDrift;
 
 impl Effect for DelayDrift {
-    fn name(&self) -> &'static str {
-        "delay_drift"
+    fn facts(&self) -> Facts {
+        Facts {
+            elaborates: Some("input_delay"),
+            changes: Some(Change::Drift),
+            told_by: Some(Telling::Bandwidth),
+            ..Facts::of(
+                "delay_drift",
+                Site::Input,
+                "the command arrives late, by a delay that grows or shrinks with time",
+            )
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "the command arrives late, by a delay that grows or shrinks with time"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn elaborates(&self) -> Option<&'static str> {
-        Some("input_delay")
-    }
-
-    fn changes(&self) -> Option<Change> {
-        Some(Change::Drift)
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        channel::input(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        on.input()?;
         let rate = Parameter {
             lower: -FASTEST,
             upper: FASTEST,
@@ -55,25 +44,10 @@ impl Effect for DelayDrift {
         Ok(vec![channel::delay("delay"), rate])
     }
 
-    fn starts(&self, _: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        scales.scanned(self, channel)
-    }
-
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Bandwidth)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let (delay_s, rate) = (values[0], values[1]);
-        let drifted =
-            move |signal: crate::simulate::piecewise::Piecewise| signal.drifting(delay_s, rate);
-        plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(drifted));
+        let drifted = move |signal: Piecewise| signal.drifting(delay_s, rate);
+        plan.inputs[on.input()?].maps.push(Arc::new(drifted));
         Ok(())
     }
 }

@@ -3,11 +3,11 @@
 //! Equation: command k acts from t_k + d_k on, d_k gamma distributed with mean `delay` and standard deviation `spread`; ordered: not before command k − 1.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Lateness, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, Lateness, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
+use crate::effect::scales::Scales;
 use crate::simulate::plan::{Delays, Late, Plan};
-use crate::simulate::system::System;
 
 /// From this value on commands keep their order.
 const ORDERED: f64 = 0.5;
@@ -22,24 +22,20 @@ const ORDERED: f64 = 0.5;
 pub(crate) struct DelayJitter;
 
 impl Effect for DelayJitter {
-    fn name(&self) -> &'static str {
-        "delay_jitter"
+    fn facts(&self) -> Facts {
+        Facts {
+            lateness: Some(Lateness::Random),
+            told_by: Some(Telling::Bandwidth),
+            ..Facts::of(
+                "delay_jitter",
+                Site::Input,
+                "every command arrives late by a random delay of its own",
+            )
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "every command arrives late by a random delay of its own"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        channel::input(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        on.input()?;
         let ordered = Parameter {
             role: Role::Shape,
             upper: 1.0,
@@ -53,7 +49,7 @@ impl Effect for DelayJitter {
     }
 
     /// None: its mean is a plain delay's, and what tells it is the delay of every single command, which is decoded from the outputs.
-    fn starts(&self, _: &System, _: &str, _: &Scales) -> Vec<Vec<f64>> {
+    fn starts(&self, _: OnChannel<'_>, _: &Scales) -> Vec<Vec<f64>> {
         Vec::new()
     }
 
@@ -61,28 +57,14 @@ impl Effect for DelayJitter {
         values[0] == 0.0
     }
 
-    fn lateness(&self) -> Option<Lateness> {
-        Some(Lateness::Random)
-    }
-
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Bandwidth)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let late = Late {
             delay_s: values[0],
             spread_s: values[1],
             ordered: values[2] >= ORDERED,
             delays: Delays::Mean,
         };
-        plan.inputs[channel::input(self, system, channel)?].late = Some(late);
+        plan.inputs[on.input()?].late = Some(late);
         Ok(())
     }
 }

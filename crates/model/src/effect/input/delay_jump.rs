@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Change, Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Change, Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::simulate::piecewise::Piecewise;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// A dead time that jumps, at the same time in every log.
 ///
@@ -18,59 +18,28 @@ use crate::simulate::system::System;
 pub(crate) struct DelayJump;
 
 impl Effect for DelayJump {
-    fn name(&self) -> &'static str {
-        "delay_jump"
+    fn facts(&self) -> Facts {
+        Facts {
+            elaborates: Some("input_delay"),
+            changes: Some(Change::Jump),
+            told_by: Some(Telling::Bandwidth),
+            ..Facts::of(
+                "delay_jump",
+                Site::Input,
+                "the command arrives late, from a time on by another delay",
+            )
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "the command arrives late, from a time on by another delay"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn elaborates(&self) -> Option<&'static str> {
-        Some("input_delay")
-    }
-
-    fn changes(&self) -> Option<Change> {
-        Some(Change::Jump)
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        channel::input(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        on.input()?;
         Ok(vec![channel::delay("delay"), channel::instant(), channel::delay("later")])
     }
 
-    fn starts(&self, _: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        scales.scanned(self, channel)
-    }
-
-    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
-        values[0] == 0.0 && values[2] == 0.0
-    }
-
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Bandwidth)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let (before_s, time_s, later_s) = (values[0], values[1], values[2]);
-        let jumped = move |signal: crate::simulate::piecewise::Piecewise| {
-            signal.delayed_until(before_s, time_s, later_s)
-        };
-        plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(jumped));
+        let jumped = move |signal: Piecewise| signal.delayed_until(before_s, time_s, later_s);
+        plan.inputs[on.input()?].maps.push(Arc::new(jumped));
         Ok(())
     }
 }

@@ -4,11 +4,11 @@
 //! `burst`: a loss then goes on with probability 1 − 1/burst, and begins with probability/(burst·(1 − probability)).
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Lateness, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, Lateness, OnChannel, Site, Telling};
+use crate::effect::error::{EffectError, Result};
 use crate::effect::parameter::{Parameter, Role};
-use crate::simulate::plan::{Drops, Losses, Plan};
-use crate::simulate::system::System;
+use crate::effect::scales::Scales;
+use crate::simulate::plan::{Drops, Losses, Plan, Realisation};
 
 /// Each logged command is lost with this probability; a plan holds the mean over all sequences until a seed draws one.
 ///
@@ -20,24 +20,16 @@ use crate::simulate::system::System;
 pub(crate) struct DroppedCommands;
 
 impl Effect for DroppedCommands {
-    fn name(&self) -> &'static str {
-        "dropped_commands"
+    fn facts(&self) -> Facts {
+        Facts {
+            lateness: Some(Lateness::Lost),
+            told_by: Some(Telling::Bandwidth),
+            ..Facts::of("dropped_commands", Site::Input, "commands get lost, the last one is held")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "commands get lost, the last one is held"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        channel::input(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        on.input()?;
         let probability =
             Parameter { upper: 0.999, ..channel::not_negative("probability", "1".to_owned(), 0.0) };
         // Commands; where it is left out losses are as long as chance makes them.
@@ -49,36 +41,17 @@ impl Effect for DroppedCommands {
         Ok(vec![probability, burst])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let _ = (system, channel, scales);
+    fn starts(&self, _: OnChannel<'_>, _: &Scales) -> Vec<Vec<f64>> {
         [0.1, 0.4, 0.8].map(|probability| vec![probability, f64::INFINITY]).to_vec()
     }
 
-    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
-        values[0] == 0.0
-    }
-
-    fn lateness(&self) -> Option<Lateness> {
-        Some(Lateness::Lost)
-    }
-
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Bandwidth)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let (probability, burst) = (values[0], Some(values[1]).filter(|b| b.is_finite()));
         // A burst is at least so long as one where losses begin at once behind every command that arrives.
         let shortest = probability / (1.0 - probability);
         if let Some(value) = burst.filter(|b| *b < shortest) {
             let (effect, channel, parameter) =
-                (self.name(), channel.to_owned(), "burst".to_owned());
+                (self.name(), on.channel.to_owned(), "burst".to_owned());
             return Err(EffectError::Bounds {
                 effect,
                 channel,
@@ -88,8 +61,8 @@ impl Effect for DroppedCommands {
                 upper: f64::INFINITY,
             });
         }
-        plan.inputs[channel::input(self, system, channel)?].drops =
-            Some(Drops::Mean(Losses { probability, burst }));
+        let losses = Losses { probability, burst };
+        plan.inputs[on.input()?].drops = Some(Drops { losses, lost: Realisation::Mean });
         Ok(())
     }
 }

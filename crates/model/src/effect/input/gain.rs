@@ -1,11 +1,11 @@
 //! The actuator does more or less than commanded: gain·u.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// The actuator has another gain.
 ///
@@ -16,29 +16,19 @@ use crate::simulate::system::System;
 pub(crate) struct InputGain;
 
 impl Effect for InputGain {
-    fn name(&self) -> &'static str {
-        "input_gain"
+    fn facts(&self) -> Facts {
+        Facts {
+            told_by: Some(Telling::Amplitude),
+            ..Facts::of("input_gain", Site::Input, "the actuator has another gain")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "the actuator has another gain"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        channel::input(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        on.input()?;
         Ok(vec![channel::free("gain", "1".to_owned(), 1.0)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let _ = (system, channel, scales);
+    fn starts(&self, _: OnChannel<'_>, _: &Scales) -> Vec<Vec<f64>> {
         vec![vec![0.8], vec![1.25], vec![-1.0]]
     }
 
@@ -46,19 +36,8 @@ impl Effect for InputGain {
         Some(vec![1.0 / factor])
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Amplitude)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        plan.inputs[channel::input(self, system, channel)?].curve.get_or_insert_default().gain *=
-            values[0];
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        plan.inputs[on.input()?].curve.get_or_insert_default().gain *= values[0];
         Ok(())
     }
 }

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// The gain of the actuator fades with time.
 ///
@@ -18,45 +18,25 @@ use crate::simulate::system::System;
 pub(crate) struct GainFade;
 
 impl Effect for GainFade {
-    fn name(&self) -> &'static str {
-        "gain_fade"
+    fn facts(&self) -> Facts {
+        Facts {
+            told_by: Some(Telling::OperatingPoint),
+            ..Facts::of("gain_fade", Site::Input, "the gain of the actuator fades with time")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "the gain of the actuator fades with time"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        channel::input(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        on.input()?;
         Ok(vec![channel::free("rate", "1/s".to_owned(), 0.0)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let _ = (system, channel);
+    fn starts(&self, _: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         channel::both_signs([0.3 / scales.duration_s.max(f64::MIN_POSITIVE)])
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::OperatingPoint)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let rate = values[0];
-        plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(move |signal| {
+        plan.inputs[on.input()?].maps.push(Arc::new(move |signal| {
             // A command is held, so its product with a straight line is straight.
             signal.map(|p| (p.value * (1.0 - rate * p.start_s), -p.value * rate))
         }));

@@ -1,11 +1,10 @@
 //! Commands pass at certain times only and are held between them, as through a slower loop: at phase, phase + period, phase + 2·period and so on.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Lateness, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, Lateness, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// A slower loop on the way of the commands.
 ///
@@ -16,48 +15,25 @@ use crate::simulate::system::System;
 pub(crate) struct MultiRate;
 
 impl Effect for MultiRate {
-    fn name(&self) -> &'static str {
-        "multi_rate"
+    fn facts(&self) -> Facts {
+        Facts {
+            lateness: Some(Lateness::SlowerLoop),
+            elaborates: Some("input_delay"),
+            told_by: Some(Telling::Bandwidth),
+            ..Facts::of(
+                "multi_rate",
+                Site::Input,
+                "commands pass at the times of a slower loop only",
+            )
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "commands pass at the times of a slower loop only"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn elaborates(&self) -> Option<&'static str> {
-        Some("input_delay")
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        channel::input(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        on.input()?;
         let period = Parameter { role: Role::Period, ..channel::delay("period") };
         // Any whole number of periods more is the same.
         let phase = Parameter { role: Role::Shape, ..channel::free("phase", "s".to_owned(), 0.0) };
         Ok(vec![period, phase])
-    }
-
-    fn starts(&self, _: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        scales.scanned(self, channel)
-    }
-
-    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
-        values[0] == 0.0
-    }
-
-    fn lateness(&self) -> Option<Lateness> {
-        Some(Lateness::SlowerLoop)
-    }
-
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Bandwidth)
     }
 
     /// The first passing time at or after the log's first sample.
@@ -70,14 +46,8 @@ impl Effect for MultiRate {
         }
     }
 
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        plan.inputs[channel::input(self, system, channel)?].passing = Some((values[0], values[1]));
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        plan.inputs[on.input()?].passing = Some((values[0], values[1]));
         Ok(())
     }
 }

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// The actuator is off centre.
 ///
@@ -20,53 +20,27 @@ use crate::simulate::system::System;
 pub(crate) struct InputOffset;
 
 impl Effect for InputOffset {
-    fn name(&self) -> &'static str {
-        "input_offset"
+    fn facts(&self) -> Facts {
+        Facts {
+            is_constant: true,
+            told_by: Some(Telling::OperatingPoint),
+            ..Facts::of("input_offset", Site::Input, "the actuator is off centre")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "the actuator is off centre"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let unit = channel::unit(&system.inputs[channel::input(self, system, channel)?]);
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let unit = channel::unit(&on.system.inputs[on.input()?]);
         Ok(vec![channel::free("offset", unit, 0.0)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) =
-            channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i))
-        else {
-            return Vec::new();
-        };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = on.input_spread(scales) else { return Vec::new() };
         channel::both_signs([0.2 * spread.rms.max(f64::MIN_POSITIVE)])
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::OperatingPoint)
-    }
-
-    fn is_constant(&self) -> bool {
-        true
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let offset = values[0];
-        plan.inputs[channel::input(self, system, channel)?]
+        plan.inputs[on.input()?]
             .maps
             .push(Arc::new(move |signal| signal.map(|p| (p.value + offset, p.slope))));
         Ok(())

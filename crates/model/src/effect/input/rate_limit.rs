@@ -5,12 +5,12 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::piecewise::{Piece, Piecewise};
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// The actuator moves no faster than this.
 ///
@@ -25,33 +25,20 @@ pub(crate) struct RateLimit;
 const LONGEST_SWING: f64 = 0.25;
 
 impl Effect for RateLimit {
-    fn name(&self) -> &'static str {
-        "rate_limit"
+    fn facts(&self) -> Facts {
+        Facts {
+            told_by: Some(Telling::Bandwidth),
+            ..Facts::of("rate_limit", Site::Input, "the actuator moves no faster than this")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "the actuator moves no faster than this"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let unit = channel::per(&system.inputs[channel::input(self, system, channel)?], "s");
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let unit = channel::per(&on.system.inputs[on.input()?], "s");
         Ok(vec![channel::not_negative("rate", unit, f64::INFINITY)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) =
-            channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i))
-        else {
-            return Vec::new();
-        };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = on.input_spread(scales) else { return Vec::new() };
         // The time that a full swing takes: from half a sample to a quarter of a log, one per octave. It has nothing to do with how fast the plant is.
         let (swing, longest_s) =
             (spread.largest - spread.smallest, LONGEST_SWING * scales.duration_s);
@@ -64,21 +51,9 @@ impl Effect for RateLimit {
             .collect()
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Bandwidth)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let rate = values[0];
-        plan.inputs[channel::input(self, system, channel)?]
-            .maps
-            .push(Arc::new(move |signal| follow(&signal, rate)));
+        plan.inputs[on.input()?].maps.push(Arc::new(move |signal| follow(&signal, rate)));
         Ok(())
     }
 }

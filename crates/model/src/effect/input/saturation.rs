@@ -5,11 +5,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// The actuator has stops.
 ///
@@ -20,52 +20,29 @@ use crate::simulate::system::System;
 pub(crate) struct Saturation;
 
 impl Effect for Saturation {
-    fn name(&self) -> &'static str {
-        "saturation"
+    fn facts(&self) -> Facts {
+        Facts {
+            told_by: Some(Telling::Amplitude),
+            ..Facts::of("saturation", Site::Input, "the actuator has stops")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "the actuator has stops"
-    }
-
-    fn site(&self) -> Site {
-        Site::Input
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.inputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let unit = channel::unit(&system.inputs[channel::input(self, system, channel)?]);
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let unit = channel::unit(&on.system.inputs[on.input()?]);
         Ok(vec![
             channel::free("lower", unit.clone(), f64::NEG_INFINITY),
             channel::free("upper", unit, f64::INFINITY),
         ])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) =
-            channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i))
-        else {
-            return Vec::new();
-        };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = on.input_spread(scales) else { return Vec::new() };
         channel::limits(spread)
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Amplitude)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let (lower, upper) = (values[0], values[1]);
-        plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(move |signal| {
+        plan.inputs[on.input()?].maps.push(Arc::new(move |signal| {
             signal.map_with_kinks(&[lower, upper], |u| {
                 if u < lower {
                     (lower, 0.0)

@@ -1,9 +1,10 @@
 //! A measurement is written down late: y(t − delay).
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 use crate::simulate::system::System;
 
@@ -16,48 +17,29 @@ use crate::simulate::system::System;
 pub(crate) struct OutputDelay;
 
 impl Effect for OutputDelay {
-    fn name(&self) -> &'static str {
-        "output_delay"
-    }
-
-    fn summary(&self) -> &'static str {
-        "the measurement arrives late"
-    }
-
-    fn site(&self) -> Site {
-        Site::Output
-    }
-
-    fn rule(&self) -> &'static str {
-        "an output, or `*`: all outputs"
+    fn facts(&self) -> Facts {
+        Facts {
+            rule: "an output, or `*`: all outputs",
+            told_by: Some(Telling::Bandwidth),
+            ..Facts::of("output_delay", Site::Output, "the measurement arrives late")
+        }
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
         channel::shared(system)
     }
 
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        channel::outputs(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        on.outputs()?;
         Ok(vec![channel::delay("delay")])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let _ = (system, channel);
+    fn starts(&self, _: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         channel::delays(scales)
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Bandwidth)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        for i in channel::outputs(self, system, channel)? {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        for i in on.outputs()? {
             plan.outputs[i].delay_s += values[0];
         }
         Ok(())

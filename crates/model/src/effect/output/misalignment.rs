@@ -3,9 +3,10 @@
 //! Equation: v = y + gain·from.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 use crate::simulate::system::System;
 
@@ -18,42 +19,28 @@ use crate::simulate::system::System;
 pub(crate) struct Misalignment;
 
 impl Effect for Misalignment {
-    fn name(&self) -> &'static str {
-        "misalignment"
-    }
-
-    fn summary(&self) -> &'static str {
-        "a sensor also sees another output"
-    }
-
-    fn site(&self) -> Site {
-        Site::Output
-    }
-
-    fn rule(&self) -> &'static str {
-        "`from->y`: one output into another"
+    fn facts(&self) -> Facts {
+        Facts {
+            rule: "`from->y`: one output into another",
+            ..Facts::of("misalignment", Site::Output, "a sensor also sees another output")
+        }
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
-        let pairs =
-            system.outputs.iter().flat_map(|from| system.outputs.iter().map(move |to| (from, to)));
-        pairs
-            .filter(|(from, to)| from.name != to.name)
-            .map(|(from, to)| format!("{}->{}", from.name, to.name))
-            .collect()
+        channel::arrows(&system.outputs)
     }
 
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let (from, to) = channel::arrow(self, system, channel, &system.outputs)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let (from, to) = on.arrow(&on.system.outputs)?;
         Ok(vec![channel::free(
             "gain",
-            channel::ratio(&system.outputs[to], &system.outputs[from]),
+            channel::ratio(&on.system.outputs[to], &on.system.outputs[from]),
             0.0,
         )])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Ok((from, to)) = channel::arrow(self, system, channel, &system.outputs) else {
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok((from, to)) = on.arrow(&on.system.outputs) else {
             return Vec::new();
         };
         let Some((from, to)) = scales.outputs.get(from).zip(scales.outputs.get(to)) else {
@@ -62,14 +49,8 @@ impl Effect for Misalignment {
         channel::both_signs([0.1 * to.std / from.std.max(f64::MIN_POSITIVE)])
     }
 
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        let (from, to) = channel::arrow(self, system, channel, &system.outputs)?;
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        let (from, to) = on.arrow(&on.system.outputs)?;
         plan.outputs[to].mixing.push((from, values[0]));
         Ok(())
     }

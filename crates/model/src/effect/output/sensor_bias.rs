@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// The sensor is off by a constant.
 ///
@@ -18,55 +18,27 @@ use crate::simulate::system::System;
 pub(crate) struct SensorBias;
 
 impl Effect for SensorBias {
-    fn name(&self) -> &'static str {
-        "sensor_bias"
+    fn facts(&self) -> Facts {
+        Facts {
+            is_constant: true,
+            told_by: Some(Telling::OperatingPoint),
+            ..Facts::of("sensor_bias", Site::Output, "the sensor is off by a constant")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "the sensor is off by a constant"
-    }
-
-    fn site(&self) -> Site {
-        Site::Output
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.outputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let unit = channel::unit(&system.outputs[channel::output(self, system, channel)?]);
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let unit = channel::unit(&on.system.outputs[on.output()?]);
         Ok(vec![channel::free("offset", unit, 0.0)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) =
-            channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i))
-        else {
-            return Vec::new();
-        };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = on.output_spread(scales) else { return Vec::new() };
         channel::both_signs([0.2 * spread.std.max(f64::MIN_POSITIVE)])
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::OperatingPoint)
-    }
-
-    fn is_constant(&self) -> bool {
-        true
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let offset = values[0];
-        plan.outputs[channel::output(self, system, channel)?]
-            .maps
-            .push(Arc::new(move |_, y| y + offset));
+        plan.outputs[on.output()?].maps.push(Arc::new(move |_, y| y + offset));
         Ok(())
     }
 }

@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 use crate::simulate::system::System;
 
@@ -18,33 +19,24 @@ use crate::simulate::system::System;
 pub(crate) struct SensorGain;
 
 impl Effect for SensorGain {
-    fn name(&self) -> &'static str {
-        "sensor_gain"
-    }
-
-    fn summary(&self) -> &'static str {
-        "the sensor has another gain"
-    }
-
-    fn site(&self) -> Site {
-        Site::Output
-    }
-
-    fn rule(&self) -> &'static str {
-        "an output, or `*`: all outputs"
+    fn facts(&self) -> Facts {
+        Facts {
+            rule: "an output, or `*`: all outputs",
+            told_by: Some(Telling::Amplitude),
+            ..Facts::of("sensor_gain", Site::Output, "the sensor has another gain")
+        }
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
         channel::shared(system)
     }
 
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        channel::outputs(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        on.outputs()?;
         Ok(vec![channel::free("gain", "1".to_owned(), 1.0)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let _ = (system, channel, scales);
+    fn starts(&self, _: OnChannel<'_>, _: &Scales) -> Vec<Vec<f64>> {
         vec![vec![0.8], vec![1.25], vec![-1.0]]
     }
 
@@ -52,19 +44,9 @@ impl Effect for SensorGain {
         Some(vec![factor])
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Amplitude)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let gain = values[0];
-        for i in channel::outputs(self, system, channel)? {
+        for i in on.outputs()? {
             plan.outputs[i].maps.push(Arc::new(move |_, y| gain * y));
             plan.outputs[i].slope *= gain;
         }

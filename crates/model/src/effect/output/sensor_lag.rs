@@ -1,9 +1,10 @@
 //! A sensor lags: z′ = (y − z)/time_constant.
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 use crate::simulate::system::System;
 
@@ -16,48 +17,29 @@ use crate::simulate::system::System;
 pub(crate) struct SensorLag;
 
 impl Effect for SensorLag {
-    fn name(&self) -> &'static str {
-        "sensor_lag"
-    }
-
-    fn summary(&self) -> &'static str {
-        "the sensor follows with a first-order lag"
-    }
-
-    fn site(&self) -> Site {
-        Site::Output
-    }
-
-    fn rule(&self) -> &'static str {
-        "an output, or `*`: all outputs"
+    fn facts(&self) -> Facts {
+        Facts {
+            rule: "an output, or `*`: all outputs",
+            told_by: Some(Telling::Bandwidth),
+            ..Facts::of("sensor_lag", Site::Output, "the sensor follows with a first-order lag")
+        }
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
         channel::shared(system)
     }
 
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        channel::outputs(self, system, channel)?;
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        on.outputs()?;
         Ok(vec![channel::time_constant("time_constant")])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let _ = (system, channel);
+    fn starts(&self, _: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         channel::times(scales)
     }
 
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Bandwidth)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
-        for i in channel::outputs(self, system, channel)? {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        for i in on.outputs()? {
             plan.outputs[i].lags_s.push(values[0]);
         }
         Ok(())

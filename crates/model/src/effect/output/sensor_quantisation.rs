@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// The sensor has steps.
 ///
@@ -18,52 +18,27 @@ use crate::simulate::system::System;
 pub(crate) struct SensorQuantisation;
 
 impl Effect for SensorQuantisation {
-    fn name(&self) -> &'static str {
-        "sensor_quantisation"
+    fn facts(&self) -> Facts {
+        Facts {
+            leaves_residual: true,
+            ..Facts::of("sensor_quantisation", Site::Output, "the sensor has steps")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "the sensor has steps"
-    }
-
-    fn site(&self) -> Site {
-        Site::Output
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.outputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let unit = channel::unit(&system.outputs[channel::output(self, system, channel)?]);
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let unit = channel::unit(&on.system.outputs[on.output()?]);
         Ok(vec![channel::not_negative("step", unit, 0.0)])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) =
-            channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i))
-        else {
-            return Vec::new();
-        };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = on.output_spread(scales) else { return Vec::new() };
         // Raw values show their step exactly; without a lattice there is none.
         spread.lattice.into_iter().map(|step| vec![step]).collect()
     }
 
-    fn leaves_residual(&self) -> bool {
-        true
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let step = values[0];
-        plan.outputs[channel::output(self, system, channel)?]
-            .maps
-            .push(Arc::new(move |_, y| step * (y / step).round()));
+        plan.outputs[on.output()?].maps.push(Arc::new(move |_, y| step * (y / step).round()));
         Ok(())
     }
 }

@@ -5,11 +5,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// The sensor has an end to its range.
 ///
@@ -20,50 +20,26 @@ use crate::simulate::system::System;
 pub(crate) struct SensorSaturation;
 
 impl Effect for SensorSaturation {
-    fn name(&self) -> &'static str {
-        "sensor_saturation"
+    fn facts(&self) -> Facts {
+        Facts::of("sensor_saturation", Site::Output, "the sensor has an end to its range")
     }
 
-    fn summary(&self) -> &'static str {
-        "the sensor has an end to its range"
-    }
-
-    fn site(&self) -> Site {
-        Site::Output
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.outputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let unit = channel::unit(&system.outputs[channel::output(self, system, channel)?]);
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let unit = channel::unit(&on.system.outputs[on.output()?]);
         Ok(vec![
             channel::free("lower", unit.clone(), f64::NEG_INFINITY),
             channel::free("upper", unit, f64::INFINITY),
         ])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) =
-            channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i))
-        else {
-            return Vec::new();
-        };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = on.output_spread(scales) else { return Vec::new() };
         channel::limits(spread)
     }
 
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let (lower, upper) = (values[0], values[1]);
-        plan.outputs[channel::output(self, system, channel)?]
-            .maps
-            .push(Arc::new(move |_, y| y.clamp(lower, upper)));
+        plan.outputs[on.output()?].maps.push(Arc::new(move |_, y| y.clamp(lower, upper)));
         Ok(())
     }
 }

@@ -5,11 +5,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::definition::{Effect, Scales, Site, Telling};
-use crate::effect::error::EffectError;
+use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
+use crate::effect::error::Result;
 use crate::effect::parameter::Parameter;
+use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::System;
 
 /// The sensor's characteristic is not straight.
 ///
@@ -20,63 +20,37 @@ use crate::simulate::system::System;
 pub(crate) struct StaticNonlinearity;
 
 impl Effect for StaticNonlinearity {
-    fn name(&self) -> &'static str {
-        "static_nonlinearity"
+    fn facts(&self) -> Facts {
+        Facts {
+            elaborates: Some("sensor_gain"),
+            told_by: Some(Telling::Amplitude),
+            ..Facts::of("static_nonlinearity", Site::Output, "the sensor's characteristic is bent")
+        }
     }
 
-    fn summary(&self) -> &'static str {
-        "the sensor's characteristic is bent"
-    }
-
-    fn site(&self) -> Site {
-        Site::Output
-    }
-
-    fn channels(&self, system: &System) -> Vec<String> {
-        channel::names(&system.outputs)
-    }
-
-    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let unit = channel::unit(&system.outputs[channel::output(self, system, channel)?]);
+    fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
+        let unit = channel::unit(&on.system.outputs[on.output()?]);
         Ok(vec![
             channel::free("quadratic", format!("1/({unit})"), 0.0),
             channel::free("cubic", format!("1/({unit})^2"), 0.0),
         ])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        let Some(spread) =
-            channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i))
-        else {
-            return Vec::new();
-        };
+    fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = on.output_spread(scales) else { return Vec::new() };
         let largest = spread.quantiles[5].max(f64::MIN_POSITIVE);
         // The screen goes along both of either sign.
         vec![vec![0.2 / largest, 0.0], vec![0.0, 0.2 / (largest * largest)]]
     }
 
-    fn elaborates(&self) -> Option<&'static str> {
-        Some("sensor_gain")
-    }
-
-    fn told_by(&self) -> Option<Telling> {
-        Some(Telling::Amplitude)
-    }
-
-    fn apply(
-        &self,
-        system: &System,
-        channel: &str,
-        values: &[f64],
-        plan: &mut Plan,
-    ) -> Result<(), EffectError> {
+    fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let (quadratic, cubic) = (values[0], values[1]);
         let (lower, upper) = rising(quadratic, cubic);
         let bent = move |_, y: f64| {
             let y = y.clamp(lower, upper);
             y * (1.0 + y * (quadratic + y * cubic))
         };
-        plan.outputs[channel::output(self, system, channel)?].maps.push(Arc::new(bent));
+        plan.outputs[on.output()?].maps.push(Arc::new(bent));
         Ok(())
     }
 }

@@ -1,7 +1,10 @@
 //! Where a function of time and state changes its sign within a step.
 
-use super::integrator::{Event, Integrator, Method};
+use super::integrator::{Integrator, Method};
 use super::rhs::Rhs;
+
+/// A function of time and state whose sign is watched.
+pub(super) type Event<'a> = &'a mut dyn FnMut(f64, &[f64]) -> f64;
 
 /// Shares of a step at which the sign is looked at.
 const LOOKS: [f64; 4] = [0.25, 0.5, 0.75, 1.0];

@@ -3,6 +3,7 @@
 //! Explicit Runge-Kutta steps as long as they pay, L-stable Rosenbrock steps where the equations are stiff. No allocation after the [`Integrator`] is made.
 
 mod dormand_prince;
+mod drive;
 mod event;
 pub(crate) mod integrator;
 mod lu;

@@ -14,7 +14,7 @@ use nalgebra::DMatrix;
 use super::child::{Children, Running, ended};
 use super::program::{Asked, Names, Program};
 use super::table;
-use crate::simulate::black_box::Simulator;
+use crate::simulate::simulator::Simulator;
 
 #[derive(Debug)]
 pub(super) struct EachRun {
@@ -49,6 +49,21 @@ impl EachRun {
     }
 }
 
+impl EachRun {
+    /// Ends a program that takes too long, and says so.
+    fn late(&self, running: &mut Running) -> String {
+        running.end();
+        let limit_s = self.program.timeout.as_secs_f64();
+        format!("it did not answer within {limit_s} s{}", running.last_words())
+    }
+}
+
+/// Work on a thread of its own.
+fn beside(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), String> {
+    let thread = thread::Builder::new().name(name.to_owned());
+    thread.spawn(work).map(drop).map_err(|e| e.to_string())
+}
+
 impl Simulator for EachRun {
     fn simulate(
         &self,
@@ -77,11 +92,7 @@ impl Simulator for EachRun {
         )?;
         if let Some(mut pipe) = running.child.stdin.take().filter(|_| !by_file) {
             // A program that ends without reading all has its reasons; what it answers tells them.
-            let feed = move || drop(pipe.write_all(text.as_bytes()));
-            thread::Builder::new()
-                .name("deadtime stdin".to_owned())
-                .spawn(feed)
-                .map_err(|e| e.to_string())?;
+            beside("deadtime stdin", move || drop(pipe.write_all(text.as_bytes())))?;
         }
         let (sender, answers) = sync_channel(1);
         if let Some(mut pipe) = running.child.stdout.take() {
@@ -90,25 +101,14 @@ impl Simulator for EachRun {
                 let read = pipe.read_to_end(&mut bytes).map(|_| bytes);
                 let _ = sender.send(read);
             };
-            thread::Builder::new()
-                .name("deadtime stdout".to_owned())
-                .spawn(listen)
-                .map_err(|e| e.to_string())?;
+            beside("deadtime stdout", listen)?;
         }
-        let late = |running: &mut Running| {
-            running.end();
-            format!(
-                "it did not answer within {} s{}",
-                self.program.timeout.as_secs_f64(),
-                running.last_words()
-            )
-        };
         let printed = match answers.recv_timeout(until.saturating_duration_since(Instant::now())) {
             Ok(read) => read.map_err(|e| format!("its standard output could not be read: {e}"))?,
-            Err(RecvTimeoutError::Timeout) => return Err(late(&mut running)),
+            Err(RecvTimeoutError::Timeout) => return Err(self.late(&mut running)),
             Err(RecvTimeoutError::Disconnected) => Vec::new(),
         };
-        let Some(status) = running.wait(until) else { return Err(late(&mut running)) };
+        let Some(status) = running.wait(until) else { return Err(self.late(&mut running)) };
         if !status.success() {
             return Err(format!("{}{}", ended(status), running.last_words()));
         }

@@ -15,7 +15,7 @@ use nalgebra::DMatrix;
 use super::child::{Children, Running, ended};
 use super::program::{Asked, Names, Program};
 use super::table;
-use crate::simulate::black_box::Simulator;
+use crate::simulate::simulator::Simulator;
 
 #[derive(Debug)]
 pub(super) struct Lines {
@@ -141,16 +141,7 @@ impl Lines {
             }
             match &columns {
                 None => {
-                    let header = csv::ReaderBuilder::new()
-                        .has_headers(false)
-                        .from_reader(line.as_bytes())
-                        .into_records()
-                        .next();
-                    let header: Vec<String> = header
-                        .and_then(Result::ok)
-                        .map(|r| r.iter().map(str::to_owned).collect())
-                        .unwrap_or_default();
-                    columns = Some(table::columns(&header, &self.names).map_err(broken)?);
+                    columns = Some(table::columns(&cells(&line), &self.names).map_err(broken)?);
                 }
                 Some(columns) => {
                     rows += 1;
@@ -161,6 +152,13 @@ impl Lines {
         }
         Ok(DMatrix::from_row_slice(samples, self.names.outputs.len(), &values))
     }
+}
+
+/// The cells of a header, with or without quotes.
+fn cells(line: &str) -> Vec<String> {
+    let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(line.as_bytes());
+    let record = reader.records().next().and_then(Result::ok).unwrap_or_default();
+    record.iter().map(str::to_owned).collect()
 }
 
 impl Simulator for Lines {

@@ -2,7 +2,8 @@
 
 use super::child::Children;
 use super::{command, persistent};
-use crate::simulate::black_box::{Face, Simulator};
+use crate::simulate::black_box::Face;
+use crate::simulate::simulator::{Port, Simulator};
 use nalgebra::DMatrix;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -56,9 +57,7 @@ pub(super) struct Names {
 
 impl Names {
     fn of(face: &Face) -> Self {
-        let of = |ports: &[crate::simulate::system::Port]| {
-            ports.iter().map(|p| p.name.clone()).collect()
-        };
+        let of = |ports: &[Port]| ports.iter().map(|p| p.name.clone()).collect();
         Self {
             inputs: of(&face.inputs),
             outputs: of(&face.outputs),
