@@ -99,19 +99,8 @@ impl DelayEstimate {
         }
     }
 
-    /// An answer of a method that counts samples: raw value, standard deviation and interval in samples, before the bias is taken off.
-    pub(super) fn counted(
-        raw: f64,
-        std: f64,
-        interval: [f64; 2],
-        at_edge: bool,
-        bias: usize,
-        sample_time: SampleTime,
-    ) -> Self {
-        Self::measured(raw, std, interval, at_edge, bias as f64, sample_time)
-    }
-
-    /// The same of a method that resolves fractions of a sample, and whose bias may be one (half a sample for a phase behind a zero-order hold).
+    /// An answer in samples, before the bias `off` is taken off: raw value, standard deviation and interval. The bias may be a fraction (half a sample for a phase behind
+    /// a zero-order hold).
     pub(super) fn measured(
         raw: f64,
         std: f64,
@@ -190,6 +179,12 @@ impl DelayEstimate {
     pub(super) fn of_open_part(mut self) -> Self {
         self.open_part = true;
         self.noting(Some("from the part of the input that the output did not cause".to_owned()))
+    }
+
+    /// With another raw value than the answer itself, s.
+    #[must_use]
+    pub(super) fn with_raw_s(self, raw_delay_s: f64) -> Self {
+        Self { raw_delay_s: Some(raw_delay_s), ..self }
     }
 
     /// Adds a sentence to the note.

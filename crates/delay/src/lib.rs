@@ -32,22 +32,16 @@ mod verdict;
 mod watched;
 
 pub use crate::area::area1::Area1;
-pub use crate::area::area2::Area2;
-pub use crate::area::area3::Area3;
-pub use crate::area::moment::Moment;
-pub use crate::correlation::crosscorr::Crosscorr;
-pub use crate::correlation::eckart::GccEckart;
-pub use crate::correlation::hannan_thomson::GccHannanThomson;
-pub use crate::correlation::phat::GccPhat;
-pub use crate::correlation::roth::GccRoth;
-pub use crate::correlation::scot::GccScot;
-pub use crate::events::average_delay_difference::EventAverageDifference;
-pub use crate::events::delay_variance::EventDelayVariance;
-pub use crate::events::interval_correlation::EventCorrelation;
+pub use crate::area::estimated::{Area2, Area3, Moment};
+pub use crate::correlation::weights::{
+    Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, GccScot,
+};
+pub use crate::events::criteria::{
+    EventAverageDifference, EventCorrelation, EventDelayVariance, EventQuadraticDifference,
+    EventVarianceDifference,
+};
 pub use crate::events::jitter::{DelayQuantile, Jitter};
 pub use crate::events::offsets::{Events, Units};
-pub use crate::events::quadratic_delay_difference::EventQuadraticDifference;
-pub use crate::events::variance_delay_difference::EventVarianceDifference;
 pub use crate::frequency::arxdap::Arxdap;
 pub use crate::frequency::firdap::Firdap;
 pub use crate::frequency::oedap::Oedap;

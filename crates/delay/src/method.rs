@@ -238,6 +238,24 @@ pub struct Method {
 pub(super) const WHOLE: f64 = 1e-6;
 
 impl Method {
+    /// A line of a method that sees one pair at a time and promises every law, to be completed by what else it says of itself.
+    pub(super) const fn of(class: Class, entry: Entry<dyn DelayEstimator>) -> Self {
+        Self {
+            entry,
+            class,
+            scope: Scope::Pair,
+            start: Start::Any,
+            reference: ReferenceExperiment::Plant,
+            information: Information::Response,
+            basis: Basis::Own,
+            tolerance: WHOLE,
+            withstands: &[],
+            needs: "",
+            blind_to: "",
+            exempt: &[],
+        }
+    }
+
     /// What the list says of it, as data: name, summary, options, class, needs, what it cannot see, and what it withstands.
     #[must_use]
     pub fn data(&self) -> serde_json::Value {
@@ -266,6 +284,22 @@ impl Method {
         self.exempt.iter().all(|(exempt, _)| *exempt != law)
     }
 }
+
+/// The line of a method as [`Method::of`] has it: `method_line!("name", "summary", OptionStruct, Class)`.
+macro_rules! method_line {
+    ($name:literal, $summary:literal, $options:ty, $class:ident) => {
+        $crate::method::Method::of(
+            $crate::method::Class::$class,
+            deadtime_signal::registry::entry!(
+                $name,
+                $summary,
+                $options,
+                dyn $crate::estimator::DelayEstimator
+            ),
+        )
+    };
+}
+pub(super) use method_line;
 
 /// The method called `name`.
 #[must_use]

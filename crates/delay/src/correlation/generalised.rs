@@ -1,11 +1,9 @@
 //! Generalised cross-correlation.
 
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{Search, one_pair};
-use crate::experiment::Experiment;
+use crate::estimator::{NoDelay, PairRecords, options};
 use crate::method::Condition;
-use crate::posterior;
 use deadtime_identify::Record;
 use deadtime_signal::{CrossSpectra, HANN_LINES, RealFourier, correlation};
 use nalgebra::Complex;
@@ -143,32 +141,21 @@ pub(crate) fn segment_length(asked: usize, longest: usize, max_delay: usize) -> 
     (1 << fits.ilog2()).clamp(least, most)
 }
 
-/// Refuses what cannot be used at all.
-pub(crate) fn enough(
+/// Refuses a segment that is too short.
+pub(crate) fn check(method: &'static str, segment: usize) -> Result<(), DelayError> {
+    let ok = segment == 0 || segment >= SHORTEST_SEGMENT;
+    options(method, [("segment", segment as f64, ok, "0 (automatic) or 8 and more")])
+}
+
+/// Refuses records in which no delay shows; the segment to be used.
+pub(crate) fn segment_of(
     method: &'static str,
     segment: usize,
-    got: usize,
-    max_delay: usize,
-) -> Result<(), DelayError> {
-    if segment > 0 && segment < SHORTEST_SEGMENT {
-        let value = segment as f64;
-        return Err(DelayError::Option {
-            method,
-            option: "segment",
-            value,
-            allowed: "0 (automatic) or 8 and more",
-        });
-    }
-    let needed = max_delay + LEAST.max(segment);
-    if got < needed {
-        return Err(DelayError::TooShort {
-            method,
-            needed,
-            got,
-            remedy: crate::error::LengthRemedy::Window,
-        });
-    }
-    Ok(())
+    pair: &PairRecords,
+) -> Result<usize, NoDelay> {
+    pair.at_least(method, pair.max_delay + LEAST.max(segment), LengthRemedy::Window)?;
+    pair.visible()?;
+    Ok(segment_length(segment, pair.experiment.longest(), pair.max_delay))
 }
 
 /// What averaged spectra say of every frequency.
@@ -269,28 +256,15 @@ impl Interpolant {
     }
 }
 
-/// All pairs, by the maximum of the correlation with these weights.
+/// The delay of a pair by the maximum of the correlation with these weights.
 pub(crate) fn generalised(
     method: &'static str,
     segment: usize,
     weight: fn(&Line) -> f64,
-    experiment: &Experiment,
-    search: &Search,
-) -> Result<DelayEstimate, DelayError> {
-    one_pair(experiment, search, |records, max_delay, bias| {
-        let longest = experiment.longest();
-        enough(method, segment, longest, max_delay)?;
-        if let Some(note) = posterior::unseen(records, max_delay) {
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-        }
-        let (found, _) = alike(
-            &Centred::new(records),
-            segment_length(segment, longest, max_delay),
-            weight,
-            max_delay,
-        );
-        Ok(found.answer(max_delay, bias, experiment))
-    })
+    pair: &PairRecords,
+) -> Result<DelayEstimate, NoDelay> {
+    let segment = segment_of(method, segment, pair)?;
+    alike(&Centred::new(pair.records), segment, weight, pair.max_delay).0.answer(pair)
 }
 
 /// The lag at which two signals are most alike.
@@ -471,21 +445,16 @@ pub(super) fn rivals(
 }
 
 impl Alike {
-    pub(crate) fn answer(
-        &self,
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> DelayEstimate {
+    /// The answer of a method.
+    pub(crate) fn answer(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
         if self.leads {
             let note = "the two are most alike where the output leads the input: exchange them, or look for feedback";
-            return DelayEstimate::without(Outcome::NotApplicable, note);
+            return Err(NoDelay::new(Outcome::NotApplicable, note));
         }
         let Some(fraction) = self.fraction else {
-            return DelayEstimate::without(
-                Outcome::NotRichEnough,
-                "the correlation has no peak: the input hardly varies where the output can answer",
-            );
+            let note =
+                "the correlation has no peak: the input hardly varies where the output can answer";
+            return Err(NoDelay::new(Outcome::NotRichEnough, note));
         };
         let raw = real(self.lag) + fraction;
         let std = self.std.hypot(self.bent.unwrap_or(0.0));
@@ -494,40 +463,37 @@ impl Alike {
             self.rivals.iter().map(|(l, p)| p / total * (real(*l) - raw).powi(2)).sum();
         let quantile = StudentsT::new(0.0, 1.0, self.freedom.max(1.0))
             .map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
-        let mut ends = [raw - quantile * std, raw + quantile * std];
-        let (mut mass, mut by_height) = (1.0 / total, self.rivals.clone());
-        by_height.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let mut also = Vec::new();
-        for (l, p) in by_height {
-            if mass >= 0.95 {
-                break;
-            }
-            mass += p / total;
-            // A peak that was not refined is known to half a sample.
-            ends = [ends[0].min(real(l) - 0.5), ends[1].max(real(l) + 0.5)];
-            also.push(l);
-        }
-        if ends[1] - ends[0] > 0.5 * real(max_delay) {
+        let also = self.probable_rivals(total);
+        // A peak that was not refined is known to half a sample.
+        let ends = also.iter().fold([raw - quantile * std, raw + quantile * std], |ends, l| {
+            [ends[0].min(real(*l) - 0.5), ends[1].max(real(*l) + 0.5)]
+        });
+        if ends[1] - ends[0] > 0.5 * real(pair.max_delay) {
             let note = format!("peaks at {} other delays are as high within the noise", also.len());
-            return DelayEstimate::without(Outcome::Flat, note);
+            return Err(NoDelay::new(Outcome::Flat, note));
         }
         // An exact copy is known no better than rounding tells.
         let std = (std.powi(2) + spread).sqrt().max(ROUNDING);
         let ends = [ends[0].min(raw - ROUNDING), ends[1].max(raw + ROUNDING)];
-        let estimate = DelayEstimate::measured(
-            raw,
-            std,
-            ends,
-            self.lag == max_delay,
-            bias as f64,
-            experiment.sample_time(),
-        );
+        let estimate = pair.counted_at(raw, std, ends, self.lag == pair.max_delay);
         let estimate = estimate.contradicted(self.bent.map(|spread| {
             format!("frequencies differ in their delay by {spread:.2} samples: the output is no delayed copy, and the plant's own lag counts as delay")
         }));
-        estimate.noting((!also.is_empty()).then(|| {
+        Ok(estimate.noting((!also.is_empty()).then(|| {
             format!("the interval holds {} other peaks that noise may have lowered", also.len())
-        }))
+        })))
+    }
+
+    /// The other peaks, the most probable first, as far as they belong to 95 % of the probability.
+    fn probable_rivals(&self, total: f64) -> Vec<usize> {
+        let (mut mass, mut by_height) = (1.0 / total, self.rivals.clone());
+        by_height.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let within = |(_, p): &&(usize, f64)| {
+            let more = mass < 0.95;
+            mass += p / total;
+            more
+        };
+        by_height.iter().take_while(within).map(|(l, _)| *l).collect()
     }
 }
 

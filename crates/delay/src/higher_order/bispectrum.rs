@@ -10,16 +10,12 @@ use nalgebra::Complex;
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use crate::correlation::generalised::{Alike, Centred, Interpolant, LATE, real};
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, options};
+use crate::method::{Condition, Information, Law, Method, ReferenceExperiment, method_line};
 use deadtime_identify::Record;
 use deadtime_signal::RealFourier;
-use deadtime_signal::registry::entry;
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
 ///
@@ -74,70 +70,37 @@ const STRETCHES: usize = 40;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "bispectrum",
-        "delay between third-order spectra: blind to symmetric noise, also to noise that both sensors share",
-        Bispectrum,
-        dyn DelayEstimator
-    ),
-    class: Class::HigherOrder,
-    scope: Scope::Pair,
-    start: Start::Any,
     reference: ReferenceExperiment::Skewed,
     information: Information::TwoSensors,
-    basis: Basis::Own,
     tolerance: 0.05,
     withstands: &[Condition::ColouredNoise, Condition::MissingOutputs],
     needs: "a skewed input, an output that is a delayed copy of it, noise of a symmetric distribution",
     blind_to: "the plant's own lag; inputs of a symmetric distribution, random binary ones among them",
     exempt: &[(Law::Exact, LATE)],
+    ..method_line!(
+        "bispectrum",
+        "delay between third-order spectra: blind to symmetric noise, also to noise that both sensors share",
+        Bispectrum,
+        HigherOrder
+    )
 };
 
-impl DelayEstimator for Bispectrum {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        for (option, value, ok, allowed) in [
-            ("segment", self.segment, (8..=256).contains(&self.segment), "from 8 to 256"),
-            ("max_samples", self.max_samples, self.max_samples >= 1000, "1000 or more"),
-        ] {
-            if !ok {
-                return Err(DelayError::Option {
-                    method: NAME,
-                    option,
-                    value: value as f64,
-                    allowed,
-                });
-            }
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            self.pair(records, max_delay, bias, experiment)
-        })
+impl PairMethod for Bispectrum {
+    fn check(&self) -> Result<(), DelayError> {
+        let Self { segment, max_samples } = *self;
+        let rows = [
+            ("segment", segment as f64, (8..=256).contains(&segment), "from 8 to 256"),
+            ("max_samples", max_samples as f64, max_samples >= 1000, "1000 or more"),
+        ];
+        options(NAME, rows)
     }
-}
 
-impl Bispectrum {
-    fn pair(
-        &self,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> Result<DelayEstimate, DelayError> {
-        let (got, needed) = (experiment.longest(), max_delay + SEGMENTS * self.segment);
-        if got < needed {
-            return Err(DelayError::TooShort {
-                method: NAME,
-                needed,
-                got,
-                remedy: crate::error::LengthRemedy::WindowOr("set a shorter segment"),
-            });
-        }
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let (got, needed) = (pair.experiment.longest(), pair.max_delay + SEGMENTS * self.segment);
+        long_enough(NAME, needed, got, LengthRemedy::WindowOr("set a shorter segment"))?;
         // No longer part than the cap, but never so short that the window does not fit.
         let most = self.max_samples.max(needed);
-        let cut: Vec<Record<'_>> = records.iter().map(|r| r.head(most)).collect();
+        let cut: Vec<Record> = pair.records.iter().map(|r| r.head(most)).collect();
         let signals = Centred::new(&cut);
         let (skewness, chance) = skewness(&signals);
         if skewness.abs() <= SKEWED * chance {
@@ -145,15 +108,13 @@ impl Bispectrum {
                 "the input's skewness {skewness:.2} is within what chance makes of a symmetric one (±{:.2}): no third-order signal",
                 SKEWED * chance
             );
-            return Ok(DelayEstimate::without(Outcome::NotApplicable, note));
+            return Err(NoDelay::new(Outcome::NotApplicable, note));
         }
-        let third = Third::new(&signals, self.segment, max_delay);
-        let found = match third.peak(max_delay) {
-            Ok(found) => found,
-            Err(note) => return Ok(DelayEstimate::without(Outcome::NotVisible, note)),
-        };
+        let found = Third::new(&signals, self.segment, pair.max_delay)
+            .peak(pair.max_delay)
+            .map_err(|note| NoDelay::new(Outcome::NotVisible, note))?;
         let note = (got > most).then(|| format!("used the first {most} of {got} samples"));
-        Ok(found.answer(max_delay, bias, experiment).noting(note))
+        Ok(found.answer(pair)?.noting(note))
     }
 }
 

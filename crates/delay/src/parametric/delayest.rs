@@ -7,11 +7,7 @@ use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{DelayEstimator, Search};
 use crate::experiment::Experiment;
-use crate::method::WHOLE;
-use crate::method::{
-    Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start,
-};
-use deadtime_signal::registry::entry;
+use crate::method::{Basis, Condition, Information, Method, method_line};
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
@@ -57,19 +53,8 @@ impl Default for Delayest {
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "delayest",
-        "best ARX model of order 2 over all delays, as MATLAB's function of this name",
-        Delayest,
-        dyn DelayEstimator
-    ),
-    class: Class::Parametric,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
     basis: Basis::Arx,
-    tolerance: WHOLE,
     withstands: &[
         Condition::UnstablePlant,
         Condition::Feedback,
@@ -79,7 +64,12 @@ pub(crate) const METHOD: Method = Method {
     ],
     needs: "a plant of two poles with little noise at the sensor",
     blind_to: "fractions of a sample; noise at the sensor makes it late",
-    exempt: &[],
+    ..method_line!(
+        "delayest",
+        "best ARX model of order 2 over all delays, as MATLAB's function of this name",
+        Delayest,
+        Parametric
+    )
 };
 
 impl DelayEstimator for Delayest {

@@ -1,12 +1,5 @@
 //! Whether the residuals of a parametric model contradict it.
 
-use deadtime_identify::Record;
-
-/// The first `most` samples of every record; `None` where none is longer.
-pub(super) fn heads<'a>(records: &'a [Record<'_>], most: usize) -> Option<Vec<Record<'a>>> {
-    records.iter().any(|r| r.len() > most).then(|| records.iter().map(|r| r.head(most)).collect())
-}
-
 /// Lags at which residuals are looked at.
 pub(super) const LAGS: usize = 20;
 

@@ -10,15 +10,12 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search};
 use crate::experiment::{Experiment, PlantModel, Recording};
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::method::{Condition, Information, Law, Method, ReferenceExperiment, Scope, method_line};
 use crate::posterior;
 use crate::threshold::response::Prewindow;
 use deadtime_identify::lag_matrix;
 use deadtime_model::c2d::{Hold, transition};
 use deadtime_model::exp;
-use deadtime_signal::registry::entry;
 use deadtime_signal::stats::interval95;
 use deadtime_signal::time::SampleTime;
 
@@ -66,18 +63,9 @@ const TOGETHER: f64 = 5.7;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "state_least_squares",
-        "delay of every input from measured states and known A and B",
-        StateLeastSquares,
-        dyn DelayEstimator
-    ),
-    class: Class::States,
     scope: Scope::States,
-    start: Start::Any,
     reference: ReferenceExperiment::States,
     information: Information::KnownModel,
-    basis: Basis::Own,
     tolerance: 0.05,
     withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::Dynamics],
     needs: "the model, and a measured channel for each of its states",
@@ -90,6 +78,12 @@ pub(crate) const METHOD: Method = Method {
         (Law::Gain, "the model's B fixes the gain"),
         (Law::Sign, "the model's B fixes the sign"),
     ],
+    ..method_line!(
+        "state_least_squares",
+        "delay of every input from measured states and known A and B",
+        StateLeastSquares,
+        States
+    )
 };
 
 impl DelayEstimator for StateLeastSquares {

@@ -11,13 +11,9 @@ use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, options};
+use crate::method::{Basis, Condition, Information, Law, Method, method_line};
 use crate::posterior;
-use deadtime_signal::registry::entry;
 
 /// CUSUM test on the impulse response.
 ///
@@ -81,19 +77,8 @@ impl Default for Cusum {
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "cusum",
-        "sample from which the estimated impulse response keeps adding up, by a CUSUM test",
-        Cusum,
-        dyn DelayEstimator
-    ),
-    class: Class::Threshold,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
     information: Information::Response,
     basis: Basis::FiniteResponse,
-    tolerance: crate::method::WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "as `threshold`",
     blind_to: "responses that change sign at once; feedback",
@@ -101,62 +86,50 @@ pub(crate) const METHOD: Method = Method {
         Law::Exact,
         "a response that outlives the taps leaves errors in the coefficients before its start, which the sum adds up",
     )],
+    ..method_line!(
+        "cusum",
+        "sample from which the estimated impulse response keeps adding up, by a CUSUM test",
+        Cusum,
+        Threshold
+    )
 };
 
-impl DelayEstimator for Cusum {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        self.run("cusum", &Kind::Impulse, experiment, search)
+impl PairMethod for Cusum {
+    fn check(&self) -> Result<(), DelayError> {
+        self.check_as("cusum")
+    }
+
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        self.change("cusum", Kind::Impulse, pair)
     }
 }
 
 impl Cusum {
-    pub(super) fn run(
-        &self,
-        name: &'static str,
-        kind: &Kind,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        let option =
-            |option, value, allowed| DelayError::Option { method: name, option, value, allowed };
-        if self.taps == 0 {
-            return Err(option("taps", 0.0, "1 or more"));
-        }
-        if !(self.drift.is_finite() && self.drift >= 0.0) {
-            return Err(option("drift", self.drift, "0 or more"));
-        }
-        if let Some(level) = self.level.filter(|l| !(l.is_finite() && *l > 0.0)) {
-            return Err(option("level", level, "above 0"));
-        }
-        if !(self.false_alarm > 0.0 && self.false_alarm < 1.0) {
-            return Err(option("false_alarm", self.false_alarm, "between 0 and 1"));
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            let taps = self.taps.max(max_delay + 1);
-            let response = match response(name, kind, records, taps, self.records, self.prewindow)?
-            {
-                Ok(response) => response,
-                Err(answer) => return Ok(answer),
-            };
-            // Slow noise adds up as a response does; whether there is one at all is for a test that whitens it.
-            if let Some(note) = posterior::unseen(records, max_delay) {
-                return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-            }
-            Ok(self.change(&response, max_delay, bias, experiment))
-        })
+    /// Refuses options out of their ranges, under the name of a method that has them.
+    pub(super) fn check_as(&self, name: &'static str) -> Result<(), DelayError> {
+        let Self { taps, drift, level, false_alarm, .. } = *self;
+        let level = level.unwrap_or(1.0);
+        let rows = [
+            ("taps", taps as f64, taps >= 1, "1 or more"),
+            ("drift", drift, drift.is_finite() && drift >= 0.0, "0 or more"),
+            ("level", level, level.is_finite() && level > 0.0, "above 0"),
+            ("false_alarm", false_alarm, false_alarm > 0.0 && false_alarm < 1.0, "between 0 and 1"),
+        ];
+        options(name, rows)
     }
 
-    fn change(
+    /// The delay at which the response begins to add up.
+    pub(super) fn change(
         &self,
-        response: &Response,
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> DelayEstimate {
+        name: &'static str,
+        kind: Kind,
+        pair: &PairRecords,
+    ) -> Result<DelayEstimate, NoDelay> {
+        let max_delay = pair.max_delay;
+        let taps = self.taps.max(max_delay + 1);
+        let response = response(name, kind, pair.records, taps, (self.records, self.prewindow))?;
+        // Slow noise adds up as a response does; whether there is one at all is for a test that whitens it.
+        pair.visible()?;
         // On noise-free data the uncertainty is rounding: a share of the largest value stands for it.
         let floor = ROUNDING * response.values.amax();
         let z: Vec<f64> = (0..=max_delay)
@@ -164,12 +137,12 @@ impl Cusum {
             .collect();
         let level = self
             .level
-            .unwrap_or_else(|| alarm_level(response, max_delay + 1, self.drift, self.false_alarm));
+            .unwrap_or_else(|| alarm_level(&response, max_delay + 1, self.drift, self.false_alarm));
         let Some(Run { first, alarm }) = cusum(&z, self.drift, level) else {
             let note = format!(
                 "the response adds up to no more than {level:.1} standard deviations above the drift up to the longest delay"
             );
-            return DelayEstimate::without(Outcome::NotVisible, note);
+            return Err(NoDelay::new(Outcome::NotVisible, note));
         };
         // Errors of coefficients are nearly independent, those of their sums are not: the coefficients tell where it began.
         let [values, std] = &response.each;
@@ -180,13 +153,10 @@ impl Cusum {
             .unwrap_or(alarm);
         let began = onset(&misfits).min(start);
         let [raw, start, began, alarm] = [first, start, began, alarm].map(|i| i as f64);
-        let interval = posterior::first_coefficient(began, alarm, bias);
+        let interval = posterior::first_coefficient(began, alarm, pair.bias);
         let std = (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt();
-        let at_edge = start == max_delay as f64;
-        let estimate =
-            DelayEstimate::counted(start, std, interval, at_edge, bias, experiment.sample_time());
-        DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(raw)), ..estimate }
-            .noting(response.note.clone())
+        let estimate = pair.counted(start, std, interval).with_raw_s(pair.seconds(raw));
+        Ok(estimate.noting(response.note))
     }
 }
 

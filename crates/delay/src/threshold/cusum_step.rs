@@ -6,13 +6,8 @@ use super::cusum::Cusum;
 use super::response::Kind;
 use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
-use crate::estimator::{DelayEstimator, Search};
-use crate::experiment::Experiment;
-use crate::method::WHOLE;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
-use deadtime_signal::registry::entry;
+use crate::estimator::{NoDelay, PairMethod, PairRecords};
+use crate::method::{Basis, Condition, Information, Law, Method, method_line};
 
 /// CUSUM test on the step response, the running sum of the impulse response; options, output and cost as [`Cusum`].
 ///
@@ -42,19 +37,8 @@ pub struct CusumStep(pub Cusum);
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "cusum_step",
-        "sample from which the estimated step response keeps adding up, by a CUSUM test",
-        CusumStep,
-        dyn DelayEstimator
-    ),
-    class: Class::Threshold,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
     information: Information::Response,
     basis: Basis::FiniteResponse,
-    tolerance: WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "as `threshold`",
     blind_to: "as `cusum`; slow noise, which its running sum gathers",
@@ -62,14 +46,20 @@ pub(crate) const METHOD: Method = Method {
         Law::Exact,
         "the running sum gathers the errors of all coefficients before it, such as those of a response that outlives the taps",
     )],
+    ..method_line!(
+        "cusum_step",
+        "sample from which the estimated step response keeps adding up, by a CUSUM test",
+        CusumStep,
+        Threshold
+    )
 };
 
-impl DelayEstimator for CusumStep {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        self.0.run("cusum_step", &Kind::Step, experiment, search)
+impl PairMethod for CusumStep {
+    fn check(&self) -> Result<(), DelayError> {
+        self.0.check_as("cusum_step")
+    }
+
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        self.0.change("cusum_step", Kind::Step, pair)
     }
 }

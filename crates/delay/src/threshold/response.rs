@@ -4,9 +4,9 @@ use std::borrow::Cow;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::error::DelayError;
-use crate::estimate::{DelayEstimate, Outcome};
-use deadtime_identify::{Fir, Record, fir_or_rank};
+use crate::error::LengthRemedy;
+use crate::estimator::{NoDelay, impulse_response, long_enough};
+use deadtime_identify::{Fir, Record};
 
 /// How several records are put together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -49,6 +49,7 @@ pub(super) struct Response {
 }
 
 /// What the answer is made from.
+#[derive(Clone, Copy)]
 pub(super) enum Kind {
     /// The response to an impulse.
     Impulse,
@@ -56,26 +57,18 @@ pub(super) enum Kind {
     Step,
 }
 
-/// The averaged response of the records, or the answer in its place.
+/// The averaged response of the records.
 pub(super) fn response(
     name: &'static str,
-    kind: &Kind,
+    kind: Kind,
     records: &[Record],
     taps: usize,
-    together: Records,
-    prewindow: Prewindow,
-) -> Result<Result<Response, DelayEstimate>, DelayError> {
+    (together, prewindow): (Records, Prewindow),
+) -> Result<Response, NoDelay> {
     // Two rows more than coefficients.
     let needed = taps + 2 + if prewindow == Prewindow::Rest { 0 } else { taps - 1 };
     let got = records.iter().map(Record::len).max().unwrap_or(0);
-    if got < needed {
-        return Err(DelayError::TooShort {
-            method: name,
-            needed,
-            got,
-            remedy: crate::error::LengthRemedy::WindowOr("set fewer taps"),
-        });
-    }
+    long_enough(name, needed, got, LengthRemedy::WindowOr("set fewer taps"))?;
     let rested;
     let records = if prewindow == Prewindow::Rest {
         rested = records.iter().map(|r| from_rest(r, taps)).collect::<Vec<_>>();
@@ -87,28 +80,20 @@ pub(super) fn response(
         Records::Joint => vec![records],
         Records::Averaged => records.chunks(1).collect(),
     };
-    let mut responses = Vec::with_capacity(groups.len());
-    for group in groups {
-        match fir_or_rank(group, taps) {
-            Ok(fir) => responses.push(one(kind, &fir)),
-            Err(_) if prewindow == Prewindow::Auto && records.iter().all(|r| still(r) >= STILL) => {
-                let answer = response(name, kind, records, taps, together, Prewindow::Rest)?;
-                let said = "the rows after the first do not excite every coefficient: the input, still at first, was taken to have stood there before";
-                return Ok(answer.map(|r| Response { note: Some(said.to_owned()), ..r }));
-            }
-            Err(rank) => {
-                let note = format!(
-                    "the input excites only {} of {} coefficients",
-                    rank.rank, rank.columns
-                );
-                return Ok(Err(DelayEstimate::without(Outcome::NotRichEnough, note)));
-            }
+    let begins_still = || records.iter().all(|r| still(r) >= STILL);
+    let each = groups.into_iter().map(|group| Ok(one(kind, &impulse_response(group, taps)?)));
+    match each.collect() {
+        Err(NoDelay::Answer(_)) if prewindow == Prewindow::Auto && begins_still() => {
+            let at_rest = (together, Prewindow::Rest);
+            let note = "the rows after the first do not excite every coefficient: the input, still at first, was taken to have stood there before";
+            let response = response(name, kind, records, taps, at_rest)?;
+            Ok(Response { note: Some(note.to_owned()), ..response })
         }
+        responses => Ok(averaged(responses?)),
     }
-    Ok(Ok(averaged(responses)))
 }
 
-fn one(kind: &Kind, fir: &Fir) -> Response {
+fn one(kind: Kind, fir: &Fir) -> Response {
     let taps = fir.coefficients.len();
     let (values, covariance) = match kind {
         Kind::Impulse => (fir.coefficients.clone(), fir.covariance.clone()),
