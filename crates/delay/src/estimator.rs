@@ -5,7 +5,7 @@ use super::estimate::{DelayEstimate, Outcome};
 use super::experiment::Experiment;
 use super::posterior::{self, Posterior};
 use deadtime_identify::{Fir, Record, fir_or_rank};
-use deadtime_signal::remedy::Message;
+use deadtime_signal::remedy::{Message, Remedied};
 use deadtime_signal::stop::Stop;
 
 /// How far to search, and what to take off the answer.
@@ -260,6 +260,14 @@ pub(super) fn long_enough(
     if got < needed { Err(DelayError::TooShort { method, needed, got, remedy }) } else { Ok(()) }
 }
 
+/// The answer, with or without a delay, and a note besides.
+pub(super) fn noted(
+    answer: Result<DelayEstimate, NoDelay>,
+    note: Option<String>,
+) -> Result<DelayEstimate, NoDelay> {
+    Ok(answer.or_else(NoDelay::answered)?.noting(note))
+}
+
 /// The output visibly follows the input, unless there is a reason why it does not.
 pub(super) fn seen(unseen: Option<String>) -> Result<(), NoDelay> {
     unseen.map_or(Ok(()), |note| Err(NoDelay::new(Outcome::NotVisible, note)))
@@ -284,6 +292,16 @@ pub(super) fn impulse_response(records: &[Record<'_>], taps: usize) -> Result<Fi
         let (rank, columns) = (found.rank, found.columns);
         let note = format!("the input excites only {rank} of {columns} coefficients");
         NoDelay::new(Outcome::NotRichEnough, note)
+    })
+}
+
+/// The answer of a method: what it cannot do with the data is one; what was typed wrong stops the work, and so does the wish to stop.
+pub(super) fn usable(
+    answer: Result<DelayEstimate, DelayError>,
+) -> Result<DelayEstimate, DelayError> {
+    answer.or_else(|e| match e {
+        DelayError::Option { .. } | DelayError::Stopped => Err(e),
+        e => Ok(DelayEstimate::without(Outcome::NotApplicable, e.message())),
     })
 }
 

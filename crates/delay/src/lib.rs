@@ -47,6 +47,9 @@ pub use crate::frequency::firdap::Firdap;
 pub use crate::frequency::oedap::Oedap;
 pub use crate::frequency::phase_slope::PhaseSlope;
 pub use crate::higher_order::bispectrum::Bispectrum;
+pub use crate::job::chosen::{Ready, STEP_METHODS, chosen};
+pub use crate::job::estimation::{Expected, Feedback, Job};
+pub use crate::job::events::EventsJob;
 pub use crate::laguerre::fischer::Fischer;
 pub use crate::laguerre::lagudap::Lagudap;
 pub use crate::parametric::armaxstruc::Armaxstruc;
@@ -84,7 +87,6 @@ pub use evidence::{Correlated, Evidence, Phase, Scan, evidence, impulse_response
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use feedback::{InLoop, held_for, in_loop, lead, open_part};
 pub use identifiers::{IDENTIFIERS, identifier};
-pub use job::{EventsJob, Expected, Feedback, Job, Ready, STEP_METHODS, chosen};
 pub use method::{
     Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start, method,
 };

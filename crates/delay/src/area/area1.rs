@@ -5,7 +5,7 @@
 use super::reading::{Area, BEYOND, Lags, Reading, TOLD, answer, area};
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{NoDelay, PairMethod, PairRecords, options};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, noted, options};
 use crate::method::{Information, Law, Method, ReferenceExperiment, Start, method_line};
 use deadtime_identify::Record;
 use deadtime_signal::stats;
@@ -165,7 +165,7 @@ impl PairMethod for Area1 {
         })?;
         let moves = (gain - before).abs() > STILL * gain.abs() + TOLD * noise;
         let note = moves.then(|| "the response is not over where the steps end: the dead time is read too early or too late".to_owned());
-        Ok(answer(Lags::One, readings, pair)?.noting(note))
+        noted(answer(Lags::One, readings, pair), note)
     }
 }
 

@@ -5,7 +5,9 @@
 use super::all_pass::all_pass;
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{NoDelay, PairMethod, PairRecords, impulse_response, long_enough, options};
+use crate::estimator::{
+    NoDelay, PairMethod, PairRecords, impulse_response, long_enough, noted, options,
+};
 use crate::method::{Basis, Condition, Information, Law, Method, Start, method_line};
 use deadtime_identify::{MAX_OE_ORDER, ManyZeros, Record};
 
@@ -104,6 +106,6 @@ impl PairMethod for Oedap {
             .ok_or_else(|| singular("the numerator has no zeros that can be told apart"))?;
         let note = (experiment.longest() > self.max_samples)
             .then(|| format!("used the first {} samples", self.max_samples));
-        Ok(found.behind(bias).answer(pair)?.noting(note))
+        noted(found.behind(bias).answer(pair), note)
     }
 }

@@ -12,7 +12,7 @@ use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 use crate::correlation::generalised::{Alike, Centred, Interpolant, LATE, real};
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, options};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, noted, options};
 use crate::method::{Condition, Information, Law, Method, ReferenceExperiment, method_line};
 use deadtime_identify::Record;
 use deadtime_signal::RealFourier;
@@ -114,7 +114,7 @@ impl PairMethod for Bispectrum {
             .peak(pair.max_delay)
             .map_err(|note| NoDelay::new(Outcome::NotVisible, note))?;
         let note = (got > most).then(|| format!("used the first {most} of {got} samples"));
-        Ok(found.answer(pair)?.noting(note))
+        noted(found.answer(pair), note)
     }
 }
 

@@ -6,7 +6,7 @@
 
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, options};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, noted, options};
 use crate::frequency::all_pass::all_pass;
 use crate::method::{Condition, Information, Law, Method, Start, method_line};
 use deadtime_identify::{Laguerre, Record, laguerre};
@@ -137,6 +137,6 @@ impl PairMethod for Lagudap {
         let spread = stats::upper_median(apart).unwrap_or(0.0);
         let note = (experiment.longest() > self.max_samples)
             .then(|| format!("used the first {} samples", self.max_samples));
-        Ok(found.scaled(1.0, 0.0, spread).answer(pair)?.noting(note))
+        noted(found.scaled(1.0, 0.0, spread).answer(pair), note)
     }
 }

@@ -5,7 +5,7 @@
 
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, options};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, noted, options};
 use crate::method::{Condition, Information, Law, Method, method_line};
 use crate::posterior;
 use deadtime_identify::{MAX_OE_ORDER, Record, Subspace, arx_scan, prefiltered};
@@ -128,7 +128,6 @@ impl PairMethod for Met1struc {
         };
         let filtered: Vec<Record> = records.iter().map(|r| prefiltered(r, &noise)).collect();
         let scan = arx_scan(&filtered, self.na, self.nb, max_delay);
-        let answer = super::arxstruc::answer(&scan, self.nb, pair).or_else(NoDelay::answered)?;
-        Ok(answer.noting(used))
+        noted(super::arxstruc::answer(&scan, self.nb, pair), used)
     }
 }

@@ -6,7 +6,7 @@
 use super::profile::shortened;
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{NoDelay, PairMethod, PairRecords, options};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, noted, options};
 use crate::method::{Condition, Information, Law, Method, Start, method_line};
 use crate::posterior;
 use deadtime_identify::{Initial, OeFit, OutputError, Record, filtered, largest_pole, power};
@@ -100,8 +100,7 @@ impl PairMethod for TwoStep {
         pair.at_least(NAME, pair.max_delay + 1 + ROWS, LengthRemedy::Window)?;
         pair.visible()?;
         let (records, note) = shortened(pair.records, self.max_samples);
-        let estimate = self.rest(&pair.with(&records)).or_else(NoDelay::answered)?;
-        Ok(estimate.noting(note))
+        noted(self.rest(&pair.with(&records)), note)
     }
 }
 

@@ -363,14 +363,11 @@ pub(super) struct Fitted<'a> {
 impl<'a> Fitted<'a> {
     /// The delay with its interval, and what contradicts the model, if anything does.
     fn answer(
-        mut self,
+        self,
         pair: &PairRecords,
         records: &[Record],
     ) -> Result<(DelayEstimate, Option<String>), NoDelay> {
-        if !self.problem.whole() {
-            self.best = self.knowledge.middle(&self.problem, self.best);
-        }
-        let Self { problem, minima, best, knowledge } = self;
+        let Self { problem, minima, best, knowledge } = self.centred();
         let [from, to] = knowledge.interval(&problem, &best, &minima);
         let delay = best.place.delay();
         let longest = pair.max_delay as f64;
@@ -389,6 +386,13 @@ impl<'a> Fitted<'a> {
             "what the model leaves over still follows the input: a plant of another shape, whose lag may be in the dead time".to_owned()
         });
         Ok((DelayEstimate { misfit: Some(Box::new(misfit)), ..estimate }, left))
+    }
+
+    /// The same in the middle of the delays that fit alike.
+    pub(super) fn centred(self) -> Self {
+        let Self { problem, minima, best, knowledge } = self;
+        let best = if problem.whole() { best } else { knowledge.middle(&problem, best) };
+        Self { problem, minima, best, knowledge }
     }
 
     /// The first fit; else what keeps it from being made.

@@ -7,8 +7,8 @@
 use nalgebra::DVector;
 
 use super::fit::{Signals, project};
-use super::identified::Solved;
 use super::model::ProcessModel;
+use super::solved::Solved;
 use crate::posterior;
 use deadtime_identify::Record;
 use deadtime_signal::fit::{LevenbergMarquardt, Normal};
