@@ -81,9 +81,8 @@ fn longest_searched() -> Message {
 }
 
 impl DelayEstimate {
-    /// An answer without a delay.
-    #[must_use]
-    pub fn without(outcome: Outcome, note: impl Into<Message>) -> Self {
+    /// Nothing but what came of it.
+    pub(super) fn bare(outcome: Outcome) -> Self {
         Self {
             outcome,
             delay_s: None,
@@ -91,12 +90,24 @@ impl DelayEstimate {
             ci95_s: None,
             raw_delay_s: None,
             degree_bias_samples: 0.0,
-            note: Some(note.into()),
+            note: None,
             contradicted: false,
             misfit: None,
             enough_poles: false,
             open_part: false,
         }
+    }
+
+    /// A delay, and the note that it may be longer where it is the longest searched.
+    fn found(at_edge: bool) -> Self {
+        let outcome = if at_edge { Outcome::AtEdge } else { Outcome::Found };
+        Self { note: at_edge.then(longest_searched), ..Self::bare(outcome) }
+    }
+
+    /// An answer without a delay.
+    #[must_use]
+    pub fn without(outcome: Outcome, note: impl Into<Message>) -> Self {
+        Self { note: Some(note.into()), ..Self::bare(outcome) }
     }
 
     /// An answer in samples, before the bias `off` is taken off: raw value, standard deviation and interval. The bias may be a fraction (half a sample for a phase behind
@@ -117,17 +128,12 @@ impl DelayEstimate {
             );
         }
         Self {
-            outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
             delay_s: Some(seconds(raw)),
             std_s: Some(sample_time.to_seconds(std)),
             ci95_s: Some(interval.map(seconds)),
             raw_delay_s: Some(sample_time.to_seconds(raw)),
             degree_bias_samples: off,
-            contradicted: false,
-            misfit: None,
-            enough_poles: false,
-            open_part: false,
-            note: at_edge.then(longest_searched),
+            ..Self::found(at_edge)
         }
     }
 
@@ -140,17 +146,11 @@ impl DelayEstimate {
             );
         }
         Self {
-            outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
             delay_s: Some(delay_s),
             std_s: Some(std_s),
             ci95_s: Some(ci95_s),
             raw_delay_s: Some(delay_s),
-            degree_bias_samples: 0.0,
-            contradicted: false,
-            misfit: None,
-            enough_poles: false,
-            open_part: false,
-            note: at_edge.then(longest_searched),
+            ..Self::found(at_edge)
         }
     }
 

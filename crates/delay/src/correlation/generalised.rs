@@ -296,13 +296,23 @@ pub(crate) struct Seen {
     pub(crate) sign: f64,
 }
 
-/// The lag of the largest |R| in the window.
-pub(crate) fn alike(
+/// R at every lag under the weights of the last alignment.
+struct Aligned {
+    lag: usize,
+    spectra: CrossSpectra,
+    lines: Vec<Line>,
+    weights: Vec<f64>,
+    /// R from lag −1 on.
+    filtered: Vec<f64>,
+}
+
+/// The lag of the largest |R|, y moved back by the best lag so far until that is the best.
+fn aligned(
     signals: &Centred,
     segment: usize,
     weight: fn(&Line) -> f64,
     max_delay: usize,
-) -> (Alike, Option<Seen>) {
+) -> Option<Aligned> {
     let reach = segment / 2;
     let margin = isize::try_from(reach).unwrap_or(0) + 1;
     let products = signals.products(
@@ -316,8 +326,7 @@ pub(crate) fn alike(
             .max_by(|&a, &b| r[a + 1].abs().total_cmp(&r[b + 1].abs()).then(b.cmp(&a)))
             .unwrap_or(0)
     };
-    let plain: Vec<f64> = products[centre - 1..=centre + max_delay + 1].to_vec();
-    let mut lag = largest(&plain);
+    let mut lag = largest(&products[centre - 1..=centre + max_delay + 1]);
     let mut aligned = None;
     for _ in 0..ALIGNMENTS {
         let spectra = signals.aligned(lag, segment);
@@ -337,16 +346,27 @@ pub(crate) fn alike(
             .map(|i| taps.iter().rev().zip(&products[i..]).map(|(h, r)| h * r).sum())
             .collect();
         let next = largest(&filtered);
-        let same = next == lag;
-        aligned = Some((spectra, lines, weights, filtered));
-        if same {
+        aligned = Some(Aligned { lag, spectra, lines, weights, filtered });
+        if next == lag {
             break;
         }
         lag = next;
     }
-    let Some((spectra, lines, weights, filtered)) = aligned else {
+    // Where no alignment agrees with itself, the last one's best lag stands.
+    aligned.map(|a| Aligned { lag, ..a })
+}
+
+/// The lag of the largest |R| in the window.
+pub(crate) fn alike(
+    signals: &Centred,
+    segment: usize,
+    weight: fn(&Line) -> f64,
+    max_delay: usize,
+) -> (Alike, Option<Seen>) {
+    let Some(aligned) = aligned(signals, segment, weight, max_delay) else {
         return (Alike::default(), None);
     };
+    let Aligned { lag, spectra, lines, weights, filtered } = aligned;
     let here = filtered[lag + 1];
     let sign = if here < 0.0 { -1.0 } else { 1.0 };
     let terms = spectra

@@ -300,20 +300,7 @@ impl StateLeastSquares {
         let Equations { gram, right, power } = equations(&plant, &recordings, first, lags);
         let angles = angles(&gram, m);
         let Some((gamma, inverse)) = solve(&gram, &right) else {
-            let note = |angle: &f64| {
-                let together = if *angle < TOGETHER {
-                    format!(": this input moves with the others (angle {angle:.2}°)")
-                } else {
-                    String::new()
-                };
-                format!(
-                    "the lags of the inputs are combinations of each other: they do not move enough, or move together{together}"
-                )
-            };
-            return Ok(angles
-                .iter()
-                .map(|a| DelayEstimate::without(Outcome::Singular, note(a)))
-                .collect());
+            return Ok(angles.iter().map(|a| dependent(*a)).collect());
         };
         let explained_by_all = (gamma.dot(&right) / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let freedom = (samples * n).saturating_sub(parameters).max(1) as f64;
@@ -347,6 +334,19 @@ impl StateLeastSquares {
             })
             .collect())
     }
+}
+
+/// What to say of an input whose lags are combinations of others'.
+fn dependent(angle: f64) -> DelayEstimate {
+    let together = if angle < TOGETHER {
+        format!(": this input moves with the others (angle {angle:.2}°)")
+    } else {
+        String::new()
+    };
+    let note = format!(
+        "the lags of the inputs are combinations of each other: they do not move enough, or move together{together}"
+    );
+    DelayEstimate::without(Outcome::Singular, note)
 }
 
 /// The lag of the largest coefficient.
@@ -457,18 +457,14 @@ impl Found {
         });
         let finite = std.is_finite();
         let raw = if selection == Selection::LargestProduct { product } else { sum };
+        let outcome = if peak + 1 == lags { Outcome::AtEdge } else { Outcome::Found };
         DelayEstimate {
-            outcome: if peak + 1 == lags { Outcome::AtEdge } else { Outcome::Found },
             delay_s: Some(ts.to_seconds(delay)),
             std_s: finite.then(|| ts.to_seconds(std)),
             ci95_s: finite.then(|| interval95(delay, std).map(|d| ts.to_seconds(d.max(0.0)))),
             raw_delay_s: Some(ts.to_seconds(raw)),
-            degree_bias_samples: 0.0,
-            contradicted: false,
-            misfit: None,
-            enough_poles: false,
-            open_part: false,
             note: Some(note.into()),
+            ..DelayEstimate::bare(outcome)
         }
         .noting(apart)
         .noting(together)

@@ -293,15 +293,10 @@ impl Running {
         self.stamps.push_back(time_s);
         self.pushed += 1;
         let tracking = self.tracker.push(u, y.filter(|_| known))?;
-        let now = tracking.delay_s.zip(tracking.band_s);
         match tracking.alarm {
             Some(Alarm::DelayChanged { from_s, to_s, since_s }) => {
-                told.push(Told::DelayChanged {
-                    time_s,
-                    from_s,
-                    to_s,
-                    since_s: self.stamp(since_s),
-                });
+                let since_s = self.stamp(since_s);
+                told.push(Told::DelayChanged { time_s, from_s, to_s, since_s });
                 (self.alarmed, self.beside) = (Some((to_s, 0)), 0);
             }
             Some(Alarm::ResponseChanged { since_s }) => {
@@ -310,14 +305,20 @@ impl Running {
             }
             None => {}
         }
-        let Some((delay_s, ci95_s)) = now else { return Ok(()) };
+        if let (Some(delay_s), Some(ci95_s)) = (tracking.delay_s, tracking.band_s) {
+            self.follow(time_s, delay_s, ci95_s, told);
+        }
+        Ok(())
+    }
+
+    /// The delay of a sample, beside what was reported last.
+    fn follow(&mut self, time_s: f64, delay_s: f64, ci95_s: [f64; 2], told: &mut Vec<Told>) {
+        let narrow = ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW);
         match (self.alarmed, self.told) {
             (Some((to_s, _)), _) if (delay_s - to_s).abs() <= self.ts.seconds() => {
                 (self.told, self.alarmed) = (Some((delay_s, ci95_s)), None);
             }
-            (Some((to_s, SETTLING..)), _)
-                if ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW) =>
-            {
+            (Some((to_s, SETTLING..)), _) if narrow => {
                 self.moved(time_s, to_s, delay_s, ci95_s, told)
             }
             (Some((to_s, samples)), _) => self.alarmed = Some((to_s, samples + 1)),
@@ -326,18 +327,13 @@ impl Running {
                 self.told = Some((delay_s, ci95_s));
             }
             (None, Some((from_s, [low, high]))) => {
-                let narrow = ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW);
-                self.beside = if narrow && (ci95_s[0] > high || ci95_s[1] < low) {
-                    self.beside + 1
-                } else {
-                    0
-                };
+                let apart = narrow && (ci95_s[0] > high || ci95_s[1] < low);
+                self.beside = if apart { self.beside + 1 } else { 0 };
                 if self.beside >= HELD {
                     self.moved(time_s, from_s, delay_s, ci95_s, told);
                 }
             }
         }
-        Ok(())
     }
 
     fn moved(
