@@ -3,19 +3,10 @@
 use super::estimator::Search;
 use super::experiment::Experiment;
 use super::feedback::{in_loop, lags, residual};
+use super::finding::Finding;
 use super::method::Condition;
 use crate::posterior::{ARX_ORDERS, smallest};
 use deadtime_identify::{Record, Regression, arx_scan, largest_pole};
-use deadtime_signal::remedy::Message;
-
-/// A complication that a record shows, and what shows it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Finding {
-    /// The complication.
-    pub condition: Condition,
-    /// The evidence, in words that follow the condition's own.
-    pub evidence: Message,
-}
 
 /// Coefficients after which a response that lasts is cut off.
 const LAGS: usize = 71;

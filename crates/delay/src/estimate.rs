@@ -1,6 +1,5 @@
 //! What an estimator answers.
 
-use crate::process::orders::Misfit;
 use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::time::SampleTime;
 
@@ -47,6 +46,17 @@ impl Outcome {
             Self::NotApplicable => "not_applicable",
         }
     }
+}
+
+/// How well a model fits the samples that all models of a record fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Misfit {
+    /// ln Σ e².
+    pub log_cost: f64,
+    /// Independent samples behind it.
+    pub counting: f64,
+    /// Free parameters.
+    pub parameters: usize,
 }
 
 /// One method's answer for one input and one output.

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use statrs::function::beta::checked_beta_reg;
 
-use super::conditions::Finding;
+use super::finding::Finding;
 use super::method::Condition;
 use crate::posterior::ARX_ORDERS;
 use deadtime_identify::{Record, Regression};

@@ -300,9 +300,3 @@ macro_rules! method_line {
     };
 }
 pub(super) use method_line;
-
-/// The method called `name`.
-#[must_use]
-pub fn method(name: &str) -> Option<&'static Method> {
-    super::methods::METHODS.iter().find(|m| m.entry.name == name)
-}

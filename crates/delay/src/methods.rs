@@ -53,3 +53,9 @@ pub const METHODS: &[Method] = &[
     events::criteria::VARIANCE_DIFFERENCE,
     events::criteria::DELAY_VARIANCE,
 ];
+
+/// The method called `name`.
+#[must_use]
+pub fn method(name: &str) -> Option<&'static Method> {
+    METHODS.iter().find(|m| m.entry.name == name)
+}

@@ -3,8 +3,8 @@
 use deadtime_signal::remedy::{Message, Words};
 use serde::Serialize;
 
-use super::conditions::Finding;
 use super::estimate::{DelayEstimate, Outcome};
+use super::finding::Finding;
 use super::method::{Class, Condition, Method};
 use super::verdict::{Verdict, distrust};
 use crate::events::jitter::Jitter;

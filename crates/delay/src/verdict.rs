@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::conditions::Finding;
 use super::estimate::{DelayEstimate, Outcome};
+use super::finding::Finding;
 use super::method::WHOLE;
 use super::method::{Basis, Class, Condition, Method};
 use super::posterior::RESOLUTION;
@@ -517,7 +517,7 @@ fn vote_weights(found: &[&Found<'_>]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::method::method;
+    use crate::methods::method;
 
     fn answer(delay_s: f64, std_s: f64) -> DelayEstimate {
         DelayEstimate {

@@ -500,6 +500,40 @@ fn table(nc: usize) -> Vec<Vec<f64>> {
     [0.0, 0.6, 0.9, -0.5].into_iter().map(binomial).collect()
 }
 
+/// What a scan knows before it searches.
+struct Known<'a> {
+    /// The errors of the best long ARX model.
+    errors: &'a [Vec<f64>],
+    /// Costs of the table's noise polynomials, by delay.
+    seeds: Vec<Vec<(f64, Vec<f64>)>>,
+    /// Delays that are not searched.
+    hopeless: &'a [bool],
+    rows: f64,
+}
+
+/// Searches from `start` at the problem's delay and number of coefficients (only evaluates there, if so wished), and keeps what is better.
+fn improve(
+    problem: &mut Problem<'_>,
+    fits: &mut [Vec<Option<ArmaxFit>>],
+    start: &[f64],
+    evaluates: bool,
+) {
+    let place = &mut fits[problem.nk][problem.m - 1];
+    let near = |f: &ArmaxFit| f.c.iter().zip(start).all(|(a, b)| (a - b).abs() <= 1e-3);
+    if place.as_ref().is_some_and(|f| f.to_gain.is_finite() && near(f)) {
+        return;
+    }
+    let fit = if evaluates { at(problem, start) } else { search(problem, start) };
+    let better = |fit: &ArmaxFit, k: &ArmaxFit| {
+        fit.loss < k.loss || k.to_gain.is_infinite() && fit.loss <= k.loss
+    };
+    if let Some(fit) = fit
+        && place.as_ref().is_none_or(|k| better(&fit, k))
+    {
+        *place = Some(fit);
+    }
+}
+
 impl Armax {
     /// Least rows of a scan: twice the parameters.
     #[must_use]
@@ -532,20 +566,16 @@ impl Armax {
         }
         let (long, errors) = self.long(&problem, records, first, max_delay);
         let without_input = self.without_input(&mut problem, &errors);
-        let hopeless = {
-            let smallest = long
-                .iter()
-                .skip(first)
-                .copied()
-                .fold(f64::INFINITY, f64::min)
-                .max(1e-20 * power)
-                .max(f64::MIN_POSITIVE);
-            move |nk: usize| long.get(nk).is_some_and(|v| rows * (v / smallest).ln() > HOPELESS)
-        };
+        let smallest = long.iter().skip(first).copied().fold(f64::INFINITY, f64::min);
+        let smallest = smallest.max(1e-20 * power).max(f64::MIN_POSITIVE);
+        let hopeless: Vec<bool> = (0..delays)
+            .map(|nk| long.get(nk).is_some_and(|v| rows * (v / smallest).ln() > HOPELESS))
+            .collect();
         for m in 1..=self.nb {
             problem.m = m;
             let seeds =
-                self.seeds(&mut problem, (first..delays).filter(|nk| !hopeless(*nk)), delays);
+                self.seeds(&mut problem, (first..delays).filter(|nk| !hopeless[*nk]), delays);
+            let known = Known { errors: &errors, seeds, hopeless: &hopeless, rows };
             for upwards in [true, false] {
                 for step in first..delays {
                     if stop.is_set() {
@@ -553,63 +583,55 @@ impl Armax {
                     }
                     let nk = if upwards { step } else { max_delay + first - step };
                     problem.nk = nk;
-                    let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1) };
-                    let neighbour =
-                        neighbour.and_then(|n| fits.get(n)?[m - 1].as_ref()).map(|f| f.c.clone());
-                    let fewer =
-                        m.checked_sub(2).and_then(|at| fits[nk][at].as_ref()).map(|f| f.c.clone());
-                    let starts: Vec<Vec<f64>> = if hopeless(nk) {
-                        let smallest = fits
-                            .iter()
-                            .filter_map(|f| Some(f[m - 1].as_ref()?.loss))
-                            .fold(f64::INFINITY, f64::min);
-                        let near = |f: &ArmaxFit| {
-                            rows * (f.loss / smallest.max(f64::MIN_POSITIVE)).ln() <= HOPELESS
-                        };
-                        // On the way back a delay that the long model wrongly gave up is searched after all.
-                        match &fits[nk][m - 1] {
-                            Some(fit) if !upwards && near(fit) => {
-                                let seeds = self.seeds(&mut problem, std::iter::once(nk), delays);
-                                problem.nk = nk;
-                                self.best_seed(&mut problem, &errors, &seeds[nk])
-                                    .into_iter()
-                                    .chain(neighbour)
-                                    .collect()
-                            }
-                            _ if upwards => vec![vec![0.0; self.nc]],
-                            _ => Vec::new(),
-                        }
-                    } else if upwards {
-                        let own = self.best_seed(&mut problem, &errors, &seeds[nk]);
-                        own.into_iter().chain(neighbour).chain(fewer).collect()
-                    } else {
-                        neighbour.into_iter().collect()
-                    };
+                    let starts = self.starts(&mut problem, &fits, &known, upwards);
                     for start in starts {
-                        let known = fits[nk][m - 1].as_ref();
-                        if known.is_some_and(|f| {
-                            f.to_gain.is_finite()
-                                && f.c.iter().zip(&start).all(|(a, b)| (a - b).abs() <= 1e-3)
-                        }) {
-                            continue;
-                        }
-                        let fit = if upwards && hopeless(nk) {
-                            at(&mut problem, &start)
-                        } else {
-                            search(&mut problem, &start)
-                        };
-                        if let Some(fit) = fit
-                            && known.is_none_or(|k| {
-                                fit.loss < k.loss || k.to_gain.is_infinite() && fit.loss <= k.loss
-                            })
-                        {
-                            fits[nk][m - 1] = Some(fit);
-                        }
+                        improve(&mut problem, &mut fits, &start, upwards && hopeless[nk]);
                     }
                 }
             }
         }
         ArmaxScan { fits, without_input, power, rows: problem.rows }
+    }
+
+    /// Noise polynomials to search from at the problem's delay and number of coefficients: on the way up the best of the table, the neighbour's and that of one coefficient
+    /// less; on the way back the neighbour's.
+    fn starts(
+        &self,
+        problem: &mut Problem<'_>,
+        fits: &[Vec<Option<ArmaxFit>>],
+        known: &Known<'_>,
+        upwards: bool,
+    ) -> Vec<Vec<f64>> {
+        let (nk, m) = (problem.nk, problem.m);
+        let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1) };
+        let neighbour = neighbour.and_then(|n| fits.get(n)?[m - 1].as_ref()).map(|f| f.c.clone());
+        let fewer = m.checked_sub(2).and_then(|at| fits[nk][at].as_ref()).map(|f| f.c.clone());
+        if known.hopeless[nk] {
+            let smallest = fits
+                .iter()
+                .filter_map(|f| Some(f[m - 1].as_ref()?.loss))
+                .fold(f64::INFINITY, f64::min);
+            let near = |f: &ArmaxFit| {
+                known.rows * (f.loss / smallest.max(f64::MIN_POSITIVE)).ln() <= HOPELESS
+            };
+            // On the way back a delay that the long model wrongly gave up is searched after all.
+            return match &fits[nk][m - 1] {
+                Some(fit) if !upwards && near(fit) => {
+                    let seeds = self.seeds(problem, std::iter::once(nk), fits.len());
+                    problem.nk = nk;
+                    let own = self.best_seed(problem, known.errors, &seeds[nk]);
+                    own.into_iter().chain(neighbour).collect()
+                }
+                _ if upwards => vec![vec![0.0; self.nc]],
+                _ => Vec::new(),
+            };
+        }
+        if upwards {
+            let own = self.best_seed(problem, known.errors, &known.seeds[nk]);
+            own.into_iter().chain(neighbour).chain(fewer).collect()
+        } else {
+            neighbour.into_iter().collect()
+        }
     }
 
     /// The losses of a long ARX model for every delay, and the errors of the best of them.

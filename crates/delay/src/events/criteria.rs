@@ -54,7 +54,7 @@ least! {
     ///
     /// Equation: k̂ = argmin ⟨|Δ(i + k, i) − Δ(i + k − 1, i − 1)|⟩.
     ///
-    /// Inputs: times of the same events at two places ([`Events`](super::offsets::Events)), on one clock. Output: seconds, positive = the second place later.
+    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one clock. Output: seconds, positive = the second place later.
     ///
     /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
@@ -88,7 +88,7 @@ least! {
     ///
     /// Equation: k̂ = argmin ⟨Δ²(i + k, i)⟩ − ⟨Δ(i + k, i)⟩².
     ///
-    /// Inputs: times of the same events at two places ([`Events`](super::offsets::Events)), on one clock. Output: seconds, positive = the second place later.
+    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one clock. Output: seconds, positive = the second place later.
     ///
     /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
@@ -107,7 +107,7 @@ least! {
     ///
     /// Equation: k̂ = argmax (⟨ΔT·Δt⟩ − ⟨ΔT⟩⟨Δt⟩)/√(var ΔT·var Δt).
     ///
-    /// Inputs: times of the same events at two places ([`Events`](super::offsets::Events)), on one clock. Output: seconds, positive = the second place later.
+    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one clock. Output: seconds, positive = the second place later.
     ///
     /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
@@ -126,7 +126,7 @@ least! {
     ///
     /// Equation: k̂ = argmin ⟨|ΔT(i + k) − Δt(i)|²⟩.
     ///
-    /// Inputs: times of the same events at two places ([`Events`](super::offsets::Events)), on one clock. Output: seconds, positive = the second place later.
+    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one clock. Output: seconds, positive = the second place later.
     ///
     /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
@@ -145,7 +145,7 @@ least! {
     ///
     /// Equation: k̂ = argmin ⟨d²⟩ − ⟨d⟩², d = Δ(i + k, i) − Δ(i + k − 1, i − 1).
     ///
-    /// Inputs: times of the same events at two places ([`Events`](super::offsets::Events)), on one clock. Output: seconds, positive = the second place later.
+    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one clock. Output: seconds, positive = the second place later.
     ///
     /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.

@@ -118,7 +118,7 @@ fn interval(sorted: &[f64], share: f64, independent: u64) -> [Option<f64>; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::events::offsets::Events;
+    use crate::events::times::Events;
     use deadtime_signal::time::SampleTime;
     use rand::RngExt;
     use rand_chacha::ChaCha8Rng;

@@ -12,3 +12,4 @@
 pub(super) mod criteria;
 pub(crate) mod jitter;
 pub(crate) mod offsets;
+pub(crate) mod times;

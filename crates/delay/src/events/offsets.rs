@@ -1,5 +1,6 @@
 //! Events paired at each offset.
 
+use super::times::Events;
 use crate::correlation::generalised::real;
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
@@ -11,24 +12,6 @@ use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stats;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
-
-/// Times of the same events at two places; either may have missed some, or seen others besides.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Events {
-    /// Times at the first place, increasing.
-    pub first: Vec<f64>,
-    /// Times at the second place, increasing, on the same clock.
-    pub second: Vec<f64>,
-    /// Units of the two, where they are known; seconds where not.
-    pub units: [Option<String>; 2],
-}
-
-impl Events {
-    /// Pairs that there may be at most.
-    fn possible(&self) -> usize {
-        self.first.len().min(self.second.len())
-    }
-}
 
 /// What to do with sequences in different units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -168,41 +151,6 @@ pub(crate) fn variance<I: Iterator<Item = f64>>(values: impl Fn() -> I) -> f64 {
 
 pub(super) fn median(values: Vec<f64>) -> f64 {
     stats::median(values).unwrap_or(0.0)
-}
-
-/// Refuses times that are no numbers or do not increase.
-pub(crate) fn check_times(experiment: &Experiment) -> Result<(), DelayError> {
-    for events in experiment.events() {
-        for (role, names, times) in [
-            ("input", experiment.inputs(), &events.first),
-            ("output", experiment.outputs(), &events.second),
-        ] {
-            let channel = || names.first().cloned().unwrap_or_default();
-            if let Some(sample) = times.iter().position(|t| !t.is_finite()) {
-                return Err(DelayError::NotFinite {
-                    role,
-                    channel: channel(),
-                    sample,
-                    value: times[sample],
-                });
-            }
-            if let Some(&value) = times.first()
-                && times.len() > 1
-                && times.iter().all(|t| *t == value)
-            {
-                return Err(DelayError::Constant { role, channel: channel(), value });
-            }
-            if let Some(event) = times.windows(2).position(|w| w[1] <= w[0]) {
-                return Err(DelayError::EventOrder {
-                    channel: channel(),
-                    event: event + 1,
-                    before: times[event],
-                    time: times[event + 1],
-                });
-            }
-        }
-    }
-    Ok(())
 }
 
 /// Refuses what cannot be used at all.

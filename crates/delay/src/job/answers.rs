@@ -3,10 +3,10 @@
 use std::time::Instant;
 
 use super::chosen::Ready;
-use crate::conditions::Finding;
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::usable;
+use crate::finding::Finding;
 use crate::method::{Condition, Information, Method};
 use crate::report::{Estimate, Pair};
 use crate::richness::Richness;

@@ -1,103 +1,21 @@
 //! An estimation on logs: set up, and run on every pair.
 
-use std::collections::BTreeMap;
-
+use super::asked::{Job, whole};
 use super::chosen::Ready;
 use super::pair::OnePair;
 use super::seen::Seen;
-use crate::conditions::Finding;
 use crate::error::{DelayError, Result};
 use crate::estimator::Search;
 use crate::evidence::{Evidence, evidence, impulse_response};
-use crate::experiment::{Detrend, Experiment, recordings};
-use crate::method::{Condition, Method, Scope, Start};
+use crate::experiment::{Experiment, recordings};
+use crate::method::{Method, Scope, Start};
 use crate::process::shares::Shares;
 use crate::report::{Bias, FORMAT, Pair, Report, Response, Searched};
 use crate::richness::{Richness, richness};
 use deadtime_log::Log;
-use deadtime_model::ModelFile;
-use deadtime_signal::progress::HowFar;
-use deadtime_signal::remedy::{Message, Remedy};
-use deadtime_signal::stop::Stop;
 use deadtime_signal::time::SampleTime;
 
-/// What is known of feedback in the log.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
-#[serde(rename_all = "snake_case")]
-pub enum Feedback {
-    /// Nothing: it is looked for.
-    #[default]
-    Auto,
-    /// The input does not depend on the output.
-    Open,
-    /// It does.
-    Closed,
-}
-
-impl Feedback {
-    /// What the user says of the log, as a finding.
-    pub(super) fn said(self) -> Option<Finding> {
-        let evidence = Message::from(Remedy::ClosedLoop);
-        (self == Self::Closed).then_some(Finding { condition: Condition::Feedback, evidence })
-    }
-}
-
-/// Everything that an estimation needs; [`Job::new`] has every method and the defaults.
-pub struct Job {
-    /// What the log is called.
-    pub name: String,
-    /// Its records, all on one even grid.
-    pub logs: Vec<Log>,
-    /// Input channels.
-    pub inputs: Vec<String>,
-    /// Output channels; every pair with an input is estimated.
-    pub outputs: Vec<String>,
-    /// The methods, as [`Ready::all`] or [`chosen`] makes them; those that look at states wait for a model.
-    pub methods: Vec<Ready>,
-    /// The plant: its relative degrees, and A and B for the methods that look at states.
-    pub model: Option<ModelFile>,
-    /// Longest delay to search, s; `None`: that of [`Search`], of records shorter than four times that a quarter of the longest.
-    pub max_delay_s: Option<f64>,
-    /// Samples that the plant needs to respond without any dead time; `None`: the model's, or 1.
-    pub degree_bias: Option<usize>,
-    /// What to take off each channel first.
-    pub detrend: Detrend,
-    /// What is known of feedback.
-    pub feedback: Feedback,
-    /// The delay against time is wanted, also where one delay describes the records.
-    pub track: bool,
-    /// Looked at between methods, pairs, and the delays of long scans.
-    pub stop: Stop,
-    /// Where it is said how many methods have answered.
-    pub far: HowFar,
-}
-
 impl Job {
-    /// Every method on every pair of these inputs and outputs of one or several records, with the defaults of [`Search`], means taken off, and feedback looked for;
-    /// called as its first record is.
-    pub fn new<I: Into<String>, O: Into<String>>(
-        logs: Vec<Log>,
-        inputs: impl IntoIterator<Item = I>,
-        outputs: impl IntoIterator<Item = O>,
-    ) -> Self {
-        Self {
-            name: logs.first().map_or_else(String::new, |log| log.source().to_owned()),
-            logs,
-            inputs: inputs.into_iter().map(Into::into).collect(),
-            outputs: outputs.into_iter().map(Into::into).collect(),
-            methods: Ready::all(),
-            model: None,
-            max_delay_s: None,
-            degree_bias: None,
-            detrend: Detrend::default(),
-            feedback: Feedback::default(),
-            track: false,
-            stop: Stop::default(),
-            far: HowFar::default(),
-        }
-    }
-
     /// Estimates every pair by every method.
     ///
     /// # Errors
@@ -201,11 +119,6 @@ impl Job {
         Ok((logged, search, bias))
     }
 
-    /// By how much a response may look too early because the logs were put onto another grid than their own, s.
-    pub(super) fn early_s(&self) -> f64 {
-        self.logs.iter().map(Log::early_s).fold(0.0, f64::max)
-    }
-
     fn max_delay(&self, ts: SampleTime) -> Result<usize> {
         let samples = self.logs.iter().map(Log::len).max().unwrap_or(0);
         // Of a short record no method could search more.
@@ -274,12 +187,6 @@ pub struct Expected {
     pub methods: Vec<(&'static str, Option<Richness>)>,
 }
 
-/// Samples that hold so many seconds.
-pub(super) fn whole(step: SampleTime, seconds: f64) -> Result<usize> {
-    let samples = step.samples(seconds)?;
-    Ok(samples.whole + usize::from(samples.fraction > 0.0))
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::chosen::chosen;
@@ -288,8 +195,10 @@ mod tests {
     use deadtime_log::Channel;
     use deadtime_signal::Excitation;
     use deadtime_signal::excitation::Rbs;
+    use deadtime_signal::stop::Stop;
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::SeedableRng;
+    use std::collections::BTreeMap;
 
     fn experiment(samples: usize) -> Experiment<'static> {
         let u = Rbs::default().generate(samples, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();

@@ -1,12 +1,12 @@
 //! The estimation between two sequences of event times.
 
 use super::answers::{Answer, pair};
+use super::asked::whole;
 use super::chosen::Ready;
-use super::estimation::whole;
 use crate::error::{DelayError, Result};
 use crate::estimator::Search;
 use crate::events::jitter::Jitter;
-use crate::events::offsets::Events;
+use crate::events::times::Events;
 use crate::experiment::Experiment;
 use crate::method::Scope;
 use crate::report::{FORMAT, Pair, Report, Searched};

@@ -3,16 +3,17 @@
 use rayon::prelude::*;
 
 use super::answers::{Answer, pair};
+use super::asked::{Feedback, Job};
 use super::chosen::Ready;
-use super::estimation::{Feedback, Job};
 use super::seen::Seen;
 use super::words::{held_verdict, lead_note, taken_off_note, tied_note};
-use crate::conditions::{Finding, moving_together, of_the_plant, standing_off};
+use crate::conditions::{moving_together, of_the_plant, standing_off};
 use crate::error::{DelayError, Result};
 use crate::estimate::DelayEstimate;
 use crate::estimator::Search;
 use crate::experiment::{Experiment, Recording, Series};
 use crate::feedback::{held_for, lead, open_part};
+use crate::finding::Finding;
 use crate::method::{Condition, Method, Start};
 use crate::process::orders::judge_orders;
 use crate::process::shares::Shares;

@@ -1,6 +1,6 @@
 //! A pair as methods see it: alone or with the other inputs, from its mean or from where it rested.
 
-use super::estimation::{Feedback, Job};
+use super::asked::{Feedback, Job};
 use crate::error::Result;
 use crate::estimator::Search;
 use crate::experiment::{Detrend, Experiment};

@@ -5,7 +5,7 @@ use std::time::Instant;
 use nalgebra::DVector;
 
 use super::answers::{Answer, pair};
-use super::estimation::Job;
+use super::asked::Job;
 use crate::error::{DelayError, Result};
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::Search;

@@ -4,9 +4,8 @@
 
 use super::chain::Shape;
 use super::fit::{Found, Place, Problem};
-use super::orders::Misfit;
 use crate::error::{DelayError, LengthRemedy};
-use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimate::{DelayEstimate, Misfit, Outcome};
 use crate::estimator::{
     DelayEstimator, NoDelay, PairRecords, Search, first_of, joint_inputs, one_pair, options,
 };

@@ -14,7 +14,6 @@ use crate::{bound, posterior};
 use deadtime_identify::{Initial, Record, dot, lag_vector};
 use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
 use deadtime_signal::stop::Stop;
-use several::Part;
 
 /// A delay of `lag` − `g` samples, g between 0 and 1: the states of `lag` samples ago, `g` of a sample later.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,6 +65,14 @@ fn centre(column: &mut [f64], mask: Option<&[f64]>) {
         None => column.iter_mut().for_each(|v| *v -= mean),
         Some(m) => column.iter_mut().zip(m).for_each(|(v, m)| *v -= m * mean),
     }
+}
+
+/// What one input of several does, through poles of its own.
+#[derive(Clone)]
+struct Part {
+    found: Found,
+    /// Its share of the output, all records in a row.
+    model: Vec<f64>,
 }
 
 /// What is fitted to what.

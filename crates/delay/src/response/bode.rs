@@ -7,8 +7,7 @@
 
 use nalgebra::Complex;
 
-use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch};
-use super::job::ends;
+use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch, ends};
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::method::Class;

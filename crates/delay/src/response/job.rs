@@ -1,6 +1,6 @@
 //! Dead times of a measured frequency response, with their verdict.
 
-use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch};
+use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch, ends};
 use super::methods::RESPONSE_METHODS;
 use crate::error::{DelayError, Result};
 use crate::estimate::{DelayEstimate, Outcome};
@@ -106,12 +106,6 @@ impl ResponseJob {
         };
         RESPONSE_METHODS.iter().filter(wanted).map(with_options).collect()
     }
-}
-
-/// The first and the last angular frequency, rad/s.
-pub(super) fn ends(response: &FrequencyResponse) -> (f64, f64) {
-    let omega = response.omega_rad_s();
-    (omega.first().copied().unwrap_or(1.0), omega.last().copied().unwrap_or(1.0))
 }
 
 /// The first of the list that found a delay which its own leftovers do not contradict; who else holds it in the interval agrees. Where the others differ the answer stays that

@@ -7,9 +7,8 @@ use nalgebra::Complex;
 use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch};
+use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch, ends};
 use super::fraction::{Fitted, Orders, Points, zeros};
-use super::job::ends;
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::options;

@@ -4,7 +4,8 @@
 
 use std::collections::VecDeque;
 
-use crate::track::tracker::online::{Alarm, Tracker, TrackerOptions};
+use crate::track::tracker::online::{Alarm, Tracker};
+use crate::track::tracker::options::TrackerOptions;
 use deadtime_log::neighbours;
 use deadtime_signal::time::SampleTime;
 

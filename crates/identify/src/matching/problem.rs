@@ -163,29 +163,13 @@ impl Problem<'_> {
 ///
 /// dσ_i = Re(u_i* dΨ v_i); what else of U* dΨ V is not 0 bends σ.
 pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
-    let count = parts.first().map_or(0, |p| p.1.len());
-    let mut all = Normal {
-        cost: 0.0,
-        gradient: DVector::zeros(count),
-        information: DMatrix::zeros(count, count),
-    };
     if power == 2.0 {
-        for (psi, slopes) in parts {
-            all.cost += psi.norm_squared();
-            for (a, slope) in slopes.iter().enumerate() {
-                all.gradient[a] += slope.dotc(psi).re;
-                for (b, other) in slopes.iter().enumerate().take(a + 1) {
-                    all.information[(a, b)] += slope.dotc(other).re;
-                }
-            }
-        }
-        all.information.fill_upper_triangle_with_lower_triangle();
-        return all;
+        return squares(parts);
     }
     let decomposed: Vec<_> = parts.iter().map(|(psi, _)| psi.clone().svd(true, true)).collect();
     let top = decomposed.iter().flat_map(|s| s.singular_values.iter().copied()).fold(0.0, f64::max);
     if !(top > 0.0 && top.is_finite()) {
-        return normal(parts, 2.0);
+        return squares(parts);
     }
     let sum: f64 = decomposed
         .iter()
@@ -193,6 +177,8 @@ pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
         .map(|s| (s / top).powf(power))
         .sum();
     let value = top * sum.powf(1.0 / power);
+    let count = parts.first().map_or(0, |p| p.1.len());
+    let mut information = DMatrix::zeros(count, count);
     let mut first = DVector::zeros(count);
     for ((_, slopes), svd) in parts.iter().zip(&decomposed) {
         let (Some(u), Some(vt)) = (&svd.u, &svd.v_t) else { continue };
@@ -216,15 +202,34 @@ pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
                         } else {
                             (x.conj() * y).re
                         };
-                        all.information[(a, b)] += weight(i).max(weight(l)) * bends;
+                        information[(a, b)] += weight(i).max(weight(l)) * bends;
                     }
                 }
             }
         }
     }
+    information.fill_upper_triangle_with_lower_triangle();
+    information -= (power - 2.0) * &first * first.transpose();
+    Normal { cost: value * value, gradient: first * value, information }
+}
+
+/// The same for a sum of squares.
+fn squares(parts: &Parts) -> Normal {
+    let count = parts.first().map_or(0, |p| p.1.len());
+    let mut all = Normal {
+        cost: 0.0,
+        gradient: DVector::zeros(count),
+        information: DMatrix::zeros(count, count),
+    };
+    for (psi, slopes) in parts {
+        all.cost += psi.norm_squared();
+        for (a, slope) in slopes.iter().enumerate() {
+            all.gradient[a] += slope.dotc(psi).re;
+            for (b, other) in slopes.iter().enumerate().take(a + 1) {
+                all.information[(a, b)] += slope.dotc(other).re;
+            }
+        }
+    }
     all.information.fill_upper_triangle_with_lower_triangle();
-    all.information -= (power - 2.0) * &first * first.transpose();
-    all.cost = value * value;
-    all.gradient = first * value;
     all
 }

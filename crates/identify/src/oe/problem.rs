@@ -4,7 +4,8 @@ use nalgebra::{DMatrix, DVector};
 use pulp::Arch;
 
 use super::kernel::SecondOrder;
-use super::output_error::{Initial, OutputError};
+use super::model::{Initial, OutputError};
+use super::work::Work;
 use crate::lag_products::lag_vector;
 use crate::polynomial::{filter, is_stable, stabilised};
 use crate::regression::{Record, dot};
@@ -19,19 +20,6 @@ fn lagged(a: &[f64], b: &[f64], i: usize, j: usize) -> f64 {
 
 fn weighted(a: &[f64], b: &[f64], i: usize, j: usize, w: &[f64]) -> f64 {
     (i.max(j)..a.len()).map(|t| w[t] * a[t - i] * b[t - j]).sum()
-}
-
-/// Work space for one record.
-pub(super) struct Work<'a> {
-    pub(super) u: &'a [f64],
-    pub(super) y: &'a [f64],
-    /// 1 where the output was measured, 0 elsewhere; `None`: all.
-    weight: Option<Vec<f64>>,
-    pub(super) uf: Vec<f64>,
-    model: Vec<f64>,
-    wf: Vec<f64>,
-    impulse: Vec<f64>,
-    pub(super) residual: Vec<f64>,
 }
 
 pub(super) struct Problem<'a> {

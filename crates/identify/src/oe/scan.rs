@@ -1,6 +1,7 @@
 //! The best model of every delay: starts, searches and neighbours.
 
-use super::output_error::{OeFit, OutputError, count};
+use super::model::{OeFit, OutputError};
+use super::output_error::count;
 use super::problem::Problem;
 use crate::polynomial::is_stable;
 use crate::regression::Record;
@@ -162,14 +163,9 @@ impl OutputError {
                         .iter()
                         .for_each(|start| improve(&mut problem, &search, &mut best[nk], start));
                 }
-                let neighbour = if upwards {
-                    nk.checked_sub(1)
-                } else {
-                    Some(nk + 1).filter(|&n| n <= max_delay)
-                };
-                if let Some(start) =
-                    neighbour.and_then(|n| best[n].as_ref()).map(|fit| fit.parameters.clone())
-                {
+                let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1) };
+                let start = neighbour.and_then(|n| Some(best.get(n)?.as_ref()?.parameters.clone()));
+                if let Some(start) = start {
                     improve(&mut problem, &search, &mut best[nk], &start);
                 }
             }
@@ -184,12 +180,8 @@ impl OutputError {
             let fit = settle(&mut problem, &search, fit, exact);
             problem.cost(&fit.parameters)?;
             let b = problem.linear.iter().take(self.nb).copied().collect();
-            Some(OeFit {
-                loss: fit.normal.cost / samples,
-                b,
-                f: fit.parameters,
-                stopped: fit.stopped,
-            })
+            let loss = fit.normal.cost / samples;
+            Some(OeFit { loss, b, f: fit.parameters, stopped: fit.stopped })
         };
         best.into_iter().enumerate().map(settled).collect()
     }

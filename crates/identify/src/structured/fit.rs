@@ -2,6 +2,7 @@
 
 use super::answer::{FreeParameter, StructuredFit};
 use super::error::StructuredError;
+use super::fitted::Fitted;
 use super::group::Group;
 use super::problem::{Cluster, Problem, Starts, Weights};
 use super::record::{Layout, Record};
@@ -13,8 +14,8 @@ use deadtime_log::Log;
 use deadtime_model::{Equations, EquationsFile};
 use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal};
 use deadtime_signal::progress::HowFar;
+use deadtime_signal::stats;
 use deadtime_signal::stop::Stop;
-use nalgebra::DMatrix;
 
 /// About so many clusters of windows carry the covariance.
 pub(super) const CLUSTERS: usize = 60;
@@ -265,20 +266,6 @@ pub(super) fn refined(problem: &mut Problem<'_>) -> Result<Vec<Vec<Vec<f64>>>> {
     before.map_err(|at| diverges(problem.records, at, problem.simulator.step_s).into())
 }
 
-/// One fit: where it ended and what the answer needs.
-pub(super) struct Fitted {
-    pub(crate) z: Vec<f64>,
-    pub(crate) fit: Fit,
-    pub(crate) clusters: Vec<Normal>,
-    /// λ of each unknown.
-    pub(crate) prior: Vec<f64>,
-    pub(crate) shrinkage: f64,
-    pub(crate) covariance: DMatrix<f64>,
-    /// The information, deflated by how much the windows' errors repeat each other.
-    pub(crate) information: DMatrix<f64>,
-    pub(crate) substeps: usize,
-}
-
 impl Structured {
     /// Fits the free parameters on `logs`; how well both models predict is told on them and on `held_out` logs.
     ///
@@ -376,31 +363,7 @@ impl Structured {
         loop {
             self.stop.check()?;
             prior = self.prior(&problem, shrinkage, &own_size);
-            // Weights change with every round: only the last one needs its minimum to many digits.
-            let tolerance = if round + 1 >= self.rounds { 1e-5 } else { 1e-3 };
-            let search = LevenbergMarquardt {
-                max_iterations: 30,
-                gradient_tolerance: tolerance,
-                step_tolerance: tolerance,
-                ..Default::default()
-            };
-            let (share, rounds) =
-                (|round: usize| round as f64 / self.rounds.max(1) as f64, self.rounds);
-            let far = far.part(share(round), share(round + 1));
-            let mut tried = 0;
-            fit = search.minimise(&z, |z| {
-                // How many a round takes nobody knows: each one has a part of what is left.
-                far.at(
-                    1.0 - LEFT.powi(tried),
-                    &format_args!(
-                        "round {} of {rounds}, set {} of parameters",
-                        round + 1,
-                        tried + 1
-                    ),
-                );
-                tried += 1;
-                problem.clusters(z, &weights).map(|c| problem.normal(&c, z, &prior))
-            });
+            fit = self.round(&problem, &z, (&weights, &prior), round, far);
             z.clone_from(&fit.parameters);
             round += 1;
             if round >= self.rounds {
@@ -426,6 +389,37 @@ impl Structured {
         ))
     }
 
+    /// The fit under these weights and this prior.
+    fn round(
+        &self,
+        problem: &Problem<'_>,
+        z: &[f64],
+        (weights, prior): (&Weights, &[f64]),
+        round: usize,
+        far: &HowFar,
+    ) -> Fit {
+        let rounds = self.rounds;
+        // Weights change with every round: only the last one needs its minimum to many digits.
+        let tolerance = if round + 1 >= rounds { 1e-5 } else { 1e-3 };
+        let search = LevenbergMarquardt {
+            max_iterations: 30,
+            gradient_tolerance: tolerance,
+            step_tolerance: tolerance,
+            ..Default::default()
+        };
+        let share = |round: usize| round as f64 / rounds.max(1) as f64;
+        let far = far.part(share(round), share(round + 1));
+        let mut tried = 0;
+        search.minimise(z, |z| {
+            // How many a round takes nobody knows: each one has a part of what is left.
+            let now =
+                format_args!("round {} of {rounds}, set {} of parameters", round + 1, tried + 1);
+            far.at(1.0 - LEFT.powi(tried), &now);
+            tried += 1;
+            problem.clusters(z, weights).map(|c| problem.normal(&c, z, prior))
+        })
+    }
+
     /// λ of every unknown: the shared ones alike, a record's own by how far they stand off.
     fn prior(&self, problem: &Problem<'_>, shrinkage: f64, own_size: &[f64]) -> Vec<f64> {
         let own = own_size.iter().map(|size| 1.0 / (size * size)).collect::<Vec<_>>();
@@ -434,16 +428,10 @@ impl Structured {
     }
 
     fn weights(&self, lengths: &[Vec<Vec<f64>>]) -> Weights {
-        let median = |list: &Vec<f64>| {
-            let mut sorted = list.clone();
-            sorted.sort_by(f64::total_cmp);
-            sorted.get(sorted.len() / 2).copied().unwrap_or(1.0)
-        };
+        let median = |list: &Vec<f64>| stats::upper_median(list.clone()).unwrap_or(1.0);
         let of = |group: &Vec<Vec<f64>>| {
             let each: Vec<f64> = group.iter().map(median).collect();
-            let whole = (each.iter().map(|v| v * v).sum::<f64>() / each.len().max(1) as f64)
-                .sqrt()
-                .max(f64::MIN_POSITIVE);
+            let whole = stats::rms(each.iter().copied()).unwrap_or(0.0).max(f64::MIN_POSITIVE);
             let floor = |v: f64| if whole > f64::MIN_POSITIVE { v.max(1e-6 * whole) } else { 1.0 };
             match self.balance {
                 Balance::Horizon => each.into_iter().map(floor).collect(),

@@ -64,18 +64,8 @@ pub(super) fn record(
             fill(&mut x, n, i, name)?;
         }
     }
-    // A logged quaternion is a rotation: rounding of its columns is no stretching.
     for group in groups.iter().filter(|g| g.kind == GroupKind::Attitude) {
-        let same =
-            |&i: &usize| file.states.iter().position(|(name, _)| *name == file.outputs[i].name);
-        let states: Vec<usize> =
-            group.outputs.iter().filter_map(same).filter(|&i| logged[i]).collect();
-        if states.len() == 4 {
-            for row in x.chunks_exact_mut(n) {
-                let length = states.iter().map(|&i| row[i] * row[i]).sum::<f64>().sqrt();
-                states.iter().for_each(|&i| row[i] /= length);
-            }
-        }
+        normalise(file, group, logged, &mut x);
     }
     let complete = |k: &usize| (0..n).all(|i| !logged[i] || x[k * n + i].is_finite());
     let windows: Vec<usize> =
@@ -89,4 +79,17 @@ pub(super) fn record(
         .into());
     }
     Ok(Record { source: log.source().to_owned(), start_s: log.time_s()[0], u, y, x, windows })
+}
+
+/// A logged quaternion is a rotation: rounding of its columns is no stretching.
+fn normalise(file: &EquationsFile, group: &Group, logged: &[bool], x: &mut [f64]) {
+    let same = |&i: &usize| file.states.iter().position(|(name, _)| *name == file.outputs[i].name);
+    let states: Vec<usize> = group.outputs.iter().filter_map(same).filter(|&i| logged[i]).collect();
+    if states.len() != 4 {
+        return;
+    }
+    for row in x.chunks_exact_mut(file.states.len()) {
+        let length = states.iter().map(|&i| row[i] * row[i]).sum::<f64>().sqrt();
+        states.iter().for_each(|&i| row[i] /= length);
+    }
 }

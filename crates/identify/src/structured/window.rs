@@ -66,52 +66,11 @@ impl Simulator<'_> {
         b: &mut Buffers,
         mut see: impl FnMut(Seen<'_>),
     ) -> bool {
-        let (n, m) = (self.equations.state_variables().len(), self.equations.input_symbols().len());
-        let (parameters, outputs) = (at.p.len(), self.equations.output_variables().len());
+        let m = self.equations.input_symbols().len();
+        let outputs = self.equations.output_variables().len();
         let count = at.columns.len() + at.starts.len();
-        let resize = |v: &mut Vec<f64>, size: usize| {
-            v.clear();
-            v.resize(size, 0.0);
-        };
-        resize(&mut b.seeds, parameters * count);
-        for (j, &(parameter, unit)) in at.columns.iter().enumerate() {
-            b.seeds[parameter * count + j] = unit;
-        }
-        b.x.iter_mut().chain(&mut b.k).for_each(|v| resize(v, n));
-        b.s.iter_mut().chain(&mut b.dk).for_each(|v| resize(v, n * count));
-        resize(&mut b.y, outputs);
-        resize(&mut b.dy, outputs * count);
-        let widest = self.groups.iter().map(Group::size).max().unwrap_or(0);
-        resize(&mut b.e, widest);
-        resize(&mut b.de, widest * count);
-        for (i, state) in self.equations.state_variables().iter().enumerate() {
-            b.x[0][i] = if self.logged[i] { record.x[start * n + i] } else { state.initial };
-        }
-        for (j, (&i, shift)) in at.starts.iter().zip(at.shift).enumerate() {
-            b.x[0][i] += shift;
-            b.s[0][i * count + at.columns.len() + j] = 1.0;
-        }
-        if let Some((equations, states)) = self.starts {
-            let (mut values, mut slopes) =
-                (vec![0.0; states.len()], vec![0.0; states.len() * count]);
-            let directions = Directions { count, states: &b.s[0], parameters: &b.seeds };
-            let (t, u) = (start as f64 * self.step_s, &record.u[start * m..(start + 1) * m]);
-            equations.outputs_along(
-                t,
-                &b.x[0],
-                u,
-                at.p,
-                directions,
-                &mut b.workspace,
-                &mut values,
-                &mut slopes,
-            );
-            for (k, &i) in states.iter().enumerate() {
-                b.x[0][i] = values[k];
-                b.s[0][i * count..(i + 1) * count]
-                    .copy_from_slice(&slopes[k * count..(k + 1) * count]);
-            }
-        }
+        self.clear(&at, count, b);
+        self.start(record, start, &at, count, b);
         let h = self.step_s / self.substeps as f64;
         for step in 1..=self.horizon {
             let row = start + step - 1;
@@ -137,21 +96,68 @@ impl Simulator<'_> {
             );
             let logged = &record.y[row * outputs..(row + 1) * outputs];
             for (g, group) in self.groups.iter().enumerate() {
-                let size = group.size();
-                if group.error(&b.y, &b.dy, count, logged, &mut b.e, &mut b.de) {
-                    if !b.e[..size].iter().all(|v| v.is_finite()) {
-                        return false;
-                    }
-                    see(Seen {
-                        group: g,
-                        horizon: step,
-                        error: &b.e[..size],
-                        slopes: &b.de[..size * count],
-                    });
+                if !group.error(&b.y, &b.dy, count, logged, &mut b.e, &mut b.de) {
+                    continue;
                 }
+                let (error, slopes) = (&b.e[..group.size()], &b.de[..group.size() * count]);
+                if !error.iter().all(|v| v.is_finite()) {
+                    return false;
+                }
+                see(Seen { group: g, horizon: step, error, slopes });
             }
         }
         true
+    }
+
+    /// Buffers of the right sizes, zero but for the parameters' directions.
+    fn clear(&self, at: &Point<'_>, count: usize, b: &mut Buffers) {
+        let (n, outputs) =
+            (self.equations.state_variables().len(), self.equations.output_variables().len());
+        let resize = |v: &mut Vec<f64>, size: usize| {
+            v.clear();
+            v.resize(size, 0.0);
+        };
+        resize(&mut b.seeds, at.p.len() * count);
+        for (j, &(parameter, unit)) in at.columns.iter().enumerate() {
+            b.seeds[parameter * count + j] = unit;
+        }
+        b.x.iter_mut().chain(&mut b.k).for_each(|v| resize(v, n));
+        b.s.iter_mut().chain(&mut b.dk).for_each(|v| resize(v, n * count));
+        resize(&mut b.y, outputs);
+        resize(&mut b.dy, outputs * count);
+        let widest = self.groups.iter().map(Group::size).max().unwrap_or(0);
+        resize(&mut b.e, widest);
+        resize(&mut b.de, widest * count);
+    }
+
+    /// The states and sensitivities at the start of a window.
+    fn start(&self, record: &Record, start: usize, at: &Point<'_>, count: usize, b: &mut Buffers) {
+        let (n, m) = (self.equations.state_variables().len(), self.equations.input_symbols().len());
+        for (i, state) in self.equations.state_variables().iter().enumerate() {
+            b.x[0][i] = if self.logged[i] { record.x[start * n + i] } else { state.initial };
+        }
+        for (j, (&i, shift)) in at.starts.iter().zip(at.shift).enumerate() {
+            b.x[0][i] += shift;
+            b.s[0][i * count + at.columns.len() + j] = 1.0;
+        }
+        let Some((equations, states)) = self.starts else { return };
+        let (mut values, mut slopes) = (vec![0.0; states.len()], vec![0.0; states.len() * count]);
+        let directions = Directions { count, states: &b.s[0], parameters: &b.seeds };
+        let (t, u) = (start as f64 * self.step_s, &record.u[start * m..(start + 1) * m]);
+        equations.outputs_along(
+            t,
+            &b.x[0],
+            u,
+            at.p,
+            directions,
+            &mut b.workspace,
+            &mut values,
+            &mut slopes,
+        );
+        for (k, &i) in states.iter().enumerate() {
+            b.x[0][i] = values[k];
+            b.s[0][i * count..(i + 1) * count].copy_from_slice(&slopes[k * count..(k + 1) * count]);
+        }
     }
 
     /// One step of the classical method for states and sensitivities at once.

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use super::online::TrackerOptions;
+use super::options::TrackerOptions;
 use super::past::Past;
 use super::rows::{Left, Unsure, accumulate, fill, fill_earlier, inverse, leverage};
 use crate::track::rows::{Shape, solve};

@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::following::{Following, Start};
-use super::online::TrackerOptions;
+use super::options::TrackerOptions;
 use super::past::Past;
 use super::rows::{accumulate, fill, inverse};
 use crate::track::rows::{Shape, solve};
