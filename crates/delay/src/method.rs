@@ -234,6 +234,15 @@ pub struct Method {
     pub exempt: &'static [(Law, &'static str)],
 }
 
+/// What prediction-error methods withstand, whatever the loop around the plant.
+pub(super) const PREDICTS: &[Condition] = &[
+    Condition::UnstablePlant,
+    Condition::Feedback,
+    Condition::ColouredNoise,
+    Condition::Dynamics,
+    Condition::MissingOutputs,
+];
+
 /// The tolerance of a method that counts samples.
 pub(super) const WHOLE: f64 = 1e-6;
 

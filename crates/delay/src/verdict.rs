@@ -113,8 +113,10 @@ pub fn verdict(
     sample_time: SampleTime,
     facts: &RecordFacts,
 ) -> Verdict {
-    let found: Vec<Found<'_>> =
-        answers.iter().filter_map(|answer| Found::new(answer, findings, sample_time)).collect();
+    let found: Vec<FoundDelay<'_>> = answers
+        .iter()
+        .filter_map(|answer| FoundDelay::new(answer, findings, sample_time))
+        .collect();
     match Counted::of(&found, answers, findings, facts) {
         Ok(counted) => counted.verdict(&found, answers, facts),
         Err(why) => Verdict::none(why),
@@ -133,7 +135,7 @@ struct Counted<'a, 'b> {
 impl<'a, 'b> Counted<'a, 'b> {
     /// Which answers count, or why none does.
     fn of(
-        found: &'b [Found<'a>],
+        found: &'b [FoundDelay<'a>],
         answers: &[Said<'_>],
         findings: &[Finding],
         facts: &RecordFacts,
@@ -152,7 +154,7 @@ impl<'a, 'b> Counted<'a, 'b> {
                 named()
             ));
         }
-        let mut counted: Vec<&Found<'_>> =
+        let mut counted: Vec<&FoundDelay<'_>> =
             found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
         let nobody = counted.is_empty();
         if nobody && looped {
@@ -187,9 +189,14 @@ impl<'a, 'b> Counted<'a, 'b> {
     }
 
     /// The group's answer, and everything that was said of it.
-    fn verdict(&self, found: &[Found<'_>], answers: &[Said<'_>], facts: &RecordFacts) -> Verdict {
+    fn verdict(
+        &self,
+        found: &[FoundDelay<'_>],
+        answers: &[Said<'_>],
+        facts: &RecordFacts,
+    ) -> Verdict {
         let Group { lead, agree, differ } = &self.group;
-        let of_all_inputs: Vec<(&Found<'_>, f64)> = agree
+        let of_all_inputs: Vec<(&FoundDelay<'_>, f64)> = agree
             .iter()
             .filter(|_| facts.others_act)
             .filter_map(|(f, _)| Some((*f, f.of_all_inputs_s?.recip())))
@@ -228,7 +235,7 @@ impl<'a, 'b> Counted<'a, 'b> {
         if !silent.is_empty() {
             why.push_str(&format!("; {silent}"));
         }
-        let total = |side: &[(&Found<'_>, f64)]| side.iter().map(|(_, w)| w).sum::<f64>();
+        let total = |side: &[(&FoundDelay<'_>, f64)]| side.iter().map(|(_, w)| w).sum::<f64>();
         if total(differ) >= total(agree) {
             grounds.doubt(
                 &mut why,
@@ -247,10 +254,10 @@ impl<'a, 'b> Counted<'a, 'b> {
 
 /// The answer in the middle of the weight, and the interval of all.
 fn middle<'a, 'b>(
-    judges: &[(&'b Found<'a>, f64)],
-    lead: &'b Found<'a>,
+    judges: &[(&'b FoundDelay<'a>, f64)],
+    lead: &'b FoundDelay<'a>,
     facts: &RecordFacts,
-) -> (&'b Found<'a>, [f64; 2]) {
+) -> (&'b FoundDelay<'a>, [f64; 2]) {
     let middle = quantile(judges.iter().map(|(f, w)| (f.delay_s, *w)), 0.5);
     let chosen = judges.iter().find(|(f, _)| f.delay_s == middle).map_or(lead, |(f, _)| *f);
     let first = quantile(judges.iter().map(|(f, w)| (f.interval_s[0], *w)), BEYOND);
@@ -259,7 +266,7 @@ fn middle<'a, 'b>(
 }
 
 /// Who says so, who agrees and who says otherwise.
-fn who(chosen: &str, others: &[&str], differ: &[(&Found<'_>, f64)]) -> String {
+fn who(chosen: &str, others: &[&str], differ: &[(&FoundDelay<'_>, f64)]) -> String {
     let mut why = match others.len() {
         0 => format!("{chosen} alone"),
         1 => format!("{chosen} says so, and {} agrees with it", others[0]),
@@ -281,7 +288,7 @@ fn who(chosen: &str, others: &[&str], differ: &[(&Found<'_>, f64)]) -> String {
 }
 
 /// Which answers were not counted, by reason. Where `nobody` is trusted only those that are implausible are left out.
-fn left_out(found: &[Found<'_>], nobody: bool, implausible: bool) -> String {
+fn left_out(found: &[FoundDelay<'_>], nobody: bool, implausible: bool) -> String {
     let mut words = String::new();
     for (conditions, methods) in by_reason(found).iter().filter(|_| !nobody) {
         words.push_str(&format!(
@@ -290,7 +297,7 @@ fn left_out(found: &[Found<'_>], nobody: bool, implausible: bool) -> String {
             methods.join(", ")
         ));
     }
-    let those = |which: &dyn Fn(&Found<'_>) -> bool| {
+    let those = |which: &dyn Fn(&FoundDelay<'_>) -> bool| {
         found
             .iter()
             .filter(|f| f.distrust.is_empty() && which(f))
@@ -313,16 +320,16 @@ fn left_out(found: &[Found<'_>], nobody: bool, implausible: bool) -> String {
 
 /// The answers that are counted, by whether they hold the delay that most votes hold.
 struct Group<'a, 'b> {
-    lead: &'b Found<'a>,
-    agree: Vec<(&'b Found<'a>, f64)>,
-    differ: Vec<(&'b Found<'a>, f64)>,
+    lead: &'b FoundDelay<'a>,
+    agree: Vec<(&'b FoundDelay<'a>, f64)>,
+    differ: Vec<(&'b FoundDelay<'a>, f64)>,
 }
 
 impl<'a, 'b> Group<'a, 'b> {
     /// `counted` has one answer at least.
-    fn of(counted: &[&'b Found<'a>]) -> Self {
+    fn of(counted: &[&'b FoundDelay<'a>]) -> Self {
         let vote_weights = vote_weights(counted);
-        let support = |at: &Found<'_>| -> f64 {
+        let support = |at: &FoundDelay<'_>| -> f64 {
             counted
                 .iter()
                 .zip(&vote_weights)
@@ -351,7 +358,7 @@ impl<'a, 'b> Group<'a, 'b> {
 }
 
 /// What the first few say.
-fn named(found: &[Found<'_>]) -> String {
+fn named(found: &[FoundDelay<'_>]) -> String {
     found
         .iter()
         .take(MOST_NAMED)
@@ -427,7 +434,7 @@ fn joined<'a>(words: impl Iterator<Item = &'a str>) -> String {
 }
 
 /// The methods that are not counted, by what they do not withstand.
-fn by_reason<'a>(found: &[Found<'a>]) -> BTreeMap<Vec<Condition>, Vec<&'a str>> {
+fn by_reason<'a>(found: &[FoundDelay<'a>]) -> BTreeMap<Vec<Condition>, Vec<&'a str>> {
     let mut reasons: BTreeMap<Vec<Condition>, Vec<&str>> = BTreeMap::new();
     for f in found.iter().filter(|f| !f.distrust.is_empty()) {
         reasons.entry(f.distrust.clone()).or_default().push(f.method);
@@ -436,7 +443,7 @@ fn by_reason<'a>(found: &[Found<'a>]) -> BTreeMap<Vec<Condition>, Vec<&'a str>> 
 }
 
 /// An answer with a delay.
-struct Found<'a> {
+struct FoundDelay<'a> {
     method: &'a str,
     class: Class,
     basis: Basis,
@@ -454,7 +461,7 @@ struct Found<'a> {
     of_all_inputs_s: Option<f64>,
 }
 
-impl<'a> Found<'a> {
+impl<'a> FoundDelay<'a> {
     fn new(
         (method, estimate, predicted_s): &Said<'a>,
         findings: &[Finding],
@@ -496,12 +503,12 @@ impl<'a> Found<'a> {
 }
 
 /// The vote of each class, shared by what its methods read their answers from; and the part of each such basis shared by all methods that read it, of other classes too.
-fn vote_weights(found: &[&Found<'_>]) -> Vec<f64> {
-    let same = |f: &Found<'_>, g: &Found<'_>| {
+fn vote_weights(found: &[&FoundDelay<'_>]) -> Vec<f64> {
+    let same = |f: &FoundDelay<'_>, g: &FoundDelay<'_>| {
         if f.basis == Basis::Own { f.method == g.method } else { f.basis == g.basis }
     };
-    let weight = |f: &&Found<'_>| {
-        let class: Vec<&&Found<'_>> = found.iter().filter(|g| g.class == f.class).collect();
+    let weight = |f: &&FoundDelay<'_>| {
+        let class: Vec<&&FoundDelay<'_>> = found.iter().filter(|g| g.class == f.class).collect();
         // The first of its basis stands for all.
         let bases = class
             .iter()

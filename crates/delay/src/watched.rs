@@ -12,7 +12,7 @@ use crate::track::watch::Watch;
 use deadtime_signal::time::SampleTime;
 
 /// What is wanted beside the test.
-pub(super) struct Asked {
+pub(super) struct Wanted {
     /// The delay against time, also where one delay describes the records.
     pub(super) track: bool,
     /// What is known of the record.
@@ -34,7 +34,7 @@ pub(super) fn tell(
     one: &Experiment<'_>,
     search: &Search,
     methods: &[&Ready],
-    asked: &Asked,
+    asked: &Wanted,
 ) -> Result<(), DelayError> {
     let records = one.pair(0, 0)?;
     let watch = Watch::default();
@@ -89,7 +89,7 @@ fn straight_verdict(
     straight: &Experiment<'_>,
     search: &Search,
     methods: &[&Ready],
-    asked: &Asked,
+    asked: &Wanted,
 ) -> Result<Verdict, DelayError> {
     let known: Vec<&&Ready> =
         methods.iter().filter(|r| ANCHORS.contains(&r.method.entry.name)).collect();

@@ -61,7 +61,7 @@ pub struct ArmaxScan {
 }
 
 /// A stretch of rows t = first … whose past outputs and inputs are all there.
-struct Stretch<'a> {
+struct ArmaxStretch<'a> {
     rows: usize,
     /// y(first − na) … and u(first − most) …
     y: &'a [f64],
@@ -76,7 +76,7 @@ struct Stretch<'a> {
     e: Vec<f64>,
 }
 
-impl Stretch<'_> {
+impl ArmaxStretch<'_> {
     /// The signal whose filtered samples begin `from` samples before `x(t − lag)` at the first row does, as if it had been zero before that row.
     fn column(&self, filtered: &[f64], from: usize, c: &[f64]) -> Vec<f64> {
         let mut column = filtered[from..from + self.rows].to_vec();
@@ -95,11 +95,11 @@ impl Stretch<'_> {
     }
 }
 
-struct Problem<'a> {
+struct ArmaxProblem<'a> {
     orders: Armax,
     /// The largest input lag of any delay.
     most: usize,
-    stretches: Vec<Stretch<'a>>,
+    stretches: Vec<ArmaxStretch<'a>>,
     /// First input lag and number of input coefficients of the model at hand.
     nk: usize,
     m: usize,
@@ -117,7 +117,7 @@ const RIDGE: f64 = 1e-13;
 /// Below this share of the signal's power the residual is computed again from what is left: the first solution's rounding is larger.
 const REFINE: f64 = 1e-9;
 
-impl<'a> Problem<'a> {
+impl<'a> ArmaxProblem<'a> {
     fn new(orders: Armax, records: &'a [Record], max_delay: usize) -> Self {
         let Armax { na, nb, nc } = orders;
         let most = (max_delay + nb).saturating_sub(1);
@@ -138,7 +138,7 @@ impl<'a> Problem<'a> {
                         (t - first, &record.y[first - na..t], &record.u[first - most..t]);
                     total += rows;
                     power += dot(&y[na..], &y[na..]);
-                    stretches.push(Stretch {
+                    stretches.push(ArmaxStretch {
                         rows,
                         y,
                         u,
@@ -212,7 +212,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Past outputs, then inputs, of the model at hand.
-    fn columns(&self, s: &Stretch<'a>) -> Vec<Vec<f64>> {
+    fn columns(&self, s: &ArmaxStretch<'a>) -> Vec<Vec<f64>> {
         let (na, most) = (self.orders.na, self.most);
         let outputs = (1..=na).map(|i| s.column(&s.yf, na - i, &self.c));
         let inputs = (self.nk..self.nk + self.m).map(|l| s.column(&s.uf, most - l, &self.c));
@@ -241,7 +241,7 @@ impl<'a> Problem<'a> {
         solved.filter(|(_, cost)| cost.is_finite())
     }
 
-    fn gram(&self, stretches: &[Stretch<'a>]) -> Option<Gram> {
+    fn gram(&self, stretches: &[ArmaxStretch<'a>]) -> Option<Gram> {
         let k = self.orders.na + self.m;
         let mut whole = DMatrix::zeros(k, k);
         let mut blocks = Vec::with_capacity(stretches.len());
@@ -260,7 +260,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Takes off e what the columns explain of it; adds to the linear coefficients.
-    fn step(&mut self, stretches: &mut [Stretch<'a>], gram: &Gram) -> f64 {
+    fn step(&mut self, stretches: &mut [ArmaxStretch<'a>], gram: &Gram) -> f64 {
         let nc = self.orders.nc;
         let mut right = DVector::zeros(self.linear.len());
         let mut of_before = Vec::with_capacity(stretches.len());
@@ -383,7 +383,7 @@ impl<'a> Problem<'a> {
     /// The errors of the ARX model whose coefficients (−a, then b from lag `nk` on) are given, 0 where a row does not see all of them.
     fn long_errors(&self, na: usize, nk: usize, coefficients: &[f64]) -> Vec<Vec<f64>> {
         let (own, most) = (self.orders.na, self.most);
-        let each = |s: &Stretch<'a>| {
+        let each = |s: &ArmaxStretch<'a>| {
             let error = |t: usize| {
                 if own + t < na {
                     return 0.0;
@@ -501,7 +501,7 @@ fn table(nc: usize) -> Vec<Vec<f64>> {
 }
 
 /// What a scan knows before it searches.
-struct Known<'a> {
+struct ScanKnown<'a> {
     /// The errors of the best long ARX model.
     errors: &'a [Vec<f64>],
     /// Costs of the table's noise polynomials, by delay.
@@ -513,7 +513,7 @@ struct Known<'a> {
 
 /// Searches from `start` at the problem's delay and number of coefficients (only evaluates there, if so wished), and keeps what is better.
 fn improve(
-    problem: &mut Problem<'_>,
+    problem: &mut ArmaxProblem<'_>,
     fits: &mut [Vec<Option<ArmaxFit>>],
     start: &[f64],
     evaluates: bool,
@@ -556,7 +556,7 @@ impl Armax {
         max_delay: usize,
         stop: &Stop,
     ) -> ArmaxScan {
-        let mut problem = Problem::new(*self, records, max_delay);
+        let mut problem = ArmaxProblem::new(*self, records, max_delay);
         let delays = max_delay + 1;
         let rows = problem.rows.max(1) as f64;
         let power = problem.power / rows;
@@ -575,7 +575,7 @@ impl Armax {
             problem.m = m;
             let seeds =
                 self.seeds(&mut problem, (first..delays).filter(|nk| !hopeless[*nk]), delays);
-            let known = Known { errors: &errors, seeds, hopeless: &hopeless, rows };
+            let known = ScanKnown { errors: &errors, seeds, hopeless: &hopeless, rows };
             for upwards in [true, false] {
                 for step in first..delays {
                     if stop.is_set() {
@@ -597,9 +597,9 @@ impl Armax {
     /// less; on the way back the neighbour's.
     fn starts(
         &self,
-        problem: &mut Problem<'_>,
+        problem: &mut ArmaxProblem<'_>,
         fits: &[Vec<Option<ArmaxFit>>],
-        known: &Known<'_>,
+        known: &ScanKnown<'_>,
         upwards: bool,
     ) -> Vec<Vec<f64>> {
         let (nk, m) = (problem.nk, problem.m);
@@ -637,7 +637,7 @@ impl Armax {
     /// The losses of a long ARX model for every delay, and the errors of the best of them.
     fn long(
         &self,
-        problem: &Problem<'_>,
+        problem: &ArmaxProblem<'_>,
         records: &[Record],
         first: usize,
         max_delay: usize,
@@ -657,7 +657,11 @@ impl Armax {
         }
     }
 
-    fn without_input(&self, problem: &mut Problem<'_>, errors: &[Vec<f64>]) -> Option<ArmaxFit> {
+    fn without_input(
+        &self,
+        problem: &mut ArmaxProblem<'_>,
+        errors: &[Vec<f64>],
+    ) -> Option<ArmaxFit> {
         (problem.nk, problem.m) = (0, 0);
         let starts = table(self.nc).into_iter().chain(problem.start_by_errors(errors));
         let fits: Vec<ArmaxFit> = starts.filter_map(|c| search(problem, &c)).collect();
@@ -667,7 +671,7 @@ impl Armax {
     /// The costs of the table's noise polynomials at these of all `delays`: each filters the signals once for all of them.
     fn seeds(
         &self,
-        problem: &mut Problem<'_>,
+        problem: &mut ArmaxProblem<'_>,
         wanted: impl Iterator<Item = usize>,
         delays: usize,
     ) -> Vec<Vec<(f64, Vec<f64>)>> {
@@ -689,7 +693,7 @@ impl Armax {
     /// The best of the starts that need no other fit.
     fn best_seed(
         &self,
-        problem: &mut Problem<'_>,
+        problem: &mut ArmaxProblem<'_>,
         errors: &[Vec<f64>],
         seeds: &[(f64, Vec<f64>)],
     ) -> Option<Vec<f64>> {
@@ -706,7 +710,7 @@ impl Armax {
         nk: usize,
         fit: &ArmaxFit,
     ) -> Vec<(Vec<f64>, Vec<f64>)> {
-        let mut problem = Problem::new(*self, records, max_delay);
+        let mut problem = ArmaxProblem::new(*self, records, max_delay);
         (problem.nk, problem.m) = (nk, fit.b.len());
         if problem.cost(&fit.c).is_none() {
             return Vec::new();
@@ -720,12 +724,12 @@ impl Armax {
     }
 }
 
-fn at(problem: &mut Problem<'_>, c: &[f64]) -> Option<ArmaxFit> {
+fn at(problem: &mut ArmaxProblem<'_>, c: &[f64]) -> Option<ArmaxFit> {
     let cost = problem.cost(c)?;
     Some(problem.fit(cost, c.to_vec(), Stopped::Iterations, f64::INFINITY))
 }
 
-fn search(problem: &mut Problem<'_>, start: &[f64]) -> Option<ArmaxFit> {
+fn search(problem: &mut ArmaxProblem<'_>, start: &[f64]) -> Option<ArmaxFit> {
     let method = LevenbergMarquardt {
         max_iterations: 100,
         gradient_tolerance: 1e-5,
@@ -743,7 +747,7 @@ fn search(problem: &mut Problem<'_>, start: &[f64]) -> Option<ArmaxFit> {
     Some(problem.fit(cost, fit.parameters, fit.stopped, to_gain))
 }
 
-impl Problem<'_> {
+impl ArmaxProblem<'_> {
     fn fit(&self, cost: f64, c: Vec<f64>, stopped: Stopped, to_gain: f64) -> ArmaxFit {
         let na = self.orders.na;
         let rows = self.rows.max(1) as f64;
@@ -827,7 +831,7 @@ mod tests {
         let record = record(160, &[40, 41, 90]);
         let orders = Armax { na: 2, nb: 2, nc: 2 };
         let records = [record.clone()];
-        let mut problem = Problem::new(orders, &records, 6);
+        let mut problem = ArmaxProblem::new(orders, &records, 6);
         for (nk, m, c) in
             [(0, 2, [-0.5, 0.3]), (6, 1, [-1.9, 0.9999]), (3, 2, [0.0, 0.0]), (2, 2, [1.2, 0.9])]
         {
@@ -841,7 +845,7 @@ mod tests {
     #[test]
     fn the_gradient_is_the_derivative_of_the_cost() {
         let records = [record(90, &[]), record(60, &[30])];
-        let mut problem = Problem::new(Armax { na: 2, nb: 1, nc: 2 }, &records, 5);
+        let mut problem = ArmaxProblem::new(Armax { na: 2, nb: 1, nc: 2 }, &records, 5);
         problem.nk = 3;
         for c in [[-0.5, 0.3], [-1.5, 0.7]] {
             let normal = problem.evaluate(&c).unwrap();

@@ -201,7 +201,7 @@ pub fn coloured(
             .filter(|_| levels)
             .map(|p| (0..residual.len()).map(|t| f64::from(u8::from(p.contains(&t)))).collect()),
     );
-    let system = System { columns, parts, residual };
+    let system = WhitenedSystem { columns, parts, residual };
     let (change, NoiseModel { d, variance, covariance }, left) = system.step()?;
     let freedom = residual.len() as f64 / (residual.len() as f64 - change.len() as f64).max(1.0);
     let variance = variance * freedom;
@@ -235,13 +235,13 @@ pub fn coloured(
 }
 
 /// Columns and residuals, and where the records lie in them.
-struct System<'a> {
+struct WhitenedSystem<'a> {
     columns: Vec<Vec<f64>>,
     parts: Vec<std::ops::Range<usize>>,
     residual: &'a [f64],
 }
 
-impl System<'_> {
+impl WhitenedSystem<'_> {
     /// A signal behind the noise's filter; the first samples of each record lack what it would remember.
     fn white(&self, x: &[f64], d: &[f64]) -> Vec<f64> {
         let part =

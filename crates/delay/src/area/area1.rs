@@ -85,7 +85,7 @@ pub(crate) const METHOD: Method = Method {
 };
 
 /// The mean response to a unit step.
-struct Response {
+struct StepResponse {
     step: Vec<f64>,
     /// Variance of each sample of it.
     variance: f64,
@@ -96,7 +96,7 @@ fn mean(x: &[f64]) -> f64 {
 }
 
 /// The steps that are held for at least `held` samples, after an input that was (at the start of a record for [`REST`] samples); `None`: there is none.
-fn response(records: &[Record], held: usize) -> Option<Response> {
+fn response(records: &[Record], held: usize) -> Option<StepResponse> {
     // (height, output from the step on, level before)
     let mut steps: Vec<(f64, &[f64], f64)> = Vec::new();
     for record in records {
@@ -129,7 +129,7 @@ fn response(records: &[Record], held: usize) -> Option<Response> {
             end.iter().map(move |v| (v - level).powi(2))
         })
         .collect();
-    Some(Response { step, variance: mean(&ends) / weight })
+    Some(StepResponse { step, variance: mean(&ends) / weight })
 }
 
 impl PairMethod for Area1 {
@@ -170,7 +170,7 @@ impl PairMethod for Area1 {
 }
 
 /// Both readings of a step response whose end is the mean from `end` on; `None` where the areas have no solution.
-fn readings(response: &Response, gain: f64, end: usize) -> Option<[Reading; 2]> {
+fn readings(response: &StepResponse, gain: f64, end: usize) -> Option<[Reading; 2]> {
     let step = &response.step;
     // Straight lines between the samples: half a sample less than the sum of K − s.
     let residence =
@@ -216,7 +216,7 @@ mod tests {
             (0..80).map(|i| if i > 7 { 1.0 - 0.8_f64.powi(i - 7) } else { 0.0 }).collect();
         let end = 60;
         let read = |step: &[f64]| {
-            readings(&Response { step: step.to_vec(), variance: 1.0 }, mean(&step[end..]), end)
+            readings(&StepResponse { step: step.to_vec(), variance: 1.0 }, mean(&step[end..]), end)
                 .unwrap()
         };
         for k in 0..2 {

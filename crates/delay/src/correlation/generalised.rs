@@ -287,7 +287,7 @@ pub(crate) struct Alike {
 }
 
 /// What the last alignment saw.
-pub(crate) struct Seen {
+pub(crate) struct LastAlignment {
     /// Spectra, y moved back by the whole lag.
     pub(crate) spectra: CrossSpectra,
     /// Every frequency of them.
@@ -362,7 +362,7 @@ pub(crate) fn alike(
     segment: usize,
     weight: fn(&Line) -> f64,
     max_delay: usize,
-) -> (Alike, Option<Seen>) {
+) -> (Alike, Option<LastAlignment>) {
     let Some(aligned) = aligned(signals, segment, weight, max_delay) else {
         return (Alike::default(), None);
     };
@@ -391,7 +391,7 @@ pub(crate) fn alike(
     let bent = bent(&spectra, &lines, &weights, at, sign);
     (
         Alike { lag, fraction, std, freedom: independent_lines(&spectra), rivals, leads, bent },
-        Some(Seen { spectra, lines, sign }),
+        Some(LastAlignment { spectra, lines, sign }),
     )
 }
 

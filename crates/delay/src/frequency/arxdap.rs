@@ -6,7 +6,7 @@ use super::all_pass::all_pass;
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, impulse_response, options};
-use crate::method::{Basis, Condition, Information, Law, Method, method_line};
+use crate::method::{Basis, Information, Law, Method, PREDICTS, method_line};
 use deadtime_identify::{Record, Regression};
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
@@ -60,13 +60,7 @@ pub(crate) const METHOD: Method = Method {
     information: Information::Poles(2),
     basis: Basis::Arx,
     tolerance: 0.25,
-    withstands: &[
-        Condition::UnstablePlant,
-        Condition::Feedback,
-        Condition::ColouredNoise,
-        Condition::Dynamics,
-        Condition::MissingOutputs,
-    ],
+    withstands: PREDICTS,
     needs: "noise that an AR filter of its order whitens, a gain at frequency 0",
     blind_to: "zeros of the plant outside the unit circle, which it takes for delay; half a sample",
     exempt: &[(Law::Exact, "it reads a phase, which noise moves by fractions of a sample")],

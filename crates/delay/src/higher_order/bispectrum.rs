@@ -142,7 +142,7 @@ fn skewness(signals: &Centred) -> (f64, f64) {
 }
 
 /// Every segment of the records, to be transformed.
-struct Spectra<'a> {
+struct Segments<'a> {
     records: Vec<(&'a [f64], &'a [f64])>,
     /// Record and first sample of each segment.
     starts: Vec<(usize, usize)>,
@@ -152,7 +152,7 @@ struct Spectra<'a> {
     reach: usize,
 }
 
-impl Spectra<'_> {
+impl Segments<'_> {
     /// U under the window, and U and Y around it.
     fn of(&self, (record, start): (usize, usize)) -> [Vec<Complex<f64>>; 3] {
         let (u, y) = self.records[record];
@@ -256,7 +256,7 @@ impl Third {
         let window: Vec<f64> = (0..segment)
             .map(|t| (std::f64::consts::PI * (t as f64 + 0.5) / segment as f64).sin().powi(2))
             .collect();
-        let spectra = Spectra { records, starts, fourier: &fourier, window, beside, reach };
+        let spectra = Segments { records, starts, fourier: &fourier, window, beside, reach };
         let segments = spectra.lines(&spectra.weights());
         Self { fourier, segments, beside }
     }

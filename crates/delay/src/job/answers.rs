@@ -15,14 +15,14 @@ use deadtime_signal::stats::NORMAL_95;
 use deadtime_signal::time::SampleTime;
 
 /// A method's answer, what was to be expected of it, and its run time, s.
-pub(super) struct Answer {
+pub(super) struct MethodAnswer {
     pub(super) method: &'static Method,
     pub(super) estimate: DelayEstimate,
     pub(super) predicted: Option<Richness>,
     pub(super) time_s: f64,
 }
 
-impl Answer {
+impl MethodAnswer {
     /// The answer that `estimate` makes of the method; what the method cannot do with the data is its answer.
     pub(super) fn of(
         ready: &Ready,
@@ -44,7 +44,7 @@ impl Answer {
 pub(super) fn pair(
     input: &str,
     output: &str,
-    answers: &[Answer],
+    answers: &[MethodAnswer],
     findings: Vec<Finding>,
     sample_time: SampleTime,
     facts: &RecordFacts,
@@ -52,8 +52,9 @@ pub(super) fn pair(
     let by_trust: Vec<_> =
         answers.iter().map(|a| (a.method, &a.estimate, a.predicted_std_s())).collect();
     let verdict = verdict(&by_trust, &findings, sample_time, facts);
-    let estimate =
-        |a: &Answer| Estimate::new(a.method, &a.estimate, a.predicted_std_s(), a.time_s, &findings);
+    let estimate = |a: &MethodAnswer| {
+        Estimate::new(a.method, &a.estimate, a.predicted_std_s(), a.time_s, &findings)
+    };
     let estimates = answers.iter().map(estimate).collect();
     let poor_std_s = poor(answers, &findings, verdict.ci95_s);
     Pair { poor_std_s, findings, ..Pair::new([input, output], estimates, verdict) }
@@ -62,7 +63,11 @@ pub(super) fn pair(
 /// Where the data hardly tell neighbouring delays apart, the best that is to be expected of a method that knows neither gain nor poles and whose answer counts (of any such
 /// method where none does), s: the number that stands in that method's line. Nothing where the believed interval is far narrower than that: the rough model that predicts was
 /// then no model of this plant.
-fn poor(answers: &[Answer], findings: &[Finding], believed_s: Option<[f64; 2]>) -> Option<f64> {
+fn poor(
+    answers: &[MethodAnswer],
+    findings: &[Finding],
+    believed_s: Option<[f64; 2]>,
+) -> Option<f64> {
     // The predictions are of stable plants in open loop.
     if findings
         .iter()
@@ -70,13 +75,13 @@ fn poor(answers: &[Answer], findings: &[Finding], believed_s: Option<[f64; 2]>) 
     {
         return None;
     }
-    let counts = |a: &Answer| {
+    let counts = |a: &MethodAnswer| {
         a.estimate.outcome == Outcome::Found
             && !a.estimate.contradicted
             && distrust(a.method, &a.estimate, findings).is_empty()
     };
-    let of_poles = |a: &&Answer| matches!(a.method.information, Information::Poles(_));
-    let best = |which: &dyn Fn(&Answer) -> bool| {
+    let of_poles = |a: &&MethodAnswer| matches!(a.method.information, Information::Poles(_));
+    let best = |which: &dyn Fn(&MethodAnswer) -> bool| {
         let expected =
             answers.iter().filter(of_poles).filter(|a| which(a)).filter_map(|a| a.predicted);
         expected.max_by(|a, b| a.separation.total_cmp(&b.separation))

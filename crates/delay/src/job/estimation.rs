@@ -3,7 +3,7 @@
 use super::asked::{Job, whole};
 use super::chosen::Ready;
 use super::pair::OnePair;
-use super::seen::Seen;
+use super::seen::PairView;
 use crate::error::{DelayError, Result};
 use crate::estimator::Search;
 use crate::evidence::{Evidence, evidence, impulse_response};
@@ -161,7 +161,7 @@ impl Job {
         logged: &'a Experiment<'_>,
         experiment: &'a Experiment<'_>,
         search: &Search,
-        of: impl Fn(&dyn Fn() -> Result<Seen<'a>>, Option<&Shares>, [usize; 2]) -> Result<T>,
+        of: impl Fn(&dyn Fn() -> Result<PairView<'a>>, Option<&Shares>, [usize; 2]) -> Result<T>,
     ) -> Result<Vec<T>> {
         let mut all = Vec::new();
         for o in 0..self.outputs.len() {

@@ -1,6 +1,6 @@
 //! The estimation between two sequences of event times.
 
-use super::answers::{Answer, pair};
+use super::answers::{MethodAnswer, pair};
 use super::asked::whole;
 use super::chosen::Ready;
 use crate::error::{DelayError, Result};
@@ -77,7 +77,9 @@ impl EventsJob {
         let mut answers = Vec::new();
         for ready in methods {
             stop.check()?;
-            answers.push(Answer::of(ready, None, |r| r.estimator.estimate(&experiment, &search))?);
+            answers.push(MethodAnswer::of(ready, None, |r| {
+                r.estimator.estimate(&experiment, &search)
+            })?);
         }
         let jitter = Jitter::of(&experiment, &search);
         let pair = pair(a, b, &answers, Vec::new(), step, &RecordFacts::default());

@@ -2,10 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::answers::{Answer, pair};
+use super::answers::{MethodAnswer, pair};
 use super::asked::{Feedback, Job};
 use super::chosen::Ready;
-use super::seen::Seen;
+use super::seen::PairView;
 use super::words::{held_verdict, lead_note, taken_off_note, tied_note};
 use crate::conditions::{moving_together, of_the_plant, standing_off};
 use crate::error::{DelayError, Result};
@@ -34,7 +34,7 @@ pub(super) struct OnePair<'a, 'b> {
     /// The methods that look at pairs.
     pub(super) methods: &'b [&'b Ready],
     /// The pair as methods see it.
-    pub(super) seen: Seen<'a>,
+    pub(super) seen: PairView<'a>,
     /// What every input does to the output.
     pub(super) shares: Option<&'b Shares>,
     /// The input and the output, by their numbers.
@@ -100,7 +100,7 @@ impl OnePair<'_, '_> {
         } else if let Some(samples) = leads {
             pair.verdict = Verdict::none(lead_note(input, output, samples, ts));
         } else {
-            let asked = watched::Asked { track: self.job.track, facts };
+            let asked = watched::Wanted { track: self.job.track, facts };
             watched::tell(&mut pair, self.seen.alone(), &search, self.methods, &asked)?;
         }
         self.far.at(1.0, &format_args!("{input} and {output} done"));
@@ -118,7 +118,7 @@ impl OnePair<'_, '_> {
     }
 
     /// Every method's answer. In a loop, what does not withstand feedback sees what is free of it.
-    fn answers(&self, search: &Search, closed: bool) -> Result<Vec<Answer>> {
+    fn answers(&self, search: &Search, closed: bool) -> Result<Vec<MethodAnswer>> {
         let seen = &self.seen;
         let open = if closed {
             open_experiment(&seen.one, search.max_delay, search.bias(0, 0))?
@@ -144,7 +144,7 @@ impl OnePair<'_, '_> {
         };
         let answer = |(ready, predicted): (&&Ready, _)| {
             self.job.stop.check()?;
-            let answer = Answer::of(ready, predicted, estimate)?;
+            let answer = MethodAnswer::of(ready, predicted, estimate)?;
             steps.one_more();
             Ok(answer)
         };

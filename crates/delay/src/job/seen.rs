@@ -11,7 +11,7 @@ use crate::process::shares::{Measured, Shares};
 use deadtime_identify::Record;
 
 /// One pair as methods see it.
-pub(super) struct Seen<'a> {
+pub(super) struct PairView<'a> {
     /// As it was measured, detrended.
     pub(super) one: Experiment<'a>,
     /// Without what other inputs do, where they visibly do something and there is no loop.
@@ -36,7 +36,7 @@ enum Level {
     AsLogged,
 }
 
-impl<'a> Seen<'a> {
+impl<'a> PairView<'a> {
     /// What a method that takes all inputs together sees.
     pub(super) fn all_inputs(&self, start: Start) -> &Experiment<'a> {
         match start {
@@ -68,7 +68,7 @@ impl Job {
         search: &Search,
         (i, o): (usize, usize),
         shares: Option<&Shares>,
-    ) -> Result<Seen<'a>> {
+    ) -> Result<PairView<'a>> {
         let search = search.towards(i, o, self.inputs.len());
         let (one, together) = (experiment.select(i, o)?, experiment.towards(i, o)?);
         let looped = self.looped(&one.pair(0, 0)?, search.max_delay, search.bias(0, 0));
@@ -105,7 +105,7 @@ impl Job {
             Some((rested, Level::BeforeMoving)) => (Some(rested), together.from_rest()),
             Some((rested, Level::AsLogged)) => (Some(rested), Some(logged.towards(i, o)?)),
         };
-        Ok(Seen { rested, freed, together, together_rested, search, looped, one })
+        Ok(PairView { rested, freed, together, together_rested, search, looped, one })
     }
 
     /// The pair measured from where it rested, where that explains it better than its mean: from its level before the inputs moved, or as logged, where that is zero. A

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use nalgebra::DVector;
 
-use super::answers::{Answer, pair};
+use super::answers::{MethodAnswer, pair};
 use super::asked::Job;
 use crate::error::{DelayError, Result};
 use crate::estimate::{DelayEstimate, Outcome};
@@ -46,7 +46,8 @@ impl Job {
                         .unwrap_or_else(|| none(Message::from("no answer for this input"))),
                     Err(e) => none(e.message()),
                 };
-                let answer = Answer { method: ready.method, estimate, predicted: None, time_s };
+                let answer =
+                    MethodAnswer { method: ready.method, estimate, predicted: None, time_s };
                 pairs.push(pair(&input.name, "*", &[answer], Vec::new(), ts, &facts));
             }
         }

@@ -123,12 +123,12 @@ impl PairMethod for Fischer {
 }
 
 /// The spectra of the records, and the pole of their sequences.
-struct Spectra {
+struct LaguerreSpectra {
     records: Vec<Record<'static>>,
     pole: f64,
 }
 
-impl Spectra {
+impl LaguerreSpectra {
     /// The input one sample later: (w + a)/(1 + aw).
     fn delay(&mut self) {
         for record in &mut self.records {
@@ -139,7 +139,7 @@ impl Spectra {
 
 impl Fischer {
     /// The spectra in sequences that fill the longest record, of `longest` samples.
-    fn spectra(&self, records: &[Record], longest: usize) -> Spectra {
+    fn spectra(&self, records: &[Record], longest: usize) -> LaguerreSpectra {
         // Each sequence delays the next by (1 + a)/(1 − a) samples.
         let each = (FILLED * longest as f64 / self.order as f64).max(1.0);
         let pole = (each - 1.0) / (each + 1.0);
@@ -149,7 +149,7 @@ impl Fischer {
             // The zeros of the model, (1 + aw)².
             Record::new(along(&along(&u, [1.0, pole], 0.0), [1.0, pole], 0.0), y)
         };
-        Spectra { records: records.iter().map(spectrum).collect(), pole }
+        LaguerreSpectra { records: records.iter().map(spectrum).collect(), pole }
     }
 }
 

@@ -7,7 +7,7 @@ use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{DelayEstimator, Search};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Condition, Information, Method, method_line};
+use crate::method::{Basis, Information, Method, PREDICTS, method_line};
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
@@ -55,13 +55,7 @@ impl Default for Delayest {
 pub(crate) const METHOD: Method = Method {
     information: Information::Poles(2),
     basis: Basis::Arx,
-    withstands: &[
-        Condition::UnstablePlant,
-        Condition::Feedback,
-        Condition::ColouredNoise,
-        Condition::Dynamics,
-        Condition::MissingOutputs,
-    ],
+    withstands: PREDICTS,
     needs: "a plant of two poles with little noise at the sensor",
     blind_to: "fractions of a sample; noise at the sensor makes it late",
     ..method_line!(

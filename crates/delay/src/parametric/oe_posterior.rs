@@ -4,7 +4,7 @@
 //! are, and N the independent ones among the residuals.
 
 use super::oestruc::Oestruc;
-use super::profile::{Profile, Scan, Weighing, check};
+use super::profile::{OeScan, Profile, Weighing, check};
 use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{NoDelay, PairMethod, PairRecords};
@@ -104,7 +104,7 @@ impl PairMethod for OePosterior {
     }
 
     fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
-        let scan = Scan { name: NAME, orders: self.orders(), max_samples: self.max_samples };
+        let scan = OeScan { name: NAME, orders: self.orders(), max_samples: self.max_samples };
         let Profile { posterior, note, .. } = scan.profile(pair, Weighing::Average)?;
         let weights = &posterior.weights;
         let answer = match self.center {

@@ -2,7 +2,7 @@
 //!
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, y(t) = B(q)/F(q) u(t − nk) + e(t).
 
-use super::profile::{Profile, Scan, Weighing, check, shortened};
+use super::profile::{OeScan, Profile, Weighing, check, shortened};
 use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{NoDelay, PairMethod, PairRecords};
@@ -79,7 +79,7 @@ impl PairMethod for Oestruc {
     }
 
     fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
-        let scan = Scan { name: NAME, orders: self.orders(), max_samples: self.max_samples };
+        let scan = OeScan { name: NAME, orders: self.orders(), max_samples: self.max_samples };
         let Profile { fits, posterior, note, .. } = match scan.profile(pair, Weighing::Best) {
             Ok(profile) => profile,
             Err(NoDelay::Answer(answer)) if self.always_answers => {

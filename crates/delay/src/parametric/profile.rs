@@ -69,7 +69,7 @@ pub(super) fn model(records: &[Record], residuals: &[f64]) -> Vec<f64> {
 const SLOW: f64 = 4.0;
 
 /// An output-error scan over all delays.
-pub(super) struct Scan {
+pub(super) struct OeScan {
     /// The method that asks for it.
     pub(super) name: &'static str,
     /// Orders and start of the models.
@@ -87,7 +87,7 @@ struct Remainder {
     independent: f64,
 }
 
-impl Scan {
+impl OeScan {
     /// The scan, or the answer that takes its place: nothing moves, nothing is seen, many delays fit alike, no minimum.
     pub(super) fn profile<'a>(
         &self,

@@ -4,7 +4,7 @@
 
 use nalgebra::DVector;
 
-use super::profile::{Profile, Scan, Weighing, check};
+use super::profile::{OeScan, Profile, Weighing, check};
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords};
@@ -88,9 +88,9 @@ impl PairMethod for SamplingZero {
 
     fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
         let orders = self.orders();
-        let scan = Scan { name: NAME, orders, max_samples: self.max_samples };
+        let scan = OeScan { name: NAME, orders, max_samples: self.max_samples };
         let profile = scan.profile(pair, Weighing::Best)?;
-        let Some(Reading { raw, std, interval, note }) = read(&orders, &profile) else {
+        let Some(ZeroReading { raw, std, interval, note }) = read(&orders, &profile) else {
             let note = "numerator and pole cannot be told apart on this record";
             return Err(NoDelay::new(Outcome::Singular, note));
         };
@@ -111,7 +111,7 @@ fn as_f64(count: usize) -> f64 {
 }
 
 /// A delay in samples, whole and fraction.
-struct Reading {
+struct ZeroReading {
     raw: f64,
     std: f64,
     interval: [f64; 2],
@@ -180,7 +180,7 @@ fn fraction([b1, b2, p]: [f64; 3]) -> Option<f64> {
 /// Delays with less than this share of the best one's probability are not looked at.
 const SHARE: f64 = 0.05;
 
-fn read(orders: &OutputError, profile: &Profile) -> Option<Reading> {
+fn read(orders: &OutputError, profile: &Profile) -> Option<ZeroReading> {
     let weights = &profile.posterior.weights;
     let least = SHARE * weights.get(profile.posterior.best)?;
     let candidates: Vec<Fraction> = (profile.fits.iter().enumerate())
@@ -206,7 +206,7 @@ fn read(orders: &OutputError, profile: &Profile) -> Option<Reading> {
             format!("the zero asks for {l:.2} of a sample: not one lag and a dead time, but more lags, or an input that is not held")
         });
         // The posterior's own grid is resolved by the fraction; what is left of the standard deviation must not vanish on exact data.
-        return Some(Reading {
+        return Some(ZeroReading {
             raw,
             std: (std * std + spread).sqrt().max(LEAST_STD),
             interval,
@@ -216,7 +216,7 @@ fn read(orders: &OutputError, profile: &Profile) -> Option<Reading> {
     let whole = candidates.iter().rev().find(|c| c.begins).or_else(|| candidates.last())?;
     let raw = as_f64(whole.nk);
     let interval = [raw.min(from), raw.max(to) + 1.0];
-    Some(Reading {
+    Some(ZeroReading {
         raw,
         std: (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt(),
         interval,

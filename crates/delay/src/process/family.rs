@@ -96,9 +96,9 @@ impl Default for Process {
     }
 }
 
-/// One method: its type, its line in the list, and the model that it fits.
+/// The methods, one a line: type, line in the list, name, summary, poles, zero, tolerance, what it withstands, what it is exempt from, and the model that it fits.
 macro_rules! process {
-    ($type:ident, $line:ident, $name:literal, $summary:literal, $poles:literal, $zero:literal, $tolerance:expr, $withstands:expr, $exempt:expr, $model:literal) => {
+    ($($type:ident, $line:ident, $name:literal, $summary:literal, $poles:literal, $zero:literal, $tolerance:expr, $withstands:expr, $exempt:expr, $model:literal;)+) => {$(
         #[doc = $model]
         #[doc = "\n\nOptions, assumptions and failures as [`Process`] has them."]
         #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -127,7 +127,7 @@ macro_rules! process {
                 self.0.others == Others::Regressors && !Shape { poles: $poles, zero: $zero }.whole()
             }
         }
-    };
+    )+};
 }
 
 pub(super) const LAG: &[Condition] =
@@ -191,83 +191,20 @@ pub(super) const OVERSIZED: &[(Law, &str)] = &[
 pub(super) const WITH_ZERO: &[Condition] =
     &[Condition::Dynamics, Condition::MissingOutputs, Condition::OtherInputs];
 
-process!(
-    P1d,
-    P1D,
-    "p1d",
-    "continuous model of one pole, fractional dead time",
-    1,
-    false,
-    0.1,
-    LAG,
-    CONTINUOUS,
-    "K/(1 + T₁s)·e^(−τs)."
-);
-
-process!(
-    P2d,
-    P2D,
-    "p2d",
-    "continuous model of two poles, fractional dead time: the finest answer on open-loop data",
-    2,
-    false,
-    0.1,
-    LAGS,
-    SECOND_POLE,
-    "K/((1 + T₁s)(1 + T₂s))·e^(−τs)."
-);
-
-process!(
-    P3d,
-    P3D,
-    "p3d",
-    "continuous model of three poles, fractional dead time",
-    3,
-    false,
-    0.1,
-    LAGS,
-    THIRD_POLE,
-    "K/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs)."
-);
-
-process!(
-    P1dz,
-    P1DZ,
-    "p1dz",
-    "continuous model of one pole and a zero (a direct path), fractional dead time",
-    1,
-    true,
-    WHOLE,
-    LAG_WITH_ZERO,
-    CONTINUOUS,
-    "K(1 + T_z·s)/(1 + T₁s)·e^(−τs)."
-);
-
-process!(
-    P2dz,
-    P2DZ,
-    "p2dz",
-    "continuous model of two poles and a zero, fractional dead time",
-    2,
-    true,
-    1.0,
-    WITH_ZERO,
-    NEARLY_FLAT,
-    "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s))·e^(−τs)."
-);
-
-process!(
-    P3dz,
-    P3DZ,
-    "p3dz",
-    "continuous model of three poles and a zero, fractional dead time",
-    3,
-    true,
-    1.0,
-    WITH_ZERO,
-    OVERSIZED,
-    "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs)."
-);
+process! {
+    P1d, P1D, "p1d", "continuous model of one pole, fractional dead time",
+        1, false, 0.1, LAG, CONTINUOUS, "K/(1 + T₁s)·e^(−τs).";
+    P2d, P2D, "p2d", "continuous model of two poles, fractional dead time: the finest answer on open-loop data",
+        2, false, 0.1, LAGS, SECOND_POLE, "K/((1 + T₁s)(1 + T₂s))·e^(−τs).";
+    P3d, P3D, "p3d", "continuous model of three poles, fractional dead time",
+        3, false, 0.1, LAGS, THIRD_POLE, "K/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs).";
+    P1dz, P1DZ, "p1dz", "continuous model of one pole and a zero (a direct path), fractional dead time",
+        1, true, WHOLE, LAG_WITH_ZERO, CONTINUOUS, "K(1 + T_z·s)/(1 + T₁s)·e^(−τs).";
+    P2dz, P2DZ, "p2dz", "continuous model of two poles and a zero, fractional dead time",
+        2, true, 1.0, WITH_ZERO, NEARLY_FLAT, "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s))·e^(−τs).";
+    P3dz, P3DZ, "p3dz", "continuous model of three poles and a zero, fractional dead time",
+        3, true, 1.0, WITH_ZERO, OVERSIZED, "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs).";
+}
 
 impl Process {
     fn run(

@@ -601,7 +601,7 @@ impl<'a> Problem<'a> {
         let row =
             |theta: Vec<f64>| (!self.stop.is_set()).then(|| (theta.clone(), self.profile(&theta)));
         let Some(table) =
-            self.table().into_iter().map(row).collect::<Option<Vec<(Vec<f64>, Profile)>>>()
+            self.table().into_iter().map(row).collect::<Option<Vec<(Vec<f64>, CostProfile)>>>()
         else {
             return Vec::new();
         };
@@ -698,7 +698,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The cost at every half sample for given poles, out of one filter pass and its correlations with the output; starts other than rest do not count here.
-    fn profile(&self, theta: &[f64]) -> Profile {
+    fn profile(&self, theta: &[f64]) -> CostProfile {
         let chain = Chain::new(self.shape, theta);
         let lags = self.max_delay + 1;
         // Only the states before the derivatives' own, and the input.
@@ -767,7 +767,7 @@ fn keep(minima: &mut Vec<Found>, found: Option<Found>) {
 }
 
 /// Costs by delay, in the order of the delays.
-type Profile = Vec<(Place, f64)>;
+type CostProfile = Vec<(Place, f64)>;
 
 /// Tolerance of a search that only has to find the valley.
 const COARSE: f64 = 1e-5;

@@ -12,7 +12,7 @@ use super::fit::{Found, Place, Problem, answer, combine};
 use super::guesses::guesses;
 use super::integrator::Integrator;
 use super::solved::Solved;
-use super::structure::{Numbers, Structure, Units, sampled};
+use super::structure::{Numbers, ProcessStructure, ProcessUnits, sampled};
 use crate::estimate::{DelayEstimate, Outcome};
 use deadtime_identify::subspace::{Draws, Identified, Recordings};
 use deadtime_identify::{
@@ -99,7 +99,7 @@ impl<const POLES: usize, const ZERO: bool, const INTEGRATES: bool> Identifier
 {
     fn identify(&self, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError> {
         self.0.identify(
-            Structure { poles: POLES, zero: ZERO, integrates: INTEGRATES },
+            ProcessStructure { poles: POLES, zero: ZERO, integrates: INTEGRATES },
             recordings,
             far,
         )
@@ -109,7 +109,7 @@ impl<const POLES: usize, const ZERO: bool, const INTEGRATES: bool> Identifier
 impl ProcessOptions {
     fn identify(
         &self,
-        structure: Structure,
+        structure: ProcessStructure,
         recordings: &Recordings,
         far: &HowFar,
     ) -> Result<Identified, IdentifyError> {
@@ -140,7 +140,7 @@ impl ProcessOptions {
             ));
         };
         let spread = Spread::of(self, structure, step, &solved, covariance);
-        let units = Units {
+        let units = ProcessUnits {
             input: used.inputs[0].unit.as_deref(),
             output: used.outputs[0].unit.as_deref(),
             integrates: structure.integrates,
@@ -203,7 +203,7 @@ impl ProcessOptions {
     /// The fit in a window that doubles, up to `most`, while the dead time may be the longest in it; and that window.
     fn widened(
         &self,
-        structure: Structure,
+        structure: ProcessStructure,
         records: &[Record<'static>],
         [mut max_delay, most]: [usize; 2],
         mean: f64,
@@ -229,7 +229,7 @@ impl ProcessOptions {
 
     fn solve(
         &self,
-        structure: Structure,
+        structure: ProcessStructure,
         records: &[Record<'static>],
         max_delay: usize,
         mean: f64,
@@ -357,7 +357,7 @@ fn heads(used: &Recordings) -> Vec<Record<'static>> {
 /// A fit with models drawn from its covariance.
 struct Spread<'a> {
     options: &'a ProcessOptions,
-    structure: Structure,
+    structure: ProcessStructure,
     step: SampleTime,
     solved: &'a Solved,
     best: Numbers,
@@ -369,7 +369,7 @@ struct Spread<'a> {
 impl<'a> Spread<'a> {
     fn of(
         options: &'a ProcessOptions,
-        structure: Structure,
+        structure: ProcessStructure,
         step: SampleTime,
         solved: &'a Solved,
         covariance: &DMatrix<f64>,
@@ -403,7 +403,7 @@ impl<'a> Spread<'a> {
     }
 
     /// Every number with its spread, `mean` being the operating input.
-    fn parameters(&self, units: &Units<'_>, mean: f64) -> Vec<Parameter> {
+    fn parameters(&self, units: &ProcessUnits<'_>, mean: f64) -> Vec<Parameter> {
         let Self { structure, best, wider, .. } = self;
         let complex = best.is_complex();
         let list = |n: &Numbers| n.list(*structure, complex);
@@ -453,7 +453,7 @@ fn late(fitted: &Fitted<'_>, records: &[Record], skip: usize) -> f64 {
 
 /// All numbers of a fit with the derivatives by them.
 fn finished(
-    structure: Structure,
+    structure: ProcessStructure,
     fitted: Fitted<'_>,
     records: &[Record],
     initial: Initial,

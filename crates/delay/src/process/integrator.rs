@@ -148,7 +148,7 @@ impl Integrator<'_> {
 
     /// Model and derivatives for a delay of `delay` − g samples; slopes by ln T where there is a T, then by g.
     fn signals(&self, delay: usize, g: f64, lag: Option<f64>) -> Option<Signals> {
-        let Columns { linear, by_lag, by_g, y } = self.columns(delay, g, lag)?;
+        let IntegratorColumns { linear, by_lag, by_g, y } = self.columns(delay, g, lag)?;
         let total = y.len();
         let each = if lag.is_some() { 2 } else { 1 };
         let (inverse, coefficients) = project(&linear, &y)?;
@@ -171,7 +171,7 @@ impl Integrator<'_> {
     }
 
     /// What the outputs are made of.
-    fn columns(&self, delay: usize, g: f64, lag: Option<f64>) -> Option<Columns> {
+    fn columns(&self, delay: usize, g: f64, lag: Option<f64>) -> Option<IntegratorColumns> {
         let counted: Vec<usize> = self.records.iter().map(|r| r.len() - self.first(r)).collect();
         let total: usize = counted.iter().sum();
         let each = if lag.is_some() { 2 } else { 1 };
@@ -213,12 +213,12 @@ impl Integrator<'_> {
             }
             from += counted[number];
         }
-        Some(Columns { linear, by_lag, by_g, y })
+        Some(IntegratorColumns { linear, by_lag, by_g, y })
     }
 }
 
 /// What the outputs are made of, all records in a row, and the outputs.
-struct Columns {
+struct IntegratorColumns {
     /// The response, time, and of each record its level and decay.
     linear: Vec<Vec<f64>>,
     /// Derivatives by ln T of the response and of each record's decay.

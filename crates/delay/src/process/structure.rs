@@ -9,7 +9,7 @@ use nalgebra::DMatrix;
 
 /// What is fitted.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Structure {
+pub(super) struct ProcessStructure {
     pub(super) poles: usize,
     pub(super) zero: bool,
     pub(super) integrates: bool,
@@ -27,7 +27,7 @@ pub(super) struct Numbers {
     pub(super) offset: f64,
 }
 
-impl Structure {
+impl ProcessStructure {
     /// The name of the method that fits it.
     pub(super) fn method(self) -> &'static str {
         match (self.integrates, self.poles, self.zero) {
@@ -94,7 +94,11 @@ impl Numbers {
     }
 
     /// Names, values and units of time or gain, in the order of the report.
-    pub(super) fn list(&self, structure: Structure, complex: bool) -> Vec<(&'static str, f64)> {
+    pub(super) fn list(
+        &self,
+        structure: ProcessStructure,
+        complex: bool,
+    ) -> Vec<(&'static str, f64)> {
         let [sum, product] = self.lags;
         let mut list = vec![("K", self.gain)];
         match (structure.poles, complex) {
@@ -117,7 +121,7 @@ impl Numbers {
     }
 
     /// The model in continuous time; `None` where the numbers make none.
-    pub(super) fn system(&self, structure: Structure) -> Option<StateSpace<Continuous>> {
+    pub(super) fn system(&self, structure: ProcessStructure) -> Option<StateSpace<Continuous>> {
         let ([sum, product], gain) = (self.lags, self.gain);
         let (a, b, c, d) = match (structure.poles, structure.integrates) {
             (0, _) => (vec![0.0], vec![1.0], vec![gain], 0.0),
@@ -170,13 +174,13 @@ pub(super) fn sampled(
 }
 
 /// Units of what a process model has.
-pub(super) struct Units<'a> {
+pub(super) struct ProcessUnits<'a> {
     pub(super) input: Option<&'a str>,
     pub(super) output: Option<&'a str>,
     pub(super) integrates: bool,
 }
 
-impl Units<'_> {
+impl ProcessUnits<'_> {
     /// The unit of a number, by its name.
     pub(super) fn of(&self, name: &str) -> Option<String> {
         match name {

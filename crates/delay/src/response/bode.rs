@@ -87,7 +87,7 @@ impl ResponseEstimator for BodePhase {
             );
             return without(Outcome::NotVisible, note);
         }
-        let Line { tau, rest, squares } = phases.line(step * at as f64);
+        let PhaseLine { tau, rest, squares } = phases.line(step * at as f64);
         let (total, freedom) = (phases.total, (count - 1.0).max(1.0));
         // The variance of a phase of mean weight; errors that follow each other, as the straight lines' do, are counted as a quarter as many.
         let noise = (4.0 * rest / total * count / freedom * total / count / squares).sqrt();
@@ -127,7 +127,7 @@ struct Phases<'a> {
 }
 
 /// The straight line through the phases, in radians: its slope, what it leaves, and Σ weight·ω².
-struct Line {
+struct PhaseLine {
     tau: f64,
     rest: f64,
     squares: f64,
@@ -161,7 +161,7 @@ impl<'a> Phases<'a> {
     }
 
     /// Around the best of the grid the phases are small: a straight line through them.
-    fn line(&self, mut tau: f64) -> Line {
+    fn line(&self, mut tau: f64) -> PhaseLine {
         let (mut rest, mut squares) = (0.0, 1.0);
         for _ in 0..4 {
             let sign = self.sum(tau).signum();
@@ -175,7 +175,7 @@ impl<'a> Phases<'a> {
             tau -= along / power;
             (rest, squares) = (about, power);
         }
-        Line { tau, rest, squares }
+        PhaseLine { tau, rest, squares }
     }
 }
 

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch, ends};
-use super::fraction::{Fitted, Orders, Points, zeros};
+use super::fraction::{FittedFraction, Orders, Points, zeros};
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::options;
@@ -85,7 +85,7 @@ const SMOOTH: f64 = 0.6;
 
 /// A minimum with its weighting and its criterion.
 struct Minimum {
-    fitted: Fitted,
+    fitted: FittedFraction,
     weighting: usize,
     /// Standard deviation of the delay.
     std: f64,
@@ -159,7 +159,12 @@ impl Asked<'_> {
     }
 
     /// The minima of every order under every weighting, `end` being the last frequency.
-    fn fits(&self, weightings: &[Points], delays: &[f64], end: f64) -> Vec<(usize, Fitted)> {
+    fn fits(
+        &self,
+        weightings: &[Points],
+        delays: &[f64],
+        end: f64,
+    ) -> Vec<(usize, FittedFraction)> {
         let stride = stride(self.response, self.search);
         let most = self.poles;
         let orders: Vec<(usize, Orders)> = (0..weightings.len())
@@ -167,7 +172,7 @@ impl Asked<'_> {
             .flat_map(|(w, poles)| (0..=poles).map(move |zeros| (w, Orders { poles, zeros })))
             .collect();
         // Beyond the band a zero in the right half-plane is nothing but delay, and is taken for it.
-        let beyond = |f: &Fitted| zeros(f).iter().any(|z| z.re > 0.0 && z.norm() > end);
+        let beyond = |f: &FittedFraction| zeros(f).iter().any(|z| z.re > 0.0 && z.norm() > end);
         orders
             .par_iter()
             .flat_map_iter(|(w, orders)| {
@@ -227,7 +232,7 @@ fn orders_note(Orders { poles, zeros }: Orders) -> String {
 }
 
 /// What (1 − s/z)/(1 + s/z) turns at low frequencies.
-fn turned_note(fitted: &Fitted, unit: f64) -> Option<String> {
+fn turned_note(fitted: &FittedFraction, unit: f64) -> Option<String> {
     let right: Vec<f64> = zeros(fitted)
         .into_iter()
         .filter(|z| z.re > 1e-9 * z.norm())
@@ -307,14 +312,14 @@ fn smoothed(h: &[Complex<f64>]) -> Vec<f64> {
 /// The minima by their criterion, the best first; `share` of the numbers are independent.
 fn weighed(
     weightings: &[Points],
-    fits: Vec<(usize, Fitted)>,
+    fits: Vec<(usize, FittedFraction)>,
     numbers: f64,
     share: f64,
 ) -> Vec<Minimum> {
     let logs: Vec<f64> =
         weightings.iter().map(|p| p.w.iter().map(|w| w.ln()).sum::<f64>()).collect();
     let floors: Vec<f64> = weightings.iter().map(|p| posterior::ROUNDING * p.power()).collect();
-    let minimum = |(weighting, fitted): (usize, Fitted)| {
+    let minimum = |(weighting, fitted): (usize, FittedFraction)| {
         let (log, floor) = (logs.get(weighting)?, floors.get(weighting)?);
         let cost = fitted.cost.max(*floor).max(f64::MIN_POSITIVE);
         let parameters = fitted.coefficients.len() as f64 + 1.0;

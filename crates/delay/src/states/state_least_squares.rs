@@ -315,7 +315,7 @@ impl StateLeastSquares {
         let explained = (1.0 - refined.residual / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let gain = freedom * -(1.0 - explained_by_all).max(1e-300).ln();
         let visible = gain >= posterior::visible_gain(parameters, 1);
-        let found = Found {
+        let found = OfAllInputs {
             lags,
             gamma,
             inverse,
@@ -357,7 +357,7 @@ fn largest(coefficients: &[f64]) -> usize {
 }
 
 /// What the data say of all inputs together.
-struct Found {
+struct OfAllInputs {
     lags: usize,
     /// Coefficients, all lags of one input after those of another, and the inverse of their Gram matrix.
     gamma: DVector<f64>,
@@ -374,7 +374,7 @@ struct Found {
     visible: bool,
 }
 
-impl Found {
+impl OfAllInputs {
     fn coefficients(&self, j: usize) -> &[f64] {
         &self.gamma.as_slice()[j * self.lags..(j + 1) * self.lags]
     }

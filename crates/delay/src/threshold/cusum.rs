@@ -8,7 +8,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
-use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
+use super::response::{
+    EstimatedResponse, Prewindow, Records, ResponseKind, misfits, onset, response,
+};
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, options};
@@ -100,7 +102,7 @@ impl PairMethod for Cusum {
     }
 
     fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
-        self.change("cusum", Kind::Impulse, pair)
+        self.change("cusum", ResponseKind::Impulse, pair)
     }
 }
 
@@ -122,7 +124,7 @@ impl Cusum {
     pub(super) fn change(
         &self,
         name: &'static str,
-        kind: Kind,
+        kind: ResponseKind,
         pair: &PairRecords,
     ) -> Result<DelayEstimate, NoDelay> {
         let max_delay = pair.max_delay;
@@ -194,7 +196,7 @@ fn cusum(z: &[f64], drift: f64, level: f64) -> Option<Run> {
 const DRAWS: usize = 2000;
 
 /// The level that noise alone exceeds with this probability, for errors correlated as the response's are; by drawing them.
-fn alarm_level(response: &Response, samples: usize, drift: f64, probability: f64) -> f64 {
+fn alarm_level(response: &EstimatedResponse, samples: usize, drift: f64, probability: f64) -> f64 {
     let mut correlation: DMatrix<f64> =
         response.correlation.view((0, 0), (samples, samples)).into_owned();
     for i in 0..samples {
@@ -254,7 +256,7 @@ mod tests {
         use statrs::distribution::{ContinuousCDF, Normal};
         let n = 30;
         let none = DVector::zeros(n);
-        let response = Response {
+        let response = EstimatedResponse {
             values: none.clone(),
             std: none.clone(),
             each: [none.clone(), none],
@@ -272,7 +274,8 @@ mod tests {
         // Correlated errors add up further.
         let slow = DMatrix::from_fn(n, n, |i, j| 0.95_f64.powi((i as i32 - j as i32).abs()));
         assert!(
-            alarm_level(&Response { correlation: slow, ..response }, n, drift, 0.05) > level + 1.0
+            alarm_level(&EstimatedResponse { correlation: slow, ..response }, n, drift, 0.05)
+                > level + 1.0
         );
     }
 }

@@ -3,7 +3,7 @@
 //! Equation: z = s/σ_s, s(i) = Σ ĥ(k) over k ≤ i; g⁺(i) = max(0, g⁺(i − 1) + z(i) − ν), g⁻ alike for −z; alarm at the first i where either exceeds h.
 
 use super::cusum::Cusum;
-use super::response::Kind;
+use super::response::ResponseKind;
 use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{NoDelay, PairMethod, PairRecords};
@@ -60,6 +60,6 @@ impl PairMethod for CusumStep {
     }
 
     fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
-        self.0.change("cusum_step", Kind::Step, pair)
+        self.0.change("cusum_step", ResponseKind::Step, pair)
     }
 }

@@ -4,7 +4,9 @@
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
+use super::response::{
+    EstimatedResponse, Prewindow, Records, ResponseKind, misfits, onset, response,
+};
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, options};
@@ -86,7 +88,7 @@ impl PairMethod for Threshold {
     }
 
     fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
-        let response = self.response("threshold", Kind::Impulse, pair)?;
+        let response = self.response("threshold", ResponseKind::Impulse, pair)?;
         self.crossing(&response, true, pair)
     }
 }
@@ -108,9 +110,9 @@ impl Threshold {
     pub(super) fn response(
         &self,
         name: &'static str,
-        kind: Kind,
+        kind: ResponseKind,
         pair: &PairRecords,
-    ) -> Result<Response, NoDelay> {
+    ) -> Result<EstimatedResponse, NoDelay> {
         let taps = self.taps.max(pair.max_delay + 1);
         response(name, kind, pair.records, taps, (self.records, self.prewindow))
     }
@@ -118,7 +120,7 @@ impl Threshold {
     /// The first sample above the threshold; a response that `settles` must have died out behind it.
     pub(super) fn crossing(
         &self,
-        response: &Response,
+        response: &EstimatedResponse,
         settles: bool,
         pair: &PairRecords,
     ) -> Result<DelayEstimate, NoDelay> {

@@ -37,7 +37,7 @@ pub enum Prewindow {
 const STILL: usize = 10;
 
 /// A response, its standard deviations and the correlation of its errors.
-pub(super) struct Response {
+pub(super) struct EstimatedResponse {
     pub(super) values: DVector<f64>,
     pub(super) std: DVector<f64>,
     /// The coefficients behind it and their standard deviations: the response to an impulse.
@@ -50,7 +50,7 @@ pub(super) struct Response {
 
 /// What the answer is made from.
 #[derive(Clone, Copy)]
-pub(super) enum Kind {
+pub(super) enum ResponseKind {
     /// The response to an impulse.
     Impulse,
     /// The response to a step: the running sum.
@@ -60,11 +60,11 @@ pub(super) enum Kind {
 /// The averaged response of the records.
 pub(super) fn response(
     name: &'static str,
-    kind: Kind,
+    kind: ResponseKind,
     records: &[Record],
     taps: usize,
     (together, prewindow): (Records, Prewindow),
-) -> Result<Response, NoDelay> {
+) -> Result<EstimatedResponse, NoDelay> {
     // Two rows more than coefficients.
     let needed = taps + 2 + if prewindow == Prewindow::Rest { 0 } else { taps - 1 };
     let got = records.iter().map(Record::len).max().unwrap_or(0);
@@ -87,17 +87,17 @@ pub(super) fn response(
             let at_rest = (together, Prewindow::Rest);
             let note = "the rows after the first do not excite every coefficient: the input, still at first, was taken to have stood there before";
             let response = response(name, kind, records, taps, at_rest)?;
-            Ok(Response { note: Some(note.to_owned()), ..response })
+            Ok(EstimatedResponse { note: Some(note.to_owned()), ..response })
         }
         responses => Ok(averaged(responses?)),
     }
 }
 
-fn one(kind: Kind, fir: &Fir) -> Response {
+fn one(kind: ResponseKind, fir: &Fir) -> EstimatedResponse {
     let taps = fir.coefficients.len();
     let (values, covariance) = match kind {
-        Kind::Impulse => (fir.coefficients.clone(), fir.covariance.clone()),
-        Kind::Step => {
+        ResponseKind::Impulse => (fir.coefficients.clone(), fir.covariance.clone()),
+        ResponseKind::Step => {
             let sum = DMatrix::from_fn(taps, taps, |i, j| f64::from(u8::from(j <= i)));
             (&sum * &fir.coefficients, &sum * &fir.covariance * sum.transpose())
         }
@@ -107,16 +107,16 @@ fn one(kind: Kind, fir: &Fir) -> Response {
         covariance[(i, j)] / (std[i] * std[j]).max(f64::MIN_POSITIVE)
     });
     let each = [fir.coefficients.clone(), fir.covariance.diagonal().map(|v| v.max(0.0).sqrt())];
-    Response { values, std, each, correlation, freedom: fir.rows - taps, note: None }
+    EstimatedResponse { values, std, each, correlation, freedom: fir.rows - taps, note: None }
 }
 
 /// Mean response and mean standard deviation over records.
-fn averaged(responses: Vec<Response>) -> Response {
+fn averaged(responses: Vec<EstimatedResponse>) -> EstimatedResponse {
     let share = 1.0 / responses.len().max(1) as f64;
     let mut all = responses.into_iter();
     let Some(mut sum) = all.next() else {
         let none = DVector::zeros(0);
-        return Response {
+        return EstimatedResponse {
             values: none.clone(),
             std: none.clone(),
             each: [none.clone(), none],

@@ -3,7 +3,7 @@
 //! Equation: s(i) = Σ ĥ(k) over k ≤ i, σ_s(i) its standard deviation; τ̂ = Ts·min { i : |s(i)| > h·σ_s(i) }.
 
 use super::impulse::Threshold;
-use super::response::Kind;
+use super::response::ResponseKind;
 use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{NoDelay, PairMethod, PairRecords};
@@ -43,7 +43,7 @@ impl PairMethod for Step {
     }
 
     fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
-        let response = self.0.response("threshold_step", Kind::Step, pair)?;
+        let response = self.0.response("threshold_step", ResponseKind::Step, pair)?;
         // The running sum gathers slow noise as it gathers a response; whether there is one at all is for a test that whitens it.
         pair.visible()?;
         self.0.crossing(&response, false, pair)

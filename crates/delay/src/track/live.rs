@@ -97,11 +97,11 @@ pub enum Told {
 #[derive(Debug, Clone)]
 pub struct Live {
     options: LiveOptions,
-    stage: Stage,
+    stage: LiveStage,
 }
 
 #[derive(Debug, Clone)]
-enum Stage {
+enum LiveStage {
     First(Vec<Sample>),
     Running(Box<Running>),
 }
@@ -144,7 +144,7 @@ impl Live {
     /// Nothing was seen.
     #[must_use]
     pub fn new(options: LiveOptions) -> Self {
-        Self { options, stage: Stage::First(Vec::new()) }
+        Self { options, stage: LiveStage::First(Vec::new()) }
     }
 
     /// Takes a row: its time, s, later than that of the row before; the command and the response, `None` where they are missing.
@@ -160,7 +160,7 @@ impl Live {
         let sample = Sample { time_s, u, y };
         let mut told = Vec::new();
         match &mut self.stage {
-            Stage::First(first) => {
+            LiveStage::First(first) => {
                 first.push(sample);
                 if first.len() >= FIRST {
                     let first = std::mem::take(first);
@@ -168,29 +168,29 @@ impl Live {
                     for sample in first {
                         running.take(sample, &mut told)?;
                     }
-                    self.stage = Stage::Running(Box::new(running));
+                    self.stage = LiveStage::Running(Box::new(running));
                 }
             }
-            Stage::Running(running) => running.take(sample, &mut told)?,
+            LiveStage::Running(running) => running.take(sample, &mut told)?,
         }
         Ok(told)
     }
 
     /// Forgets everything: the recorder began again.
     pub fn restart(&mut self) {
-        self.stage = Stage::First(Vec::new());
+        self.stage = LiveStage::First(Vec::new());
     }
 
     /// Rows between two samples of the grid, which were left out.
     #[must_use]
     pub fn extra(&self) -> u64 {
-        if let Stage::Running(running) = &self.stage { running.extra } else { 0 }
+        if let LiveStage::Running(running) = &self.stage { running.extra } else { 0 }
     }
 
     /// The response is learnt.
     #[must_use]
     pub fn has_learnt(&self) -> bool {
-        matches!(&self.stage, Stage::Running(r) if r.told.is_some() || r.alarmed.is_some())
+        matches!(&self.stage, LiveStage::Running(r) if r.told.is_some() || r.alarmed.is_some())
     }
 }
 

@@ -1,16 +1,14 @@
 //! Parameters of a model file, matched to an identified model.
 
 use super::error::MatchingError;
+use super::norms::{self, At, NORMS, Norm};
 use super::options::Matching;
-use super::problem::{Descent, Parts, Problem};
+use super::problem::{Descent, MatchProblem, Parts};
 use super::structure::{Free, Structure};
-use super::system::{Response, System};
+use super::system::{GainMatrix, System};
 use super::target::Target;
-use super::{grid, norm, problem, structure};
+use super::{grid, problem, structure};
 use crate::error::Result;
-use crate::matching::norm::criterion::At;
-use crate::matching::norm::criterion::Norm;
-use crate::matching::norm::norms::NORMS;
 use crate::structured::known::{Known, RESOLVED, Standing, Unseen, standing};
 use deadtime_model::{EquationsFile, NuGap, Peak};
 use deadtime_signal::stats::interval95;
@@ -160,12 +158,12 @@ impl Matching {
     /// # Errors
     /// [`MatchingError`]; [`deadtime_model::ModelError`] for equations that do not compile; [`deadtime_signal::registry::RegistryError`] for an unknown norm.
     pub fn fit(&self, file: &EquationsFile, target: &Target) -> Result<Matched> {
-        let norm = norm::norms::norm(&self.norm)?;
+        let norm = norms::norm(&self.norm)?;
         let structure = Structure::new(self, file, target)?;
         let band = grid::band(&structure.target, target.lowest_rad_s, self.band)?;
         let omegas = grid::frequencies(&structure.target, band);
         let no_response = || MatchingError::NoResponse { model: file.name.clone() };
-        let mut problem = Problem {
+        let mut problem = MatchProblem {
             structure: &structure,
             at: points(&structure, &omegas).ok_or_else(no_response)?,
             omegas,
@@ -243,7 +241,7 @@ impl Matched {
     }
 }
 
-impl Problem<'_> {
+impl MatchProblem<'_> {
     /// The search again with the frequencies between those of the grid at which the difference is larger.
     fn refined(&mut self, norm: &Norm, mut found: Descent, band: [f64; 2]) -> Option<Descent> {
         for _ in 0..ADDED {
@@ -305,8 +303,8 @@ pub(super) fn points(structure: &Structure<'_>, omegas: &[f64]) -> Option<Vec<At
 pub(super) fn deviations(
     structure: &Structure<'_>,
     omegas: &[f64],
-    target: &[Response],
-) -> Option<Vec<Vec<Response>>> {
+    target: &[GainMatrix],
+) -> Option<Vec<Vec<GainMatrix>>> {
     let of = |moved: &System| {
         let moved = structure::finite_responses(moved, omegas)?;
         Some(target.iter().zip(&moved).map(|(g, h)| Target::slope(g, h)).collect())
@@ -315,7 +313,7 @@ pub(super) fn deviations(
 }
 
 /// Each parameter's size: its own value, or, for one that is 0, what moves the response as far as it is large.
-pub(super) fn sizes(problem: &Problem<'_>) -> Option<Vec<f64>> {
+pub(super) fn sizes(problem: &MatchProblem<'_>) -> Option<Vec<f64>> {
     let nominal = &problem.structure.nominal;
     // A delay of half a radian at the end of the band is well seen there, and linear.
     let late = 0.5 / problem.omegas.last()?;
@@ -328,7 +326,7 @@ pub(super) fn sizes(problem: &Problem<'_>) -> Option<Vec<f64>> {
             (v, _) => v.abs(),
         })
         .collect();
-    let trial = Problem {
+    let trial = MatchProblem {
         structure: problem.structure,
         omegas: problem.omegas.clone(),
         at: points(problem.structure, &problem.omegas)?,
@@ -348,7 +346,7 @@ pub(super) fn sizes(problem: &Problem<'_>) -> Option<Vec<f64>> {
     Some(first.iter().enumerate().map(of).collect())
 }
 
-pub(super) fn grid_gain(problem: &Problem<'_>, z: &[f64]) -> Option<Peak> {
+pub(super) fn grid_gain(problem: &MatchProblem<'_>, z: &[f64]) -> Option<Peak> {
     let sys = problem.structure.system(&problem.values(z)).ok()?;
     let gains = problem.omegas.iter().zip(&problem.at).map(|(&omega_rad_s, at)| {
         let gain = (sys.response(omega_rad_s) - &at.target).singular_values().max();
@@ -357,7 +355,7 @@ pub(super) fn grid_gain(problem: &Problem<'_>, z: &[f64]) -> Option<Peak> {
     gains.max_by(|a, b| a.gain.total_cmp(&b.gain))
 }
 
-pub(super) fn largest_gain(problem: &Problem<'_>, z: &[f64], band: [f64; 2]) -> Result<Gain> {
+pub(super) fn largest_gain(problem: &MatchProblem<'_>, z: &[f64], band: [f64; 2]) -> Result<Gain> {
     let sys = problem.structure.system(&problem.values(z))?;
     let (found, exact) = match problem.structure.target.farthest(&sys, band) {
         Some(peak) => (peak, true),
@@ -369,7 +367,7 @@ pub(super) fn largest_gain(problem: &Problem<'_>, z: &[f64], band: [f64; 2]) -> 
     Ok(Gain { gain: found.gain, omega_rad_s: found.omega_rad_s, exact })
 }
 
-pub(super) fn misfit(problem: &Problem<'_>, z: &[f64], target: &Target) -> Option<Misfit> {
+pub(super) fn misfit(problem: &MatchProblem<'_>, z: &[f64], target: &Target) -> Option<Misfit> {
     let sys = problem.structure.system(&problem.values(z)).ok()?;
     let mut worst = (0.0, 0, 0, 0);
     for (k, (at, &omega)) in problem.at.iter().zip(&problem.omegas).enumerate() {
@@ -389,13 +387,17 @@ pub(super) fn misfit(problem: &Problem<'_>, z: &[f64], target: &Target) -> Optio
 }
 
 /// The responses of both models, pair by pair.
-pub(super) fn compared(problem: &Problem<'_>, z: &[f64], target: &Target) -> Option<Vec<Compared>> {
+pub(super) fn compared(
+    problem: &MatchProblem<'_>,
+    z: &[f64],
+    target: &Target,
+) -> Option<Vec<Compared>> {
     let structure = problem.structure;
     let of = |values: &[f64]| {
         structure::finite_responses(&structure.system(values).ok()?, &problem.omegas)
     };
     let (nominal, found) = (of(&structure.nominal)?, of(&problem.values(z))?);
-    let identified: Vec<Response> = problem.at.iter().map(|at| at.target.clone()).collect();
+    let identified: Vec<GainMatrix> = problem.at.iter().map(|at| at.target.clone()).collect();
     let deviations = deviations(structure, &problem.omegas, &identified)?;
     let parts = |v: Complex<f64>| [v.re, v.im];
     let mut all = Vec::new();
@@ -429,7 +431,7 @@ pub(super) fn compared(problem: &Problem<'_>, z: &[f64], target: &Target) -> Opt
 
 /// Standard deviations from the identified model's, what cannot be had, and whether each value can be taken for the quantity.
 pub(super) fn know(
-    problem: &Problem<'_>,
+    problem: &MatchProblem<'_>,
     norm: &Norm,
     found: &Descent,
     answer: &mut Matched,
@@ -439,7 +441,7 @@ pub(super) fn know(
     let information = problem::normal(&parts, 2.0).information;
     let eigen = SymmetricEigen::new(information.clone());
     let most = eigen.eigenvalues.max();
-    let target: Vec<Response> = problem.at.iter().map(|at| at.target.clone()).collect();
+    let target: Vec<GainMatrix> = problem.at.iter().map(|at| at.target.clone()).collect();
     let deviations = deviations(structure, &problem.omegas, &target)?;
     let mut covariance = if norm.powers == [2.0] {
         to_first_order(problem, norm, &parts, &deviations, &eigen)
@@ -509,10 +511,10 @@ pub(super) fn know(
 
 /// The covariance of a sum of squares: to first order the minimum moves by H⁻¹Jᵀ of what the difference moves by.
 fn to_first_order(
-    problem: &Problem<'_>,
+    problem: &MatchProblem<'_>,
     norm: &Norm,
     parts: &Parts,
-    deviations: &[Vec<Response>],
+    deviations: &[Vec<GainMatrix>],
     eigen: &SymmetricEigen<f64, nalgebra::Dyn>,
 ) -> DMatrix<f64> {
     let count = eigen.eigenvalues.len();
@@ -538,10 +540,10 @@ fn to_first_order(
 
 /// The covariance where the largest value is no smooth function of the response: the match is made again for models as the noise would have made them.
 fn of_draws(
-    problem: &Problem<'_>,
+    problem: &MatchProblem<'_>,
     norm: &Norm,
     found: &Descent,
-    deviations: &[Vec<Response>],
+    deviations: &[Vec<GainMatrix>],
 ) -> DMatrix<f64> {
     let count = found.z.len();
     let mut covariance = DMatrix::zeros(count, count);
@@ -552,7 +554,7 @@ fn of_draws(
         let mut random = ChaCha8Rng::seed_from_u64(1);
         random.set_stream(draw);
         let sizes: Vec<f64> = deviations.iter().map(|_| random.sample(StandardNormal)).collect();
-        let mut drawn = Problem {
+        let mut drawn = MatchProblem {
             structure: problem.structure,
             omegas: problem.omegas.clone(),
             at: points(problem.structure, &problem.omegas)?,

@@ -1,6 +1,6 @@
 //! What is matched, and how.
 
-use super::norm::norms::NORMS;
+use super::norms::NORMS;
 
 /// What is matched, and how.
 #[derive(Debug, Clone, PartialEq)]

@@ -7,10 +7,9 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::StandardNormal;
 use rayon::prelude::*;
 
+use super::norms::{At, NORMS, Norm};
 use super::structure::{Free, Structure};
-use super::system::Response;
-use crate::matching::norm::criterion::{At, Norm};
-use crate::matching::norm::norms::NORMS;
+use super::system::GainMatrix;
 use deadtime_signal::fit::{LevenbergMarquardt, Normal};
 
 /// Differences are differentiated over this share of the response.
@@ -26,7 +25,7 @@ const FLOOR: f64 = 1e-26;
 const NONE: f64 = 1e-7;
 
 /// Everything about a match that no parameter changes.
-pub(super) struct Problem<'a> {
+pub(super) struct MatchProblem<'a> {
     pub(super) structure: &'a Structure<'a>,
     pub(super) omegas: Vec<f64>,
     pub(super) at: Vec<At>,
@@ -43,17 +42,17 @@ pub(super) struct Descent {
 }
 
 /// Differences and their slopes, frequency by frequency.
-pub(super) type Parts = Vec<(Response, Vec<Response>)>;
+pub(super) type Parts = Vec<(GainMatrix, Vec<GainMatrix>)>;
 
-impl Problem<'_> {
+impl MatchProblem<'_> {
     pub(super) fn values(&self, z: &[f64]) -> Vec<f64> {
         self.structure.nominal.iter().zip(&self.sizes).zip(z).map(|((n, s), z)| n + s * z).collect()
     }
 
     pub(super) fn parts(&self, norm: &Norm, z: &[f64]) -> Option<Parts> {
         let responses = self.structure.responses(&self.values(z), &self.sizes, &self.omegas)?;
-        let part = |(at, (g, slopes)): (&At, (Response, Vec<Response>))| {
-            let slope = |dg: &Response| {
+        let part = |(at, (g, slopes)): (&At, (GainMatrix, Vec<GainMatrix>))| {
+            let slope = |dg: &GainMatrix| {
                 let step = Complex::new(
                     STEP * (g.norm() / dg.norm().max(f64::MIN_POSITIVE)).clamp(1e-6, 1e6),
                     0.0,
@@ -188,7 +187,7 @@ pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
         if largest < NOTHING {
             continue;
         }
-        let turned: Vec<Response> = slopes.iter().map(|s| u.ad_mul(s) * vt.adjoint()).collect();
+        let turned: Vec<GainMatrix> = slopes.iter().map(|s| u.ad_mul(s) * vt.adjoint()).collect();
         for (a, m) in turned.iter().enumerate() {
             for i in 0..shares.len() {
                 first[a] += shares[i] * weight(i) * m[(i, i)].re;

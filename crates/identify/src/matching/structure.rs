@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use super::error::MatchingError;
 use super::options::Matching;
-use super::system::{Matrices, Response, System};
+use super::system::{GainMatrix, Matrices, System};
 use super::target::Target;
 use crate::error::Result;
 use deadtime_model::{Channel, Equations, EquationsFile, ModelError, Operating, StateSpace};
@@ -173,7 +173,7 @@ impl<'a> Structure<'a> {
         values: &[f64],
         sizes: &[f64],
         omegas: &[f64],
-    ) -> Option<Vec<(Response, Vec<Response>)>> {
+    ) -> Option<Vec<(GainMatrix, Vec<GainMatrix>)>> {
         let sys = self.system(values).ok()?;
         let beside = |at: usize, step: f64| {
             let mut moved = values.to_vec();
@@ -407,7 +407,7 @@ fn free(options: &Matching, file: &EquationsFile) -> Result<Vec<Free>> {
 }
 
 /// The response of a model at these frequencies, where it is finite at all of them.
-pub(super) fn finite_responses(sys: &System, omegas: &[f64]) -> Option<Vec<Response>> {
+pub(super) fn finite_responses(sys: &System, omegas: &[f64]) -> Option<Vec<GainMatrix>> {
     let all: Vec<DMatrix<_>> = omegas.iter().map(|w| sys.response(*w)).collect();
     all.iter().all(|g| g.iter().all(|v| v.re.is_finite() && v.im.is_finite())).then_some(all)
 }

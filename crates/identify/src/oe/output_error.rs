@@ -1,7 +1,7 @@
 //! Output-error models by their options and their fits.
 
 use super::model::{OeFit, OutputError};
-use super::problem::Problem;
+use super::problem::OeProblem;
 use crate::regression::Record;
 use deadtime_signal::fit::{LevenbergMarquardt, Stopped};
 use nalgebra::DMatrix;
@@ -10,7 +10,7 @@ impl OutputError {
     /// The residuals e of a fitted model, record after record (0 where the output is missing).
     #[must_use]
     pub fn residuals(&self, records: &[Record], nk: usize, f: &[f64]) -> Option<Vec<f64>> {
-        let mut problem = Problem::new(*self, records);
+        let mut problem = OeProblem::new(*self, records);
         problem.nk = nk;
         problem.cost(f)?;
         Some(problem.records.into_iter().flat_map(|w| w.residual).collect())
@@ -22,7 +22,7 @@ impl OutputError {
     /// Source: Ljung (1999), "System Identification", 2nd ed., section 9.4.
     #[must_use]
     pub fn covariance(&self, records: &[Record], nk: usize, f: &[f64]) -> Option<DMatrix<f64>> {
-        let mut problem = Problem::new(*self, records);
+        let mut problem = OeProblem::new(*self, records);
         problem.nk = nk;
         let (information, cost) = problem.information(f)?;
         let freedom = count(records) - information.nrows() as f64;
@@ -46,7 +46,7 @@ impl OutputError {
     /// The model of delay `nk` whose minimum lies downhill from the denominator `start`.
     #[must_use]
     pub fn refine(&self, records: &[Record], nk: usize, start: &[f64]) -> Option<OeFit> {
-        let mut problem = Problem::new(*self, records);
+        let mut problem = OeProblem::new(*self, records);
         problem.nk = nk;
         let search = LevenbergMarquardt {
             cost_floor: 1e-28 * problem.power,

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::fitted::Fitted;
 use super::known::{Known, RESOLVED, Standing, Unseen, standing};
-use super::problem::Problem;
+use super::problem::StructuredProblem;
 use super::score::GroupScore;
 use deadtime_model::EquationsFile;
 use deadtime_signal::fit::{Normal, Stopped};
@@ -78,7 +78,7 @@ pub struct StructuredFit {
 /// a parameter that only the shrinkage holds gets the shrinkage's own spread, never a tight interval. What the logs do not resolve at all ([`RESOLVED`]) is as uncertain as
 /// the parameters are large.
 pub(super) fn covariance(
-    problem: &Problem<'_>,
+    problem: &StructuredProblem<'_>,
     clusters: &[Normal],
     z: &[f64],
     prior: &[f64],
@@ -121,7 +121,7 @@ pub(super) fn covariance(
 }
 
 /// Value and standard deviation of each shared parameter.
-pub(super) fn values(problem: &Problem<'_>, fitted: &Fitted) -> Vec<[f64; 2]> {
+pub(super) fn values(problem: &StructuredProblem<'_>, fitted: &Fitted) -> Vec<[f64; 2]> {
     let value = |(j, &(i, size)): (usize, &(usize, f64))| {
         [problem.nominal[i] + size * fitted.z[j], size * fitted.covariance[(j, j)].max(0.0).sqrt()]
     };
@@ -129,7 +129,7 @@ pub(super) fn values(problem: &Problem<'_>, fitted: &Fitted) -> Vec<[f64; 2]> {
 }
 
 pub(super) fn answer(
-    problem: &Problem<'_>,
+    problem: &StructuredProblem<'_>,
     fitted: &Fitted,
     one_step: Option<&[[f64; 2]]>,
 ) -> StructuredFit {

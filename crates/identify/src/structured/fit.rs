@@ -4,8 +4,8 @@ use super::answer::{FreeParameter, StructuredFit};
 use super::error::StructuredError;
 use super::fitted::Fitted;
 use super::group::Group;
-use super::problem::{Cluster, Problem, Starts, Weights};
-use super::record::{Layout, Record};
+use super::problem::{Cluster, Starts, StructuredProblem, Weights};
+use super::record::{LogRecord, WindowLayout};
 use super::score::GroupScore;
 use super::window::Simulator;
 use super::{answer, record, shrinkage};
@@ -156,7 +156,7 @@ impl<'a> Prepared<'a> {
         })
     }
 
-    fn records(&self, logs: &[Log], layout: Layout) -> Result<Vec<Record>> {
+    fn records(&self, logs: &[Log], layout: WindowLayout) -> Result<Vec<LogRecord>> {
         logs.iter()
             .map(|log| {
                 record::record(self.file, &self.groups, &self.logged, log, self.step_s, layout)
@@ -166,18 +166,18 @@ impl<'a> Prepared<'a> {
 
     fn problem<'b>(
         &'b self,
-        records: &'b [Record],
+        records: &'b [LogRecord],
         horizon: usize,
         free: Vec<(usize, f64)>,
         own: Vec<(usize, f64)>,
-    ) -> Problem<'b> {
+    ) -> StructuredProblem<'b> {
         let states = self.equations.state_variables();
         let said = |i: &usize| self.starts.as_ref().is_some_and(|(_, list)| list.contains(i));
         let unknown =
             |i: &usize| !self.logged[*i] && !said(i) && states[*i].initial_std != Some(0.0);
         let starts: Vec<usize> = (0..states.len()).filter(unknown).collect();
         let std = starts.iter().map(|&i| states[i].initial_std.unwrap_or(f64::INFINITY)).collect();
-        Problem {
+        StructuredProblem {
             simulator: Simulator {
                 equations: &self.equations,
                 starts: self.starts.as_ref(),
@@ -198,10 +198,10 @@ impl<'a> Prepared<'a> {
 }
 
 /// Windows that lie together, about [`CLUSTERS`] of them, none over two records.
-pub(super) fn clusters(records: &[Record]) -> Vec<Cluster> {
+pub(super) fn clusters(records: &[LogRecord]) -> Vec<Cluster> {
     let all: usize = records.iter().map(|r| r.windows.len()).sum();
     let size = all.div_ceil(CLUSTERS).max(1);
-    let of = |(record, r): (usize, &Record)| {
+    let of = |(record, r): (usize, &LogRecord)| {
         let parts = r.windows.len().div_ceil(size);
         let each = r.windows.len().div_ceil(parts.max(1)).max(1);
         r.windows
@@ -226,16 +226,16 @@ pub fn score(
         return Err(StructuredError::Horizon { horizon, stride }.into());
     }
     let prepared = Prepared::new(file, logs)?;
-    let records = prepared.records(logs, Layout { horizon, stride })?;
+    let records = prepared.records(logs, WindowLayout { horizon, stride })?;
     let mut problem = prepared.problem(&records, horizon, Vec::new(), Vec::new());
     let lengths = refined(&mut problem)?;
     Ok(super::score::score(&problem, &lengths))
 }
 
 /// Errors of the nominal model at a step so short that a shorter one changes nothing worth mentioning.
-pub(super) fn refined(problem: &mut Problem<'_>) -> Result<Vec<Vec<Vec<f64>>>> {
+pub(super) fn refined(problem: &mut StructuredProblem<'_>) -> Result<Vec<Vec<Vec<f64>>>> {
     let z = vec![0.0; problem.unknowns()];
-    let diverges = |records: &[Record], (record, start): (usize, usize), step_s: f64| {
+    let diverges = |records: &[LogRecord], (record, start): (usize, usize), step_s: f64| {
         StructuredError::Diverges {
             file: records[record].source.clone(),
             time_s: records[record].start_s + start as f64 * step_s,
@@ -287,7 +287,7 @@ impl Structured {
         if self.horizon == 0 || stride == 0 {
             return Err(StructuredError::Horizon { horizon: self.horizon, stride }.into());
         }
-        let records = prepared.records(logs, Layout { horizon: self.horizon, stride })?;
+        let records = prepared.records(logs, WindowLayout { horizon: self.horizon, stride })?;
         let (problem, fitted) = self.run(
             &prepared,
             &records,
@@ -298,7 +298,7 @@ impl Structured {
         // Starts that are estimated window by window leave a single step nothing to say.
         let one_step = if self.one_step && self.horizon > 1 && problem.starts.states.is_empty() {
             let records =
-                prepared.records(logs, Layout { horizon: 1, stride: (stride / 8).max(1) })?;
+                prepared.records(logs, WindowLayout { horizon: 1, stride: (stride / 8).max(1) })?;
             let (problem, fitted) =
                 self.run(&prepared, &records, (1, &self.far.part(FITTED, ONE_STEP)), &free, &own)?;
             Some(answer::values(&problem, &fitted))
@@ -340,11 +340,11 @@ impl Structured {
     fn run<'b>(
         &self,
         prepared: &'b Prepared<'_>,
-        records: &'b [Record],
+        records: &'b [LogRecord],
         (horizon, far): (usize, &HowFar),
         free: &[usize],
         own: &[usize],
-    ) -> Result<(Problem<'b>, Fitted)> {
+    ) -> Result<(StructuredProblem<'b>, Fitted)> {
         far.at(0.0, &"choosing the step of the simulation");
         let unit = |list: &[usize]| list.iter().map(|&i| (i, 1.0)).collect::<Vec<_>>();
         let mut problem = prepared.problem(records, horizon, unit(free), unit(own));
@@ -392,7 +392,7 @@ impl Structured {
     /// The fit under these weights and this prior.
     fn round(
         &self,
-        problem: &Problem<'_>,
+        problem: &StructuredProblem<'_>,
         z: &[f64],
         (weights, prior): (&Weights, &[f64]),
         round: usize,
@@ -421,7 +421,7 @@ impl Structured {
     }
 
     /// λ of every unknown: the shared ones alike, a record's own by how far they stand off.
-    fn prior(&self, problem: &Problem<'_>, shrinkage: f64, own_size: &[f64]) -> Vec<f64> {
+    fn prior(&self, problem: &StructuredProblem<'_>, shrinkage: f64, own_size: &[f64]) -> Vec<f64> {
         let own = own_size.iter().map(|size| 1.0 / (size * size)).collect::<Vec<_>>();
         let shared = std::iter::repeat_n(shrinkage, problem.free.len());
         shared.chain((0..problem.records.len()).flat_map(|_| own.iter().copied())).collect()
@@ -447,7 +447,7 @@ impl Structured {
 }
 
 /// Each parameter's size: its own value, or, for one that is 0, what would move the predictions as far as their errors.
-pub(super) fn sizes(problem: &mut Problem<'_>, clusters: &[Normal]) {
+pub(super) fn sizes(problem: &mut StructuredProblem<'_>, clusters: &[Normal]) {
     let nothing = vec![0.0; problem.unknowns()];
     let normal = problem.normal(clusters, &nothing, &nothing);
     let shared = problem.free.len();

@@ -8,7 +8,7 @@ use deadtime_model::{EquationsFile, GroupKind};
 
 /// A log in the model's order.
 #[derive(Debug, Clone)]
-pub(super) struct Record {
+pub(super) struct LogRecord {
     pub(super) source: String,
     pub(super) start_s: f64,
     /// Rows × inputs, as they act.
@@ -23,7 +23,7 @@ pub(super) struct Record {
 
 /// How windows lie in a record.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Layout {
+pub(super) struct WindowLayout {
     pub(super) horizon: usize,
     pub(super) stride: usize,
 }
@@ -35,8 +35,8 @@ pub(super) fn record(
     logged: &[bool],
     log: &Log,
     step_s: f64,
-    layout: Layout,
-) -> Result<Record> {
+    layout: WindowLayout,
+) -> Result<LogRecord> {
     let (rows, names) = (log.len(), |i: usize| file.inputs[i].name.as_str());
     let (m, outputs, n) = (file.inputs.len(), file.outputs.len(), file.states.len());
     let mut u = vec![0.0; rows * m];
@@ -78,7 +78,7 @@ pub(super) fn record(
         }
         .into());
     }
-    Ok(Record { source: log.source().to_owned(), start_s: log.time_s()[0], u, y, x, windows })
+    Ok(LogRecord { source: log.source().to_owned(), start_s: log.time_s()[0], u, y, x, windows })
 }
 
 /// A logged quaternion is a rotation: rounding of its columns is no stretching.

@@ -3,8 +3,8 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::problem::Problem;
-use super::window::{Buffers, Point};
+use super::problem::StructuredProblem;
+use super::window::{Buffers, WindowPoint};
 
 /// Mean length of a group's error over all windows, by horizon. A vector's error has the length of the difference, an attitude's the angle between the two.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -23,7 +23,7 @@ pub struct GroupScore {
 
 /// Lengths of all errors, `[group][horizon - 1]` a list over windows in order. `None` where a window diverges, with its record and start.
 pub(super) fn lengths(
-    problem: &Problem<'_>,
+    problem: &StructuredProblem<'_>,
     z: &[f64],
 ) -> Result<Vec<Vec<Vec<f64>>>, (usize, usize)> {
     let (groups, horizon) = (problem.simulator.groups.len(), problem.simulator.horizon);
@@ -36,7 +36,8 @@ pub(super) fn lengths(
             let shift = problem
                 .start_of(cluster.record, start, &p, &weights, &mut buffers)
                 .ok_or((cluster.record, start))?;
-            let at = Point { p: &p, columns: &[], starts: &problem.starts.states, shift: &shift };
+            let at =
+                WindowPoint { p: &p, columns: &[], starts: &problem.starts.states, shift: &shift };
             let finite = problem.simulator.walk(
                 &problem.records[cluster.record],
                 start,
@@ -64,7 +65,7 @@ pub(super) fn lengths(
 }
 
 /// The means of those lengths.
-pub(super) fn score(problem: &Problem<'_>, lengths: &[Vec<Vec<f64>>]) -> Vec<GroupScore> {
+pub(super) fn score(problem: &StructuredProblem<'_>, lengths: &[Vec<Vec<f64>>]) -> Vec<GroupScore> {
     let mean = |list: &Vec<f64>, f: &dyn Fn(f64) -> f64| {
         list.iter().map(|v| f(*v)).sum::<f64>() / list.len().max(1) as f64
     };

@@ -1,7 +1,7 @@
 //! One window: the model from a row of the log over the horizon, with exact sensitivities (the tangents of a Runge-Kutta step of order four).
 
 use super::group::Group;
-use super::record::Record;
+use super::record::LogRecord;
 use deadtime_model::{Directions, Equations, Workspace};
 
 /// What all windows share.
@@ -20,7 +20,7 @@ pub(super) struct Simulator<'a> {
 
 /// Parameters, the directions in which they move, and how far the unlogged states' starts are moved.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Point<'a> {
+pub(super) struct WindowPoint<'a> {
     pub(super) p: &'a [f64],
     /// Which parameter each direction moves, and by how much for a unit step.
     pub(super) columns: &'a [(usize, f64)],
@@ -47,7 +47,7 @@ pub(super) struct Buffers {
 
 /// The error of one group at one horizon.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Seen<'a> {
+pub(super) struct WindowError<'a> {
     pub(super) group: usize,
     /// From 1.
     pub(super) horizon: usize,
@@ -60,11 +60,11 @@ impl Simulator<'_> {
     /// Walks a window and shows every error there is. False where the model left the finite numbers.
     pub(super) fn walk(
         &self,
-        record: &Record,
+        record: &LogRecord,
         start: usize,
-        at: Point<'_>,
+        at: WindowPoint<'_>,
         b: &mut Buffers,
-        mut see: impl FnMut(Seen<'_>),
+        mut see: impl FnMut(WindowError<'_>),
     ) -> bool {
         let m = self.equations.input_symbols().len();
         let outputs = self.equations.output_variables().len();
@@ -103,14 +103,14 @@ impl Simulator<'_> {
                 if !error.iter().all(|v| v.is_finite()) {
                     return false;
                 }
-                see(Seen { group: g, horizon: step, error, slopes });
+                see(WindowError { group: g, horizon: step, error, slopes });
             }
         }
         true
     }
 
     /// Buffers of the right sizes, zero but for the parameters' directions.
-    fn clear(&self, at: &Point<'_>, count: usize, b: &mut Buffers) {
+    fn clear(&self, at: &WindowPoint<'_>, count: usize, b: &mut Buffers) {
         let (n, outputs) =
             (self.equations.state_variables().len(), self.equations.output_variables().len());
         let resize = |v: &mut Vec<f64>, size: usize| {
@@ -131,7 +131,14 @@ impl Simulator<'_> {
     }
 
     /// The states and sensitivities at the start of a window.
-    fn start(&self, record: &Record, start: usize, at: &Point<'_>, count: usize, b: &mut Buffers) {
+    fn start(
+        &self,
+        record: &LogRecord,
+        start: usize,
+        at: &WindowPoint<'_>,
+        count: usize,
+        b: &mut Buffers,
+    ) {
         let (n, m) = (self.equations.state_variables().len(), self.equations.input_symbols().len());
         for (i, state) in self.equations.state_variables().iter().enumerate() {
             b.x[0][i] = if self.logged[i] { record.x[start * n + i] } else { state.initial };
