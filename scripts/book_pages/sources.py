@@ -61,7 +61,8 @@ def about(path: Path, root: Path, struct: str | None) -> About:
         elif not line:
             current = ""
     own = sections.pop("Equation", None)
-    what = doc.splitlines()[0].strip().removeprefix("///").strip() if own else paragraphs[0]
+    lines = [line.strip().removeprefix("///").strip() for line in doc.splitlines()]
+    what = " ".join(lines[: lines.index("")]) if own else paragraphs[0]
     return About(path.relative_to(root).as_posix(), what, own or formula, sections)
 
 

@@ -17,7 +17,8 @@ const LAG: f64 = 0.75;
 /// Share of the largest coefficient from which one counts.
 const BEGUN: f64 = 0.1;
 
-/// What the records of one pair show, judged by ARX models of the orders of [`Arxstruc`](crate::Arxstruc) over the same window.
+/// What the records of one pair show, judged by ARX models of the orders of
+/// [`Arxstruc`](crate::Arxstruc) over the same window.
 ///
 /// * Feedback: see [`in_loop`], for a plant that is strictly proper.
 /// * Unstable plant: a pole outside the unit circle by more than 3/N, three times the rate at which an estimate of a pole at 1 converges.

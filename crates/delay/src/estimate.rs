@@ -120,7 +120,8 @@ impl DelayEstimate {
         Self { note: Some(note.into()), ..Self::bare(outcome) }
     }
 
-    /// An answer in samples, before the bias `off` is taken off: raw value, standard deviation and interval. The bias may be a fraction (half a sample for a phase behind
+    /// An answer in samples, before the bias `off` is taken off: raw value, standard deviation and
+    /// interval. The bias may be a fraction (half a sample for a phase behind
     /// a zero-order hold).
     pub(super) fn measured(
         raw: f64,

@@ -198,7 +198,8 @@ impl<'a> PairRecords<'a> {
         PairRecords { records, ..*self }
     }
 
-    /// An answer of a method that counts samples: raw value, standard deviation and interval in samples.
+    /// An answer of a method that counts samples: raw value, standard deviation and interval in
+    /// samples.
     pub(super) fn counted(&self, raw: f64, std: f64, interval: [f64; 2]) -> DelayEstimate {
         self.counted_at(raw, std, interval, raw == self.max_delay as f64)
     }
@@ -233,7 +234,8 @@ impl<'a> PairRecords<'a> {
         DelayEstimate::measured(raw, std, interval, at_edge, off, sample_time)
     }
 
-    /// Refuses a standard deviation, samples, that is no smaller than that of a delay anywhere in the window.
+    /// Refuses a standard deviation, samples, that is no smaller than that of a delay anywhere in
+    /// the window.
     pub(super) fn narrows(&self, std: f64) -> Result<(), NoDelay> {
         if std <= (self.max_delay as f64).max(1.0) / 12.0_f64.sqrt() {
             return Ok(());
@@ -273,7 +275,8 @@ pub(super) fn seen(unseen: Option<String>) -> Result<(), NoDelay> {
     unseen.map_or(Ok(()), |note| Err(NoDelay::new(Outcome::NotVisible, note)))
 }
 
-/// Refuses options out of their ranges: each with its name, its value, whether that may be, and what may be.
+/// Refuses options out of their ranges: each with its name, its value, whether that may be, and
+/// what may be.
 pub(super) fn options<const N: usize>(
     method: &'static str,
     options: [(&'static str, f64, bool, &'static str); N],
@@ -295,7 +298,8 @@ pub(super) fn impulse_response(records: &[Record<'_>], taps: usize) -> Result<Fi
     })
 }
 
-/// The answer of a method: what it cannot do with the data is one; what was typed wrong stops the work, and so does the wish to stop.
+/// The answer of a method: what it cannot do with the data is one; what was typed wrong stops the
+/// work, and so does the wish to stop.
 pub(super) fn usable(
     answer: Result<DelayEstimate, DelayError>,
 ) -> Result<DelayEstimate, DelayError> {
@@ -354,7 +358,8 @@ pub(super) fn one_pair(
     Ok(estimate.finished(experiment.sample_time().to_seconds(skip as f64)))
 }
 
-/// Runs `method` on all inputs of the first output together, pair by pair, with the window doubled once where an answer is the longest delay searched.
+/// Runs `method` on all inputs of the first output together, pair by pair, with the window doubled
+/// once where an answer is the longest delay searched.
 pub(super) fn joint_inputs(
     experiment: &Experiment<'_>,
     search: &Search,

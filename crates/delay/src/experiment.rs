@@ -377,11 +377,8 @@ impl Detrend {
             }
             return;
         }
-        let count = points.len().max(1) as f64;
-        let (mean_t, mean) = (
-            points.iter().map(|p| p.0).sum::<f64>() / count,
-            points.iter().map(|p| p.1).sum::<f64>() / count,
-        );
+        let mean_t = stats::mean(points.iter().map(|p| p.0)).unwrap_or(0.0);
+        let mean = stats::mean(points.iter().map(|p| p.1)).unwrap_or(0.0);
         let slope = match self {
             Self::None => return,
             Self::Mean => 0.0,

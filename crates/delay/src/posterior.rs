@@ -29,7 +29,8 @@ impl Posterior {
         entropy.exp() > 0.95 * delays
     }
 
-    /// Where the first coefficient of the response may stand: [`first_coefficient`] of the set's ends.
+    /// Where the first coefficient of the response may stand: [`first_coefficient`] of the set's
+    /// ends.
     pub(super) fn first_coefficient(&self, bias: usize) -> [f64; 2] {
         first_coefficient(self.ends[0], self.ends[1], bias)
     }
@@ -224,10 +225,12 @@ pub(super) fn unseen_at(gain: f64, parameters: usize, delays: usize) -> Option<S
         .then(|| format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input"))
 }
 
-/// Past outputs and input coefficients of an ARX model that suits most plants: the best in Björklund's study.
+/// Past outputs and input coefficients of an ARX model that suits most plants: the best in
+/// Björklund's study.
 pub(super) const ARX_ORDERS: [usize; 2] = [10, 5];
 
-/// The same for methods that have no test of their own, with [`ARX_ORDERS`], fewer where the record is too short for them.
+/// The same for methods that have no test of their own, with [`ARX_ORDERS`], fewer where the record
+/// is too short for them.
 pub(super) fn unseen(records: &[Record], max_delay: usize) -> Option<String> {
     let longest = records.iter().map(Record::len).max().unwrap_or(0);
     let [na, nb] = ARX_ORDERS;

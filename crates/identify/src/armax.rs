@@ -511,7 +511,8 @@ struct ScanKnown<'a> {
     rows: f64,
 }
 
-/// Searches from `start` at the problem's delay and number of coefficients (only evaluates there, if so wished), and keeps what is better.
+/// Searches from `start` at the problem's delay and number of coefficients (only evaluates there,
+/// if so wished), and keeps what is better.
 fn improve(
     problem: &mut ArmaxProblem<'_>,
     fits: &mut [Vec<Option<ArmaxFit>>],
@@ -593,7 +594,8 @@ impl Armax {
         ArmaxScan { fits, without_input, power, rows: problem.rows }
     }
 
-    /// Noise polynomials to search from at the problem's delay and number of coefficients: on the way up the best of the table, the neighbour's and that of one coefficient
+    /// Noise polynomials to search from at the problem's delay and number of coefficients: on the
+    /// way up the best of the table, the neighbour's and that of one coefficient
     /// less; on the way back the neighbour's.
     fn starts(
         &self,

@@ -173,7 +173,8 @@ impl Evidence {
         best
     }
 
-    /// The misfit of a response that begins at each delay up to `longest`, with the prior tuned for the best of them, from `start` and `prior` on.
+    /// The misfit of a response that begins at each delay up to `longest`, with the prior tuned for
+    /// the best of them, from `start` and `prior` on.
     #[must_use]
     pub fn misfits(&self, mut start: usize, mut prior: Prior, longest: usize) -> Vec<f64> {
         let mut misfits = Vec::new();

@@ -242,7 +242,8 @@ struct WhitenedSystem<'a> {
 }
 
 impl WhitenedSystem<'_> {
-    /// A signal behind the noise's filter; the first samples of each record lack what it would remember.
+    /// A signal behind the noise's filter; the first samples of each record lack what it would
+    /// remember.
     fn white(&self, x: &[f64], d: &[f64]) -> Vec<f64> {
         let part =
             |p: &std::ops::Range<usize>| whitened(&x[p.clone()], d).into_iter().skip(d.len());
@@ -259,7 +260,8 @@ impl WhitenedSystem<'_> {
         inverse(gram(&self.through(d)))
     }
 
-    /// By how much the numbers move under the noise that they leave, that noise, and what they leave.
+    /// By how much the numbers move under the noise that they leave, that noise, and what they
+    /// leave.
     fn step(&self) -> Option<(DVector<f64>, NoiseModel, Vec<f64>)> {
         let (columns, residual) = (&self.columns, self.residual);
         let mut left = residual.to_vec();

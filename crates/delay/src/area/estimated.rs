@@ -62,7 +62,8 @@ const ONE_LAG: &str =
 read! {
     /// The dead time of one lag from two areas of the estimated step response.
     ///
-    /// Equation: K·e^(−Ls)/(1 + sT): L = A₀/K − e·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s dt, s the running sum of the impulse response by least squares.
+    /// Equation: K·e^(−Ls)/(1 + sT): L = A₀/K − e·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s dt, s
+    /// the running sum of the impulse response by least squares.
     ///
     /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value is the continuous L of the equation.
     ///
@@ -108,7 +109,8 @@ read! {
 read! {
     /// The dead time of two equal lags from two areas of the estimated step response.
     ///
-    /// Equation: K·e^(−Ls)/(1 + sT)²: L = A₀/K − (e²/2)·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s dt, s the running sum of the impulse response by least squares.
+    /// Equation: K·e^(−Ls)/(1 + sT)²: L = A₀/K − (e²/2)·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s
+    /// dt, s the running sum of the impulse response by least squares.
     ///
     /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value is the continuous L of the equation.
     ///
@@ -155,7 +157,8 @@ read! {
 read! {
     /// The dead time of one lag from two moments of the estimated impulse response.
     ///
-    /// Equation: K·e^(−Ls)/(1 + sT): L = μ − √v, μ = ∫t·h dt/K and v = ∫(t − μ)²·h dt/K the mean and the variance of the impulse response.
+    /// Equation: K·e^(−Ls)/(1 + sT): L = μ − √v, μ = ∫t·h dt/K and v = ∫(t − μ)²·h dt/K the mean
+    /// and the variance of the impulse response.
     ///
     /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value is the continuous L of the equation.
     ///

@@ -5,6 +5,7 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairRecords, options};
 use crate::method::Condition;
 use deadtime_identify::Record;
+use deadtime_signal::stats;
 use deadtime_signal::{CrossSpectra, HANN_LINES, RealFourier, correlation};
 use nalgebra::Complex;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
@@ -89,7 +90,7 @@ impl Centred {
         let centred = |values: &[f64], scale: f64, there: &dyn Fn(usize) -> bool| -> Vec<f64> {
             let present =
                 || values.iter().enumerate().filter(|(t, _)| there(*t)).map(|(_, v)| v / scale);
-            let mean = present().sum::<f64>() / real(present().count().max(1));
+            let mean = stats::mean(present()).unwrap_or(0.0);
             values
                 .iter()
                 .enumerate()
@@ -165,7 +166,7 @@ pub(crate) fn lines(spectra: &CrossSpectra) -> Vec<Line> {
         |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max).max(f64::MIN_POSITIVE);
     let ends = ENDS / (spectra.looks * real(spectra.segment)).max(ENDS);
     let floor = |values: &[f64]| {
-        let mean = values.iter().sum::<f64>() / real(values.len().max(1));
+        let mean = stats::mean(values.iter().copied()).unwrap_or(0.0);
         (ends * mean).max(FLOOR * largest(&mut values.iter().copied()))
     };
     let (floor_u, floor_y) = (floor(&spectra.uu), floor(&spectra.yy));

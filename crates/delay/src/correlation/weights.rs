@@ -6,7 +6,9 @@ use super::generalised::{LATE, Line, NEEDS, WITHSTANDS, generalised};
 use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{NoDelay, PairMethod, PairRecords};
-use crate::method::{Basis, Information, Law, Method, ReferenceExperiment, method_line};
+use crate::method::{
+    Basis, Information, Law, Method, ReferenceExperiment, copy_example, method_line,
+};
 
 /// A method: its options, its line in the list, and its weight of one frequency.
 macro_rules! weighted {
@@ -18,6 +20,7 @@ macro_rules! weighted {
         weight: $weight:expr,
     ) => {
         $(#[$doc])*
+        #[doc = copy_example!($options)]
         #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
         #[serde(default, deny_unknown_fields)]
         pub struct $options {
@@ -62,22 +65,6 @@ weighted! {
     /// them all, or `flat`), the input is coloured (a broad peak, wider interval than that of the weights that whiten), or y is fed back to u.
     /// Source: Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, section II and eq. 3. It speaks of continuous correlators and leaves the interpolation
     /// between samples open; the interval is this program's own (module head).
-    ///
-    /// # Example
-    /// Other weights are used alike.
-    /// ```
-    /// use deadtime_delay::{DelayEstimator, Experiment, Crosscorr, Search};
-    /// use deadtime_signal::{Excitation, excitation::Rbs, fractional_delay};
-    /// use deadtime_signal::time::SampleTime;
-    /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-    /// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-    /// let y = fractional_delay(&u, 7.3);
-    /// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-    /// let search = Search { default_bias: 0, ..Search::default() }; // two sensors: no hold, no bias
-    /// let answer = Crosscorr::default().estimate(&experiment, &search)?;
-    /// assert!((answer.delay_s.unwrap() - 0.73).abs() < 2e-3);
-    /// # Ok::<(), Box<dyn std::error::Error>>(())
-    /// ```
     pub struct Crosscorr;
     CROSSCORR: ("crosscorr", "lag of the largest cross-correlation, refined below one sample on the exact interpolant", Crosscorr),
     blind_to: "the plant's own lag, which counts as delay; which cycle of a narrow-band signal it is",
@@ -87,7 +74,8 @@ weighted! {
 weighted! {
     /// Generalised cross-correlation with Eckart's weights: the least chance of a false peak.
     ///
-    /// Equation: τ̂ = argmax |Σ ψ(ω)·Ĝuy(ω)·exp(iωτ)|, ψ = γ/(√(Guu·Gyy)·(1 − γ)²), γ the coherence.
+    /// Equation: τ̂ = argmax |Σ ψ(ω)·Ĝuy(ω)·exp(iωτ)|, ψ = γ/(√(Guu·Gyy)·(1 − γ)²), γ the
+    /// coherence.
     ///
     /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
     ///
@@ -110,11 +98,13 @@ weighted! {
 weighted! {
     /// Generalised cross-correlation with Hannan and Thomson's weights: maximum likelihood.
     ///
-    /// Equation: τ̂ = argmax |Σ ψ(ω)·Ĝuy(ω)·exp(iωτ)|, ψ = γ²/(|Guy|·(1 − γ²)), γ² the squared coherence.
+    /// Equation: τ̂ = argmax |Σ ψ(ω)·Ĝuy(ω)·exp(iωτ)|, ψ = γ²/(|Guy|·(1 − γ²)), γ² the squared
+    /// coherence.
     ///
     /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
     ///
-    /// Assumes: as [`crosscorr`](Crosscorr); Gaussian signal and noise; enough segments to tell the coherence (six or more).
+    /// Assumes: as [`crosscorr`](Crosscorr); Gaussian signal and noise; enough segments to tell the
+    /// coherence (six or more).
     /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
     /// Fails when: the coherence is misjudged (few segments: the weights favour lines that are coherent by chance; what chance adds on average is taken off), or the plant has
     /// dynamics (late).
@@ -145,7 +135,8 @@ weighted! {
 }
 
 weighted! {
-    /// Generalised cross-correlation with Roth's weights: the impulse response, and its largest value.
+    /// Generalised cross-correlation with Roth's weights: the impulse response, and its largest
+    /// value.
     ///
     /// Equation: τ̂ = argmax |Σ ψ(ω)·Ĝuy(ω)·exp(iωτ)|, ψ = 1/Guu.
     ///

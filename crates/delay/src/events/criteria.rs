@@ -19,6 +19,22 @@ macro_rules! least {
         criterion: $criterion:expr,
     ) => {
         $(#[$doc])*
+        #[doc = concat!(
+            "
+# Example
+```
+use deadtime_delay::{DelayEstimator, Events, Experiment, Search, ", stringify!($options), "};
+use deadtime_signal::time::SampleTime;
+let first: Vec<f64> = (0..40).map(|i| f64::from(i) + 0.3 * f64::from(i * i % 7) / 7.0).collect();
+let second: Vec<f64> = first.iter().map(|t| t + 2.5).collect();
+let events = vec![Events { first, second, ..Events::default() }];
+// The window is 35 sample times: 35 s here.
+let experiment = Experiment::of_events(SampleTime::new(1.0)?, [\"first\", \"second\"], events)?;
+let answer = ", stringify!($options), "::default().estimate(&experiment, &Search::default())?;
+assert!((answer.delay_s.unwrap() - 2.5).abs() < 1e-9);
+# Ok::<(), Box<dyn std::error::Error>>(())
+```"
+        )]
         #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
         #[serde(default, deny_unknown_fields)]
         pub struct $options {
@@ -54,7 +70,8 @@ least! {
     ///
     /// Equation: k̂ = argmin ⟨|Δ(i + k, i) − Δ(i + k − 1, i − 1)|⟩.
     ///
-    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one clock. Output: seconds, positive = the second place later.
+    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one
+    /// clock. Output: seconds, positive = the second place later.
     ///
     /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
@@ -63,20 +80,6 @@ least! {
     /// The drift of a delay does not matter. The least sensitive of the five to a few large differences.
     /// Source: Kekäläinen (2019), Acta IMEKO 8(1), 77-86, doi:10.21014/acta_imeko.v8i1.540, average delay difference (eq. 2.2 of
     /// the thesis that this program answers).
-    ///
-    /// # Example
-    /// The other criteria are used alike.
-    /// ```
-    /// use deadtime_delay::{Events, DelayEstimator, EventAverageDifference, Experiment, Search};
-    /// use deadtime_signal::time::SampleTime;
-    /// let first: Vec<f64> = (0..40).map(|i| f64::from(i) + 0.3 * f64::from(i * i % 7) / 7.0).collect();
-    /// let second: Vec<f64> = first.iter().map(|t| t + 2.5).collect();
-    /// // The window is 35 sample times: 35 s here.
-    /// let experiment = Experiment::of_events(SampleTime::new(1.0)?, ["first", "second"], vec![Events { first, second, ..Events::default() }])?;
-    /// let answer = EventAverageDifference::default().estimate(&experiment, &Search::default())?;
-    /// assert!((answer.delay_s.unwrap() - 2.5).abs() < 1e-9);
-    /// # Ok::<(), Box<dyn std::error::Error>>(())
-    /// ```
     pub struct EventAverageDifference;
     AVERAGE_DIFFERENCE: ("event_average_difference", "offset of two event sequences at which neighbouring delays differ least on average", EventAverageDifference),
     blind_to: "missed or spurious events so many that few neighbouring pairs are whole",
@@ -88,7 +91,8 @@ least! {
     ///
     /// Equation: k̂ = argmin ⟨Δ²(i + k, i)⟩ − ⟨Δ(i + k, i)⟩².
     ///
-    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one clock. Output: seconds, positive = the second place later.
+    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one
+    /// clock. Output: seconds, positive = the second place later.
     ///
     /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
@@ -107,7 +111,8 @@ least! {
     ///
     /// Equation: k̂ = argmax (⟨ΔT·Δt⟩ − ⟨ΔT⟩⟨Δt⟩)/√(var ΔT·var Δt).
     ///
-    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one clock. Output: seconds, positive = the second place later.
+    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one
+    /// clock. Output: seconds, positive = the second place later.
     ///
     /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
@@ -126,7 +131,8 @@ least! {
     ///
     /// Equation: k̂ = argmin ⟨|ΔT(i + k) − Δt(i)|²⟩.
     ///
-    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one clock. Output: seconds, positive = the second place later.
+    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one
+    /// clock. Output: seconds, positive = the second place later.
     ///
     /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
@@ -145,7 +151,8 @@ least! {
     ///
     /// Equation: k̂ = argmin ⟨d²⟩ − ⟨d⟩², d = Δ(i + k, i) − Δ(i + k − 1, i − 1).
     ///
-    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one clock. Output: seconds, positive = the second place later.
+    /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one
+    /// clock. Output: seconds, positive = the second place later.
     ///
     /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.

@@ -6,7 +6,7 @@ use super::all_pass::all_pass;
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, impulse_response, options};
-use crate::method::{Basis, Condition, Information, Law, Method, method_line};
+use crate::method::{Basis, Condition, Information, Law, Method, method_line, plant_example};
 use deadtime_identify::Record;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
@@ -22,23 +22,7 @@ use deadtime_identify::Record;
 /// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285; Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`firdap`); Björklund and Ljung (2009), Automatica
 /// 45(10), 2467-2470. Björklund's number of coefficients is not known here; 71 is that of his thresholds. On the guard against zeros near 1 see the head of
 /// `all_pass`.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Firdap, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Firdap::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.001);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Firdap, 400, 0.8, 0.001)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Firdap {

@@ -14,7 +14,9 @@ use crate::correlation::weights::maximum_likelihood;
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords};
-use crate::method::{Basis, Information, Law, Method, ReferenceExperiment, method_line};
+use crate::method::{
+    Basis, Information, Law, Method, ReferenceExperiment, copy_example, method_line,
+};
 use deadtime_signal::HANN_LINES;
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
@@ -26,21 +28,7 @@ use deadtime_signal::HANN_LINES;
 /// Source: Piersol (1981), IEEE Trans. Acoust. Speech Signal Process. 29(3), 471-477, doi:10.1109/TASSP.1981.1163555; the weights are the inverse variances of the
 /// phases, Carter (1987), Proc. IEEE 75(2), 236-255, doi:10.1109/PROC.1987.13723. Neither says how to unwrap a noisy phase: the search over whole lags is this
 /// program's.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, PhaseSlope, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs, fractional_delay};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let y = fractional_delay(&u, 7.3);
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let search = Search { default_bias: 0, ..Search::default() }; // two sensors: no hold, no bias
-/// let answer = PhaseSlope::default().estimate(&experiment, &search)?;
-/// assert!((answer.delay_s.unwrap() - 0.73).abs() < 2e-3);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = copy_example!(PhaseSlope)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PhaseSlope {

@@ -15,7 +15,7 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, noted, options};
 use crate::method::{Condition, Information, Law, Method, ReferenceExperiment, method_line};
 use deadtime_identify::Record;
-use deadtime_signal::RealFourier;
+use deadtime_signal::{RealFourier, stats};
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
 ///
@@ -298,7 +298,7 @@ impl Third {
             .filter(|l| l.abs_diff(signed(lag)) > 2)
             .map(&t)
             .collect();
-        let chance = (others.iter().map(|v| v * v).sum::<f64>() / real(others.len().max(1))).sqrt();
+        let chance = stats::rms(others.iter().copied()).unwrap_or(0.0);
         let z = size(lag) / chance.max(f64::MIN_POSITIVE);
         // Neighbouring lags share half of what they see.
         let limit = StudentsT::new(0.0, 1.0, (0.5 * real(others.len())).max(1.0))

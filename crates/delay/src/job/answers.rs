@@ -23,7 +23,8 @@ pub(super) struct MethodAnswer {
 }
 
 impl MethodAnswer {
-    /// The answer that `estimate` makes of the method; what the method cannot do with the data is its answer.
+    /// The answer that `estimate` makes of the method; what the method cannot do with the data is
+    /// its answer.
     pub(super) fn of(
         ready: &Ready,
         predicted: Option<Richness>,

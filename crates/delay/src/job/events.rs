@@ -94,7 +94,8 @@ impl EventsJob {
         })
     }
 
-    /// The typical interval of the first sequence, s, and the part of it in which the window is counted.
+    /// The typical interval of the first sequence, s, and the part of it in which the window is
+    /// counted.
     fn interval(&self) -> Result<(f64, SampleTime)> {
         let (log, channel) = (self.name.clone(), self.channels[0].clone());
         let intervals = self.events[0].times.windows(2).map(|w| w[1] - w[0]).collect();

@@ -126,7 +126,8 @@ impl OnePair<'_, '_> {
             None
         };
         let looks: Vec<&Method> = self.methods.iter().map(|r| r.method).collect();
-        // Methods without a prediction have none; unusable data is reported by the method's own error.
+        // Methods without a prediction have none; unusable data is reported by the method's own
+        // error.
         let predicted = richness(seen.by_start(Start::Rest), search, &looks)
             .unwrap_or_else(|_| vec![None; looks.len()]);
         let what = format!("answers of methods on {} and {}", self.input(), self.output());

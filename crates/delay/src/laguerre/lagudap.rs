@@ -8,7 +8,7 @@ use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, noted, options};
 use crate::frequency::all_pass::all_pass;
-use crate::method::{Condition, Information, Law, Method, Start, method_line};
+use crate::method::{Condition, Information, Law, Method, Start, method_line, plant_example};
 use deadtime_identify::{Laguerre, Record, laguerre};
 use deadtime_signal::stats;
 
@@ -23,23 +23,7 @@ use deadtime_signal::stats;
 /// Source: Wahlberg (1991), IEEE Trans. Automat. Contr. 36(5), 551-562, for the series; Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285, and
 /// Björklund and Ljung (2009), Automatica 45(10), 2467-2470, for the delay (10 filters with the pole 0.8 there). Björklund's `lagudap2` (2003,
 /// LiU-TEK-LIC-2003:60) may choose the pole otherwise; here the one of twelve that fits best is taken. On the guard against zeros near 1 see the head of `all_pass`.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Lagudap, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Lagudap::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.05);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Lagudap, 400, 0.8, 0.05)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Lagudap {

@@ -9,7 +9,7 @@ use crate::estimator::{
     DelayEstimator, NoDelay, PairRecords, Search, first_of, joint_inputs, one_pair, options, seen,
 };
 use crate::experiment::Experiment;
-use crate::method::{Basis, Condition, Information, Method, method_line};
+use crate::method::{Basis, Condition, Information, Method, method_line, plant_example};
 use crate::posterior;
 use deadtime_identify::{ArxScan, JointArx, Record, arx_scan, beside};
 
@@ -23,23 +23,7 @@ use deadtime_identify::{ArxScan, JointArx, Record, arx_scan, beside};
 /// Several inputs are fitted beside each other, because what inputs share that move together would leak from one pair into another (no source is followed in
 /// that); `others: apart` looks at each pair alone.
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.3 (na 10, nb 5); Ljung (1999), "System Identification", 2nd ed., section 4.2; MATLAB `arxstruc`.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{Arxstruc, DelayEstimator, Experiment, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Arxstruc::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Arxstruc, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Arxstruc {

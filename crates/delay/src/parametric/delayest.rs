@@ -7,7 +7,7 @@ use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{DelayEstimator, Search};
 use crate::experiment::Experiment;
-use crate::method::{Basis, Information, Method, PREDICTS, method_line};
+use crate::method::{Basis, Information, Method, PREDICTS, method_line, plant_example};
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
@@ -19,23 +19,7 @@ use crate::method::{Basis, Information, Method, PREDICTS, method_line};
 /// Source: MATLAB, System Identification Toolbox, page `delayest` (na = 2, nb = 2, nkmin = 0, nkmax = nkmin + 20, at most 10 000 models). The page says that ARX models of
 /// different delays are compared, not by which criterion nor over which rows, nor what is done about feedback or about several inputs beyond trying all combinations; here
 /// the criterion is the loss over rows that all delays share, each input on its own, and the range is that of the search (0 to `max_delay`).
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Delayest, Experiment, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Delayest::default().estimate(&experiment, &Search { max_delay: 20, ..Search::default() })?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Delayest, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Delayest {

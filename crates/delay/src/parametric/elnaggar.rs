@@ -5,7 +5,7 @@
 use crate::error::LengthRemedy;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{NoDelay, PairMethod, PairRecords};
-use crate::method::{Condition, Information, Law, Method, method_line};
+use crate::method::{Condition, Information, Law, Method, method_line, plant_example};
 use crate::posterior;
 use deadtime_identify::{Record, arx_scan};
 
@@ -32,23 +32,7 @@ pub enum Cost {
 /// hand: what the descriptions leave open is whether increments of the input or the input itself are multiplied (with increments of a white input the sample before the response
 /// has nearly as large a product), the forgetting of the recursive form, and what is done with the sign. Here: the input less its mean, all samples alike, the
 /// largest square. No published uncertainty; the interval is ours.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Elnaggar, Experiment, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Elnaggar::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Elnaggar, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Elnaggar {

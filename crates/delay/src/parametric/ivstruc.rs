@@ -6,7 +6,7 @@
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, options, seen};
-use crate::method::{Condition, Information, Law, Method, Start, method_line};
+use crate::method::{Condition, Information, Law, Method, Start, method_line, plant_example};
 use crate::posterior;
 use deadtime_identify::{MAX_OE_ORDER, RefinedIv};
 
@@ -21,23 +21,7 @@ use deadtime_identify::{MAX_OE_ORDER, RefinedIv};
 /// Source: Young (2011), "Recursive Estimation and Time-Series Analysis", 2nd ed., chapter 7, doi:10.1007/978-3-642-21981-8; Ljung (1999), "System
 /// Identification", 2nd ed., section 7.6; MATLAB `ivstruc`. They leave open what to do with a round that is unstable (mirrored here) or does not settle (the round
 /// with the smallest loss here), and how to choose the noise's order.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Ivstruc, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(300, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 300];
-/// for t in 5..300 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Ivstruc::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Ivstruc, 300, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Ivstruc {

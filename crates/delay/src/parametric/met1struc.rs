@@ -6,7 +6,7 @@
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, noted, options};
-use crate::method::{Condition, Information, Law, Method, method_line};
+use crate::method::{Condition, Information, Law, Method, method_line, plant_example};
 use crate::posterior;
 use deadtime_identify::{MAX_OE_ORDER, Record, Subspace, arx_scan, prefiltered};
 
@@ -24,23 +24,7 @@ use deadtime_identify::{MAX_OE_ORDER, Record, Subspace, arx_scan, prefiltered};
 /// their poles and zeros make the noise filter ring. The long predictor's window is ours too.
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.5 (order 10, then ARX(10, 1): as good as `oestruc` at a fraction of its time); for the model
 /// Chiuso (2007), doi:10.1016/j.automatica.2006.12.005. How the starts of the filters are to be treated the source does not say: they start at rest.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Met1struc, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Met1struc::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Met1struc, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Met1struc {

@@ -8,7 +8,9 @@ use super::profile::{OeScan, Profile, Weighing, check};
 use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{NoDelay, PairMethod, PairRecords};
-use crate::method::{Basis, Condition, Information, Law, Method, Start, method_line};
+use crate::method::{
+    Basis, Condition, Information, Law, Method, Start, method_line, plant_example,
+};
 use crate::posterior::RESOLUTION;
 use deadtime_identify::{Initial, OutputError};
 
@@ -35,23 +37,7 @@ pub enum Center {
 /// Source: the likelihood of Gaussian noise of unknown variance, read as a posterior with a flat prior on the delay; Björklund (2003), LiU-TEK-LIC-2003:60, section
 /// 6.4, for the models and losses. No source weighs them so. Poles: one or two, time constants from 0.15 samples to a quarter of the record and natural frequencies
 /// alike log-uniform, real and complex pairs alike probable, 5 % kept for any others; for other orders the best poles stand for all.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, OePosterior, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(300, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 300];
-/// for t in 5..300 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = OePosterior::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-9);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(OePosterior, 300, 0.8, 1e-9)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OePosterior {

@@ -6,7 +6,7 @@ use super::profile::{OeScan, Profile, Weighing, check, shortened};
 use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{NoDelay, PairMethod, PairRecords};
-use crate::method::{Basis, Condition, Information, Method, Start, method_line};
+use crate::method::{Basis, Condition, Information, Method, Start, method_line, plant_example};
 use crate::posterior;
 use deadtime_identify::{Initial, OeFit, OutputError};
 
@@ -17,23 +17,7 @@ use deadtime_identify::{Initial, OeFit, OutputError};
 /// Fails when: the plant is unstable (the predictor is kept stable, so the best one ends at the edge of stability: `not_converged`), the input is an impulse and
 /// the start is estimated (many delays fit exactly: `flat`), or under feedback (biased).
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.4 (nb 1, nf 2, no prewhitening: the best of his comparison); MATLAB `oe`.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Oestruc, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(300, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 300];
-/// for t in 5..300 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Oestruc::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Oestruc, 300, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Oestruc {

@@ -88,7 +88,8 @@ struct Remainder {
 }
 
 impl OeScan {
-    /// The scan, or the answer that takes its place: nothing moves, nothing is seen, many delays fit alike, no minimum.
+    /// The scan, or the answer that takes its place: nothing moves, nothing is seen, many delays
+    /// fit alike, no minimum.
     pub(super) fn profile<'a>(
         &self,
         pair: &PairRecords<'a>,
@@ -150,7 +151,8 @@ impl OeScan {
         Ok(Remainder { residuals, exact, independent })
     }
 
-    /// The output visibly follows the input: the best model takes so much, `gain`, off the logarithm of its power.
+    /// The output visibly follows the input: the best model takes so much, `gain`, off the
+    /// logarithm of its power.
     fn seen(&self, pair: &PairRecords, remainder: &Remainder, gain: f64) -> Result<(), NoDelay> {
         let Remainder { residuals, exact, independent } = remainder;
         let orders = &self.orders;
@@ -178,7 +180,8 @@ impl OeScan {
     }
 }
 
-/// The most probable delay of the set whose model is at a minimum: a search that ends at the edge of stability leaves no model.
+/// The most probable delay of the set whose model is at a minimum: a search that ends at the edge
+/// of stability leaves no model.
 fn settled(fits: &[Option<OeFit>], posterior: &Posterior, floor: f64) -> Result<usize, NoDelay> {
     // One that leaves nothing but rounding has nothing left to find.
     let converged = |nk: &usize| {

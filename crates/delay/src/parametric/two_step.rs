@@ -7,7 +7,7 @@ use super::profile::shortened;
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, noted, options};
-use crate::method::{Condition, Information, Law, Method, Start, method_line};
+use crate::method::{Condition, Information, Law, Method, Start, method_line, plant_example};
 use crate::posterior;
 use deadtime_identify::{Initial, OeFit, OutputError, Record, filtered, largest_pole, power};
 
@@ -21,23 +21,7 @@ use deadtime_identify::{Initial, OeFit, OutputError, Record, filtered, largest_p
 /// than their dead time says, one lag a few hundredths earlier. Which of them the plant is cannot be seen from the model, and the interval reaches to both.
 /// Source: the scheme of class 2b in Björklund (2003), LiU-TEK-LIC-2003:60, p. 14, who lists such methods without preferring one. The source leaves
 /// the model, the starts and the end of the turns open; all three are ours.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Search, TwoStep};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(300, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 300];
-/// for t in 5..300 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = TwoStep::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-3);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(TwoStep, 300, 0.8, 1e-3)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TwoStep {

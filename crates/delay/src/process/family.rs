@@ -96,7 +96,8 @@ impl Default for Process {
     }
 }
 
-/// The methods, one a line: type, line in the list, name, summary, poles, zero, tolerance, what it withstands, what it is exempt from, and the model that it fits.
+/// The methods, one a line: type, line in the list, name, summary, poles, zero, tolerance, what it
+/// withstands, what it is exempt from, and the model that it fits.
 macro_rules! process {
     ($($type:ident, $line:ident, $name:literal, $summary:literal, $poles:literal, $zero:literal, $tolerance:expr, $withstands:expr, $exempt:expr, $model:literal;)+) => {$(
         #[doc = $model]

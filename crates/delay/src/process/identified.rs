@@ -200,7 +200,8 @@ impl ProcessOptions {
         }
     }
 
-    /// The fit in a window that doubles, up to `most`, while the dead time may be the longest in it; and that window.
+    /// The fit in a window that doubles, up to `most`, while the dead time may be the longest in
+    /// it; and that window.
     fn widened(
         &self,
         structure: ProcessStructure,
@@ -288,7 +289,8 @@ impl ProcessOptions {
         Ok(solved)
     }
 
-    /// The fit of the records from rest, or of those in motion with a start that is fitted; why there is neither.
+    /// The fit of the records from rest, or of those in motion with a start that is fitted; why
+    /// there is neither.
     fn begun<'a>(
         &self,
         shape: Shape,
@@ -384,7 +386,8 @@ impl<'a> Spread<'a> {
         Self { options, structure, step, solved, best, cloud, wider }
     }
 
-    /// What drawn values mean. A drawn delay stays near its interval, which knows more of it than a straight line does.
+    /// What drawn values mean. A drawn delay stays near its interval, which knows more of it than a
+    /// straight line does.
     fn numbers(&self, mut values: Vec<f64>) -> Numbers {
         if let Some([from, to]) = self.solved.delay {
             let [from, to] = [from - 0.5 * (to - from), to + 0.5 * (to - from)];

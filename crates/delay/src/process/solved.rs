@@ -1,4 +1,5 @@
-//! A process model fitted by least squares, and one step on to the estimate under the noise's own colour.
+//! A process model fitted by least squares, and one step on to the estimate under the noise's own
+//! colour.
 
 use deadtime_identify::{Coloured, coloured};
 use deadtime_signal::stats::interval95;

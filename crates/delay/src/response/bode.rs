@@ -13,7 +13,7 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::method::Class;
 use deadtime_log::{FrequencyResponse, Quality};
 use deadtime_signal::registry::entry;
-use deadtime_signal::stats::NORMAL_95;
+use deadtime_signal::stats::{self, NORMAL_95};
 
 /// Inputs: H(iω) at N frequencies. Output: seconds.
 ///
@@ -213,11 +213,8 @@ fn end_slope(points: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
         .filter(|(i, (n, _))| *i < 4 || (n - end).abs() < 0.5 * 2.0_f64.ln())
         .map(|(_, p)| p)
         .collect();
-    let count = near.len() as f64;
-    let (x, y) = (
-        near.iter().map(|p| p.0).sum::<f64>() / count,
-        near.iter().map(|p| p.1).sum::<f64>() / count,
-    );
+    let x = stats::mean(near.iter().map(|p| p.0)).unwrap_or(0.0);
+    let y = stats::mean(near.iter().map(|p| p.1)).unwrap_or(0.0);
     let power: f64 = near.iter().map(|p| (p.0 - x).powi(2)).sum();
     near.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>() / power.max(f64::MIN_POSITIVE)
 }

@@ -14,7 +14,7 @@ use super::response::{
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, options};
-use crate::method::{Basis, Condition, Information, Law, Method, method_line};
+use crate::method::{Basis, Condition, Information, Law, Method, method_line, plant_example};
 use crate::posterior;
 
 /// CUSUM test on the impulse response.
@@ -30,23 +30,7 @@ use crate::posterior;
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1 (idimpCusum); Page (1954), Biometrika 41, 100-115, doi:10.1093/biomet/41.1-2.100; Gustafsson (2000), "Adaptive
 /// Filtering and Change Detection", section 3.3. Drift and level in Björklund's runs were tuned to his benchmark and are not repeated here: the level is the one that noise alone,
 /// correlated as the coefficients' errors are, exceeds with a given probability.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{Cusum, DelayEstimator, Experiment, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(600, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 600];
-/// for t in 5..600 {
-///     y[t] = 0.6 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Cusum::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Cusum, 600, 0.6, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Cusum {

@@ -7,30 +7,14 @@ use super::response::ResponseKind;
 use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{NoDelay, PairMethod, PairRecords};
-use crate::method::{Basis, Condition, Information, Law, Method, method_line};
+use crate::method::{Basis, Condition, Information, Law, Method, method_line, plant_example};
 
 /// CUSUM test on the step response, the running sum of the impulse response; options, output and cost as [`Cusum`].
 ///
 /// Assumes: as [`Cusum`]. It sees slow responses that no single coefficient shows; the errors of a running sum are far from independent, which the alarm level allows for.
 /// Fails when: the noise is slow: the level is for white noise, whose errors the sum gathers less. For the rest as [`Cusum`].
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1 (idstepCusum); what it leaves open is said at [`Cusum`].
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{CusumStep, DelayEstimator, Experiment, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(600, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 600];
-/// for t in 5..600 {
-///     y[t] = 0.6 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = CusumStep::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(CusumStep, 600, 0.6, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(transparent)]
 pub struct CusumStep(pub Cusum);

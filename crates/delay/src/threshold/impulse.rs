@@ -10,7 +10,7 @@ use super::response::{
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, options};
-use crate::method::{Basis, Condition, Information, Method, method_line};
+use crate::method::{Basis, Condition, Information, Method, method_line, plant_example};
 use crate::posterior;
 
 /// Threshold on the impulse response.
@@ -23,23 +23,7 @@ use crate::posterior;
 /// with `prewindow: rest`), nothing stands out (`not_visible`), or the response begins slowly: the answer is then late,
 /// and the interval reaches back to where the response may have begun.
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1 (5 standard deviations); the thesis behind this project, algorithms 3.1 to 3.3 (3 of them).
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Search, Threshold};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(600, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 600];
-/// for t in 5..600 {
-///     y[t] = 0.6 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Threshold::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Threshold, 600, 0.6, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Threshold {
@@ -117,7 +101,8 @@ impl Threshold {
         response(name, kind, pair.records, taps, (self.records, self.prewindow))
     }
 
-    /// The first sample above the threshold; a response that `settles` must have died out behind it.
+    /// The first sample above the threshold; a response that `settles` must have died out behind
+    /// it.
     pub(super) fn crossing(
         &self,
         response: &EstimatedResponse,

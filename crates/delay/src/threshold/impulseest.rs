@@ -8,7 +8,7 @@ use statrs::distribution::{ContinuousCDF, Normal};
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, options};
-use crate::method::{Condition, Information, Method, method_line};
+use crate::method::{Condition, Information, Method, method_line, plant_example};
 use crate::posterior;
 use deadtime_identify::Evidence;
 
@@ -25,23 +25,7 @@ use deadtime_identify::Evidence;
 /// Source: Chen, Ohlsson and Ljung (2012), Automatica 48(8), 1525-1535, doi:10.1016/j.automatica.2012.05.026 (TC kernel, marginal likelihood); MATLAB, System Identification
 /// Toolbox, page `impulseest` (default kernel TC). How a delay is read off the picture neither says: MATLAB's user looks for the first coefficient outside of the
 /// confidence region. The evidence of each start is ours.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Impulseest, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.6 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Impulseest::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Impulseest, 400, 0.6, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Impulseest {

@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::error::LengthRemedy;
 use crate::estimator::{NoDelay, impulse_response, long_enough};
 use deadtime_identify::{Fir, Record};
+use deadtime_signal::stats;
 
 /// How several records are put together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -155,9 +156,8 @@ fn from_rest<'b>(record: &Record<'_>, taps: usize) -> Record<'b> {
     let there = |t: usize| record.present.as_ref().is_none_or(|p| p[t]);
     let (mut level_u, mut level_y) = (0.0, 0.0);
     if rest >= STILL {
-        let resting: Vec<f64> = (0..rest).filter(|&t| there(t)).map(|t| record.y[t]).collect();
-        let count = resting.len().max(1) as f64;
-        (level_u, level_y) = (record.u[0], resting.iter().sum::<f64>() / count);
+        let resting = (0..rest).filter(|&t| there(t)).map(|t| record.y[t]);
+        (level_u, level_y) = (record.u[0], stats::mean(resting).unwrap_or(0.0));
     }
     let behind = |x: &[f64], level: f64| -> Cow<'b, [f64]> {
         vec![0.0; before].into_iter().chain(x.iter().map(|v| v - level)).collect()

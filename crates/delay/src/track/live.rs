@@ -7,6 +7,7 @@ use std::collections::VecDeque;
 use crate::track::tracker::online::{Alarm, Tracker};
 use crate::track::tracker::options::TrackerOptions;
 use deadtime_log::neighbours;
+use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
 
 /// Rows from which the sample time is told.
@@ -204,8 +205,8 @@ fn step_s(first: &[Sample]) -> f64 {
     } else {
         *steps.select_nth_unstable_by(middle, f64::total_cmp).1
     };
-    let near: Vec<f64> = steps.into_iter().filter(|s| (s - median).abs() <= 0.5 * median).collect();
-    near.iter().sum::<f64>() / near.len().max(1) as f64
+    let near = steps.into_iter().filter(|s| (s - median).abs() <= 0.5 * median);
+    stats::mean(near).unwrap_or(0.0)
 }
 
 impl Running {

@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use deadtime_identify::Record;
+use deadtime_signal::stats;
 
 /// Orders of the model and the delays that it may have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,7 +68,7 @@ impl Rows {
                     .map(|t| begin + t),
             );
         }
-        let mean = at.iter().map(|&t| y[t]).sum::<f64>() / at.len().max(1) as f64;
+        let mean = stats::mean(at.iter().map(|&t| y[t])).unwrap_or(0.0);
         let power = at.iter().map(|&t| (y[t] - mean).powi(2)).sum();
         Self { orders, u, y, at, begins, power }
     }

@@ -242,7 +242,8 @@ impl Matched {
 }
 
 impl MatchProblem<'_> {
-    /// The search again with the frequencies between those of the grid at which the difference is larger.
+    /// The search again with the frequencies between those of the grid at which the difference is
+    /// larger.
     fn refined(&mut self, norm: &Norm, mut found: Descent, band: [f64; 2]) -> Option<Descent> {
         for _ in 0..ADDED {
             let peak = largest_gain(self, &found.z, band).ok();
@@ -509,7 +510,8 @@ pub(super) fn know(
     Some(())
 }
 
-/// The covariance of a sum of squares: to first order the minimum moves by H⁻¹Jᵀ of what the difference moves by.
+/// The covariance of a sum of squares: to first order the minimum moves by H⁻¹Jᵀ of what the
+/// difference moves by.
 fn to_first_order(
     problem: &MatchProblem<'_>,
     norm: &Norm,
@@ -538,7 +540,8 @@ fn to_first_order(
     covariance
 }
 
-/// The covariance where the largest value is no smooth function of the response: the match is made again for models as the noise would have made them.
+/// The covariance where the largest value is no smooth function of the response: the match is made
+/// again for models as the noise would have made them.
 fn of_draws(
     problem: &MatchProblem<'_>,
     norm: &Norm,

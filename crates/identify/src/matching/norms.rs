@@ -49,10 +49,13 @@ pub fn norm(name: &str) -> Result<&'static Norm, RegistryError> {
 /// From least squares to the largest value: a large power of many values is their largest but for less than the hundredth root of their number.
 const TO_THE_LARGEST: &[f64] = &[2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0];
 
-/// Weighted least squares: every entry at every frequency in its own standard deviations, or in shares of its magnitude where none are known.
+/// Weighted least squares: every entry at every frequency in its own standard deviations, or in
+/// shares of its magnitude where none are known.
 ///
-/// Equation:  min_θ Σ_k s_k Σ_ij |w_ij(ω_k) (G_ij(ω_k, θ) − Ĝ_ij(ω_k))|², s_k the share of ω_k in the band's logarithm
-/// Source: Pintelon and Schoukens (2012), System Identification: A Frequency Domain Approach, 2nd ed., chapter 9, doi:10.1002/9781118287422.
+/// Equation:  min_θ Σ_k s_k Σ_ij |w_ij(ω_k) (G_ij(ω_k, θ) − Ĝ_ij(ω_k))|², s_k the share of ω_k in
+/// the band's logarithm
+/// Source: Pintelon and Schoukens (2012), System Identification: A Frequency Domain Approach, 2nd
+/// ed., chapter 9, doi:10.1002/9781118287422.
 const WLS: Norm = Norm {
     name: "wls",
     summary: "weighted least squares: by standard deviations, or relative where none are known",
@@ -67,7 +70,8 @@ fn wls(at: &At, structured: &GainMatrix) -> GainMatrix {
 
 /// The H2 norm of the difference over the band: the energy of its impulse response there.
 ///
-/// Equation:  ‖Δ‖² = (Ts)/π ∫ ‖Δ(ω)‖_F² dω, by the trapezoidal rule (Ts for sampled models, 1 for continuous ones)
+/// Equation:  ‖Δ‖² = (Ts)/π ∫ ‖Δ(ω)‖_F² dω, by the trapezoidal rule (Ts for sampled models, 1 for
+/// continuous ones)
 /// Source: Zhou, Doyle and Glover (1996), Robust and Optimal Control, section 4.3.
 const H2: Norm = Norm {
     name: "h2",
@@ -81,10 +85,13 @@ fn h2(at: &At, structured: &GainMatrix) -> GainMatrix {
     (structured - &at.target) * Complex::new(scale, 0.0)
 }
 
-/// The H-infinity norm of the difference over the band: its largest gain in any direction, whatever the poles.
+/// The H-infinity norm of the difference over the band: its largest gain in any direction, whatever
+/// the poles.
 ///
-/// Equation:  min_θ max_ω σmax(G(ω, θ) − Ĝ(ω)), by (Σ_k Σ_i σ_i(ω_k)^p)^(1/p) with p doubled from 2 to 512
-/// Source: the thesis' criterion (Fumai's PBSID-H∞); Charalambous and Bandler (1976), "Non-linear minimax optimization as a sequence of least pth optimization
+/// Equation:  min_θ max_ω σmax(G(ω, θ) − Ĝ(ω)), by (Σ_k Σ_i σ_i(ω_k)^p)^(1/p) with p doubled from 2
+/// to 512
+/// Source: the thesis' criterion (Fumai's PBSID-H∞); Charalambous and Bandler (1976), "Non-linear
+/// minimax optimization as a sequence of least pth optimization
 /// with finite values of p", doi:10.1080/00207727608941924.
 const HINF: Norm = Norm {
     name: "hinf",
@@ -97,10 +104,12 @@ fn hinf(at: &At, structured: &GainMatrix) -> GainMatrix {
     structured - &at.target
 }
 
-/// The largest chordal distance of the responses over the band: the nu-gap where the two models wind alike, for models of any poles.
+/// The largest chordal distance of the responses over the band: the nu-gap where the two models
+/// wind alike, for models of any poles.
 ///
 /// Equation:  min_θ max_ω σmax((I + G G*)^(−1/2) (G − Ĝ) (I + Ĝ* Ĝ)^(−1/2))
-/// Fails when: both gains are large (or small) everywhere: then all pairs are far apart (or near), and the channels want other units.
+/// Fails when: both gains are large (or small) everywhere: then all pairs are far apart (or near),
+/// and the channels want other units.
 /// Source: Vinnicombe (1993), IEEE Trans. Automat. Contr. 38(9), 1371-1383.
 const NU_GAP: Norm = Norm {
     name: "nu-gap",

@@ -30,7 +30,8 @@ pub(super) struct OeProblem<'a> {
     pub(super) linear: DVector<f64>,
     /// Σ y².
     pub(super) power: f64,
-    /// Second derivatives themselves where they are known ([`OeProblem::is_second_order`]), else the product of first ones.
+    /// Second derivatives themselves where they are known ([`OeProblem::is_second_order`]), else
+    /// the product of first ones.
     pub(super) exact: bool,
     arch: Arch,
 }

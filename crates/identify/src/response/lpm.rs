@@ -11,7 +11,7 @@ use super::lines::{Line, Seen};
 use super::responses::{ResponseMethod, unexcited};
 use crate::error::IdentifyError;
 use crate::subspace::recordings::{Recordings, Stretch};
-use deadtime_signal::RealFourier;
+use deadtime_signal::{RealFourier, stats};
 
 /// The local polynomial method (LPM).
 ///
@@ -53,7 +53,7 @@ impl Spectra {
         let scale = 1.0 / (n.max(1) as f64).sqrt();
         let one = |row: Vec<f64>| {
             // Only the line at 0 knows the mean; without it large means do not cost digits.
-            let mean = row.iter().sum::<f64>() / n.max(1) as f64;
+            let mean = stats::mean(row.iter().copied()).unwrap_or(0.0);
             fourier
                 .spectrum(row.into_iter().map(|v| (v - mean) * scale))
                 .into_iter()

@@ -94,7 +94,8 @@ impl ResponseMethod for Welch {
     }
 }
 
-/// G and its noise from one spectral matrix, the inputs first; `None` where they do not excite it, or not each on its own.
+/// G and its noise from one spectral matrix, the inputs first; `None` where they do not excite it,
+/// or not each on its own.
 fn line(s: &DMatrix<Complex<f64>>, peaks: &[f64], averages: f64) -> Option<Line> {
     let m = peaks.len();
     let l = s.nrows() - m;

@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use super::problem::StructuredProblem;
 use super::window::{Buffers, WindowPoint};
+use deadtime_signal::stats;
 
 /// Mean length of a group's error over all windows, by horizon. A vector's error has the length of the difference, an attitude's the angle between the two.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -66,15 +67,13 @@ pub(super) fn lengths(
 
 /// The means of those lengths.
 pub(super) fn score(problem: &StructuredProblem<'_>, lengths: &[Vec<Vec<f64>>]) -> Vec<GroupScore> {
-    let mean = |list: &Vec<f64>, f: &dyn Fn(f64) -> f64| {
-        list.iter().map(|v| f(*v)).sum::<f64>() / list.len().max(1) as f64
-    };
     let groups = problem.simulator.groups.iter().zip(lengths);
     groups
         .map(|(group, by_horizon)| {
             let mean_absolute: Vec<f64> =
-                by_horizon.iter().map(|list| mean(list, &|v| v)).collect();
-            let rms = by_horizon.iter().map(|list| mean(list, &|v| v * v).sqrt()).collect();
+                by_horizon.iter().map(|l| stats::mean(l.iter().copied()).unwrap_or(0.0)).collect();
+            let rms =
+                by_horizon.iter().map(|l| stats::rms(l.iter().copied()).unwrap_or(0.0)).collect();
             GroupScore {
                 group: group.name.clone(),
                 unit: group.unit.clone(),

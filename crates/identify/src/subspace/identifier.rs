@@ -421,7 +421,8 @@ impl Settings {
     }
 }
 
-/// The first input that is excited at fewer than `needed` lags (of a window of `past`), and at how many.
+/// The first input that is excited at fewer than `needed` lags (of a window of `past`), and at how
+/// many.
 fn poor(
     recordings: &Recordings,
     orders: &[usize],
