@@ -7,10 +7,11 @@ import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
-SECTIONS = ("Inputs", "Assumes", "Resolution and cost", "Interval", "Fails when", "Source")
+SECTIONS = ("Equation", "Inputs", "Assumes", "Resolution and cost", "Interval", "Fails when", "Source")
 # A doc comment, the attributes after it, and the struct that it belongs to.
-STRUCT = re.compile(r"((?:^[ \t]*///.*\n)+)(?:^#\[.*\n)*^pub(?:\(crate\))? struct (\w+)", re.MULTILINE)
-NAMED = re.compile(r'(?:entry!\(\s*|process!\(\s*\w+,\s*\w+,\s*)"(\w+)"')
+STRUCT = re.compile(r"((?:^[ \t]*///.*\n)+)(?:^#\[.*\n)*^[ \t]*pub(?:\(crate\))? struct (\w+)", re.MULTILINE)
+# The line of a method: its name, its summary and its options; those of the process models share one struct.
+NAMED = re.compile(r'(?:entry!|method_line!|: |as )\(\s*"(\w+)",\s*"[^"]*",\s*(\w+)|^    \w+, P\w+, "(\w+)"', re.MULTILINE)
 EFFECT = re.compile(r'fn name\(&self\) -> &\'static str \{\s*"(\w+)"')
 
 
@@ -37,7 +38,7 @@ def equation(text: str) -> str:
 
 
 def about(path: Path, root: Path, struct: str | None) -> About:
-    """The head of a file and the doc comment of its struct, taken apart."""
+    """The head of a file and the doc comment of its struct, taken apart. A struct with an equation of its own stands in a file of several methods."""
     text = path.read_text(encoding="utf-8")
     head = [line[3:].strip() for line in text.splitlines() if line.startswith("//!")]
     paragraphs = " ".join(line or "\n" for line in head).split("\n")
@@ -59,7 +60,10 @@ def about(path: Path, root: Path, struct: str | None) -> About:
             sections[current] += " " + line
         elif not line:
             current = ""
-    return About(path.relative_to(root).as_posix(), paragraphs[0], formula, sections)
+    own = sections.pop("Equation", None)
+    lines = [line.strip().removeprefix("///").strip() for line in doc.splitlines()]
+    what = " ".join(lines[: lines.index("")]) if own else paragraphs[0]
+    return About(path.relative_to(root).as_posix(), what, own or formula, sections)
 
 
 def methods(root: Path) -> dict[str, About]:
@@ -67,10 +71,8 @@ def methods(root: Path) -> dict[str, About]:
     found: dict[str, About] = {}
     for path in sorted((root / "crates" / "delay" / "src").glob("*/*.rs")):
         text = path.read_text(encoding="utf-8")
-        for name in NAMED.findall(text):
-            # The process models share the options, and so the text, of one struct.
-            struct = "Process" if "process!(" in text else re.search(rf'entry!\(\s*"{name}",\s*"[^"]*",\s*(\w+)', text)[1]  # type: ignore[index]
-            found[name] = about(path, root, struct)
+        for name, struct, process in NAMED.findall(text):
+            found[name or process] = about(path, root, struct or "Process")
     return found
 
 

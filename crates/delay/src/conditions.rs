@@ -3,19 +3,10 @@
 use super::estimator::Search;
 use super::experiment::Experiment;
 use super::feedback::{in_loop, lags, residual};
+use super::finding::Finding;
 use super::method::Condition;
-use crate::parametric::arxstruc::Arxstruc;
+use crate::posterior::{ARX_ORDERS, smallest};
 use deadtime_identify::{Record, Regression, arx_scan, largest_pole};
-use deadtime_signal::remedy::Message;
-
-/// A complication that a record shows, and what shows it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Finding {
-    /// The complication.
-    pub condition: Condition,
-    /// The evidence, in words that follow the condition's own.
-    pub evidence: Message,
-}
 
 /// Coefficients after which a response that lasts is cut off.
 const LAGS: usize = 71;
@@ -26,7 +17,8 @@ const LAG: f64 = 0.75;
 /// Share of the largest coefficient from which one counts.
 const BEGUN: f64 = 0.1;
 
-/// What the records of one pair show, judged by ARX models of the orders of [`Arxstruc`] over the same window.
+/// What the records of one pair show, judged by ARX models of the orders of
+/// [`Arxstruc`](crate::Arxstruc) over the same window.
 ///
 /// * Feedback: see [`in_loop`], for a plant that is strictly proper.
 /// * Unstable plant: a pole outside the unit circle by more than 3/N, three times the rate at which an estimate of a pole at 1 converges.
@@ -55,12 +47,10 @@ pub(super) fn of_the_plant(records: &[Record], max_delay: usize) -> Vec<Finding>
             evidence: format!("{missing} output samples are missing").into(),
         });
     }
-    let Arxstruc { na, nb, .. } = Arxstruc::default();
+    let [na, nb] = ARX_ORDERS;
     let scan = arx_scan(records, na, nb, max_delay);
     let rows = scan.rows as f64;
-    let best = (0..scan.loss.len())
-        .filter(|&nk| scan.loss[nk].is_finite())
-        .min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
+    let best = smallest(&scan.loss);
     let Some(best) = best.filter(|_| scan.rows > 4 * (na + nb)) else { return found };
     let coefficients = &scan.coefficients[best];
     let a: Vec<f64> = coefficients[..na].iter().map(|c| -c).collect();

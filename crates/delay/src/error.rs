@@ -15,54 +15,28 @@ use deadtime_signal::registry::RegistryError;
 use deadtime_signal::remedied;
 use deadtime_signal::remedy::{Message, Remedied, Remedy};
 use deadtime_signal::stop::Stopped;
+use deadtime_signal::sum;
 use deadtime_signal::time::TimeError;
 
-/// Whatever keeps a dead time from being estimated.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// An estimation that cannot be set up.
-    #[error(transparent)]
-    Delay(DelayError),
-    /// A model that cannot be identified.
-    #[error(transparent)]
-    Identify(#[from] IdentifyError),
-    /// A model file's parameters that cannot be fitted.
-    #[error(transparent)]
-    Structured(#[from] StructuredError),
-    /// Two models that cannot be matched.
-    #[error(transparent)]
-    Matching(#[from] MatchingError),
-    /// A model that cannot be built, read or converted.
-    #[error(transparent)]
-    Model(#[from] ModelError),
-    /// A channel that cannot be calculated from others.
-    #[error(transparent)]
-    Derived(#[from] DerivedError),
-    /// A simulation that cannot be run.
-    #[error(transparent)]
-    Simulate(#[from] SimulateError),
-    /// An effect that cannot be applied.
-    #[error(transparent)]
-    Effect(#[from] EffectError),
-    /// A signal that cannot be made.
-    #[error(transparent)]
-    Signal(#[from] SignalError),
-    /// A log that cannot be read or used.
-    #[error(transparent)]
-    Log(#[from] LogError),
-    /// A file that the operating system refuses, or that is no such file.
-    #[error(transparent)]
-    File(#[from] FileError),
-    /// A sample time or delay that cannot be.
-    #[error(transparent)]
-    Time(#[from] TimeError),
-    /// A name or option that a registry does not know.
-    #[error(transparent)]
-    Registry(#[from] RegistryError),
-    /// Nobody waits for the answer any more.
-    #[error(transparent)]
-    Stopped(#[from] Stopped),
-}
+sum!(
+    /// Whatever keeps a dead time from being estimated.
+    Error {
+        Identify(IdentifyError),
+        Structured(StructuredError),
+        Matching(MatchingError),
+        Model(ModelError),
+        Derived(DerivedError),
+        Simulate(SimulateError),
+        Effect(EffectError),
+        Signal(SignalError),
+        Log(LogError),
+        File(FileError),
+        Time(TimeError),
+        Registry(RegistryError),
+        Stopped(Stopped);
+        by hand Delay(DelayError)
+    }
+);
 
 flatten!(deadtime_log::Error => Error { Log, File, Time });
 flatten!(deadtime_model::Error => Error { Model, Derived, Simulate, Effect, Signal, Log, File, Time });

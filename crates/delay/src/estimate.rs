@@ -1,6 +1,5 @@
 //! What an estimator answers.
 
-use crate::process::orders::Misfit;
 use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::time::SampleTime;
 
@@ -49,6 +48,17 @@ impl Outcome {
     }
 }
 
+/// How well a model fits the samples that all models of a record fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Misfit {
+    /// ln Σ e².
+    pub log_cost: f64,
+    /// Independent samples behind it.
+    pub counting: f64,
+    /// Free parameters.
+    pub parameters: usize,
+}
+
 /// One method's answer for one input and one output.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DelayEstimate {
@@ -81,9 +91,8 @@ fn longest_searched() -> Message {
 }
 
 impl DelayEstimate {
-    /// An answer without a delay.
-    #[must_use]
-    pub fn without(outcome: Outcome, note: impl Into<Message>) -> Self {
+    /// Nothing but what came of it.
+    pub(super) fn bare(outcome: Outcome) -> Self {
         Self {
             outcome,
             delay_s: None,
@@ -91,7 +100,7 @@ impl DelayEstimate {
             ci95_s: None,
             raw_delay_s: None,
             degree_bias_samples: 0.0,
-            note: Some(note.into()),
+            note: None,
             contradicted: false,
             misfit: None,
             enough_poles: false,
@@ -99,19 +108,21 @@ impl DelayEstimate {
         }
     }
 
-    /// An answer of a method that counts samples: raw value, standard deviation and interval in samples, before the bias is taken off.
-    pub(super) fn counted(
-        raw: f64,
-        std: f64,
-        interval: [f64; 2],
-        at_edge: bool,
-        bias: usize,
-        sample_time: SampleTime,
-    ) -> Self {
-        Self::measured(raw, std, interval, at_edge, bias as f64, sample_time)
+    /// A delay, and the note that it may be longer where it is the longest searched.
+    fn found(at_edge: bool) -> Self {
+        let outcome = if at_edge { Outcome::AtEdge } else { Outcome::Found };
+        Self { note: at_edge.then(longest_searched), ..Self::bare(outcome) }
     }
 
-    /// The same of a method that resolves fractions of a sample, and whose bias may be one (half a sample for a phase behind a zero-order hold).
+    /// An answer without a delay.
+    #[must_use]
+    pub fn without(outcome: Outcome, note: impl Into<Message>) -> Self {
+        Self { note: Some(note.into()), ..Self::bare(outcome) }
+    }
+
+    /// An answer in samples, before the bias `off` is taken off: raw value, standard deviation and
+    /// interval. The bias may be a fraction (half a sample for a phase behind
+    /// a zero-order hold).
     pub(super) fn measured(
         raw: f64,
         std: f64,
@@ -128,17 +139,12 @@ impl DelayEstimate {
             );
         }
         Self {
-            outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
             delay_s: Some(seconds(raw)),
             std_s: Some(sample_time.to_seconds(std)),
             ci95_s: Some(interval.map(seconds)),
             raw_delay_s: Some(sample_time.to_seconds(raw)),
             degree_bias_samples: off,
-            contradicted: false,
-            misfit: None,
-            enough_poles: false,
-            open_part: false,
-            note: at_edge.then(longest_searched),
+            ..Self::found(at_edge)
         }
     }
 
@@ -151,17 +157,11 @@ impl DelayEstimate {
             );
         }
         Self {
-            outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
             delay_s: Some(delay_s),
             std_s: Some(std_s),
             ci95_s: Some(ci95_s),
             raw_delay_s: Some(delay_s),
-            degree_bias_samples: 0.0,
-            contradicted: false,
-            misfit: None,
-            enough_poles: false,
-            open_part: false,
-            note: at_edge.then(longest_searched),
+            ..Self::found(at_edge)
         }
     }
 
@@ -190,6 +190,12 @@ impl DelayEstimate {
     pub(super) fn of_open_part(mut self) -> Self {
         self.open_part = true;
         self.noting(Some("from the part of the input that the output did not cause".to_owned()))
+    }
+
+    /// With another raw value than the answer itself, s.
+    #[must_use]
+    pub(super) fn with_raw_s(self, raw_delay_s: f64) -> Self {
+        Self { raw_delay_s: Some(raw_delay_s), ..self }
     }
 
     /// Adds a sentence to the note.

@@ -1,9 +1,11 @@
 //! An estimator and the delays that it searches.
 
-use super::error::{DelayError, Result};
+use super::error::{DelayError, LengthRemedy, Result};
 use super::estimate::{DelayEstimate, Outcome};
 use super::experiment::Experiment;
-use deadtime_identify::Record;
+use super::posterior::{self, Posterior};
+use deadtime_identify::{Fir, Record, fir_or_rank};
+use deadtime_signal::remedy::{Message, Remedied};
 use deadtime_signal::stop::Stop;
 
 /// How far to search, and what to take off the answer.
@@ -88,21 +90,267 @@ pub trait DelayEstimator: Send + Sync {
     }
 }
 
+/// One input and one output, as a method sees them.
+#[derive(Clone, Copy)]
+pub(super) struct PairRecords<'a> {
+    /// The records; the shortest delay searched is lag 0.
+    pub(super) records: &'a [Record<'a>],
+    /// Longest delay, samples.
+    pub(super) max_delay: usize,
+    /// Samples that a delay-free plant already needs to respond.
+    pub(super) bias: usize,
+    /// Where the records come from.
+    pub(super) experiment: &'a Experiment<'a>,
+    /// Looked at inside long scans.
+    pub(super) stop: &'a Stop,
+}
+
+/// Why a method gives no delay.
+pub(super) enum NoDelay {
+    /// The data do not show one.
+    Answer(DelayEstimate),
+    /// The data cannot be used at all.
+    Refused(DelayError),
+}
+
+impl NoDelay {
+    /// An answer without a delay.
+    pub(super) fn new(outcome: Outcome, note: impl Into<Message>) -> Self {
+        Self::Answer(DelayEstimate::without(outcome, note))
+    }
+
+    /// What a scan says where no delay has a finite loss.
+    pub(super) fn overflow() -> Self {
+        Self::new(
+            Outcome::Singular,
+            "no delay has a finite loss: the numbers overflow; scale the channels",
+        )
+    }
+
+    /// What a scan of `delays` says where `same` of them fit alike.
+    pub(super) fn flat(same: usize, delays: usize) -> Self {
+        Self::new(Outcome::Flat, format!("{same} of {delays} delays fit equally well"))
+    }
+
+    /// The answer, where it is one.
+    pub(super) fn answered(self) -> Result<DelayEstimate, DelayError> {
+        match self {
+            Self::Answer(estimate) => Ok(estimate),
+            Self::Refused(error) => Err(error),
+        }
+    }
+}
+
+impl From<DelayError> for NoDelay {
+    fn from(error: DelayError) -> Self {
+        Self::Refused(error)
+    }
+}
+
+impl From<DelayEstimate> for NoDelay {
+    fn from(estimate: DelayEstimate) -> Self {
+        Self::Answer(estimate)
+    }
+}
+
+impl<'a> PairRecords<'a> {
+    /// Refuses records of fewer than `needed` samples.
+    pub(super) fn at_least(
+        &self,
+        method: &'static str,
+        needed: usize,
+        remedy: LengthRemedy,
+    ) -> Result<(), DelayError> {
+        long_enough(method, needed, self.experiment.longest(), remedy)
+    }
+
+    /// The output visibly follows the input.
+    pub(super) fn visible(&self) -> Result<(), NoDelay> {
+        seen(posterior::unseen(self.records, self.max_delay))
+    }
+
+    /// No output sample is missing.
+    pub(super) fn complete(&self, why: &'static str) -> Result<(), NoDelay> {
+        let whole = self.records.iter().all(|r| r.present.is_none());
+        if whole { Ok(()) } else { Err(NoDelay::new(Outcome::NotApplicable, why)) }
+    }
+
+    /// The same where an output may be marked as measured at every sample.
+    pub(super) fn measured_throughout(&self, why: &'static str) -> Result<(), NoDelay> {
+        let gap = |r: &Record| r.present.as_ref().is_some_and(|p| p.contains(&false));
+        let gaps = self.records.iter().any(gap);
+        if gaps { Err(NoDelay::new(Outcome::NotApplicable, why)) } else { Ok(()) }
+    }
+
+    /// The first `most` samples of every record, and the note that says so where one is longer.
+    pub(super) fn heads(&self, most: usize) -> (Vec<Record<'a>>, Option<String>) {
+        let got = self.experiment.longest();
+        let cut = self.records.iter().any(|r| r.len() > most);
+        let note = cut.then(|| format!("used the first {most} of {got} samples"));
+        (self.records.iter().map(|r| r.head(most)).collect(), note)
+    }
+
+    /// The same with other records.
+    pub(super) fn with<'b>(&self, records: &'b [Record<'b>]) -> PairRecords<'b>
+    where
+        'a: 'b,
+    {
+        PairRecords { records, ..*self }
+    }
+
+    /// An answer of a method that counts samples: raw value, standard deviation and interval in
+    /// samples.
+    pub(super) fn counted(&self, raw: f64, std: f64, interval: [f64; 2]) -> DelayEstimate {
+        self.counted_at(raw, std, interval, raw == self.max_delay as f64)
+    }
+
+    /// The most probable delay, at which the response shows its first coefficient.
+    pub(super) fn most_probable(&self, posterior: &Posterior) -> DelayEstimate {
+        let interval = posterior.first_coefficient(self.bias);
+        self.counted(posterior.best as f64, posterior.std, interval)
+    }
+
+    /// The same of a method that itself knows whether its answer is at the edge of the window.
+    pub(super) fn counted_at(
+        &self,
+        raw: f64,
+        std: f64,
+        interval: [f64; 2],
+        at_edge: bool,
+    ) -> DelayEstimate {
+        self.measured(raw, std, interval, at_edge, self.bias as f64)
+    }
+
+    /// The same of a method whose bias, `off`, may be a fraction of a sample.
+    pub(super) fn measured(
+        &self,
+        raw: f64,
+        std: f64,
+        interval: [f64; 2],
+        at_edge: bool,
+        off: f64,
+    ) -> DelayEstimate {
+        let sample_time = self.experiment.sample_time();
+        DelayEstimate::measured(raw, std, interval, at_edge, off, sample_time)
+    }
+
+    /// Refuses a standard deviation, samples, that is no smaller than that of a delay anywhere in
+    /// the window.
+    pub(super) fn narrows(&self, std: f64) -> Result<(), NoDelay> {
+        if std <= (self.max_delay as f64).max(1.0) / 12.0_f64.sqrt() {
+            return Ok(());
+        }
+        let note = format!(
+            "a standard deviation of {std:.1} samples says no more than the search window does"
+        );
+        Err(NoDelay::new(Outcome::Flat, note))
+    }
+
+    /// `samples` in seconds.
+    pub(super) fn seconds(&self, samples: f64) -> f64 {
+        self.experiment.sample_time().to_seconds(samples)
+    }
+}
+
+/// Refuses records of fewer than `needed` samples.
+pub(super) fn long_enough(
+    method: &'static str,
+    needed: usize,
+    got: usize,
+    remedy: LengthRemedy,
+) -> Result<(), DelayError> {
+    if got < needed { Err(DelayError::TooShort { method, needed, got, remedy }) } else { Ok(()) }
+}
+
+/// The answer, with or without a delay, and a note besides.
+pub(super) fn noted(
+    answer: Result<DelayEstimate, NoDelay>,
+    note: Option<String>,
+) -> Result<DelayEstimate, NoDelay> {
+    Ok(answer.or_else(NoDelay::answered)?.noting(note))
+}
+
+/// The output visibly follows the input, unless there is a reason why it does not.
+pub(super) fn seen(unseen: Option<String>) -> Result<(), NoDelay> {
+    unseen.map_or(Ok(()), |note| Err(NoDelay::new(Outcome::NotVisible, note)))
+}
+
+/// Refuses options out of their ranges: each with its name, its value, whether that may be, and
+/// what may be.
+pub(super) fn options<const N: usize>(
+    method: &'static str,
+    options: [(&'static str, f64, bool, &'static str); N],
+) -> Result<(), DelayError> {
+    match options.into_iter().find(|(_, _, ok, _)| !ok) {
+        Some((option, value, _, allowed)) => {
+            Err(DelayError::Option { method, option, value, allowed })
+        }
+        None => Ok(()),
+    }
+}
+
+/// The finite impulse response of so many coefficients.
+pub(super) fn impulse_response(records: &[Record<'_>], taps: usize) -> Result<Fir, NoDelay> {
+    fir_or_rank(records, taps).map_err(|found| {
+        let (rank, columns) = (found.rank, found.columns);
+        let note = format!("the input excites only {rank} of {columns} coefficients");
+        NoDelay::new(Outcome::NotRichEnough, note)
+    })
+}
+
+/// The answer of a method: what it cannot do with the data is one; what was typed wrong stops the
+/// work, and so does the wish to stop.
+pub(super) fn usable(
+    answer: Result<DelayEstimate, DelayError>,
+) -> Result<DelayEstimate, DelayError> {
+    answer.or_else(|e| match e {
+        DelayError::Option { .. } | DelayError::Stopped => Err(e),
+        e => Ok(DelayEstimate::without(Outcome::NotApplicable, e.message())),
+    })
+}
+
+/// A method that sees one input and one output at a time, and needs nothing else.
+pub(super) trait PairMethod: Send + Sync {
+    /// Refuses options out of their ranges.
+    fn check(&self) -> Result<(), DelayError> {
+        Ok(())
+    }
+
+    /// The delay of one pair.
+    fn pair(&self, pair: &PairRecords<'_>) -> Result<DelayEstimate, NoDelay>;
+}
+
+impl<M: PairMethod> DelayEstimator for M {
+    fn estimate(
+        &self,
+        experiment: &Experiment<'_>,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
+        self.check()?;
+        one_pair(experiment, search, |pair| self.pair(pair))
+    }
+}
+
 /// Runs `method` on the records of the first pair, with the window doubled once where its answer is the longest delay searched.
 pub(super) fn one_pair(
     experiment: &Experiment<'_>,
     search: &Search,
-    method: impl Fn(&[Record<'_>], usize, usize) -> Result<DelayEstimate, DelayError>,
+    method: impl Fn(&PairRecords<'_>) -> Result<DelayEstimate, NoDelay>,
 ) -> Result<DelayEstimate, DelayError> {
     search.go_on()?;
     let (skip, logged) = (search.skip(), experiment.pair(0, 0)?);
     let records: Vec<Record<'_>> = logged.iter().map(|r| r.ahead(skip)).collect();
-    let bias = search.bias(0, 0);
-    let mut estimate = method(&records, search.max_delay - skip, bias)?;
+    let (bias, stop) = (search.bias(0, 0), &search.stop);
+    let within = |longest: usize| {
+        let max_delay = longest - skip;
+        let pair = PairRecords { records: &records, max_delay, bias, experiment, stop };
+        method(&pair).or_else(NoDelay::answered)
+    };
+    let mut estimate = within(search.max_delay)?;
     search.go_on()?;
     if estimate.outcome == Outcome::AtEdge
         // A record too short for the wider window leaves the answer at the edge of the narrow one.
-        && let Ok(wider) = method(&records, 2 * search.max_delay - skip, bias)
+        && let Ok(wider) = within(2 * search.max_delay)
     {
         estimate = wider;
     }
@@ -110,28 +358,43 @@ pub(super) fn one_pair(
     Ok(estimate.finished(experiment.sample_time().to_seconds(skip as f64)))
 }
 
-/// Runs `method` on all inputs of the first output together, records and bias by input, with the window doubled once where an answer is the longest delay searched.
+/// Runs `method` on all inputs of the first output together, pair by pair, with the window doubled
+/// once where an answer is the longest delay searched.
 pub(super) fn joint_inputs(
     experiment: &Experiment<'_>,
     search: &Search,
-    method: impl Fn(&[Vec<Record<'_>>], usize, &[usize]) -> Result<Vec<DelayEstimate>, DelayError>,
+    method: impl Fn(&[PairRecords<'_>]) -> Result<Vec<DelayEstimate>, DelayError>,
 ) -> Result<Vec<DelayEstimate>, DelayError> {
     search.go_on()?;
-    let skip = search.skip();
+    let (skip, stop) = (search.skip(), &search.stop);
     let logged = (0..experiment.inputs().len())
         .map(|input| experiment.pair(input, 0))
         .collect::<Result<Vec<_>, _>>()?;
     let inputs: Vec<Vec<Record<'_>>> =
         logged.iter().map(|records| records.iter().map(|r| r.ahead(skip)).collect()).collect();
-    let bias: Vec<usize> = (0..inputs.len()).map(|input| search.bias(input, 0)).collect();
-    let mut estimates = method(&inputs, search.max_delay - skip, &bias)?;
+    let within = |longest: usize| {
+        let max_delay = longest - skip;
+        let pairs: Vec<PairRecords<'_>> = (inputs.iter().enumerate())
+            .map(|(input, records)| {
+                let bias = search.bias(input, 0);
+                PairRecords { records, max_delay, bias, experiment, stop }
+            })
+            .collect();
+        method(&pairs)
+    };
+    let mut estimates = within(search.max_delay)?;
     search.go_on()?;
     if estimates.iter().any(|e| e.outcome == Outcome::AtEdge)
-        && let Ok(wider) = method(&inputs, 2 * search.max_delay - skip, &bias)
+        && let Ok(wider) = within(2 * search.max_delay)
     {
         estimates = wider;
     }
     search.go_on()?;
     let moved_s = experiment.sample_time().to_seconds(skip as f64);
     Ok(estimates.into_iter().map(|e| e.finished(moved_s)).collect())
+}
+
+/// The first of the answers of all inputs.
+pub(super) fn first_of(all: Vec<DelayEstimate>) -> Result<DelayEstimate, DelayError> {
+    all.into_iter().next().ok_or(DelayError::Count { what: "inputs", needed: 1, got: 0 })
 }

@@ -5,7 +5,7 @@
 
 use nalgebra::Complex;
 
-use super::correlation::hannan_thomson;
+use super::correlation::weights::maximum_likelihood;
 use super::error::Result;
 use super::experiment::{Detrend, Experiment};
 use super::posterior::posterior_of_start;
@@ -170,7 +170,7 @@ fn phase(records: &[Record], max_delay: usize, longest: usize, step_s: f64) -> O
     if longest < max_delay + segment {
         return None;
     }
-    let (found, seen) = alike(&Centred::new(records), segment, hannan_thomson::weight, max_delay);
+    let (found, seen) = alike(&Centred::new(records), segment, maximum_likelihood, max_delay);
     let (seen, fraction) = (seen?, found.fraction?);
     let delay = found.lag as f64 + fraction;
     let coherent = seen

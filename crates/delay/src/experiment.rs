@@ -3,8 +3,7 @@
 use std::borrow::Cow;
 
 use super::error::DelayError;
-use crate::events::offsets::Events;
-use crate::events::offsets::check_times;
+use crate::events::times::{Events, check_times};
 use deadtime_identify::Record;
 use deadtime_log::Log;
 use deadtime_model::{Continuous, Sampled, StateSpace};
@@ -125,11 +124,9 @@ impl<'a> Experiment<'a> {
         if events.is_empty() {
             return Err(DelayError::Count { what: "sequences of events", needed: 1, got: 0 });
         }
+        check_times(&events, [first, second])?;
         let (inputs, outputs) = (vec![first.to_owned()], vec![second.to_owned()]);
-        let experiment =
-            Self { sample_time, inputs, outputs, recordings: Vec::new(), model: None, events };
-        check_times(&experiment)?;
-        Ok(experiment)
+        Ok(Self { sample_time, inputs, outputs, recordings: Vec::new(), model: None, events })
     }
 
     /// This experiment with the plant's model; its recordings hold the states, where they were measured.
@@ -380,11 +377,8 @@ impl Detrend {
             }
             return;
         }
-        let count = points.len().max(1) as f64;
-        let (mean_t, mean) = (
-            points.iter().map(|p| p.0).sum::<f64>() / count,
-            points.iter().map(|p| p.1).sum::<f64>() / count,
-        );
+        let mean_t = stats::mean(points.iter().map(|p| p.0)).unwrap_or(0.0);
+        let mean = stats::mean(points.iter().map(|p| p.1)).unwrap_or(0.0);
         let slope = match self {
             Self::None => return,
             Self::Mean => 0.0,

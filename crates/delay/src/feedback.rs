@@ -4,9 +4,9 @@ use std::borrow::Cow;
 
 use statrs::function::beta::checked_beta_reg;
 
-use super::conditions::Finding;
+use super::finding::Finding;
 use super::method::Condition;
-use crate::parametric::arxstruc::Arxstruc;
+use crate::posterior::ARX_ORDERS;
 use deadtime_identify::{Record, Regression};
 
 /// Coefficients of the response that noise colour and feedback are judged beyond; as many as the threshold methods estimate.
@@ -99,7 +99,7 @@ impl InLoop {
 /// variance passes for open, where its bias is small; a controller with more memory than a PID is not seen to be all that moves the input. Too short a record shows nothing.
 #[must_use]
 pub fn in_loop(records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop {
-    let na = Arxstruc::default().na;
+    let [na, _] = ARX_ORDERS;
     let lags = lags(records, max_delay).max(na + 2);
     let (later, chance) = later(records, na, lags).unwrap_or((None, 1.0));
     let mut seen = InLoop { later, tied: tied(records, bias), ..InLoop::default() };
@@ -362,7 +362,7 @@ pub fn lead(records: &[Record<'_>], max_delay: usize, bias: usize) -> Option<usi
 
 /// Past inputs help to predict the output beyond its own past.
 fn follows(records: &[Record<'_>], max_delay: usize) -> bool {
-    let na = Arxstruc::default().na;
+    let [na, _] = ARX_ORDERS;
     let lags = lags(records, max_delay).max(na + 2);
     let later: Vec<Record<'_>> =
         records.iter().filter(|r| r.len() > lags).map(|r| r.ahead(1)).collect();

@@ -11,6 +11,7 @@ mod events;
 mod evidence;
 mod experiment;
 mod feedback;
+mod finding;
 mod frequency;
 mod higher_order;
 mod identifiers;
@@ -32,27 +33,26 @@ mod verdict;
 mod watched;
 
 pub use crate::area::area1::Area1;
-pub use crate::area::area2::Area2;
-pub use crate::area::area3::Area3;
-pub use crate::area::moment::Moment;
-pub use crate::correlation::crosscorr::Crosscorr;
-pub use crate::correlation::eckart::GccEckart;
-pub use crate::correlation::hannan_thomson::GccHannanThomson;
-pub use crate::correlation::phat::GccPhat;
-pub use crate::correlation::roth::GccRoth;
-pub use crate::correlation::scot::GccScot;
-pub use crate::events::average_delay_difference::EventAverageDifference;
-pub use crate::events::delay_variance::EventDelayVariance;
-pub use crate::events::interval_correlation::EventCorrelation;
+pub use crate::area::estimated::{Area2, Area3, Moment};
+pub use crate::correlation::weights::{
+    Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, GccScot,
+};
+pub use crate::events::criteria::{
+    EventAverageDifference, EventCorrelation, EventDelayVariance, EventQuadraticDifference,
+    EventVarianceDifference,
+};
 pub use crate::events::jitter::{DelayQuantile, Jitter};
-pub use crate::events::offsets::{Events, Units};
-pub use crate::events::quadratic_delay_difference::EventQuadraticDifference;
-pub use crate::events::variance_delay_difference::EventVarianceDifference;
+pub use crate::events::offsets::Units;
+pub use crate::events::times::Events;
 pub use crate::frequency::arxdap::Arxdap;
 pub use crate::frequency::firdap::Firdap;
 pub use crate::frequency::oedap::Oedap;
 pub use crate::frequency::phase_slope::PhaseSlope;
 pub use crate::higher_order::bispectrum::Bispectrum;
+pub use crate::job::asked::{Feedback, Job};
+pub use crate::job::chosen::{Ready, STEP_METHODS, chosen};
+pub use crate::job::estimation::Expected;
+pub use crate::job::events::EventsJob;
 pub use crate::laguerre::fischer::Fischer;
 pub use crate::laguerre::lagudap::Lagudap;
 pub use crate::parametric::armaxstruc::Armaxstruc;
@@ -68,7 +68,6 @@ pub use crate::parametric::two_step::TwoStep;
 pub use crate::process::family::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process};
 pub use crate::process::identified::{Beginning, ProcessFit, ProcessOptions};
 pub use crate::process::model::{ProcessModel, Slopes};
-pub use crate::process::orders::Misfit;
 pub use crate::response::bode::BodePhase;
 pub use crate::response::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch};
 pub use crate::response::job::ResponseJob;
@@ -81,20 +80,20 @@ pub use crate::threshold::impulse::Threshold;
 pub use crate::threshold::impulseest::Impulseest;
 pub use crate::threshold::response::{Prewindow, Records};
 pub use crate::threshold::step::Step;
-pub use conditions::{Finding, conditions, moving_together, standing_off};
+pub use conditions::{conditions, moving_together, standing_off};
 pub use deadtime_identify::{Initial, Record};
 pub use error::{DelayError, Error, LengthRemedy, Result};
-pub use estimate::{DelayEstimate, Outcome};
+pub use estimate::{DelayEstimate, Misfit, Outcome};
 pub use estimator::{DelayEstimator, Search};
 pub use evidence::{Correlated, Evidence, Phase, Scan, evidence, impulse_response};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use feedback::{InLoop, held_for, in_loop, lead, open_part};
+pub use finding::Finding;
 pub use identifiers::{IDENTIFIERS, identifier};
-pub use job::{EventsJob, Expected, Feedback, Job, Ready, STEP_METHODS, chosen};
 pub use method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start, method,
+    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
 };
-pub use methods::METHODS;
+pub use methods::{METHODS, method};
 pub use richness::{Richness, richness};
 pub use taken_out::{BehindDelays, TakenOut, identify_behind_delays};
 pub use verdict::{Grounds, RecordFacts, Said, Verdict, distrust, verdict};

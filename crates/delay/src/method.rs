@@ -234,10 +234,38 @@ pub struct Method {
     pub exempt: &'static [(Law, &'static str)],
 }
 
+/// What prediction-error methods withstand, whatever the loop around the plant.
+pub(super) const PREDICTS: &[Condition] = &[
+    Condition::UnstablePlant,
+    Condition::Feedback,
+    Condition::ColouredNoise,
+    Condition::Dynamics,
+    Condition::MissingOutputs,
+];
+
 /// The tolerance of a method that counts samples.
 pub(super) const WHOLE: f64 = 1e-6;
 
 impl Method {
+    /// A line of a method that sees one pair at a time and promises every law, to be completed by
+    /// what else it says of itself.
+    pub(super) const fn of(class: Class, entry: Entry<dyn DelayEstimator>) -> Self {
+        Self {
+            entry,
+            class,
+            scope: Scope::Pair,
+            start: Start::Any,
+            reference: ReferenceExperiment::Plant,
+            information: Information::Response,
+            basis: Basis::Own,
+            tolerance: WHOLE,
+            withstands: &[],
+            needs: "",
+            blind_to: "",
+            exempt: &[],
+        }
+    }
+
     /// What the list says of it, as data: name, summary, options, class, needs, what it cannot see, and what it withstands.
     #[must_use]
     pub fn data(&self) -> serde_json::Value {
@@ -267,8 +295,83 @@ impl Method {
     }
 }
 
-/// The method called `name`.
-#[must_use]
-pub fn method(name: &str) -> Option<&'static Method> {
-    super::methods::METHODS.iter().find(|m| m.entry.name == name)
+/// The line of a method as [`Method::of`] has it: `method_line!("name", "summary", OptionStruct, Class)`.
+macro_rules! method_line {
+    ($name:literal, $summary:literal, $options:ty, $class:ident) => {
+        $crate::method::Method::of(
+            $crate::method::Class::$class,
+            deadtime_signal::registry::entry!(
+                $name,
+                $summary,
+                $options,
+                dyn $crate::estimator::DelayEstimator
+            ),
+        )
+    };
 }
+pub(super) use method_line;
+
+/// The example of a method for plants with dynamics: samples, the plant's pole, and how near the
+/// answer comes, s.
+macro_rules! plant_example {
+    ($options:ident, $samples:literal, $pole:literal, $near:literal) => {
+        concat!(
+            "
+# Example
+```
+use deadtime_delay::{DelayEstimator, Experiment, Search, ",
+            stringify!($options),
+            "};
+use deadtime_signal::{Excitation, excitation::Rbs};
+use deadtime_signal::time::SampleTime;
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+let u = Rbs::default().generate(",
+            $samples,
+            ", &mut ChaCha8Rng::seed_from_u64(1))?;
+let mut y = vec![0.0; u.len()];
+for t in 5..u.len() {
+    y[t] = ",
+            $pole,
+            " * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
+}
+let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
+let answer = ",
+            stringify!($options),
+            "::default().estimate(&experiment, &Search::default())?;
+assert!((answer.delay_s.unwrap() - 0.4).abs() < ",
+            $near,
+            ");
+# Ok::<(), Box<dyn std::error::Error>>(())
+```"
+        )
+    };
+}
+pub(super) use plant_example;
+
+/// The example of a method for delayed copies.
+macro_rules! copy_example {
+    ($options:ident) => {
+        concat!(
+            "
+# Example
+```
+use deadtime_delay::{DelayEstimator, Experiment, Search, ",
+            stringify!($options),
+            "};
+use deadtime_signal::{Excitation, excitation::Rbs, fractional_delay};
+use deadtime_signal::time::SampleTime;
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
+let y = fractional_delay(&u, 7.3);
+let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
+let search = Search { default_bias: 0, ..Search::default() }; // two sensors: no hold, no bias
+let answer = ",
+            stringify!($options),
+            "::default().estimate(&experiment, &search)?;
+assert!((answer.delay_s.unwrap() - 0.73).abs() < 2e-3);
+# Ok::<(), Box<dyn std::error::Error>>(())
+```"
+        )
+    };
+}
+pub(super) use copy_example;

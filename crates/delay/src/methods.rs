@@ -29,12 +29,12 @@ pub const METHODS: &[Method] = &[
     threshold::cusum::METHOD,
     threshold::step::METHOD,
     threshold::cusum_step::METHOD,
-    correlation::hannan_thomson::METHOD,
-    correlation::scot::METHOD,
-    correlation::crosscorr::METHOD,
-    correlation::eckart::METHOD,
-    correlation::phat::METHOD,
-    correlation::roth::METHOD,
+    correlation::weights::HANNAN_THOMSON,
+    correlation::weights::SCOT,
+    correlation::weights::CROSSCORR,
+    correlation::weights::ECKART,
+    correlation::weights::PHAT,
+    correlation::weights::ROTH,
     frequency::oedap::METHOD,
     frequency::arxdap::METHOD,
     frequency::firdap::METHOD,
@@ -43,13 +43,19 @@ pub const METHODS: &[Method] = &[
     laguerre::lagudap::METHOD,
     laguerre::fischer::METHOD,
     area::area1::METHOD,
-    area::area3::METHOD,
-    area::area2::METHOD,
-    area::moment::METHOD,
+    area::estimated::AREA3,
+    area::estimated::AREA2,
+    area::estimated::MOMENT,
     states::state_least_squares::METHOD,
-    events::average_delay_difference::METHOD,
-    events::interval_correlation::METHOD,
-    events::quadratic_delay_difference::METHOD,
-    events::variance_delay_difference::METHOD,
-    events::delay_variance::METHOD,
+    events::criteria::AVERAGE_DIFFERENCE,
+    events::criteria::CORRELATION,
+    events::criteria::QUADRATIC_DIFFERENCE,
+    events::criteria::VARIANCE_DIFFERENCE,
+    events::criteria::DELAY_VARIANCE,
 ];
+
+/// The method called `name`.
+#[must_use]
+pub fn method(name: &str) -> Option<&'static Method> {
+    METHODS.iter().find(|m| m.entry.name == name)
+}

@@ -1,6 +1,5 @@
 //! From the losses of a scan over delays to a probability of each: p(nk) ∝ V(nk)^(−N/2).
 
-use crate::parametric::arxstruc::Arxstruc;
 use deadtime_identify::{ArxScan, Record, arx_scan};
 
 /// What the losses say.
@@ -28,6 +27,12 @@ impl Posterior {
         let entropy: f64 = self.weights.iter().filter(|w| **w > 0.0).map(|w| -w * w.ln()).sum();
         let delays = self.weights.len() as f64;
         entropy.exp() > 0.95 * delays
+    }
+
+    /// Where the first coefficient of the response may stand: [`first_coefficient`] of the set's
+    /// ends.
+    pub(super) fn first_coefficient(&self, bias: usize) -> [f64; 2] {
+        first_coefficient(self.ends[0], self.ends[1], bias)
     }
 }
 
@@ -199,19 +204,36 @@ pub(super) fn visible_gain(parameters: usize, delays: usize) -> f64 {
     ChiSquared::new(freedom).map_or(f64::INFINITY, |d| d.inverse_cdf(1.0 - BY_CHANCE / tried))
 }
 
+/// The delay of the smallest finite loss.
+pub(super) fn smallest(losses: &[f64]) -> Option<usize> {
+    (0..losses.len())
+        .filter(|&nk| losses[nk].is_finite())
+        .min_by(|&a, &b| losses[a].total_cmp(&losses[b]))
+}
+
 /// Why the output does not visibly follow the input, judged by how much better ARX models with the input predict than past outputs alone; `None`: it does.
 pub(super) fn unseen_by(scan: &ArxScan, nb: usize) -> Option<String> {
     let rows = scan.rows as f64;
-    let smallest = scan.loss.iter().copied().filter(|v| v.is_finite()).min_by(f64::total_cmp)?;
+    let smallest = scan.loss[smallest(&scan.loss)?];
     let gain = rows * (scan.loss_without_input / smallest.max(f64::MIN_POSITIVE)).ln();
-    (gain < visible_gain(nb, scan.loss.len()))
+    unseen_at(gain, nb, scan.loss.len())
+}
+
+/// The same from the gain of `parameters` free parameters, searched over `delays`.
+pub(super) fn unseen_at(gain: f64, parameters: usize, delays: usize) -> Option<String> {
+    (gain < visible_gain(parameters, delays))
         .then(|| format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input"))
 }
 
-/// The same for methods that have no test of their own: the orders are those of [`crate::parametric::arxstruc::Arxstruc`], fewer where the record is too short for them.
+/// Past outputs and input coefficients of an ARX model that suits most plants: the best in
+/// Björklund's study.
+pub(super) const ARX_ORDERS: [usize; 2] = [10, 5];
+
+/// The same for methods that have no test of their own, with [`ARX_ORDERS`], fewer where the record
+/// is too short for them.
 pub(super) fn unseen(records: &[Record], max_delay: usize) -> Option<String> {
     let longest = records.iter().map(Record::len).max().unwrap_or(0);
-    let Arxstruc { na, nb, .. } = Arxstruc::default();
+    let [na, nb] = ARX_ORDERS;
     let na = na.min(longest.saturating_sub(max_delay + nb) / 4);
     let scan = arx_scan(records, na, nb, max_delay);
     if scan.rows <= 2 * (na + nb) || scan.input_rank.iter().all(|&r| r == 0) {

@@ -3,8 +3,8 @@
 use deadtime_signal::remedy::{Message, Words};
 use serde::Serialize;
 
-use super::conditions::Finding;
 use super::estimate::{DelayEstimate, Outcome};
+use super::finding::Finding;
 use super::method::{Class, Condition, Method};
 use super::verdict::{Verdict, distrust};
 use crate::events::jitter::Jitter;
@@ -56,30 +56,20 @@ impl Estimate {
         time_s: f64,
         findings: &[Finding],
     ) -> Self {
-        Self {
-            method: method.entry.name.to_owned(),
-            outcome: estimate.outcome,
-            delay_s: estimate.delay_s,
-            std_s: estimate.std_s,
-            ci95_s: estimate.ci95_s,
-            raw_delay_s: estimate.raw_delay_s,
-            degree_bias_samples: estimate.degree_bias_samples,
-            note: estimate.note.clone(),
-            predicted_std_s,
-            time_s,
-            class: method.class,
-            distrust: distrust(method, estimate, findings),
-            contradicted: estimate.contradicted,
-        }
+        let distrust = distrust(method, estimate, findings);
+        let answer = Self::of((method.entry.name, method.class), estimate, time_s);
+        Self { predicted_std_s, distrust, ..answer }
     }
-}
 
-impl Estimate {
     /// The answer of a method for frequency responses, and its run time.
     #[must_use]
     pub fn of_response(method: &ResponseMethod, estimate: &DelayEstimate, time_s: f64) -> Self {
+        Self::of((method.entry.name, method.class), estimate, time_s)
+    }
+
+    fn of((method, class): (&str, Class), estimate: &DelayEstimate, time_s: f64) -> Self {
         Self {
-            method: method.entry.name.to_owned(),
+            method: method.to_owned(),
             outcome: estimate.outcome,
             delay_s: estimate.delay_s,
             std_s: estimate.std_s,
@@ -89,7 +79,7 @@ impl Estimate {
             note: estimate.note.clone(),
             predicted_std_s: None,
             time_s,
-            class: method.class,
+            class,
             distrust: Vec::new(),
             contradicted: estimate.contradicted,
         }
@@ -125,6 +115,25 @@ pub struct Pair {
     /// How long single events take; absent where there are none, or none can be paired.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub jitter: Option<Jitter>,
+}
+
+impl Pair {
+    /// The answers of methods for an input and an output, and what to believe of them.
+    pub(super) fn new(names: [&str; 2], estimates: Vec<Estimate>, verdict: Verdict) -> Self {
+        let [input, output] = names.map(str::to_owned);
+        Self {
+            input,
+            output,
+            findings: Vec::new(),
+            estimates,
+            poor_std_s: None,
+            standing_off: 0,
+            verdict,
+            moving: None,
+            track: None,
+            jitter: None,
+        }
+    }
 }
 
 /// The file `deadtime/estimate@1`.

@@ -8,7 +8,8 @@ use super::error::DelayError;
 use super::error::Result;
 use super::feedback::in_loop;
 use super::identifiers::identifier;
-use super::job::{Job, chosen};
+use super::job::asked::Job;
+use super::job::chosen::chosen;
 use super::method::Scope;
 use deadtime_identify::subspace::{Identified, IdentifierLine, Recordings};
 use deadtime_identify::{IdentifyError, Record};
@@ -68,60 +69,55 @@ pub fn identify_behind_delays(
         }
         let mut model = whole.identify(learnt, far)?;
         model.notes.extend(feedback(line, learnt));
-        let delays = model
-            .parametric
-            .as_ref()
-            .map_or_else(|| vec![0; learnt.inputs.len()], |p| p.delays.clone());
+        let own = model.parametric.as_ref().map(|p| p.delays.clone());
+        let delays = own.unwrap_or_else(|| vec![0; learnt.inputs.len()]);
         return Ok(BehindDelays { model, delays, notes: Vec::new() });
     }
     let none = vec![0; learnt.inputs.len()];
-    let (delays, mut notes) = match taken_out {
+    let (mut delays, mut notes) = match taken_out {
         TakenOut::Estimated => estimated(learnt, logs, (stop, &far.part(0.0, DELAYS)))?,
         TakenOut::Nothing => (none.clone(), Vec::new()),
         TakenOut::Given(given) => whole_samples(learnt, given)?,
     };
     stop.check()?;
     if *taken_out == TakenOut::Estimated && delays != none {
-        // Without the delays the model must not be better.
-        let mut quick = options.clone();
-        if let Some(object) = quick.as_object_mut() {
-            object.insert("draws".to_owned(), json!(0));
-        }
-        let quick = line.entry.with(quick)?;
-        let longest = delays.iter().max().copied().unwrap_or(0);
-        let same_rows = learnt
-            .behind_delays(&vec![longest; delays.len()])
-            .and(learnt.behind_delays(&delays))?;
-        let (with, without) = (
-            quick.identify(&same_rows, &far.part(DELAYS, 0.5))?,
-            quick.identify(learnt, &far.part(0.5, 0.6))?,
-        );
-        let criterion = |m: &Identified| {
-            let parameters = m.order.order * (m.inputs.len() + 2 * m.outputs.len());
-            let loss = m
-                .order
-                .candidates
-                .get(m.order.order - 1)
-                .and_then(|c| c.log_loss)
-                .unwrap_or(f64::INFINITY);
-            loss * m.rows as f64 + parameters as f64 * (m.rows as f64).ln()
-        };
-        let scaled = criterion(&without) * with.rows as f64 / without.rows as f64;
-        if criterion(&with) > scaled + WORSE {
+        if worse(learnt, line, options, &delays, far)? {
             notes.push("the estimated delays make the model worse, so none was taken out; give them if they are known".to_owned());
-            return Ok(BehindDelays {
-                model: whole.identify(learnt, &far.part(0.6, 1.0))?,
-                delays: none,
-                notes,
-            });
+            delays = none;
+        } else {
+            stop.check()?;
         }
-        stop.check()?;
     }
-    Ok(BehindDelays {
-        model: whole.identify(&learnt.behind_delays(&delays)?, &far.part(0.6, 1.0))?,
-        delays,
-        notes,
-    })
+    let model = whole.identify(&learnt.behind_delays(&delays)?, &far.part(0.6, 1.0))?;
+    Ok(BehindDelays { model, delays, notes })
+}
+
+/// The model behind the delays is worse than the one with them.
+fn worse(
+    learnt: &Recordings,
+    line: &IdentifierLine,
+    options: &Value,
+    delays: &[usize],
+    far: &HowFar,
+) -> Result<bool> {
+    let mut quick = options.clone();
+    if let Some(object) = quick.as_object_mut() {
+        object.insert("draws".to_owned(), json!(0));
+    }
+    let quick = line.entry.with(quick)?;
+    let longest = delays.iter().max().copied().unwrap_or(0);
+    let same_rows =
+        learnt.behind_delays(&vec![longest; delays.len()]).and(learnt.behind_delays(delays))?;
+    let with = quick.identify(&same_rows, &far.part(DELAYS, 0.5))?;
+    let without = quick.identify(learnt, &far.part(0.5, 0.6))?;
+    let criterion = |m: &Identified| {
+        let parameters = m.order.order * (m.inputs.len() + 2 * m.outputs.len());
+        let chosen = m.order.candidates.get(m.order.order - 1);
+        let loss = chosen.and_then(|c| c.log_loss).unwrap_or(f64::INFINITY);
+        loss * m.rows as f64 + parameters as f64 * (m.rows as f64).ln()
+    };
+    let scaled = criterion(&without) * with.rows as f64 / without.rows as f64;
+    Ok(criterion(&with) > scaled + WORSE)
 }
 
 /// What records show of a loop that the method does not bear, for each input and output.

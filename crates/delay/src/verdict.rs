@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::conditions::Finding;
 use super::estimate::{DelayEstimate, Outcome};
+use super::finding::Finding;
 use super::method::WHOLE;
 use super::method::{Basis, Class, Condition, Method};
 use super::posterior::RESOLUTION;
@@ -32,7 +32,7 @@ pub struct Verdict {
 
 impl Verdict {
     /// Nothing is to be believed.
-    fn none(why: String) -> Self {
+    pub(super) fn none(why: String) -> Self {
         Self { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() }
     }
 }
@@ -46,6 +46,14 @@ pub struct Grounds {
     pub differ: Vec<(String, f64)>,
     /// Why the number may be none to use.
     pub doubts: Vec<String>,
+}
+
+impl Grounds {
+    /// One more reason why the number may be none to use, and its words.
+    fn doubt(&mut self, why: &mut String, words: &str) {
+        why.push_str(&format!("; {words}"));
+        self.doubts.push(words.to_owned());
+    }
 }
 
 /// What is known of the record besides what each method says of it.
@@ -105,118 +113,160 @@ pub fn verdict(
     sample_time: SampleTime,
     facts: &RecordFacts,
 ) -> Verdict {
-    let found: Vec<Found<'_>> =
-        answers.iter().filter_map(|answer| Found::new(answer, findings, sample_time)).collect();
-    if found.is_empty() {
-        let looped = findings.iter().any(|f| f.condition == Condition::Feedback);
-        let advice = if looped { format!("; {EXPERIMENT}") } else { String::new() };
-        let why =
-            format!("no method found a delay to believe ({}){advice}", outcomes(answers, |_| true));
-        return Verdict::none(why);
-    }
-    if let Some(judges) = unseen(answers) {
-        let why = format!(
-            "{} withstand noise of any colour and feedback, and see no response; what others see is likely to be noise: {}",
-            judges.join(", "),
-            named(&found)
-        );
-        return Verdict::none(why);
-    }
-    let trusted: Vec<&Found<'_>> =
-        found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
-    let nobody = trusted.is_empty();
-    if nobody && findings.iter().any(|f| f.condition == Condition::Feedback) {
-        let why = format!(
-            "no method that answered withstands what the record shows beside feedback ({}): {EXPERIMENT}",
-            named(&found)
-        );
-        return Verdict::none(why);
-    }
-    if let Some(vague) = too_many_poles(answers).filter(|_| nobody && facts.one_step) {
-        let why = format!(
-            "one step does not tell this plant's poles from dead time: models of few poles do not fit, and {vague} ({}); record a step with less noise, or one with a sample more often",
-            named(&found)
-        );
-        return Verdict::none(why);
-    }
-    let mut counted: Vec<&Found<'_>> = if nobody { found.iter().collect() } else { trusted };
-    let mut group = Group::of(&counted);
-    // A plant that needs a sample to respond does not respond within it, unless the record shows that it does.
-    let implausible = !facts.direct && group.within() > 0.5;
-    if implausible {
-        counted.retain(|f| !f.within);
-        if counted.is_empty() {
-            let why = format!(
-                "what is seen comes within the sample of the command, sooner than a strictly proper plant answers, and the record shows no direct path: feedback, clocks that differ, or a command logged too seldom ({}); give the relative degree 0 if there is a direct path, else {EXPERIMENT}",
-                named(&found)
-            );
-            return Verdict::none(why);
-        }
-        group = Group::of(&counted);
-    }
-    let Group { lead, agree, differ } = group;
-    let of_all_inputs: Vec<(&Found<'_>, f64)> = agree
+    let found: Vec<FoundDelay<'_>> = answers
         .iter()
-        .filter(|_| facts.others_act)
-        .filter_map(|(f, _)| Some((*f, f.of_all_inputs_s?.recip())))
+        .filter_map(|answer| FoundDelay::new(answer, findings, sample_time))
         .collect();
-    let judges = if of_all_inputs.is_empty() { &agree } else { &of_all_inputs };
+    match Counted::of(&found, answers, findings, facts) {
+        Ok(counted) => counted.verdict(&found, answers, facts),
+        Err(why) => Verdict::none(why),
+    }
+}
+
+/// The answers that are counted, gathered.
+struct Counted<'a, 'b> {
+    group: Group<'a, 'b>,
+    /// None can be trusted: all are counted.
+    nobody: bool,
+    /// Those within the sample were left out.
+    implausible: bool,
+}
+
+impl<'a, 'b> Counted<'a, 'b> {
+    /// Which answers count, or why none does.
+    fn of(
+        found: &'b [FoundDelay<'a>],
+        answers: &[Said<'_>],
+        findings: &[Finding],
+        facts: &RecordFacts,
+    ) -> Result<Self, String> {
+        let looped = findings.iter().any(|f| f.condition == Condition::Feedback);
+        if found.is_empty() {
+            let advice = if looped { format!("; {EXPERIMENT}") } else { String::new() };
+            let outcomes = outcomes(answers, |_| true);
+            return Err(format!("no method found a delay to believe ({outcomes}){advice}"));
+        }
+        let named = || named(found);
+        if let Some(judges) = unseen(answers) {
+            return Err(format!(
+                "{} withstand noise of any colour and feedback, and see no response; what others see is likely to be noise: {}",
+                judges.join(", "),
+                named()
+            ));
+        }
+        let mut counted: Vec<&FoundDelay<'_>> =
+            found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
+        let nobody = counted.is_empty();
+        if nobody && looped {
+            return Err(format!(
+                "no method that answered withstands what the record shows beside feedback ({}): {EXPERIMENT}",
+                named()
+            ));
+        }
+        if let Some(vague) = too_many_poles(answers).filter(|_| nobody && facts.one_step) {
+            return Err(format!(
+                "one step does not tell this plant's poles from dead time: models of few poles do not fit, and {vague} ({}); record a step with less noise, or one with a sample more often",
+                named()
+            ));
+        }
+        if nobody {
+            counted = found.iter().collect();
+        }
+        let mut group = Group::of(&counted);
+        // A plant that needs a sample to respond does not respond within it, unless the record shows that it does.
+        let implausible = !facts.direct && group.within() > 0.5;
+        if implausible {
+            counted.retain(|f| !f.within);
+            if counted.is_empty() {
+                return Err(format!(
+                    "what is seen comes within the sample of the command, sooner than a strictly proper plant answers, and the record shows no direct path: feedback, clocks that differ, or a command logged too seldom ({}); give the relative degree 0 if there is a direct path, else {EXPERIMENT}",
+                    named()
+                ));
+            }
+            group = Group::of(&counted);
+        }
+        Ok(Self { group, nobody, implausible })
+    }
+
+    /// The group's answer, and everything that was said of it.
+    fn verdict(
+        &self,
+        found: &[FoundDelay<'_>],
+        answers: &[Said<'_>],
+        facts: &RecordFacts,
+    ) -> Verdict {
+        let Group { lead, agree, differ } = &self.group;
+        let of_all_inputs: Vec<(&FoundDelay<'_>, f64)> = agree
+            .iter()
+            .filter(|_| facts.others_act)
+            .filter_map(|(f, _)| Some((*f, f.of_all_inputs_s?.recip())))
+            .collect();
+        let judges = if of_all_inputs.is_empty() { agree } else { &of_all_inputs };
+        let (chosen, interval_s) = middle(judges, lead, facts);
+        let others: Vec<&str> = agree
+            .iter()
+            .filter(|(f, _)| f.method != chosen.method)
+            .map(|(f, _)| f.method)
+            .collect();
+        let agreeing = std::iter::once(chosen.method).chain(others.iter().copied());
+        let mut grounds = Grounds {
+            agree: agreeing.map(str::to_owned).collect(),
+            differ: differ.iter().map(|(f, _)| (f.method.to_owned(), f.delay_s)).collect(),
+            doubts: Vec::new(),
+        };
+        let mut why = who(chosen.method, &others, differ);
+        if self.nobody {
+            grounds.doubt(
+                &mut why,
+                "no method is made for what the record shows, or the data contradict its model, so this is a guess",
+            );
+        }
+        if !of_all_inputs.is_empty() {
+            why.push_str(
+                "; number and interval are those of the models that fit all inputs together",
+            );
+        }
+        why.push_str(&left_out(found, self.nobody, self.implausible));
+        if chosen.delay_s == 0.0 && facts.direct {
+            why.push_str("; the output reacts within the sample: a direct path, and no dead time");
+        }
+        let silent =
+            outcomes(answers, |e| !matches!(e.outcome, Outcome::Found | Outcome::NotApplicable));
+        if !silent.is_empty() {
+            why.push_str(&format!("; {silent}"));
+        }
+        let total = |side: &[(&FoundDelay<'_>, f64)]| side.iter().map(|(_, w)| w).sum::<f64>();
+        if total(differ) >= total(agree) {
+            grounds.doubt(
+                &mut why,
+                "the methods disagree: check excitation, feedback and the search window before using the number",
+            );
+        }
+        Verdict {
+            delay_s: Some(chosen.delay_s),
+            ci95_s: Some(interval_s),
+            why,
+            method: Some(chosen.method.to_owned()),
+            grounds,
+        }
+    }
+}
+
+/// The answer in the middle of the weight, and the interval of all.
+fn middle<'a, 'b>(
+    judges: &[(&'b FoundDelay<'a>, f64)],
+    lead: &'b FoundDelay<'a>,
+    facts: &RecordFacts,
+) -> (&'b FoundDelay<'a>, [f64; 2]) {
     let middle = quantile(judges.iter().map(|(f, w)| (f.delay_s, *w)), 0.5);
     let chosen = judges.iter().find(|(f, _)| f.delay_s == middle).map_or(lead, |(f, _)| *f);
     let first = quantile(judges.iter().map(|(f, w)| (f.interval_s[0], *w)), BEYOND);
     let last = -quantile(judges.iter().map(|(f, w)| (-f.interval_s[1], *w)), BEYOND);
-    let interval_s = [first.min(chosen.delay_s), last.max(chosen.delay_s) + facts.early_s];
-    let others: Vec<&str> =
-        agree.iter().filter(|(f, _)| f.method != chosen.method).map(|(f, _)| f.method).collect();
-    let mut why = who(chosen.method, &others, &differ);
-    let mut grounds = Grounds {
-        agree: std::iter::once(chosen.method)
-            .chain(others.iter().copied())
-            .map(str::to_owned)
-            .collect(),
-        differ: differ.iter().map(|(f, _)| (f.method.to_owned(), f.delay_s)).collect(),
-        doubts: Vec::new(),
-    };
-    let mut doubt = |why: &mut String, words: &str| {
-        why.push_str(&format!("; {words}"));
-        grounds.doubts.push(words.to_owned());
-    };
-    if nobody {
-        doubt(
-            &mut why,
-            "no method is made for what the record shows, or the data contradict its model, so this is a guess",
-        );
-    }
-    if !of_all_inputs.is_empty() {
-        why.push_str("; number and interval are those of the models that fit all inputs together");
-    }
-    why.push_str(&left_out(&found, nobody, implausible));
-    if chosen.delay_s == 0.0 && facts.direct {
-        why.push_str("; the output reacts within the sample: a direct path, and no dead time");
-    }
-    let silent =
-        outcomes(answers, |e| !matches!(e.outcome, Outcome::Found | Outcome::NotApplicable));
-    if !silent.is_empty() {
-        why.push_str(&format!("; {silent}"));
-    }
-    let total = |side: &[(&Found<'_>, f64)]| side.iter().map(|(_, w)| w).sum::<f64>();
-    if total(&differ) >= total(&agree) {
-        doubt(
-            &mut why,
-            "the methods disagree: check excitation, feedback and the search window before using the number",
-        );
-    }
-    Verdict {
-        delay_s: Some(chosen.delay_s),
-        ci95_s: Some(interval_s),
-        why,
-        method: Some(chosen.method.to_owned()),
-        grounds,
-    }
+    (chosen, [first.min(chosen.delay_s), last.max(chosen.delay_s) + facts.early_s])
 }
 
 /// Who says so, who agrees and who says otherwise.
-fn who(chosen: &str, others: &[&str], differ: &[(&Found<'_>, f64)]) -> String {
+fn who(chosen: &str, others: &[&str], differ: &[(&FoundDelay<'_>, f64)]) -> String {
     let mut why = match others.len() {
         0 => format!("{chosen} alone"),
         1 => format!("{chosen} says so, and {} agrees with it", others[0]),
@@ -238,7 +288,7 @@ fn who(chosen: &str, others: &[&str], differ: &[(&Found<'_>, f64)]) -> String {
 }
 
 /// Which answers were not counted, by reason. Where `nobody` is trusted only those that are implausible are left out.
-fn left_out(found: &[Found<'_>], nobody: bool, implausible: bool) -> String {
+fn left_out(found: &[FoundDelay<'_>], nobody: bool, implausible: bool) -> String {
     let mut words = String::new();
     for (conditions, methods) in by_reason(found).iter().filter(|_| !nobody) {
         words.push_str(&format!(
@@ -247,7 +297,7 @@ fn left_out(found: &[Found<'_>], nobody: bool, implausible: bool) -> String {
             methods.join(", ")
         ));
     }
-    let those = |which: &dyn Fn(&Found<'_>) -> bool| {
+    let those = |which: &dyn Fn(&FoundDelay<'_>) -> bool| {
         found
             .iter()
             .filter(|f| f.distrust.is_empty() && which(f))
@@ -270,16 +320,16 @@ fn left_out(found: &[Found<'_>], nobody: bool, implausible: bool) -> String {
 
 /// The answers that are counted, by whether they hold the delay that most votes hold.
 struct Group<'a, 'b> {
-    lead: &'b Found<'a>,
-    agree: Vec<(&'b Found<'a>, f64)>,
-    differ: Vec<(&'b Found<'a>, f64)>,
+    lead: &'b FoundDelay<'a>,
+    agree: Vec<(&'b FoundDelay<'a>, f64)>,
+    differ: Vec<(&'b FoundDelay<'a>, f64)>,
 }
 
 impl<'a, 'b> Group<'a, 'b> {
     /// `counted` has one answer at least.
-    fn of(counted: &[&'b Found<'a>]) -> Self {
+    fn of(counted: &[&'b FoundDelay<'a>]) -> Self {
         let vote_weights = vote_weights(counted);
-        let support = |at: &Found<'_>| -> f64 {
+        let support = |at: &FoundDelay<'_>| -> f64 {
             counted
                 .iter()
                 .zip(&vote_weights)
@@ -308,7 +358,7 @@ impl<'a, 'b> Group<'a, 'b> {
 }
 
 /// What the first few say.
-fn named(found: &[Found<'_>]) -> String {
+fn named(found: &[FoundDelay<'_>]) -> String {
     found
         .iter()
         .take(MOST_NAMED)
@@ -384,7 +434,7 @@ fn joined<'a>(words: impl Iterator<Item = &'a str>) -> String {
 }
 
 /// The methods that are not counted, by what they do not withstand.
-fn by_reason<'a>(found: &[Found<'a>]) -> BTreeMap<Vec<Condition>, Vec<&'a str>> {
+fn by_reason<'a>(found: &[FoundDelay<'a>]) -> BTreeMap<Vec<Condition>, Vec<&'a str>> {
     let mut reasons: BTreeMap<Vec<Condition>, Vec<&str>> = BTreeMap::new();
     for f in found.iter().filter(|f| !f.distrust.is_empty()) {
         reasons.entry(f.distrust.clone()).or_default().push(f.method);
@@ -393,7 +443,7 @@ fn by_reason<'a>(found: &[Found<'a>]) -> BTreeMap<Vec<Condition>, Vec<&'a str>> 
 }
 
 /// An answer with a delay.
-struct Found<'a> {
+struct FoundDelay<'a> {
     method: &'a str,
     class: Class,
     basis: Basis,
@@ -411,7 +461,7 @@ struct Found<'a> {
     of_all_inputs_s: Option<f64>,
 }
 
-impl<'a> Found<'a> {
+impl<'a> FoundDelay<'a> {
     fn new(
         (method, estimate, predicted_s): &Said<'a>,
         findings: &[Finding],
@@ -453,12 +503,12 @@ impl<'a> Found<'a> {
 }
 
 /// The vote of each class, shared by what its methods read their answers from; and the part of each such basis shared by all methods that read it, of other classes too.
-fn vote_weights(found: &[&Found<'_>]) -> Vec<f64> {
-    let same = |f: &Found<'_>, g: &Found<'_>| {
+fn vote_weights(found: &[&FoundDelay<'_>]) -> Vec<f64> {
+    let same = |f: &FoundDelay<'_>, g: &FoundDelay<'_>| {
         if f.basis == Basis::Own { f.method == g.method } else { f.basis == g.basis }
     };
-    let weight = |f: &&Found<'_>| {
-        let class: Vec<&&Found<'_>> = found.iter().filter(|g| g.class == f.class).collect();
+    let weight = |f: &&FoundDelay<'_>| {
+        let class: Vec<&&FoundDelay<'_>> = found.iter().filter(|g| g.class == f.class).collect();
         // The first of its basis stands for all.
         let bases = class
             .iter()
@@ -474,7 +524,7 @@ fn vote_weights(found: &[&Found<'_>]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::method::method;
+    use crate::methods::method;
 
     fn answer(delay_s: f64, std_s: f64) -> DelayEstimate {
         DelayEstimate {

@@ -1,19 +1,18 @@
 //! A pair's verdict where its delay moves: what one number would hide, in place of it.
 
 use super::error::DelayError;
-use super::estimate::{DelayEstimate, Outcome};
-use super::estimator::Search;
+use super::estimate::DelayEstimate;
+use super::estimator::{Search, usable};
 use super::experiment::{Experiment, Recording, Series};
-use super::job::Ready;
+use super::job::chosen::Ready;
 use super::report::Pair;
-use super::verdict::{Grounds, RecordFacts, Verdict, verdict};
+use super::verdict::{RecordFacts, Verdict, verdict};
 use crate::track::answer::{Anchor, AtOneDelay, Kind, Moving, tracked};
 use crate::track::watch::Watch;
-use deadtime_signal::remedy::Remedied;
 use deadtime_signal::time::SampleTime;
 
 /// What is wanted beside the test.
-pub(super) struct Asked {
+pub(super) struct Wanted {
     /// The delay against time, also where one delay describes the records.
     pub(super) track: bool,
     /// What is known of the record.
@@ -35,7 +34,7 @@ pub(super) fn tell(
     one: &Experiment<'_>,
     search: &Search,
     methods: &[&Ready],
-    asked: &Asked,
+    asked: &Wanted,
 ) -> Result<(), DelayError> {
     let records = one.pair(0, 0)?;
     let watch = Watch::default();
@@ -47,8 +46,7 @@ pub(super) fn tell(
     let track = seen.track();
     search.go_on()?;
     let ts = one.sample_time();
-    let bias =
-        search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
+    let bias = search.bias(0, 0);
     // The delay that lasts longest.
     let longest = seen.stretches().into_iter().max_by_key(|s| s.samples.len());
     let reference = longest.map_or(bias as f64, |s| s.delay as f64);
@@ -79,13 +77,7 @@ pub(super) fn tell(
         let drift = seen.drift(&track, watch.price);
         let lengths: Vec<usize> = records.iter().map(deadtime_identify::Record::len).collect();
         let moving = Moving::new(&seen, &track, drift, &anchor, &lengths, bias, ts);
-        pair.verdict = Verdict {
-            delay_s: None,
-            ci95_s: None,
-            why: sentence(&moving, lengths.len(), ts),
-            method: None,
-            grounds: Grounds::default(),
-        };
+        pair.verdict = Verdict::none(sentence(&moving, lengths.len(), ts));
         pair.moving = Some(moving);
     }
     Ok(())
@@ -97,7 +89,7 @@ fn straight_verdict(
     straight: &Experiment<'_>,
     search: &Search,
     methods: &[&Ready],
-    asked: &Asked,
+    asked: &Wanted,
 ) -> Result<Verdict, DelayError> {
     let known: Vec<&&Ready> =
         methods.iter().filter(|r| ANCHORS.contains(&r.method.entry.name)).collect();
@@ -105,11 +97,7 @@ fn straight_verdict(
         if known.is_empty() { methods.iter().take(MOST).collect() } else { known };
     let mut answers: Vec<DelayEstimate> = Vec::with_capacity(ask.len());
     for ready in &ask {
-        answers.push(match ready.estimator.estimate(straight, search) {
-            Ok(answer) => answer,
-            Err(DelayError::Stopped) => return Err(DelayError::Stopped),
-            Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
-        });
+        answers.push(usable(ready.estimator.estimate(straight, search))?);
     }
     let said: Vec<_> = ask.iter().zip(&answers).map(|(r, a)| (r.method, a, None)).collect();
     Ok(verdict(&said, &pair.findings, straight.sample_time(), &asked.facts))

@@ -61,7 +61,7 @@ pub struct ArmaxScan {
 }
 
 /// A stretch of rows t = first … whose past outputs and inputs are all there.
-struct Stretch<'a> {
+struct ArmaxStretch<'a> {
     rows: usize,
     /// y(first − na) … and u(first − most) …
     y: &'a [f64],
@@ -76,7 +76,7 @@ struct Stretch<'a> {
     e: Vec<f64>,
 }
 
-impl Stretch<'_> {
+impl ArmaxStretch<'_> {
     /// The signal whose filtered samples begin `from` samples before `x(t − lag)` at the first row does, as if it had been zero before that row.
     fn column(&self, filtered: &[f64], from: usize, c: &[f64]) -> Vec<f64> {
         let mut column = filtered[from..from + self.rows].to_vec();
@@ -95,11 +95,11 @@ impl Stretch<'_> {
     }
 }
 
-struct Problem<'a> {
+struct ArmaxProblem<'a> {
     orders: Armax,
     /// The largest input lag of any delay.
     most: usize,
-    stretches: Vec<Stretch<'a>>,
+    stretches: Vec<ArmaxStretch<'a>>,
     /// First input lag and number of input coefficients of the model at hand.
     nk: usize,
     m: usize,
@@ -117,7 +117,7 @@ const RIDGE: f64 = 1e-13;
 /// Below this share of the signal's power the residual is computed again from what is left: the first solution's rounding is larger.
 const REFINE: f64 = 1e-9;
 
-impl<'a> Problem<'a> {
+impl<'a> ArmaxProblem<'a> {
     fn new(orders: Armax, records: &'a [Record], max_delay: usize) -> Self {
         let Armax { na, nb, nc } = orders;
         let most = (max_delay + nb).saturating_sub(1);
@@ -138,7 +138,7 @@ impl<'a> Problem<'a> {
                         (t - first, &record.y[first - na..t], &record.u[first - most..t]);
                     total += rows;
                     power += dot(&y[na..], &y[na..]);
-                    stretches.push(Stretch {
+                    stretches.push(ArmaxStretch {
                         rows,
                         y,
                         u,
@@ -212,7 +212,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Past outputs, then inputs, of the model at hand.
-    fn columns(&self, s: &Stretch<'a>) -> Vec<Vec<f64>> {
+    fn columns(&self, s: &ArmaxStretch<'a>) -> Vec<Vec<f64>> {
         let (na, most) = (self.orders.na, self.most);
         let outputs = (1..=na).map(|i| s.column(&s.yf, na - i, &self.c));
         let inputs = (self.nk..self.nk + self.m).map(|l| s.column(&s.uf, most - l, &self.c));
@@ -241,7 +241,7 @@ impl<'a> Problem<'a> {
         solved.filter(|(_, cost)| cost.is_finite())
     }
 
-    fn gram(&self, stretches: &[Stretch<'a>]) -> Option<Gram> {
+    fn gram(&self, stretches: &[ArmaxStretch<'a>]) -> Option<Gram> {
         let k = self.orders.na + self.m;
         let mut whole = DMatrix::zeros(k, k);
         let mut blocks = Vec::with_capacity(stretches.len());
@@ -260,7 +260,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Takes off e what the columns explain of it; adds to the linear coefficients.
-    fn step(&mut self, stretches: &mut [Stretch<'a>], gram: &Gram) -> f64 {
+    fn step(&mut self, stretches: &mut [ArmaxStretch<'a>], gram: &Gram) -> f64 {
         let nc = self.orders.nc;
         let mut right = DVector::zeros(self.linear.len());
         let mut of_before = Vec::with_capacity(stretches.len());
@@ -383,7 +383,7 @@ impl<'a> Problem<'a> {
     /// The errors of the ARX model whose coefficients (−a, then b from lag `nk` on) are given, 0 where a row does not see all of them.
     fn long_errors(&self, na: usize, nk: usize, coefficients: &[f64]) -> Vec<Vec<f64>> {
         let (own, most) = (self.orders.na, self.most);
-        let each = |s: &Stretch<'a>| {
+        let each = |s: &ArmaxStretch<'a>| {
             let error = |t: usize| {
                 if own + t < na {
                     return 0.0;
@@ -500,6 +500,41 @@ fn table(nc: usize) -> Vec<Vec<f64>> {
     [0.0, 0.6, 0.9, -0.5].into_iter().map(binomial).collect()
 }
 
+/// What a scan knows before it searches.
+struct ScanKnown<'a> {
+    /// The errors of the best long ARX model.
+    errors: &'a [Vec<f64>],
+    /// Costs of the table's noise polynomials, by delay.
+    seeds: Vec<Vec<(f64, Vec<f64>)>>,
+    /// Delays that are not searched.
+    hopeless: &'a [bool],
+    rows: f64,
+}
+
+/// Searches from `start` at the problem's delay and number of coefficients (only evaluates there,
+/// if so wished), and keeps what is better.
+fn improve(
+    problem: &mut ArmaxProblem<'_>,
+    fits: &mut [Vec<Option<ArmaxFit>>],
+    start: &[f64],
+    evaluates: bool,
+) {
+    let place = &mut fits[problem.nk][problem.m - 1];
+    let near = |f: &ArmaxFit| f.c.iter().zip(start).all(|(a, b)| (a - b).abs() <= 1e-3);
+    if place.as_ref().is_some_and(|f| f.to_gain.is_finite() && near(f)) {
+        return;
+    }
+    let fit = if evaluates { at(problem, start) } else { search(problem, start) };
+    let better = |fit: &ArmaxFit, k: &ArmaxFit| {
+        fit.loss < k.loss || k.to_gain.is_infinite() && fit.loss <= k.loss
+    };
+    if let Some(fit) = fit
+        && place.as_ref().is_none_or(|k| better(&fit, k))
+    {
+        *place = Some(fit);
+    }
+}
+
 impl Armax {
     /// Least rows of a scan: twice the parameters.
     #[must_use]
@@ -522,7 +557,7 @@ impl Armax {
         max_delay: usize,
         stop: &Stop,
     ) -> ArmaxScan {
-        let mut problem = Problem::new(*self, records, max_delay);
+        let mut problem = ArmaxProblem::new(*self, records, max_delay);
         let delays = max_delay + 1;
         let rows = problem.rows.max(1) as f64;
         let power = problem.power / rows;
@@ -532,20 +567,16 @@ impl Armax {
         }
         let (long, errors) = self.long(&problem, records, first, max_delay);
         let without_input = self.without_input(&mut problem, &errors);
-        let hopeless = {
-            let smallest = long
-                .iter()
-                .skip(first)
-                .copied()
-                .fold(f64::INFINITY, f64::min)
-                .max(1e-20 * power)
-                .max(f64::MIN_POSITIVE);
-            move |nk: usize| long.get(nk).is_some_and(|v| rows * (v / smallest).ln() > HOPELESS)
-        };
+        let smallest = long.iter().skip(first).copied().fold(f64::INFINITY, f64::min);
+        let smallest = smallest.max(1e-20 * power).max(f64::MIN_POSITIVE);
+        let hopeless: Vec<bool> = (0..delays)
+            .map(|nk| long.get(nk).is_some_and(|v| rows * (v / smallest).ln() > HOPELESS))
+            .collect();
         for m in 1..=self.nb {
             problem.m = m;
             let seeds =
-                self.seeds(&mut problem, (first..delays).filter(|nk| !hopeless(*nk)), delays);
+                self.seeds(&mut problem, (first..delays).filter(|nk| !hopeless[*nk]), delays);
+            let known = ScanKnown { errors: &errors, seeds, hopeless: &hopeless, rows };
             for upwards in [true, false] {
                 for step in first..delays {
                     if stop.is_set() {
@@ -553,58 +584,9 @@ impl Armax {
                     }
                     let nk = if upwards { step } else { max_delay + first - step };
                     problem.nk = nk;
-                    let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1) };
-                    let neighbour =
-                        neighbour.and_then(|n| fits.get(n)?[m - 1].as_ref()).map(|f| f.c.clone());
-                    let fewer =
-                        m.checked_sub(2).and_then(|at| fits[nk][at].as_ref()).map(|f| f.c.clone());
-                    let starts: Vec<Vec<f64>> = if hopeless(nk) {
-                        let smallest = fits
-                            .iter()
-                            .filter_map(|f| Some(f[m - 1].as_ref()?.loss))
-                            .fold(f64::INFINITY, f64::min);
-                        let near = |f: &ArmaxFit| {
-                            rows * (f.loss / smallest.max(f64::MIN_POSITIVE)).ln() <= HOPELESS
-                        };
-                        // On the way back a delay that the long model wrongly gave up is searched after all.
-                        match &fits[nk][m - 1] {
-                            Some(fit) if !upwards && near(fit) => {
-                                let seeds = self.seeds(&mut problem, std::iter::once(nk), delays);
-                                problem.nk = nk;
-                                self.best_seed(&mut problem, &errors, &seeds[nk])
-                                    .into_iter()
-                                    .chain(neighbour)
-                                    .collect()
-                            }
-                            _ if upwards => vec![vec![0.0; self.nc]],
-                            _ => Vec::new(),
-                        }
-                    } else if upwards {
-                        let own = self.best_seed(&mut problem, &errors, &seeds[nk]);
-                        own.into_iter().chain(neighbour).chain(fewer).collect()
-                    } else {
-                        neighbour.into_iter().collect()
-                    };
+                    let starts = self.starts(&mut problem, &fits, &known, upwards);
                     for start in starts {
-                        let known = fits[nk][m - 1].as_ref();
-                        if known.is_some_and(|f| {
-                            f.to_gain.is_finite()
-                                && f.c.iter().zip(&start).all(|(a, b)| (a - b).abs() <= 1e-3)
-                        }) {
-                            continue;
-                        }
-                        let fit = if upwards && hopeless(nk) {
-                            at(&mut problem, &start)
-                        } else {
-                            search(&mut problem, &start)
-                        };
-                        if let Some(fit) = fit
-                            && known.is_none_or(|k| {
-                                fit.loss < k.loss || k.to_gain.is_infinite() && fit.loss <= k.loss
-                            })
-                        {
-                            fits[nk][m - 1] = Some(fit);
-                        }
+                        improve(&mut problem, &mut fits, &start, upwards && hopeless[nk]);
                     }
                 }
             }
@@ -612,10 +594,52 @@ impl Armax {
         ArmaxScan { fits, without_input, power, rows: problem.rows }
     }
 
+    /// Noise polynomials to search from at the problem's delay and number of coefficients: on the
+    /// way up the best of the table, the neighbour's and that of one coefficient
+    /// less; on the way back the neighbour's.
+    fn starts(
+        &self,
+        problem: &mut ArmaxProblem<'_>,
+        fits: &[Vec<Option<ArmaxFit>>],
+        known: &ScanKnown<'_>,
+        upwards: bool,
+    ) -> Vec<Vec<f64>> {
+        let (nk, m) = (problem.nk, problem.m);
+        let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1) };
+        let neighbour = neighbour.and_then(|n| fits.get(n)?[m - 1].as_ref()).map(|f| f.c.clone());
+        let fewer = m.checked_sub(2).and_then(|at| fits[nk][at].as_ref()).map(|f| f.c.clone());
+        if known.hopeless[nk] {
+            let smallest = fits
+                .iter()
+                .filter_map(|f| Some(f[m - 1].as_ref()?.loss))
+                .fold(f64::INFINITY, f64::min);
+            let near = |f: &ArmaxFit| {
+                known.rows * (f.loss / smallest.max(f64::MIN_POSITIVE)).ln() <= HOPELESS
+            };
+            // On the way back a delay that the long model wrongly gave up is searched after all.
+            return match &fits[nk][m - 1] {
+                Some(fit) if !upwards && near(fit) => {
+                    let seeds = self.seeds(problem, std::iter::once(nk), fits.len());
+                    problem.nk = nk;
+                    let own = self.best_seed(problem, known.errors, &seeds[nk]);
+                    own.into_iter().chain(neighbour).collect()
+                }
+                _ if upwards => vec![vec![0.0; self.nc]],
+                _ => Vec::new(),
+            };
+        }
+        if upwards {
+            let own = self.best_seed(problem, known.errors, &known.seeds[nk]);
+            own.into_iter().chain(neighbour).chain(fewer).collect()
+        } else {
+            neighbour.into_iter().collect()
+        }
+    }
+
     /// The losses of a long ARX model for every delay, and the errors of the best of them.
     fn long(
         &self,
-        problem: &Problem<'_>,
+        problem: &ArmaxProblem<'_>,
         records: &[Record],
         first: usize,
         max_delay: usize,
@@ -635,7 +659,11 @@ impl Armax {
         }
     }
 
-    fn without_input(&self, problem: &mut Problem<'_>, errors: &[Vec<f64>]) -> Option<ArmaxFit> {
+    fn without_input(
+        &self,
+        problem: &mut ArmaxProblem<'_>,
+        errors: &[Vec<f64>],
+    ) -> Option<ArmaxFit> {
         (problem.nk, problem.m) = (0, 0);
         let starts = table(self.nc).into_iter().chain(problem.start_by_errors(errors));
         let fits: Vec<ArmaxFit> = starts.filter_map(|c| search(problem, &c)).collect();
@@ -645,7 +673,7 @@ impl Armax {
     /// The costs of the table's noise polynomials at these of all `delays`: each filters the signals once for all of them.
     fn seeds(
         &self,
-        problem: &mut Problem<'_>,
+        problem: &mut ArmaxProblem<'_>,
         wanted: impl Iterator<Item = usize>,
         delays: usize,
     ) -> Vec<Vec<(f64, Vec<f64>)>> {
@@ -667,7 +695,7 @@ impl Armax {
     /// The best of the starts that need no other fit.
     fn best_seed(
         &self,
-        problem: &mut Problem<'_>,
+        problem: &mut ArmaxProblem<'_>,
         errors: &[Vec<f64>],
         seeds: &[(f64, Vec<f64>)],
     ) -> Option<Vec<f64>> {
@@ -684,7 +712,7 @@ impl Armax {
         nk: usize,
         fit: &ArmaxFit,
     ) -> Vec<(Vec<f64>, Vec<f64>)> {
-        let mut problem = Problem::new(*self, records, max_delay);
+        let mut problem = ArmaxProblem::new(*self, records, max_delay);
         (problem.nk, problem.m) = (nk, fit.b.len());
         if problem.cost(&fit.c).is_none() {
             return Vec::new();
@@ -698,12 +726,12 @@ impl Armax {
     }
 }
 
-fn at(problem: &mut Problem<'_>, c: &[f64]) -> Option<ArmaxFit> {
+fn at(problem: &mut ArmaxProblem<'_>, c: &[f64]) -> Option<ArmaxFit> {
     let cost = problem.cost(c)?;
     Some(problem.fit(cost, c.to_vec(), Stopped::Iterations, f64::INFINITY))
 }
 
-fn search(problem: &mut Problem<'_>, start: &[f64]) -> Option<ArmaxFit> {
+fn search(problem: &mut ArmaxProblem<'_>, start: &[f64]) -> Option<ArmaxFit> {
     let method = LevenbergMarquardt {
         max_iterations: 100,
         gradient_tolerance: 1e-5,
@@ -721,7 +749,7 @@ fn search(problem: &mut Problem<'_>, start: &[f64]) -> Option<ArmaxFit> {
     Some(problem.fit(cost, fit.parameters, fit.stopped, to_gain))
 }
 
-impl Problem<'_> {
+impl ArmaxProblem<'_> {
     fn fit(&self, cost: f64, c: Vec<f64>, stopped: Stopped, to_gain: f64) -> ArmaxFit {
         let na = self.orders.na;
         let rows = self.rows.max(1) as f64;
@@ -805,7 +833,7 @@ mod tests {
         let record = record(160, &[40, 41, 90]);
         let orders = Armax { na: 2, nb: 2, nc: 2 };
         let records = [record.clone()];
-        let mut problem = Problem::new(orders, &records, 6);
+        let mut problem = ArmaxProblem::new(orders, &records, 6);
         for (nk, m, c) in
             [(0, 2, [-0.5, 0.3]), (6, 1, [-1.9, 0.9999]), (3, 2, [0.0, 0.0]), (2, 2, [1.2, 0.9])]
         {
@@ -819,7 +847,7 @@ mod tests {
     #[test]
     fn the_gradient_is_the_derivative_of_the_cost() {
         let records = [record(90, &[]), record(60, &[30])];
-        let mut problem = Problem::new(Armax { na: 2, nb: 1, nc: 2 }, &records, 5);
+        let mut problem = ArmaxProblem::new(Armax { na: 2, nb: 1, nc: 2 }, &records, 5);
         problem.nk = 3;
         for c in [[-0.5, 0.3], [-1.5, 0.7]] {
             let normal = problem.evaluate(&c).unwrap();

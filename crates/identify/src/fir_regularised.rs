@@ -63,6 +63,9 @@ struct System {
 /// Residual variance below this share of the output's is rounding.
 const ROUNDING: f64 = 1e-13;
 
+/// Rounds of finding the start and tuning the prior for it.
+const ROUNDS: usize = 3;
+
 impl Evidence {
     /// `None` where no row is there or a number overflows.
     pub fn new(records: &[Record], taps: usize) -> Option<Self> {
@@ -168,6 +171,24 @@ impl Evidence {
             }
         }
         best
+    }
+
+    /// The misfit of a response that begins at each delay up to `longest`, with the prior tuned for
+    /// the best of them, from `start` and `prior` on.
+    #[must_use]
+    pub fn misfits(&self, mut start: usize, mut prior: Prior, longest: usize) -> Vec<f64> {
+        let mut misfits = Vec::new();
+        for _ in 0..ROUNDS {
+            prior = self.tune(start, Some(prior));
+            misfits = (0..=longest).map(|k| self.misfit(k, prior)).collect();
+            let best =
+                (0..=longest).min_by(|&a, &b| misfits[a].total_cmp(&misfits[b])).unwrap_or(start);
+            if best == start {
+                break;
+            }
+            start = best;
+        }
+        misfits
     }
 
     /// The posterior of a response from `start` on; zero before.

@@ -22,7 +22,7 @@ pub mod subspace;
 mod transfer;
 mod triangle;
 
-pub use crate::oe::output_error::{Initial, OeFit, OutputError};
+pub use crate::oe::model::{Initial, OeFit, OutputError};
 pub use crate::subspace::identifier::{Identified, Identifier};
 pub use crate::subspace::single::{Innovations, Subspace};
 pub use armax::{Armax, ArmaxFit, ArmaxScan};

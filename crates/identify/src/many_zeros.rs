@@ -161,7 +161,7 @@ fn inverse(regression: Regression, gradients: &[Record]) -> Option<DMatrix<f64>>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::oe::output_error::{Initial, OutputError};
+    use crate::oe::model::{Initial, OutputError};
 
     fn noise(samples: usize, seed: u64) -> Vec<f64> {
         let mut state = seed;

@@ -201,34 +201,9 @@ pub fn coloured(
             .filter(|_| levels)
             .map(|p| (0..residual.len()).map(|t| f64::from(u8::from(p.contains(&t)))).collect()),
     );
-    let (k, mut left) = (columns.len(), residual.to_vec());
-    let mut found = None;
-    // The first samples of each record lack what the filter would remember.
-    let white = |x: &[f64], d: &[f64]| -> Vec<f64> {
-        parts.iter().flat_map(|p| whitened(&x[p.clone()], d).into_iter().skip(d.len())).collect()
-    };
-    let gram = |columns: &[Vec<f64>]| DMatrix::from_fn(k, k, |i, j| dot(&columns[i], &columns[j]));
-    for _ in 0..ROUNDS {
-        let own: Vec<Vec<f64>> = parts
-            .iter()
-            .map(|p| left.get(p.clone()).map(<[f64]>::to_vec))
-            .collect::<Option<_>>()?;
-        let noise = noise_model(&own, NOISE)?;
-        let (through, target) = (
-            columns.iter().map(|c| white(c, &noise.d)).collect::<Vec<_>>(),
-            white(residual, &noise.d),
-        );
-        let right = DVector::from_fn(k, |i, _| dot(&through[i], &target));
-        let change = inverse(gram(&through))? * right;
-        left = (0..residual.len())
-            .map(|t| {
-                residual[t] - columns.iter().zip(change.iter()).map(|(c, w)| w * c[t]).sum::<f64>()
-            })
-            .collect();
-        let freedom = residual.len() as f64 / (residual.len() as f64 - k as f64).max(1.0);
-        found = Some((change, noise, freedom));
-    }
-    let (change, NoiseModel { d, variance, covariance }, freedom) = found?;
+    let system = WhitenedSystem { columns, parts, residual };
+    let (change, NoiseModel { d, variance, covariance }, left) = system.step()?;
+    let freedom = residual.len() as f64 / (residual.len() as f64 - change.len() as f64).max(1.0);
     let variance = variance * freedom;
     // Over what the noise may be: its slow part is what slow columns are told from, and it is known from few samples.
     let cloud = Cloud::of(d.clone(), &covariance, 1)?;
@@ -236,12 +211,9 @@ pub fn coloured(
         .into_par_iter()
         .map(|i| cloud.draw(i, 1.0))
         .filter(|d| is_stable(d) && 1.0 + d.iter().sum::<f64>() > SLOWEST);
-    let each: Vec<DMatrix<f64>> = drawn
-        .filter_map(|d| inverse(gram(&columns.iter().map(|c| white(c, &d)).collect::<Vec<_>>())))
-        .collect();
-    let through: Vec<Vec<f64>> = columns.iter().map(|c| white(c, &d)).collect();
+    let each: Vec<DMatrix<f64>> = drawn.filter_map(|d| system.inverse_under(&d)).collect();
     let mean = if each.is_empty() {
-        inverse(gram(&through))?
+        system.inverse_under(&d)?
     } else {
         each.iter().sum::<DMatrix<f64>>() / each.len() as f64
     };
@@ -260,6 +232,61 @@ pub fn coloured(
     }
     let finite = all.change.iter().chain(all.covariance.iter()).all(|v| v.is_finite());
     finite.then_some(all)
+}
+
+/// Columns and residuals, and where the records lie in them.
+struct WhitenedSystem<'a> {
+    columns: Vec<Vec<f64>>,
+    parts: Vec<std::ops::Range<usize>>,
+    residual: &'a [f64],
+}
+
+impl WhitenedSystem<'_> {
+    /// A signal behind the noise's filter; the first samples of each record lack what it would
+    /// remember.
+    fn white(&self, x: &[f64], d: &[f64]) -> Vec<f64> {
+        let part =
+            |p: &std::ops::Range<usize>| whitened(&x[p.clone()], d).into_iter().skip(d.len());
+        self.parts.iter().flat_map(part).collect()
+    }
+
+    /// The columns behind the noise's filter.
+    fn through(&self, d: &[f64]) -> Vec<Vec<f64>> {
+        self.columns.iter().map(|c| self.white(c, d)).collect()
+    }
+
+    /// (JᵀDᵀDJ)⁻¹.
+    fn inverse_under(&self, d: &[f64]) -> Option<DMatrix<f64>> {
+        inverse(gram(&self.through(d)))
+    }
+
+    /// By how much the numbers move under the noise that they leave, that noise, and what they
+    /// leave.
+    fn step(&self) -> Option<(DVector<f64>, NoiseModel, Vec<f64>)> {
+        let (columns, residual) = (&self.columns, self.residual);
+        let mut left = residual.to_vec();
+        let mut found = None;
+        for _ in 0..ROUNDS {
+            let own: Vec<Vec<f64>> = self
+                .parts
+                .iter()
+                .map(|p| left.get(p.clone()).map(<[f64]>::to_vec))
+                .collect::<Option<_>>()?;
+            let noise = noise_model(&own, NOISE)?;
+            let (through, target) = (self.through(&noise.d), self.white(residual, &noise.d));
+            let right = DVector::from_fn(columns.len(), |i, _| dot(&through[i], &target));
+            let change = inverse(gram(&through))? * right;
+            let moved =
+                |t: usize| columns.iter().zip(change.iter()).map(|(c, w)| w * c[t]).sum::<f64>();
+            left = (0..residual.len()).map(|t| residual[t] - moved(t)).collect();
+            found = Some((change, noise));
+        }
+        found.map(|(change, noise)| (change, noise, left))
+    }
+}
+
+fn gram(columns: &[Vec<f64>]) -> DMatrix<f64> {
+    DMatrix::from_fn(columns.len(), columns.len(), |i, j| dot(&columns[i], &columns[j]))
 }
 
 /// Autoregressions drawn from what the residuals know of theirs.

@@ -14,7 +14,7 @@ use crate::subspace::identifier::{Identified, Identifier};
 use crate::subspace::innovations::{Direct, InnovationsModel};
 use crate::subspace::recordings::{Recordings, Scales, Stretch};
 use deadtime_signal::progress::HowFar;
-use deadtime_signal::stats::NORMAL_95;
+use deadtime_signal::stats::{self, interval95};
 
 /// y = Σ B_j(q)/F(q)·u_j(t − nk_j) + e/D(q), by refined instrumental variables: F is common to all inputs, each has a B and a dead time of its own.
 ///
@@ -119,36 +119,15 @@ impl Identifier for Riv {
     fn identify(&self, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError> {
         let m = recordings.inputs.len();
         let (nf, nb) = (self.nf, self.nb);
-        for (option, value) in [("nf", nf), ("nb", nb), ("noise", self.noise.unwrap_or(1))] {
-            if !(1..=20).contains(&value) {
-                return Err(IdentifyError::Option {
-                    option,
-                    value: value as f64,
-                    rule: "it must be 1 to 20",
-                });
-            }
-        }
-        let least = usize::from(self.direct == Direct::None);
-        let (from, to) = match &self.nk {
-            Some(lags) if lags.len() != m => {
-                return Err(IdentifyError::Option {
-                    option: "number of lags in nk",
-                    value: lags.len() as f64,
-                    rule: "one for each input",
-                });
-            }
-            Some(lags) => (lags.clone(), lags.clone()),
-            None => (vec![least; m], vec![self.max_delay.max(least); m]),
-        };
+        let (from, to) = self.lags(m)?;
         let longest = to.iter().copied().max().unwrap_or(0);
         let starts = nf.max(nb - 1);
         let (used, said) = usable(NAME, recordings, longest + 3 * (nf + m * nb + starts + 1))?;
         if used.stretches.len() > STRETCHES {
-            let rule = "at most 100: fill the gaps, or name fewer logs";
             return Err(IdentifyError::Option {
                 option: "number of stretches without a gap",
                 value: used.stretches.len() as f64,
-                rule,
+                rule: "at most 100: fill the gaps, or name fewer logs",
             });
         }
         let scales = used.scales()?;
@@ -180,40 +159,59 @@ impl Identifier for Riv {
             .refine(&problem, found.fit.f.clone())
             .ok_or_else(|| failed("the rounds have no finite end; take smaller orders"))?;
         let rows: usize = outputs.iter().map(Vec::len).sum();
-        let without = noise_model(
-            &outputs.iter().map(|y| centred(y)).collect::<Vec<_>>(),
-            orders.noise.max(ROUGH_NOISE),
-        );
-        let gain = rows as f64
-            * (without.map_or(f64::INFINITY, |w| w.variance) / fit.loss.max(f64::MIN_POSITIVE))
-                .ln();
         // Poles may settle on any of N/2 frequencies, where a lag is but a phase; and the starts are free beside the model without inputs, too.
         let tries = (1 + longest) as f64 * (rows as f64 / 2.0).max(1.0);
         let free = nf + m * nb + used.stretches.len() * starts;
-        if gain
-            < ChiSquared::new(free as f64).map_or(0.0, |d| d.inverse_cdf(1.0 - BY_CHANCE / tries))
-        {
+        let limit =
+            ChiSquared::new(free as f64).map_or(0.0, |d| d.inverse_cdf(1.0 - BY_CHANCE / tries));
+        if gain(&outputs, orders.noise, fit.loss) < limit {
             return Err(failed(
                 "the output does not visibly follow the inputs; check the channels, or record with a stronger excitation",
             ));
         }
         let covariance = orders.covariance(&problem, &fit);
-        Ok(self.answer(Answer {
-            used: &used,
-            scales,
-            lags: &found.lags,
-            ends: &found.ends,
-            fit,
-            covariance,
-            rows,
-            said,
-        }))
+        let (lags, ends) = (&found.lags, &found.ends);
+        Ok(self.answer(Answer { used: &used, scales, lags, ends, fit, covariance, rows, said }))
     }
 }
 
-fn centred(y: &[f64]) -> Vec<f64> {
-    let mean = y.iter().sum::<f64>() / y.len().max(1) as f64;
-    y.iter().map(|v| v - mean).collect()
+impl Riv {
+    /// The shortest and the longest lag of each of `m` inputs.
+    fn lags(&self, m: usize) -> Result<(Vec<usize>, Vec<usize>), IdentifyError> {
+        let refused = |option, value: usize, rule| {
+            Err(IdentifyError::Option { option, value: value as f64, rule })
+        };
+        for (option, value) in
+            [("nf", self.nf), ("nb", self.nb), ("noise", self.noise.unwrap_or(1))]
+        {
+            if !(1..=20).contains(&value) {
+                return refused(option, value, "it must be 1 to 20");
+            }
+        }
+        let least = usize::from(self.direct == Direct::None);
+        match &self.nk {
+            Some(lags) if lags.len() != m => {
+                refused("number of lags in nk", lags.len(), "one for each input")
+            }
+            Some(lags) => Ok((lags.clone(), lags.clone())),
+            None => Ok((vec![least; m], vec![self.max_delay.max(least); m])),
+        }
+    }
+}
+
+/// Twice the log-likelihood that the inputs add to a noise model alone.
+fn gain(outputs: &[Vec<f64>], noise: usize, loss: f64) -> f64 {
+    let rows: usize = outputs.iter().map(Vec::len).sum();
+    let centred = |y: &Vec<f64>| {
+        let mean = stats::mean(y.iter().copied()).unwrap_or(0.0);
+        y.iter().map(|v| v - mean).collect()
+    };
+    let without = noise_model(
+        &outputs.iter().map(centred).collect::<Vec<Vec<f64>>>(),
+        noise.max(ROUGH_NOISE),
+    );
+    let without = without.map_or(f64::INFINITY, |w| w.variance);
+    rows as f64 * (without / loss.max(f64::MIN_POSITIVE)).ln()
 }
 
 /// Where the lags are searched.
@@ -330,99 +328,32 @@ struct Answer<'a> {
 }
 
 impl Riv {
-    fn answer(&self, of: Answer<'_>) -> Identified {
-        let Answer { used, mut scales, lags, ends, fit, covariance, rows, said } = of;
-        let (nf, nb, m) = (self.nf, self.nb, lags.len());
-        let (sy, count) = (scales.outputs[0].1, nf + m * nb);
+    fn answer(&self, mut of: Answer<'_>) -> Identified {
+        let (nf, nb, m) = (self.nf, self.nb, of.lags.len());
+        let (sy, count) = (of.scales.outputs[0].1, nf + m * nb);
         // f, then every b in the channels' units.
-        let unit = |i: usize| if i < nf { 1.0 } else { sy / scales.inputs[(i - nf) / nb].1 };
-        let values: Vec<f64> = fit
-            .f
-            .iter()
-            .chain(fit.b.iter().take(m * nb))
+        let unit = |i: usize| if i < nf { 1.0 } else { sy / of.scales.inputs[(i - nf) / nb].1 };
+        let values: Vec<f64> = (of.fit.f.iter())
+            .chain(of.fit.b.iter().take(m * nb))
             .enumerate()
             .map(|(i, v)| v * unit(i))
             .collect();
-        let covariance = covariance
+        let covariance = of
+            .covariance
+            .as_ref()
             .map(|c| DMatrix::from_fn(count, count, |i, j| c[(i, j)] * unit(i) * unit(j)));
-        let delays: Vec<usize> = lags.iter().map(|l| l.saturating_sub(1)).collect();
+        let delays: Vec<usize> = of.lags.iter().map(|l| l.saturating_sub(1)).collect();
         // Lags of the first coefficient that are left in the matrices.
-        let inside: Vec<usize> = lags.iter().zip(&delays).map(|(l, d)| l - d).collect();
+        let inside: Vec<usize> = of.lags.iter().zip(&delays).map(|(l, d)| l - d).collect();
         let build = |values: &[f64]| {
             Some((observer(&values[..nf], &values[nf..], &inside), delays.clone()))
         };
         let cloud = covariance.as_ref().and_then(|c| Cloud::of(values.clone(), c, self.seed));
         let draws = cloud.map(|c| c.models(self.draws, &build)).unwrap_or_default();
-        let name = |i: usize| {
-            if i < nf {
-                return (format!("f{}", i + 1), None);
-            }
-            let (input, at) = ((i - nf) / nb, (i - nf) % nb);
-            (format!("b{at}"), Some(used.inputs[input].name.clone()))
-        };
-        let mut parameters: Vec<Parameter> = lags
-            .iter()
-            .zip(ends)
-            .zip(&used.inputs)
-            .map(|((lag, ends), input)| Parameter {
-                name: "nk".to_owned(),
-                input: Some(input.name.clone()),
-                value: *lag as f64,
-                unit: Some("samples".to_owned()),
-                std: None,
-                ci95: Some(ends.map(|e| e as f64)),
-            })
-            .collect();
-        parameters.extend(values.iter().enumerate().map(|(i, value)| {
-            let std = covariance.as_ref().map(|c| c[(i, i)].max(0.0).sqrt());
-            let (name, input) = name(i);
-            Parameter {
-                name,
-                input,
-                value: *value,
-                unit: None,
-                std,
-                ci95: std.map(|s| [value - NORMAL_95 * s, value + NORMAL_95 * s]),
-            }
-        }));
-        let mut notes: Vec<String> = said.into_iter().collect();
-        if !fit.converged {
-            notes.push(
-                "the rounds did not settle: orders that are too large or too small for the data; look at the fits of other orders"
-                    .to_owned(),
-            );
-        }
-        if self.nk.is_none() {
-            for ((lag, ends), input) in lags.iter().zip(ends).zip(&used.inputs) {
-                if ends[0] < ends[1] {
-                    let (name, [from, to]) = (&input.name, ends);
-                    notes.push(format!(
-                        "{name}: lags from {from} to {to} samples fit about as well; the other intervals are those of {lag}"
-                    ));
-                }
-                if *lag == self.max_delay {
-                    notes.push(format!(
-                        "{}: the best lag is the longest that was searched; set a longer max_delay",
-                        input.name
-                    ));
-                }
-            }
-        }
-        if m > 1 {
-            notes.push(
-                "all inputs have the poles F in common; where they have poles of their own, nf is the number of all and nb as many more"
-                    .to_owned(),
-            );
-        }
-        // A level of y is c/F of 1: where it settles.
-        let at_rest = 1.0 + fit.f.iter().sum::<f64>();
-        let each = self.nf.max(nb - 1) + 1;
-        let weight = |s: &Stretch| s.len() as f64 / used.samples().max(1) as f64;
-        let settled: Vec<f64> = (0..used.stretches.len())
-            .map(|r| fit.b.get(m * nb + r * each + each - 1).map_or(0.0, |c| c / at_rest))
-            .collect();
-        scales.outputs[0].0 +=
-            sy * settled.iter().zip(&used.stretches).map(|(c, s)| c * weight(s)).sum::<f64>();
+        let parameters = self.parameters(&of, &values, covariance.as_ref());
+        let notes = self.notes(&of);
+        of.scales.outputs[0].0 += sy * self.level(&of);
+        let Answer { used, scales, fit, rows, .. } = of;
         let model = observer(&values[..nf], &values[nf..], &inside);
         let freedom = (rows as f64 - (fit.b.len() + nf + fit.d.len()) as f64).max(1.0);
         Identified {
@@ -450,6 +381,81 @@ impl Riv {
                 guesses: Vec::new(),
             }),
         }
+    }
+
+    /// The lags, then the coefficients in the channels' units.
+    fn parameters(
+        &self,
+        of: &Answer<'_>,
+        values: &[f64],
+        covariance: Option<&DMatrix<f64>>,
+    ) -> Vec<Parameter> {
+        let (nf, nb) = (self.nf, self.nb);
+        let name = |i: usize| {
+            if i < nf {
+                return (format!("f{}", i + 1), None);
+            }
+            let (input, at) = ((i - nf) / nb, (i - nf) % nb);
+            (format!("b{at}"), Some(of.used.inputs[input].name.clone()))
+        };
+        let lags = of.lags.iter().zip(of.ends).zip(&of.used.inputs);
+        let lags = lags.map(|((lag, ends), input)| Parameter {
+            name: "nk".to_owned(),
+            input: Some(input.name.clone()),
+            value: *lag as f64,
+            unit: Some("samples".to_owned()),
+            std: None,
+            ci95: Some(ends.map(|e| e as f64)),
+        });
+        let coefficients = values.iter().enumerate().map(|(i, &value)| {
+            let std = covariance.map(|c| c[(i, i)].max(0.0).sqrt());
+            let (name, input) = name(i);
+            let ci95 = std.map(|s| interval95(value, s));
+            Parameter { name, input, value, unit: None, std, ci95 }
+        });
+        lags.chain(coefficients).collect()
+    }
+
+    /// What a user should know.
+    fn notes(&self, of: &Answer<'_>) -> Vec<String> {
+        let mut notes: Vec<String> = of.said.iter().cloned().collect();
+        if !of.fit.converged {
+            notes.push(
+                "the rounds did not settle: orders that are too large or too small for the data; look at the fits of other orders"
+                    .to_owned(),
+            );
+        }
+        let searched = of.lags.iter().zip(of.ends).zip(&of.used.inputs);
+        for ((lag, [from, to]), input) in searched.filter(|_| self.nk.is_none()) {
+            let name = &input.name;
+            if from < to {
+                notes.push(format!(
+                    "{name}: lags from {from} to {to} samples fit about as well; the other intervals are those of {lag}"
+                ));
+            }
+            if *lag == self.max_delay {
+                notes.push(format!(
+                    "{name}: the best lag is the longest that was searched; set a longer max_delay"
+                ));
+            }
+        }
+        if of.lags.len() > 1 {
+            notes.push(
+                "all inputs have the poles F in common; where they have poles of their own, nf is the number of all and nb as many more"
+                    .to_owned(),
+            );
+        }
+        notes
+    }
+
+    /// The scaled output's mean level, each stretch by its length: c/F of 1 is where it settles.
+    fn level(&self, of: &Answer<'_>) -> f64 {
+        let at_rest = 1.0 + of.fit.f.iter().sum::<f64>();
+        let (inputs, each) = (of.lags.len() * self.nb, self.nf.max(self.nb - 1) + 1);
+        let weight = |s: &Stretch| s.len() as f64 / of.used.samples().max(1) as f64;
+        let settled =
+            |r: usize| of.fit.b.get(inputs + r * each + each - 1).map_or(0.0, |c| c / at_rest);
+        of.used.stretches.iter().enumerate().map(|(r, s)| settled(r) * weight(s)).sum::<f64>()
     }
 }
 

@@ -3,14 +3,11 @@
 //! Equation: K·e^(−Ls)/(1 + sT): L = A₀/K − e·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s dt, s the mean of the outputs after each step of the input, weighted with the steps.
 
 use super::reading::{Area, BEYOND, Lags, Reading, TOLD, answer, area};
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Information, Law, Method, ReferenceExperiment, Scope, Start};
-use crate::posterior;
+use crate::estimator::{NoDelay, PairMethod, PairRecords, noted, options};
+use crate::method::{Information, Law, Method, ReferenceExperiment, Start, method_line};
 use deadtime_identify::Record;
-use deadtime_signal::registry::entry;
 use deadtime_signal::stats;
 
 /// Areas of the measured step response, read as one lag.
@@ -69,50 +66,26 @@ const STILL: f64 = 0.05;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "area1",
-        "dead time of one lag from areas of the measured step response",
-        Area1,
-        dyn DelayEstimator
-    ),
-    class: Class::Area,
-    scope: Scope::Pair,
     start: Start::Rest,
     reference: ReferenceExperiment::Steps,
     information: Information::Poles(1),
-    basis: Basis::Own,
     tolerance: 2.0,
-    withstands: &[],
     needs: "steps that are held until the response is over, a plant of one lag that rests before them",
     blind_to: "the order of the plant, which it takes for granted; oscillation; feedback",
     exempt: &[(
         Law::Exact,
         "it needs steps, and reads their response as that of one lag, which most plants are not",
     )],
+    ..method_line!(
+        "area1",
+        "dead time of one lag from areas of the measured step response",
+        Area1,
+        Area
+    )
 };
 
-impl DelayEstimator for Area1 {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        if self.held < END {
-            return Err(DelayError::Option {
-                method: NAME,
-                option: "held",
-                value: self.held as f64,
-                allowed: "4 or more",
-            });
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            self.pair(records, max_delay, bias, experiment)
-        })
-    }
-}
-
 /// The mean response to a unit step.
-struct Response {
+struct StepResponse {
     step: Vec<f64>,
     /// Variance of each sample of it.
     variance: f64,
@@ -123,7 +96,7 @@ fn mean(x: &[f64]) -> f64 {
 }
 
 /// The steps that are held for at least `held` samples, after an input that was (at the start of a record for [`REST`] samples); `None`: there is none.
-fn response(records: &[Record], held: usize) -> Option<Response> {
+fn response(records: &[Record], held: usize) -> Option<StepResponse> {
     // (height, output from the step on, level before)
     let mut steps: Vec<(f64, &[f64], f64)> = Vec::new();
     for record in records {
@@ -156,70 +129,48 @@ fn response(records: &[Record], held: usize) -> Option<Response> {
             end.iter().map(move |v| (v - level).powi(2))
         })
         .collect();
-    Some(Response { step, variance: mean(&ends) / weight })
+    Some(StepResponse { step, variance: mean(&ends) / weight })
 }
 
-impl Area1 {
-    fn pair(
-        &self,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> Result<DelayEstimate, DelayError> {
-        let held = self.held.max(max_delay + BEYOND);
-        let (needed, got) = (REST + held, experiment.longest());
-        if got < needed {
-            return Err(DelayError::TooShort {
-                method: NAME,
-                needed,
-                got,
-                remedy: crate::error::LengthRemedy::WindowOr("set a smaller held"),
-            });
-        }
-        let none = |outcome, note: String| Ok(DelayEstimate::without(outcome, note));
-        if records.iter().any(|r| r.present.is_some()) {
-            return none(
-                Outcome::NotApplicable,
-                "output samples are missing, and their areas with them".to_owned(),
-            );
-        }
-        let Some(response) = response(records, held) else {
-            return none(
-                Outcome::NotApplicable,
-                format!("the input has no step that is held for {held} samples after a rest"),
-            );
+impl PairMethod for Area1 {
+    fn check(&self) -> Result<(), DelayError> {
+        options(NAME, [("held", self.held as f64, self.held >= END, "4 or more")])
+    }
+
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let held = self.held.max(pair.max_delay + BEYOND);
+        pair.at_least(NAME, REST + held, LengthRemedy::WindowOr("set a smaller held"))?;
+        pair.complete("output samples are missing, and their areas with them")?;
+        let Some(response) = response(pair.records, held) else {
+            let note =
+                format!("the input has no step that is held for {held} samples after a rest");
+            return Err(NoDelay::new(Outcome::NotApplicable, note));
         };
-        if let Some(note) = posterior::unseen(records, max_delay) {
-            return none(Outcome::NotVisible, note);
-        }
-        let end = response.step.len() - response.step.len() / END;
-        let (gain, before) =
-            (mean(&response.step[end..]), mean(&response.step[response.step.len() / 2..end]));
-        let noise = (response.variance / (response.step.len() - end) as f64).sqrt();
+        pair.visible()?;
+        let step = &response.step;
+        let end = step.len() - step.len() / END;
+        let (gain, before) = (mean(&step[end..]), mean(&step[step.len() / 2..end]));
+        let noise = (response.variance / (step.len() - end) as f64).sqrt();
+        let singular = |note| NoDelay::new(Outcome::Singular, note);
         let told = gain.abs() > TOLD * noise;
         if !told {
-            return none(
-                Outcome::Singular,
-                "the end of the response, by which areas are divided, is not told from noise"
-                    .to_owned(),
-            );
+            return Err(singular(
+                "the end of the response, by which areas are divided, is not told from noise",
+            ));
         }
-        let Some(readings) = readings(&response, gain, end) else {
-            return none(
-                Outcome::Singular,
-                "the average residence time lies outside the response: the areas have no solution"
-                    .to_owned(),
-            );
-        };
+        let readings = readings(&response, gain, end).ok_or_else(|| {
+            singular(
+                "the average residence time lies outside the response: the areas have no solution",
+            )
+        })?;
         let moves = (gain - before).abs() > STILL * gain.abs() + TOLD * noise;
         let note = moves.then(|| "the response is not over where the steps end: the dead time is read too early or too late".to_owned());
-        Ok(answer(Lags::One, readings, bias, max_delay, experiment).noting(note))
+        noted(answer(Lags::One, readings, pair), note)
     }
 }
 
 /// Both readings of a step response whose end is the mean from `end` on; `None` where the areas have no solution.
-fn readings(response: &Response, gain: f64, end: usize) -> Option<[Reading; 2]> {
+fn readings(response: &StepResponse, gain: f64, end: usize) -> Option<[Reading; 2]> {
     let step = &response.step;
     // Straight lines between the samples: half a sample less than the sum of K − s.
     let residence =
@@ -265,7 +216,7 @@ mod tests {
             (0..80).map(|i| if i > 7 { 1.0 - 0.8_f64.powi(i - 7) } else { 0.0 }).collect();
         let end = 60;
         let read = |step: &[f64]| {
-            readings(&Response { step: step.to_vec(), variance: 1.0 }, mean(&step[end..]), end)
+            readings(&StepResponse { step: step.to_vec(), variance: 1.0 }, mean(&step[end..]), end)
                 .unwrap()
         };
         for k in 0..2 {

@@ -10,7 +10,5 @@
 //! Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4; Björklund (2003), LiU-TEK-LIC-2003:60, class 3.
 
 pub(super) mod area1;
-pub(super) mod area2;
-pub(super) mod area3;
-pub(super) mod moment;
+pub(super) mod estimated;
 mod reading;

@@ -1,12 +1,11 @@
 //! Generalised cross-correlation.
 
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{Search, one_pair};
-use crate::experiment::Experiment;
+use crate::estimator::{NoDelay, PairRecords, options};
 use crate::method::Condition;
-use crate::posterior;
 use deadtime_identify::Record;
+use deadtime_signal::stats;
 use deadtime_signal::{CrossSpectra, HANN_LINES, RealFourier, correlation};
 use nalgebra::Complex;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
@@ -91,7 +90,7 @@ impl Centred {
         let centred = |values: &[f64], scale: f64, there: &dyn Fn(usize) -> bool| -> Vec<f64> {
             let present =
                 || values.iter().enumerate().filter(|(t, _)| there(*t)).map(|(_, v)| v / scale);
-            let mean = present().sum::<f64>() / real(present().count().max(1));
+            let mean = stats::mean(present()).unwrap_or(0.0);
             values
                 .iter()
                 .enumerate()
@@ -143,32 +142,21 @@ pub(crate) fn segment_length(asked: usize, longest: usize, max_delay: usize) -> 
     (1 << fits.ilog2()).clamp(least, most)
 }
 
-/// Refuses what cannot be used at all.
-pub(crate) fn enough(
+/// Refuses a segment that is too short.
+pub(crate) fn check(method: &'static str, segment: usize) -> Result<(), DelayError> {
+    let ok = segment == 0 || segment >= SHORTEST_SEGMENT;
+    options(method, [("segment", segment as f64, ok, "0 (automatic) or 8 and more")])
+}
+
+/// Refuses records in which no delay shows; the segment to be used.
+pub(crate) fn segment_of(
     method: &'static str,
     segment: usize,
-    got: usize,
-    max_delay: usize,
-) -> Result<(), DelayError> {
-    if segment > 0 && segment < SHORTEST_SEGMENT {
-        let value = segment as f64;
-        return Err(DelayError::Option {
-            method,
-            option: "segment",
-            value,
-            allowed: "0 (automatic) or 8 and more",
-        });
-    }
-    let needed = max_delay + LEAST.max(segment);
-    if got < needed {
-        return Err(DelayError::TooShort {
-            method,
-            needed,
-            got,
-            remedy: crate::error::LengthRemedy::Window,
-        });
-    }
-    Ok(())
+    pair: &PairRecords,
+) -> Result<usize, NoDelay> {
+    pair.at_least(method, pair.max_delay + LEAST.max(segment), LengthRemedy::Window)?;
+    pair.visible()?;
+    Ok(segment_length(segment, pair.experiment.longest(), pair.max_delay))
 }
 
 /// What averaged spectra say of every frequency.
@@ -178,7 +166,7 @@ pub(crate) fn lines(spectra: &CrossSpectra) -> Vec<Line> {
         |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max).max(f64::MIN_POSITIVE);
     let ends = ENDS / (spectra.looks * real(spectra.segment)).max(ENDS);
     let floor = |values: &[f64]| {
-        let mean = values.iter().sum::<f64>() / real(values.len().max(1));
+        let mean = stats::mean(values.iter().copied()).unwrap_or(0.0);
         (ends * mean).max(FLOOR * largest(&mut values.iter().copied()))
     };
     let (floor_u, floor_y) = (floor(&spectra.uu), floor(&spectra.yy));
@@ -269,28 +257,15 @@ impl Interpolant {
     }
 }
 
-/// All pairs, by the maximum of the correlation with these weights.
+/// The delay of a pair by the maximum of the correlation with these weights.
 pub(crate) fn generalised(
     method: &'static str,
     segment: usize,
     weight: fn(&Line) -> f64,
-    experiment: &Experiment,
-    search: &Search,
-) -> Result<DelayEstimate, DelayError> {
-    one_pair(experiment, search, |records, max_delay, bias| {
-        let longest = experiment.longest();
-        enough(method, segment, longest, max_delay)?;
-        if let Some(note) = posterior::unseen(records, max_delay) {
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-        }
-        let (found, _) = alike(
-            &Centred::new(records),
-            segment_length(segment, longest, max_delay),
-            weight,
-            max_delay,
-        );
-        Ok(found.answer(max_delay, bias, experiment))
-    })
+    pair: &PairRecords,
+) -> Result<DelayEstimate, NoDelay> {
+    let segment = segment_of(method, segment, pair)?;
+    alike(&Centred::new(pair.records), segment, weight, pair.max_delay).0.answer(pair)
 }
 
 /// The lag at which two signals are most alike.
@@ -313,7 +288,7 @@ pub(crate) struct Alike {
 }
 
 /// What the last alignment saw.
-pub(crate) struct Seen {
+pub(crate) struct LastAlignment {
     /// Spectra, y moved back by the whole lag.
     pub(crate) spectra: CrossSpectra,
     /// Every frequency of them.
@@ -322,13 +297,23 @@ pub(crate) struct Seen {
     pub(crate) sign: f64,
 }
 
-/// The lag of the largest |R| in the window.
-pub(crate) fn alike(
+/// R at every lag under the weights of the last alignment.
+struct Aligned {
+    lag: usize,
+    spectra: CrossSpectra,
+    lines: Vec<Line>,
+    weights: Vec<f64>,
+    /// R from lag −1 on.
+    filtered: Vec<f64>,
+}
+
+/// The lag of the largest |R|, y moved back by the best lag so far until that is the best.
+fn aligned(
     signals: &Centred,
     segment: usize,
     weight: fn(&Line) -> f64,
     max_delay: usize,
-) -> (Alike, Option<Seen>) {
+) -> Option<Aligned> {
     let reach = segment / 2;
     let margin = isize::try_from(reach).unwrap_or(0) + 1;
     let products = signals.products(
@@ -342,8 +327,7 @@ pub(crate) fn alike(
             .max_by(|&a, &b| r[a + 1].abs().total_cmp(&r[b + 1].abs()).then(b.cmp(&a)))
             .unwrap_or(0)
     };
-    let plain: Vec<f64> = products[centre - 1..=centre + max_delay + 1].to_vec();
-    let mut lag = largest(&plain);
+    let mut lag = largest(&products[centre - 1..=centre + max_delay + 1]);
     let mut aligned = None;
     for _ in 0..ALIGNMENTS {
         let spectra = signals.aligned(lag, segment);
@@ -363,16 +347,27 @@ pub(crate) fn alike(
             .map(|i| taps.iter().rev().zip(&products[i..]).map(|(h, r)| h * r).sum())
             .collect();
         let next = largest(&filtered);
-        let same = next == lag;
-        aligned = Some((spectra, lines, weights, filtered));
-        if same {
+        aligned = Some(Aligned { lag, spectra, lines, weights, filtered });
+        if next == lag {
             break;
         }
         lag = next;
     }
-    let Some((spectra, lines, weights, filtered)) = aligned else {
+    // Where no alignment agrees with itself, the last one's best lag stands.
+    aligned.map(|a| Aligned { lag, ..a })
+}
+
+/// The lag of the largest |R| in the window.
+pub(crate) fn alike(
+    signals: &Centred,
+    segment: usize,
+    weight: fn(&Line) -> f64,
+    max_delay: usize,
+) -> (Alike, Option<LastAlignment>) {
+    let Some(aligned) = aligned(signals, segment, weight, max_delay) else {
         return (Alike::default(), None);
     };
+    let Aligned { lag, spectra, lines, weights, filtered } = aligned;
     let here = filtered[lag + 1];
     let sign = if here < 0.0 { -1.0 } else { 1.0 };
     let terms = spectra
@@ -397,7 +392,7 @@ pub(crate) fn alike(
     let bent = bent(&spectra, &lines, &weights, at, sign);
     (
         Alike { lag, fraction, std, freedom: independent_lines(&spectra), rivals, leads, bent },
-        Some(Seen { spectra, lines, sign }),
+        Some(LastAlignment { spectra, lines, sign }),
     )
 }
 
@@ -471,21 +466,16 @@ pub(super) fn rivals(
 }
 
 impl Alike {
-    pub(crate) fn answer(
-        &self,
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> DelayEstimate {
+    /// The answer of a method.
+    pub(crate) fn answer(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
         if self.leads {
             let note = "the two are most alike where the output leads the input: exchange them, or look for feedback";
-            return DelayEstimate::without(Outcome::NotApplicable, note);
+            return Err(NoDelay::new(Outcome::NotApplicable, note));
         }
         let Some(fraction) = self.fraction else {
-            return DelayEstimate::without(
-                Outcome::NotRichEnough,
-                "the correlation has no peak: the input hardly varies where the output can answer",
-            );
+            let note =
+                "the correlation has no peak: the input hardly varies where the output can answer";
+            return Err(NoDelay::new(Outcome::NotRichEnough, note));
         };
         let raw = real(self.lag) + fraction;
         let std = self.std.hypot(self.bent.unwrap_or(0.0));
@@ -494,40 +484,37 @@ impl Alike {
             self.rivals.iter().map(|(l, p)| p / total * (real(*l) - raw).powi(2)).sum();
         let quantile = StudentsT::new(0.0, 1.0, self.freedom.max(1.0))
             .map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
-        let mut ends = [raw - quantile * std, raw + quantile * std];
-        let (mut mass, mut by_height) = (1.0 / total, self.rivals.clone());
-        by_height.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let mut also = Vec::new();
-        for (l, p) in by_height {
-            if mass >= 0.95 {
-                break;
-            }
-            mass += p / total;
-            // A peak that was not refined is known to half a sample.
-            ends = [ends[0].min(real(l) - 0.5), ends[1].max(real(l) + 0.5)];
-            also.push(l);
-        }
-        if ends[1] - ends[0] > 0.5 * real(max_delay) {
+        let also = self.probable_rivals(total);
+        // A peak that was not refined is known to half a sample.
+        let ends = also.iter().fold([raw - quantile * std, raw + quantile * std], |ends, l| {
+            [ends[0].min(real(*l) - 0.5), ends[1].max(real(*l) + 0.5)]
+        });
+        if ends[1] - ends[0] > 0.5 * real(pair.max_delay) {
             let note = format!("peaks at {} other delays are as high within the noise", also.len());
-            return DelayEstimate::without(Outcome::Flat, note);
+            return Err(NoDelay::new(Outcome::Flat, note));
         }
         // An exact copy is known no better than rounding tells.
         let std = (std.powi(2) + spread).sqrt().max(ROUNDING);
         let ends = [ends[0].min(raw - ROUNDING), ends[1].max(raw + ROUNDING)];
-        let estimate = DelayEstimate::measured(
-            raw,
-            std,
-            ends,
-            self.lag == max_delay,
-            bias as f64,
-            experiment.sample_time(),
-        );
+        let estimate = pair.counted_at(raw, std, ends, self.lag == pair.max_delay);
         let estimate = estimate.contradicted(self.bent.map(|spread| {
             format!("frequencies differ in their delay by {spread:.2} samples: the output is no delayed copy, and the plant's own lag counts as delay")
         }));
-        estimate.noting((!also.is_empty()).then(|| {
+        Ok(estimate.noting((!also.is_empty()).then(|| {
             format!("the interval holds {} other peaks that noise may have lowered", also.len())
-        }))
+        })))
+    }
+
+    /// The other peaks, the most probable first, as far as they belong to 95 % of the probability.
+    fn probable_rivals(&self, total: f64) -> Vec<usize> {
+        let (mut mass, mut by_height) = (1.0 / total, self.rivals.clone());
+        by_height.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let within = |(_, p): &&(usize, f64)| {
+            let more = mass < 0.95;
+            mass += p / total;
+            more
+        };
+        by_height.iter().take_while(within).map(|(l, _)| *l).collect()
     }
 }
 

@@ -8,10 +8,5 @@
 //! 3. Uncertainty: R′(τ̂) varies by the noise that the coherence leaves (the two-sensor bound where ψ is the best), or by what the cross-spectrum's phases show,
 //!    whichever is more. Where the delays of single frequencies differ beyond chance, the plant has a lag of its own and their spread is added; other peaks that noise may have hidden below the highest widen the interval, or leave the delay open.
 
-pub(super) mod crosscorr;
-pub(super) mod eckart;
 pub(crate) mod generalised;
-pub(super) mod hannan_thomson;
-pub(super) mod phat;
-pub(super) mod roth;
-pub(super) mod scot;
+pub(crate) mod weights;

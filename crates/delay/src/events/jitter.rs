@@ -6,7 +6,7 @@
 use serde::Serialize;
 use statrs::distribution::{Binomial, DiscreteCDF};
 
-use super::interval_correlation::criterion;
+use super::criteria::correlation;
 use super::offsets::{Matched, Paired, mean, median};
 use crate::correlation::generalised::real;
 use crate::estimator::Search;
@@ -53,7 +53,7 @@ impl Jitter {
         let window = experiment.sample_time().to_seconds(real(search.max_delay));
         let (mut delays, mut longest_s, mut count) = (Vec::new(), None::<f64>, 0.0);
         for events in experiment.events() {
-            let Ok(matched) = Matched::of(&events.first, &events.second, criterion, Some(window))
+            let Ok(matched) = Matched::of(&events.first, &events.second, correlation, Some(window))
             else {
                 continue;
             };
@@ -118,7 +118,7 @@ fn interval(sorted: &[f64], share: f64, independent: u64) -> [Option<f64>; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::events::offsets::Events;
+    use crate::events::times::Events;
     use deadtime_signal::time::SampleTime;
     use rand::RngExt;
     use rand_chacha::ChaCha8Rng;

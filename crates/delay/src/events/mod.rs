@@ -9,10 +9,7 @@
 //! Source: Kekäläinen (2019), Acta IMEKO 8(1), 77-86, doi:10.21014/acta_imeko.v8i1.540. It compares offsets by the value of a criterion alone and speaks neither of
 //! uncertainty nor of missed events.
 
-pub(super) mod average_delay_difference;
-pub(super) mod delay_variance;
-pub(super) mod interval_correlation;
+pub(super) mod criteria;
 pub(crate) mod jitter;
 pub(crate) mod offsets;
-pub(super) mod quadratic_delay_difference;
-pub(super) mod variance_delay_difference;
+pub(crate) mod times;

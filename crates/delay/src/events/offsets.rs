@@ -1,9 +1,10 @@
 //! Events paired at each offset.
 
+use super::times::Events;
 use crate::correlation::generalised::real;
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::Search;
+use crate::estimator::{Search, long_enough};
 use crate::experiment::Experiment;
 use crate::method::Law;
 use crate::posterior;
@@ -11,17 +12,6 @@ use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stats;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
-
-/// Times of the same events at two places; either may have missed some, or seen others besides.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Events {
-    /// Times at the first place, increasing.
-    pub first: Vec<f64>,
-    /// Times at the second place, increasing, on the same clock.
-    pub second: Vec<f64>,
-    /// Units of the two, where they are known; seconds where not.
-    pub units: [Option<String>; 2],
-}
 
 /// What to do with sequences in different units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -121,6 +111,24 @@ impl<'a> Paired<'a> {
         self.correlation().min(1.0 - 1e-12).atanh() * (n - 3.0).max(0.0).sqrt()
     }
 
+    /// The intervals are correlated beyond what the best of so many offsets, `k`, is by chance.
+    fn correlated(&self, k: isize, offsets: usize) -> Result<(), (Outcome, Message)> {
+        let correlation = self.correlation();
+        if correlation == 0.0 {
+            let note = "the intervals between events never vary: every offset fits alike";
+            return Err((Outcome::NotRichEnough, note.into()));
+        }
+        let limit = Normal::new(0.0, 1.0)
+            .map_or(f64::INFINITY, |n| n.inverse_cdf(1.0 - 0.01 / real(offsets)));
+        if self.strength() < limit {
+            let note = format!(
+                "the intervals of the two sequences are not alike at the best offset ({k}: correlation {correlation:.2}, {limit:.1} standard deviations of chance needed): they do not show the same events, or too many are missing"
+            );
+            return Err((Outcome::NotVisible, note.into()));
+        }
+        Ok(())
+    }
+
     /// Of the half of the events whose intervals agree most: the typical delay, and the typical difference of the intervals.
     fn typical(&self) -> [f64; 2] {
         let mut both: Vec<(f64, f64)> =
@@ -145,41 +153,6 @@ pub(super) fn median(values: Vec<f64>) -> f64 {
     stats::median(values).unwrap_or(0.0)
 }
 
-/// Refuses times that are no numbers or do not increase.
-pub(crate) fn check_times(experiment: &Experiment) -> Result<(), DelayError> {
-    for events in experiment.events() {
-        for (role, names, times) in [
-            ("input", experiment.inputs(), &events.first),
-            ("output", experiment.outputs(), &events.second),
-        ] {
-            let channel = || names.first().cloned().unwrap_or_default();
-            if let Some(sample) = times.iter().position(|t| !t.is_finite()) {
-                return Err(DelayError::NotFinite {
-                    role,
-                    channel: channel(),
-                    sample,
-                    value: times[sample],
-                });
-            }
-            if let Some(&value) = times.first()
-                && times.len() > 1
-                && times.iter().all(|t| *t == value)
-            {
-                return Err(DelayError::Constant { role, channel: channel(), value });
-            }
-            if let Some(event) = times.windows(2).position(|w| w[1] <= w[0]) {
-                return Err(DelayError::EventOrder {
-                    channel: channel(),
-                    event: event + 1,
-                    before: times[event],
-                    time: times[event + 1],
-                });
-            }
-        }
-    }
-    Ok(())
-}
-
 /// Refuses what cannot be used at all.
 pub(super) fn check(
     method: &'static str,
@@ -196,18 +169,8 @@ pub(super) fn check(
             return Err(DelayError::Units { first: first.clone(), second: second.clone() });
         }
     }
-    let got =
-        experiment.events().iter().map(|e| e.first.len().min(e.second.len())).max().unwrap_or(0);
-    let needed = LEAST + 2;
-    if got < needed {
-        return Err(DelayError::TooShort {
-            method,
-            needed,
-            got,
-            remedy: crate::error::LengthRemedy::Events,
-        });
-    }
-    Ok(())
+    let got = experiment.events().iter().map(Events::possible).max().unwrap_or(0);
+    long_enough(method, LEAST + 2, got, LengthRemedy::Events)
 }
 
 /// The delay by the offset with the smallest criterion.
@@ -220,12 +183,8 @@ pub(crate) fn by_offset(
 ) -> Result<DelayEstimate, DelayError> {
     check(method, units, experiment)?;
     let window = experiment.sample_time().to_seconds(real(search.max_delay));
-    let mut answers = Vec::new();
-    for events in
-        experiment.events().iter().filter(|e| e.first.len().min(e.second.len()) >= LEAST + 2)
-    {
-        answers.push(one(events, units, criterion, window));
-    }
+    let long = experiment.events().iter().filter(|e| e.possible() >= LEAST + 2);
+    let answers: Vec<Answer> = long.map(|e| one(e, units, criterion, window)).collect();
     Ok(combined(&answers, window))
 }
 
@@ -306,38 +265,18 @@ impl<'a> Matched<'a> {
             return Err((Outcome::NotVisible, note));
         };
         let pairs = paired(best);
-        if pairs.correlation() == 0.0 {
-            return Err((
-                Outcome::NotRichEnough,
-                "the intervals between events never vary: every offset fits alike".into(),
-            ));
-        }
-        let strength = pairs.strength();
-        let limit = Normal::new(0.0, 1.0)
-            .map_or(f64::INFINITY, |n| n.inverse_cdf(1.0 - 0.01 / real(offsets.len())));
-        if strength < limit {
-            let note = format!(
-                "the intervals of the two sequences are not alike at the best offset ({best}: correlation {:.2}, {limit:.1} standard deviations of chance needed): they do not show the same events, or too many are missing",
-                pairs.correlation()
-            );
-            return Err((Outcome::NotVisible, note.into()));
-        }
+        pairs.correlated(best, offsets.len())?;
         let [typical, apart] = pairs.typical();
         let gate = GATE * typical_interval;
-        let rival = offsets
-            .iter()
-            .filter(|&&k| {
-                k != best && paired(k).strength() > strength - ALIKE * std::f64::consts::SQRT_2
-            })
-            .find(|&&k| {
-                let [delay, difference] = paired(k).typical();
-                (delay - typical).abs() > gate && difference <= AS_CLOSE * apart
-            });
-        if let Some(k) = rival {
-            return Err((
-                Outcome::Flat,
-                format!("offsets {best} and {k} pair the events equally well").into(),
-            ));
+        let least = pairs.strength() - ALIKE * std::f64::consts::SQRT_2;
+        let mut rivals = offsets.iter().filter(|&&k| k != best && paired(k).strength() > least);
+        let elsewhere = |k: &&isize| {
+            let [delay, difference] = paired(**k).typical();
+            (delay - typical).abs() > gate && difference <= AS_CLOSE * apart
+        };
+        if let Some(k) = rivals.find(elsewhere) {
+            let note = format!("offsets {best} and {k} pair the events equally well");
+            return Err((Outcome::Flat, note.into()));
         }
         let by_time = partners(first, second, typical, gate);
         let possible = first.len().min(second.len());
@@ -478,18 +417,13 @@ pub(super) fn combined(answers: &[Answer], window: f64) -> DelayEstimate {
             format!("the second place sees the events first, by {:.6} s: exchange the two", -delay),
         );
     }
+    let outcome = if delay > window { Outcome::AtEdge } else { Outcome::Found };
     let estimate = DelayEstimate {
-        outcome: if delay > window { Outcome::AtEdge } else { Outcome::Found },
         delay_s: Some(delay.max(0.0)),
         std_s: Some(std),
         ci95_s: Some(ends.map(|d| d.max(0.0))),
         raw_delay_s: Some(raw),
-        degree_bias_samples: 0.0,
-        contradicted: false,
-        misfit: None,
-        enough_poles: false,
-        open_part: false,
-        note: None,
+        ..DelayEstimate::bare(outcome)
     };
     let refused = answers.len() - found.len();
     let estimate = estimate.noting(

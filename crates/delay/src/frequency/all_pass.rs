@@ -16,8 +16,8 @@ use std::f64::consts::PI;
 
 use nalgebra::{Complex, DMatrix};
 
-use crate::estimate::{DelayEstimate, Outcome};
-use crate::experiment::Experiment;
+use crate::estimate::DelayEstimate;
+use crate::estimator::{NoDelay, PairRecords};
 use deadtime_signal::stats::NORMAL_95;
 use deadtime_signal::{polynomial, roots};
 
@@ -139,13 +139,8 @@ impl AllPass {
     }
 
     /// The answer of a method.
-    pub(crate) fn answer(
-        &self,
-        bias: usize,
-        max_delay: usize,
-        experiment: &Experiment,
-    ) -> DelayEstimate {
-        let (longest, off) = (max_delay as f64, bias as f64);
+    pub(crate) fn answer(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let longest = pair.max_delay as f64;
         let delay = self.raw - 0.5 * (self.hidden[0] + self.hidden[1]);
         let [least, most] =
             [self.hidden[0].min(self.hidden[1]), self.hidden[0].max(self.hidden[1])];
@@ -155,28 +150,11 @@ impl AllPass {
         ];
         // What is hidden is anywhere between its ends.
         let std = self.std.hypot((most - least).hypot(FRACTION) / 12.0_f64.sqrt());
-        let narrower = std <= longest.max(1.0) / 12.0_f64.sqrt();
-        if !narrower {
-            let note = format!(
-                "a standard deviation of {std:.1} samples says no more than the search window does"
-            );
-            return DelayEstimate::without(Outcome::Flat, note);
-        }
+        pair.narrows(std)?;
         let note = (self.left_out > 0)
             .then(|| format!("{} zeros near z = 1 left out of the all-pass part", self.left_out));
-        let estimate = DelayEstimate::measured(
-            delay,
-            std,
-            interval,
-            delay > longest - FRACTION,
-            off,
-            experiment.sample_time(),
-        );
-        DelayEstimate {
-            raw_delay_s: Some(experiment.sample_time().to_seconds(self.raw)),
-            ..estimate
-        }
-        .noting(note)
+        let estimate = pair.counted_at(delay, std, interval, delay > longest - FRACTION);
+        Ok(estimate.with_raw_s(pair.seconds(self.raw)).noting(note))
     }
 }
 

@@ -3,16 +3,11 @@
 //! Equation: A(q) y(t) = B(q) u(t) + e(t); τ̂ = Σ over the zeros xᵢ of Σ b̂ₖxᵏ with |xᵢ| < 1 of Re (1 + xᵢ)/(1 − xᵢ) samples.
 
 use super::all_pass::all_pass;
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
-use crate::posterior;
-use deadtime_identify::{Record, Regression, fir_or_rank};
-use deadtime_signal::registry::entry;
+use crate::estimator::{NoDelay, PairMethod, PairRecords, impulse_response, options};
+use crate::method::{Basis, Information, Law, Method, PREDICTS, method_line, plant_example};
+use deadtime_identify::{Record, Regression};
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
 ///
@@ -26,23 +21,7 @@ use deadtime_signal::registry::entry;
 /// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285; Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`arxdap`); Björklund and Ljung (2009), Automatica
 /// 45(10), 2467-2470. Björklund's orders are not known here; a numerator that reaches beyond the search window needs no other way to represent a delay inside it. On
 /// the guard against zeros near 1 see the head of `all_pass`.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{Arxdap, DelayEstimator, Experiment, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Arxdap::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.001);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Arxdap, 400, 0.8, 0.001)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Arxdap {
@@ -62,94 +41,49 @@ const NAME: &str = "arxdap";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "arxdap",
-        "delay of the all-pass part of an ARX model, by the zeros of its numerator",
-        Arxdap,
-        dyn DelayEstimator
-    ),
-    class: Class::Frequency,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
     basis: Basis::Arx,
     tolerance: 0.25,
-    withstands: &[
-        Condition::UnstablePlant,
-        Condition::Feedback,
-        Condition::ColouredNoise,
-        Condition::Dynamics,
-        Condition::MissingOutputs,
-    ],
+    withstands: PREDICTS,
     needs: "noise that an AR filter of its order whitens, a gain at frequency 0",
     blind_to: "zeros of the plant outside the unit circle, which it takes for delay; half a sample",
     exempt: &[(Law::Exact, "it reads a phase, which noise moves by fractions of a sample")],
+    ..method_line!(
+        "arxdap",
+        "delay of the all-pass part of an ARX model, by the zeros of its numerator",
+        Arxdap,
+        Frequency
+    )
 };
 
-impl DelayEstimator for Arxdap {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        if self.nb == 0 {
-            return Err(DelayError::Option {
-                method: NAME,
-                option: "nb",
-                value: 0.0,
-                allowed: "1 or more",
-            });
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            self.pair(records, max_delay, bias, experiment)
-        })
+impl PairMethod for Arxdap {
+    fn check(&self) -> Result<(), DelayError> {
+        options(NAME, [("nb", self.nb as f64, self.nb >= 1, "1 or more")])
     }
-}
 
-impl Arxdap {
-    fn pair(
-        &self,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> Result<DelayEstimate, DelayError> {
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let &PairRecords { records, max_delay, bias, .. } = pair;
         let lags = max_delay + self.nb;
         let regression = Regression { na: self.na, lags };
-        let (needed, got) =
-            (bias + regression.first_row() + 2 * regression.columns(), experiment.longest());
-        if got < needed {
-            let remedy = crate::error::LengthRemedy::WindowOr("set smaller na and nb");
-            return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
-        }
+        let needed = bias + regression.first_row() + 2 * regression.columns();
+        pair.at_least(NAME, needed, LengthRemedy::WindowOr("set smaller na and nb"))?;
         let ahead: Vec<Record> = records.iter().map(|r| r.ahead(bias)).collect();
         let Some(solution) = regression.factor(&ahead).solve() else {
-            return Ok(DelayEstimate::without(
-                Outcome::NotRichEnough,
-                "the input hardly moves in the rows used, or too many outputs are missing",
-            ));
+            let note = "the input hardly moves in the rows used, or too many outputs are missing";
+            return Err(NoDelay::new(Outcome::NotRichEnough, note));
         };
         // Columns that repeat the past outputs are no fault of the input; those that repeat each other are.
-        if solution.rank < regression.columns()
-            && let Err(rank) = fir_or_rank(&ahead, lags)
-        {
-            let note =
-                format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
-            return Ok(DelayEstimate::without(Outcome::NotRichEnough, note));
+        if solution.rank < regression.columns() {
+            impulse_response(&ahead, lags)?;
         }
-        if let Some(note) = posterior::unseen(records, max_delay) {
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-        }
+        pair.visible()?;
         let b = solution.coefficients.rows(self.na, lags).into_owned();
         let covariance =
             solution.inverse.view((self.na, self.na), (lags, lags)) * solution.variance;
         let Some(found) = all_pass(b.as_slice(), [&covariance; 2], max_delay.max(1) as f64) else {
-            return Ok(DelayEstimate::without(
-                Outcome::Singular,
-                "the numerator has no zeros that can be told apart",
-            ));
+            let note = "the numerator has no zeros that can be told apart";
+            return Err(NoDelay::new(Outcome::Singular, note));
         };
-        Ok(found.behind(bias).answer(bias, max_delay, experiment))
+        found.behind(bias).answer(pair)
     }
 }

@@ -3,16 +3,11 @@
 //! Equation: y(t) = Σ hₖ u(t − k) + e(t); τ̂ = Σ over the zeros xᵢ of Σ ĥₖxᵏ with |xᵢ| < 1 of Re (1 + xᵢ)/(1 − xᵢ) samples.
 
 use super::all_pass::all_pass;
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
-use crate::posterior;
-use deadtime_identify::{Record, fir_or_rank};
-use deadtime_signal::registry::entry;
+use crate::estimator::{NoDelay, PairMethod, PairRecords, impulse_response, options};
+use crate::method::{Basis, Condition, Information, Law, Method, method_line, plant_example};
+use deadtime_identify::Record;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
 ///
@@ -27,23 +22,7 @@ use deadtime_signal::registry::entry;
 /// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285; Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`firdap`); Björklund and Ljung (2009), Automatica
 /// 45(10), 2467-2470. Björklund's number of coefficients is not known here; 71 is that of his thresholds. On the guard against zeros near 1 see the head of
 /// `all_pass`.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Firdap, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Firdap::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.001);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Firdap, 400, 0.8, 0.001)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Firdap {
@@ -64,16 +43,6 @@ const BEYOND: usize = 36;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "firdap",
-        "delay of the all-pass part of a finite impulse response, by its zeros",
-        Firdap,
-        dyn DelayEstimator
-    ),
-    class: Class::Frequency,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
     information: Information::Response,
     basis: Basis::FiniteResponse,
     tolerance: 0.25,
@@ -84,64 +53,32 @@ pub(crate) const METHOD: Method = Method {
         Law::Exact,
         "it reads a phase, which noise and the cut of the response move by fractions of a sample",
     )],
+    ..method_line!(
+        "firdap",
+        "delay of the all-pass part of a finite impulse response, by its zeros",
+        Firdap,
+        Frequency
+    )
 };
 
-impl DelayEstimator for Firdap {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        if self.taps == 0 {
-            return Err(DelayError::Option {
-                method: NAME,
-                option: "taps",
-                value: 0.0,
-                allowed: "1 or more",
-            });
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            self.pair(records, max_delay, bias, experiment)
-        })
+impl PairMethod for Firdap {
+    fn check(&self) -> Result<(), DelayError> {
+        options(NAME, [("taps", self.taps as f64, self.taps >= 1, "1 or more")])
     }
-}
 
-impl Firdap {
-    fn pair(
-        &self,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> Result<DelayEstimate, DelayError> {
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let &PairRecords { records, max_delay, bias, .. } = pair;
         let taps = self.taps.max(max_delay + BEYOND);
-        let (needed, got) = (bias + 2 * taps + 1, experiment.longest());
-        if got < needed {
-            let remedy = crate::error::LengthRemedy::WindowOr("set fewer taps");
-            return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
-        }
+        pair.at_least(NAME, bias + 2 * taps + 1, LengthRemedy::WindowOr("set fewer taps"))?;
         let ahead: Vec<Record> = records.iter().map(|r| r.ahead(bias)).collect();
-        let fir = match fir_or_rank(&ahead, taps) {
-            Ok(fir) => fir,
-            Err(rank) => {
-                let note = format!(
-                    "the input excites only {} of {} coefficients",
-                    rank.rank, rank.columns
-                );
-                return Ok(DelayEstimate::without(Outcome::NotRichEnough, note));
-            }
-        };
-        if let Some(note) = posterior::unseen(records, max_delay) {
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-        }
+        let fir = impulse_response(&ahead, taps)?;
+        pair.visible()?;
         let Some(found) =
             all_pass(fir.coefficients.as_slice(), [&fir.covariance; 2], max_delay.max(1) as f64)
         else {
-            return Ok(DelayEstimate::without(
-                Outcome::Singular,
-                "the impulse response has no zeros that can be told apart",
-            ));
+            let note = "the impulse response has no zeros that can be told apart";
+            return Err(NoDelay::new(Outcome::Singular, note));
         };
-        Ok(found.behind(bias).answer(bias, max_delay, experiment))
+        found.behind(bias).answer(pair)
     }
 }

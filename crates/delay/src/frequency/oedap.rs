@@ -3,16 +3,15 @@
 //! Equation: y(t) = B(q)/F(q) u(t) + e(t); τ̂ = Σ over the zeros xᵢ of Σ b̂ₖxᵏ with |xᵢ| < 1 of Re (1 + xᵢ)/(1 − xᵢ) samples.
 
 use super::all_pass::all_pass;
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+use crate::estimator::{
+    NoDelay, PairMethod, PairRecords, impulse_response, long_enough, noted, options,
 };
-use crate::posterior;
-use deadtime_identify::{MAX_OE_ORDER, ManyZeros, Record, fir_or_rank};
-use deadtime_signal::registry::entry;
+use crate::method::{
+    Basis, Condition, Information, Law, Method, Start, method_line, plant_example,
+};
+use deadtime_identify::{MAX_OE_ORDER, ManyZeros, Record};
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
 ///
@@ -25,23 +24,7 @@ use deadtime_signal::registry::entry;
 /// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285; Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`oedap`); Björklund and Ljung (2009), Automatica
 /// 45(10), 2467-2470; Steiglitz and McBride (1965), doi:10.1109/TAC.1965.1098181, for the fit. Björklund's orders are not known here; on the guard against zeros near 1 see
 /// the head of `all_pass`.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Oedap, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Oedap::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.001);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Oedap, 400, 0.8, 0.001)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Oedap {
@@ -63,16 +46,7 @@ const NAME: &str = "oedap";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "oedap",
-        "delay of the all-pass part of an output-error model, by the zeros of its numerator",
-        Oedap,
-        dyn DelayEstimator
-    ),
-    class: Class::Frequency,
-    scope: Scope::Pair,
     start: Start::Rest,
-    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
     basis: Basis::OutputError,
     tolerance: 0.25,
@@ -80,86 +54,44 @@ pub(crate) const METHOD: Method = Method {
     needs: "open loop, a stable plant of low order that rests at the start, a gain at frequency 0",
     blind_to: "zeros of the plant outside the unit circle, which it takes for delay; half a sample; feedback",
     exempt: &[(Law::Exact, "it reads a phase, which noise moves by fractions of a sample")],
+    ..method_line!(
+        "oedap",
+        "delay of the all-pass part of an output-error model, by the zeros of its numerator",
+        Oedap,
+        Frequency
+    )
 };
 
-impl DelayEstimator for Oedap {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        for (option, value, ok, allowed) in [
-            ("nb", self.nb, self.nb >= 1, "1 or more"),
-            ("nf", self.nf, self.nf <= MAX_OE_ORDER, "at most 16"),
-            ("max_samples", self.max_samples, self.max_samples >= 1, "1 or more"),
-        ] {
-            if !ok {
-                return Err(DelayError::Option {
-                    method: NAME,
-                    option,
-                    value: value as f64,
-                    allowed,
-                });
-            }
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            self.pair(records, max_delay, bias, experiment)
-        })
+impl PairMethod for Oedap {
+    fn check(&self) -> Result<(), DelayError> {
+        let Self { nb, nf, max_samples } = *self;
+        let rows = [
+            ("nb", nb as f64, nb >= 1, "1 or more"),
+            ("nf", nf as f64, nf <= MAX_OE_ORDER, "at most 16"),
+            ("max_samples", max_samples as f64, max_samples >= 1, "1 or more"),
+        ];
+        options(NAME, rows)
     }
-}
 
-impl Oedap {
-    fn pair(
-        &self,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> Result<DelayEstimate, DelayError> {
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let &PairRecords { records, max_delay, bias, experiment, .. } = pair;
         let lags = max_delay + self.nb;
-        let (needed, got) = (
-            bias + self.nf.max(lags - 1) + 2 * (self.nf + lags),
-            experiment.longest().min(self.max_samples),
-        );
-        if got < needed {
-            let remedy =
-                crate::error::LengthRemedy::WindowOr("set a smaller nb or a larger max_samples");
-            return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
-        }
-        if records.iter().any(|r| r.present.is_some()) {
-            return Ok(DelayEstimate::without(
-                Outcome::NotApplicable,
-                "output samples are missing, and a filter cannot pass over them",
-            ));
-        }
+        let needed = bias + self.nf.max(lags - 1) + 2 * (self.nf + lags);
+        let remedy = LengthRemedy::WindowOr("set a smaller nb or a larger max_samples");
+        long_enough(NAME, needed, experiment.longest().min(self.max_samples), remedy)?;
+        pair.complete("output samples are missing, and a filter cannot pass over them")?;
         let cut: Vec<Record> = records.iter().map(|r| r.head(self.max_samples)).collect();
         let ahead: Vec<Record> = cut.iter().map(|r| r.ahead(bias)).collect();
-        if let Err(rank) = fir_or_rank(&ahead, lags) {
-            let note =
-                format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
-            return Ok(DelayEstimate::without(Outcome::NotRichEnough, note));
-        }
-        if let Some(note) = posterior::unseen(&cut, max_delay) {
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-        }
-        let Some(fit) = ManyZeros::fit(&ahead, self.nf, lags) else {
-            return Ok(DelayEstimate::without(
-                Outcome::Singular,
-                "the regression on filtered signals has no solution",
-            ));
-        };
-        let Some(found) = all_pass(
-            fit.b.as_slice(),
-            [&fit.covariance, &fit.given_poles],
-            max_delay.max(1) as f64,
-        ) else {
-            return Ok(DelayEstimate::without(
-                Outcome::Singular,
-                "the numerator has no zeros that can be told apart",
-            ));
-        };
+        impulse_response(&ahead, lags)?;
+        pair.with(&cut).visible()?;
+        let singular = |note| NoDelay::new(Outcome::Singular, note);
+        let fit = ManyZeros::fit(&ahead, self.nf, lags)
+            .ok_or_else(|| singular("the regression on filtered signals has no solution"))?;
+        let covariances = [&fit.covariance, &fit.given_poles];
+        let found = all_pass(fit.b.as_slice(), covariances, max_delay.max(1) as f64)
+            .ok_or_else(|| singular("the numerator has no zeros that can be told apart"))?;
         let note = (experiment.longest() > self.max_samples)
             .then(|| format!("used the first {} samples", self.max_samples));
-        Ok(found.behind(bias).answer(bias, max_delay, experiment).noting(note))
+        noted(found.behind(bias).answer(pair), note)
     }
 }

@@ -8,18 +8,16 @@
 use nalgebra::Complex;
 
 use crate::correlation::generalised::{
-    Alike, Centred, LATE, NEEDS, WITHSTANDS, alike, enough, independent_lines, segment_length,
+    Alike, Centred, LATE, NEEDS, WITHSTANDS, alike, check, independent_lines, segment_of,
 };
-use crate::correlation::hannan_thomson;
+use crate::correlation::weights::maximum_likelihood;
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::{Basis, Class, Information, Law, Method, ReferenceExperiment, Scope, Start};
-use crate::posterior;
-use deadtime_identify::Record;
+use crate::estimator::{NoDelay, PairMethod, PairRecords};
+use crate::method::{
+    Basis, Information, Law, Method, ReferenceExperiment, copy_example, method_line,
+};
 use deadtime_signal::HANN_LINES;
-use deadtime_signal::registry::entry;
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
 ///
@@ -30,21 +28,7 @@ use deadtime_signal::registry::entry;
 /// Source: Piersol (1981), IEEE Trans. Acoust. Speech Signal Process. 29(3), 471-477, doi:10.1109/TASSP.1981.1163555; the weights are the inverse variances of the
 /// phases, Carter (1987), Proc. IEEE 75(2), 236-255, doi:10.1109/PROC.1987.13723. Neither says how to unwrap a noisy phase: the search over whole lags is this
 /// program's.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, PhaseSlope, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs, fractional_delay};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let y = fractional_delay(&u, 7.3);
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let search = Search { default_bias: 0, ..Search::default() }; // two sensors: no hold, no bias
-/// let answer = PhaseSlope::default().estimate(&experiment, &search)?;
-/// assert!((answer.delay_s.unwrap() - 0.73).abs() < 2e-3);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = copy_example!(PhaseSlope)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PhaseSlope {
@@ -58,15 +42,6 @@ const FITS: usize = 4;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "phase_slope",
-        "slope of the cross-spectrum's phase over frequency, weighted by the coherence",
-        PhaseSlope,
-        dyn DelayEstimator
-    ),
-    class: Class::Frequency,
-    scope: Scope::Pair,
-    start: Start::Any,
     reference: ReferenceExperiment::Copy,
     information: Information::TwoSensors,
     basis: Basis::CrossSpectrum,
@@ -75,38 +50,25 @@ pub(crate) const METHOD: Method = Method {
     needs: NEEDS,
     blind_to: "the phase of the plant itself, which counts as delay",
     exempt: &[(Law::Exact, LATE)],
+    ..method_line!(
+        "phase_slope",
+        "slope of the cross-spectrum's phase over frequency, weighted by the coherence",
+        PhaseSlope,
+        Frequency
+    )
 };
 
-impl DelayEstimator for PhaseSlope {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        one_pair(experiment, search, |records, max_delay, bias| {
-            self.pair(records, max_delay, bias, experiment)
-        })
+impl PairMethod for PhaseSlope {
+    fn check(&self) -> Result<(), DelayError> {
+        check(NAME, self.segment)
     }
-}
 
-impl PhaseSlope {
-    fn pair(
-        &self,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> Result<DelayEstimate, DelayError> {
-        let longest = experiment.longest();
-        enough(NAME, self.segment, longest, max_delay)?;
-        if let Some(note) = posterior::unseen(records, max_delay) {
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-        }
-        let segment = segment_length(self.segment, longest, max_delay);
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let segment = segment_of(NAME, self.segment, pair)?;
         let (coarse, seen) =
-            alike(&Centred::new(records), segment, hannan_thomson::weight, max_delay);
+            alike(&Centred::new(pair.records), segment, maximum_likelihood, pair.max_delay);
         let (Some(seen), Some(start)) = (seen, coarse.fraction) else {
-            return Ok(coarse.answer(max_delay, bias, experiment));
+            return coarse.answer(pair);
         };
         // ω, weight and phasor of every line that has a phase.
         let lines: Vec<(f64, f64, Complex<f64>)> = (seen.lines.iter().zip(&seen.spectra.uy))
@@ -121,10 +83,8 @@ impl PhaseSlope {
         };
         let stiffness = sum(&|o, w, _| w * o * o, start);
         if stiffness <= 0.0 {
-            return Ok(DelayEstimate::without(
-                Outcome::NotRichEnough,
-                "no frequency is coherent enough to have a phase",
-            ));
+            let note = "no frequency is coherent enough to have a phase";
+            return Err(NoDelay::new(Outcome::NotRichEnough, note));
         }
         let mut delay = start;
         for _ in 0..FITS {
@@ -134,12 +94,7 @@ impl PhaseSlope {
         let by_coherence = stiffness / (2.0 * seen.spectra.looks);
         let by_scatter = HANN_LINES * sum(&|o, w, phase| (w * o * phase).powi(2), delay);
         let std = by_coherence.max(by_scatter).sqrt() / stiffness;
-        let found = Alike {
-            fraction: Some(delay),
-            std,
-            freedom: independent_lines(&seen.spectra),
-            ..coarse
-        };
-        Ok(found.answer(max_delay, bias, experiment))
+        let freedom = independent_lines(&seen.spectra);
+        Alike { fraction: Some(delay), std, freedom, ..coarse }.answer(pair)
     }
 }

@@ -10,16 +10,12 @@ use nalgebra::Complex;
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use crate::correlation::generalised::{Alike, Centred, Interpolant, LATE, real};
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, noted, options};
+use crate::method::{Condition, Information, Law, Method, ReferenceExperiment, method_line};
 use deadtime_identify::Record;
-use deadtime_signal::RealFourier;
-use deadtime_signal::registry::entry;
+use deadtime_signal::{RealFourier, stats};
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
 ///
@@ -74,70 +70,37 @@ const STRETCHES: usize = 40;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "bispectrum",
-        "delay between third-order spectra: blind to symmetric noise, also to noise that both sensors share",
-        Bispectrum,
-        dyn DelayEstimator
-    ),
-    class: Class::HigherOrder,
-    scope: Scope::Pair,
-    start: Start::Any,
     reference: ReferenceExperiment::Skewed,
     information: Information::TwoSensors,
-    basis: Basis::Own,
     tolerance: 0.05,
     withstands: &[Condition::ColouredNoise, Condition::MissingOutputs],
     needs: "a skewed input, an output that is a delayed copy of it, noise of a symmetric distribution",
     blind_to: "the plant's own lag; inputs of a symmetric distribution, random binary ones among them",
     exempt: &[(Law::Exact, LATE)],
+    ..method_line!(
+        "bispectrum",
+        "delay between third-order spectra: blind to symmetric noise, also to noise that both sensors share",
+        Bispectrum,
+        HigherOrder
+    )
 };
 
-impl DelayEstimator for Bispectrum {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        for (option, value, ok, allowed) in [
-            ("segment", self.segment, (8..=256).contains(&self.segment), "from 8 to 256"),
-            ("max_samples", self.max_samples, self.max_samples >= 1000, "1000 or more"),
-        ] {
-            if !ok {
-                return Err(DelayError::Option {
-                    method: NAME,
-                    option,
-                    value: value as f64,
-                    allowed,
-                });
-            }
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            self.pair(records, max_delay, bias, experiment)
-        })
+impl PairMethod for Bispectrum {
+    fn check(&self) -> Result<(), DelayError> {
+        let Self { segment, max_samples } = *self;
+        let rows = [
+            ("segment", segment as f64, (8..=256).contains(&segment), "from 8 to 256"),
+            ("max_samples", max_samples as f64, max_samples >= 1000, "1000 or more"),
+        ];
+        options(NAME, rows)
     }
-}
 
-impl Bispectrum {
-    fn pair(
-        &self,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> Result<DelayEstimate, DelayError> {
-        let (got, needed) = (experiment.longest(), max_delay + SEGMENTS * self.segment);
-        if got < needed {
-            return Err(DelayError::TooShort {
-                method: NAME,
-                needed,
-                got,
-                remedy: crate::error::LengthRemedy::WindowOr("set a shorter segment"),
-            });
-        }
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let (got, needed) = (pair.experiment.longest(), pair.max_delay + SEGMENTS * self.segment);
+        long_enough(NAME, needed, got, LengthRemedy::WindowOr("set a shorter segment"))?;
         // No longer part than the cap, but never so short that the window does not fit.
         let most = self.max_samples.max(needed);
-        let cut: Vec<Record<'_>> = records.iter().map(|r| r.head(most)).collect();
+        let cut: Vec<Record> = pair.records.iter().map(|r| r.head(most)).collect();
         let signals = Centred::new(&cut);
         let (skewness, chance) = skewness(&signals);
         if skewness.abs() <= SKEWED * chance {
@@ -145,15 +108,13 @@ impl Bispectrum {
                 "the input's skewness {skewness:.2} is within what chance makes of a symmetric one (±{:.2}): no third-order signal",
                 SKEWED * chance
             );
-            return Ok(DelayEstimate::without(Outcome::NotApplicable, note));
+            return Err(NoDelay::new(Outcome::NotApplicable, note));
         }
-        let third = Third::new(&signals, self.segment, max_delay);
-        let found = match third.peak(max_delay) {
-            Ok(found) => found,
-            Err(note) => return Ok(DelayEstimate::without(Outcome::NotVisible, note)),
-        };
+        let found = Third::new(&signals, self.segment, pair.max_delay)
+            .peak(pair.max_delay)
+            .map_err(|note| NoDelay::new(Outcome::NotVisible, note))?;
         let note = (got > most).then(|| format!("used the first {most} of {got} samples"));
-        Ok(found.answer(max_delay, bias, experiment).noting(note))
+        noted(found.answer(pair), note)
     }
 }
 
@@ -180,61 +141,50 @@ fn skewness(signals: &Centred) -> (f64, f64) {
     (moment(3) / variance.powf(1.5), (6.0 * memory / samples).sqrt())
 }
 
-/// T, as its lines over ω₂, of every segment.
-struct Third {
-    fourier: RealFourier,
-    /// One list of lines per segment, in order.
-    segments: Vec<Vec<Complex<f64>>>,
-    /// Lags on either side of the window that the segments also see.
+/// Every segment of the records, to be transformed.
+struct Segments<'a> {
+    records: Vec<(&'a [f64], &'a [f64])>,
+    /// Record and first sample of each segment.
+    starts: Vec<(usize, usize)>,
+    fourier: &'a RealFourier,
+    window: Vec<f64>,
     beside: usize,
+    reach: usize,
 }
 
-impl Third {
-    fn new(signals: &Centred, segment: usize, max_delay: usize) -> Self {
-        let beside = segment / 2;
-        // u under its window, y and the third u from `beside` samples before it to the longest delay behind it.
-        let reach = segment + 2 * beside + max_delay;
-        let fourier = RealFourier::new(deadtime_signal::fast_length(reach));
-        let length = fourier.length();
+impl Segments<'_> {
+    /// U under the window, and U and Y around it.
+    fn of(&self, (record, start): (usize, usize)) -> [Vec<Complex<f64>>; 3] {
+        let (u, y) = self.records[record];
+        let windowed = std::iter::repeat_n(0.0, self.beside)
+            .chain(self.window.iter().zip(&u[start..]).map(|(w, u)| w * u));
+        let around = |x: &[f64]| {
+            let zeros = self.beside.saturating_sub(start);
+            let first = start.saturating_sub(self.beside);
+            self.fourier.spectrum(
+                std::iter::repeat_n(0.0, zeros)
+                    .chain(x[first..].iter().copied().take(self.reach - zeros)),
+            )
+        };
+        [self.fourier.spectrum(windowed), around(u), around(y)]
+    }
+
+    /// The whole circle of a real signal's spectrum, from −length/2 or so on.
+    fn circle(&self, x: &[Complex<f64>]) -> Vec<Complex<f64>> {
+        let length = self.fourier.length();
         let half = length / 2;
-        let window: Vec<f64> = (0..segment)
-            .map(|t| (std::f64::consts::PI * (t as f64 + 0.5) / segment as f64).sin().powi(2))
-            .collect();
-        // (record, first sample): every segment whose longest delay lies in the record.
-        let spectra = |(u, y): (&[f64], &[f64]), start: usize| {
-            let windowed = fourier.spectrum(
-                std::iter::repeat_n(0.0, beside)
-                    .chain(window.iter().zip(&u[start..]).map(|(w, u)| w * u)),
-            );
-            let around =
-                |x: &[f64]| {
-                    let zeros = beside.saturating_sub(start);
-                    fourier.spectrum(std::iter::repeat_n(0.0, zeros).chain(
-                        x[start.saturating_sub(beside)..].iter().copied().take(reach - zeros),
-                    ))
-                };
-            (windowed, around(u), around(y))
-        };
-        let starts: Vec<(usize, usize)> = (signals.records().enumerate())
-            .flat_map(|(r, (u, _))| {
-                (0..(u.len() + 1).saturating_sub(segment + max_delay))
-                    .step_by(beside.max(1))
-                    .map(move |s| (r, s))
-            })
-            .collect();
-        let records: Vec<(&[f64], &[f64])> = signals.records().collect();
-        let lines = half + 1;
+        (0..length).map(|k| if k <= half { x[k] } else { x[length - k].conj() }).collect()
+    }
+
+    /// W·conj Buuu at (ω₁, ω₂): ω₁ over the whole circle, ω₂ over its half.
+    fn weights(&self) -> Vec<Complex<f64>> {
+        let length = self.fourier.length();
+        let lines = length / 2 + 1;
         let (mut power_u, mut power_y) = (vec![0.0; lines], vec![0.0; lines]);
-        let zero = Complex::new(0.0, 0.0);
-        // Buuu at (ω₁, ω₂): ω₁ over the whole circle, ω₂ over its half.
-        let mut own = vec![zero; length * lines];
-        // The whole circle of a real signal's spectrum, from −length/2 or so on.
-        let circle = |x: &[Complex<f64>]| -> Vec<Complex<f64>> {
-            (0..length).map(|k| if k <= half { x[k] } else { x[length - k].conj() }).collect()
-        };
-        for &(r, start) in &starts {
-            let (windowed, around, y) = spectra(records[r], start);
-            let whole = circle(&windowed);
+        let mut own = vec![Complex::new(0.0, 0.0); length * lines];
+        for &start in &self.starts {
+            let [windowed, around, y] = self.of(start);
+            let whole = self.circle(&windowed);
             for l in 0..lines {
                 power_u[l] += windowed[l].norm_sqr();
                 power_y[l] += y[l].norm_sqr();
@@ -256,21 +206,58 @@ impl Third {
                 own[l * length + k] = own[l * length + k].conj() * (of_u(k) * of_u(sum) * inverse);
             }
         }
-        let segments = (starts.iter())
-            .map(|&(r, start)| {
-                let (windowed, _, y) = spectra(records[r], start);
-                let whole = circle(&windowed);
-                let line = |l: usize| -> Complex<f64> {
-                    let row = &own[l * length..(l + 1) * length];
-                    row.iter()
-                        .enumerate()
-                        .map(|(k, own)| whole[k] * whole[(k + l) % length].conj() * own)
-                        .sum::<Complex<f64>>()
-                        * y[l]
-                };
-                (0..lines).map(line).collect()
+        own
+    }
+
+    /// T of every segment, as its lines over ω₂.
+    fn lines(&self, weights: &[Complex<f64>]) -> Vec<Vec<Complex<f64>>> {
+        let length = self.fourier.length();
+        let segment = |&start: &(usize, usize)| {
+            let [windowed, _, y] = self.of(start);
+            let whole = self.circle(&windowed);
+            let line = |l: usize| -> Complex<f64> {
+                let row = &weights[l * length..(l + 1) * length];
+                row.iter()
+                    .enumerate()
+                    .map(|(k, own)| whole[k] * whole[(k + l) % length].conj() * own)
+                    .sum::<Complex<f64>>()
+                    * y[l]
+            };
+            (0..=length / 2).map(line).collect()
+        };
+        self.starts.iter().map(segment).collect()
+    }
+}
+
+/// T, as its lines over ω₂, of every segment.
+struct Third {
+    fourier: RealFourier,
+    /// One list of lines per segment, in order.
+    segments: Vec<Vec<Complex<f64>>>,
+    /// Lags on either side of the window that the segments also see.
+    beside: usize,
+}
+
+impl Third {
+    fn new(signals: &Centred, segment: usize, max_delay: usize) -> Self {
+        let beside = segment / 2;
+        let records: Vec<(&[f64], &[f64])> = signals.records().collect();
+        // Every segment whose longest delay lies in the record.
+        let starts: Vec<(usize, usize)> = (records.iter().enumerate())
+            .flat_map(|(r, (u, _))| {
+                (0..(u.len() + 1).saturating_sub(segment + max_delay))
+                    .step_by(beside.max(1))
+                    .map(move |s| (r, s))
             })
             .collect();
+        // u under its window, y and the third u from `beside` samples before it to the longest delay behind it.
+        let reach = segment + 2 * beside + max_delay;
+        let fourier = RealFourier::new(deadtime_signal::fast_length(reach));
+        let window: Vec<f64> = (0..segment)
+            .map(|t| (std::f64::consts::PI * (t as f64 + 0.5) / segment as f64).sin().powi(2))
+            .collect();
+        let spectra = Segments { records, starts, fourier: &fourier, window, beside, reach };
+        let segments = spectra.lines(&spectra.weights());
         Self { fourier, segments, beside }
     }
 
@@ -311,7 +298,7 @@ impl Third {
             .filter(|l| l.abs_diff(signed(lag)) > 2)
             .map(&t)
             .collect();
-        let chance = (others.iter().map(|v| v * v).sum::<f64>() / real(others.len().max(1))).sqrt();
+        let chance = stats::rms(others.iter().copied()).unwrap_or(0.0);
         let z = size(lag) / chance.max(f64::MIN_POSITIVE);
         // Neighbouring lags share half of what they see.
         let limit = StudentsT::new(0.0, 1.0, (0.5 * real(others.len())).max(1.0))

@@ -4,17 +4,12 @@
 //! a sample of delay is the filter (w + a)/(1 + aw) along k, and b/(1 + f₁z⁻¹ + f₂z⁻²) one of two poles with the zeros of (1 + aw)². τ̂ = Ts·argmin over nk of V(nk),
 //! V = Σₖ (yₖ − ŷₖ)², ŷ the best output-error model of that form on the spectrum of u(t − nk).
 
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::WHOLE;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, options};
+use crate::method::{Condition, Information, Law, Method, ReferenceExperiment, Start, method_line};
 use crate::posterior;
 use deadtime_identify::{Initial, OutputError, Record, laguerre_spectra};
-use deadtime_signal::registry::entry;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
@@ -69,126 +64,92 @@ const POLES: usize = 2;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "fischer",
-        "best output-error model over all delays in the Laguerre domain: for steps",
-        Fischer,
-        dyn DelayEstimator
-    ),
-    class: Class::Laguerre,
-    scope: Scope::Pair,
     start: Start::Rest,
     reference: ReferenceExperiment::Steps,
     information: Information::Poles(POLES),
-    basis: Basis::Own,
-    tolerance: WHOLE,
     withstands: &[Condition::Dynamics],
     needs: "open loop, a stable plant of low order that rests at the start, steps or other slow input",
     blind_to: "fractions of a sample; input faster than its sequences; feedback",
     exempt: &[(Law::Exact, "the sequences see only the slow part of a rich input")],
+    ..method_line!(
+        "fischer",
+        "best output-error model over all delays in the Laguerre domain: for steps",
+        Fischer,
+        Laguerre
+    )
 };
 
-impl DelayEstimator for Fischer {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        if self.order < LEAST {
-            return Err(DelayError::Option {
-                method: NAME,
-                option: "order",
-                value: self.order as f64,
-                allowed: "10 or more",
-            });
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            self.pair(records, max_delay, bias, experiment)
-        })
+impl PairMethod for Fischer {
+    fn check(&self) -> Result<(), DelayError> {
+        options(NAME, [("order", self.order as f64, self.order >= LEAST, "10 or more")])
     }
-}
 
-impl Fischer {
-    fn pair(
-        &self,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> Result<DelayEstimate, DelayError> {
-        let (needed, got) = (max_delay + 2 * self.order, experiment.longest());
-        if got < needed {
-            return Err(DelayError::TooShort {
-                method: NAME,
-                needed,
-                got,
-                remedy: crate::error::LengthRemedy::WindowOr("set a smaller order"),
-            });
-        }
-        if records.iter().any(|r| r.present.is_some()) {
-            return Ok(DelayEstimate::without(
-                Outcome::NotApplicable,
-                "output samples are missing, and sums over all of them are needed",
-            ));
-        }
-        if let Some(note) = posterior::unseen(records, max_delay) {
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-        }
-        // Each sequence delays the next by (1 + a)/(1 − a) samples.
-        let each = (FILLED * got as f64 / self.order as f64).max(1.0);
-        let pole = (each - 1.0) / (each + 1.0);
-        let mut spectra: Vec<Record> = records
-            .iter()
-            .map(|r| {
-                let order = self.order.min((FILLED * r.len() as f64 / each) as usize);
-                let [u, y] = laguerre_spectra([&r.u, &r.y], pole, order);
-                // The zeros of the model, (1 + aw)².
-                Record::new(along(&along(&u, [1.0, pole], 0.0), [1.0, pole], 0.0), y)
-            })
-            .collect();
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let (max_delay, got) = (pair.max_delay, pair.experiment.longest());
+        let remedy = LengthRemedy::WindowOr("set a smaller order");
+        long_enough(NAME, max_delay + 2 * self.order, got, remedy)?;
+        pair.complete("output samples are missing, and sums over all of them are needed")?;
+        pair.visible()?;
+        let mut spectra = self.spectra(pair.records, got);
         let orders = OutputError { nb: 1, nf: POLES, initial: Initial::Zero };
         let mut losses = Vec::with_capacity(max_delay + 1);
         let mut residuals: Vec<f64> = Vec::new();
         let mut smallest = f64::INFINITY;
         for _ in 0..=max_delay {
-            let fit = orders.scan(&spectra, 0).pop().flatten();
+            let fit = orders.scan(&spectra.records, 0).pop().flatten();
             losses.push(fit.as_ref().map_or(f64::NAN, |f| f.loss));
             if let Some(fit) = fit.filter(|f| f.loss < smallest) {
                 smallest = fit.loss;
-                residuals = orders.residuals(&spectra, 0, &fit.f).unwrap_or_default();
+                residuals = orders.residuals(&spectra.records, 0, &fit.f).unwrap_or_default();
             }
-            // One sample more, (w + a)/(1 + aw).
-            for record in &mut spectra {
-                record.u = along(&record.u, [pole, 1.0], pole).into();
-            }
+            spectra.delay();
         }
-        let power = deadtime_identify::power(&spectra);
+        let power = deadtime_identify::power(&spectra.records);
         let exact = smallest <= posterior::ROUNDING * power;
         let independent =
             if exact { residuals.len() as f64 } else { posterior::effective_samples(&residuals) };
         let Some(posterior) = posterior::posterior(&losses, power, independent) else {
-            return Ok(DelayEstimate::without(
-                Outcome::NotRichEnough,
-                "the input is zero wherever the sequences could see it",
-            ));
+            let note = "the input is zero wherever the sequences could see it";
+            return Err(NoDelay::new(Outcome::NotRichEnough, note));
         };
         let delays = max_delay + 1;
         if posterior.set > delays / 2 {
-            return Ok(DelayEstimate::without(
-                Outcome::Flat,
-                format!("{} of {delays} delays fit equally well", posterior.set),
-            ));
+            let note = format!("{} of {delays} delays fit equally well", posterior.set);
+            return Err(NoDelay::new(Outcome::Flat, note));
         }
-        let best = posterior.best;
-        let (raw, [from, to]) = (best as f64, posterior.ends);
-        Ok(DelayEstimate::counted(
-            raw,
-            posterior.std,
-            [from - 0.5, to + 0.5],
-            best == max_delay,
-            bias,
-            experiment.sample_time(),
-        ))
+        let (raw, [from, to]) = (posterior.best as f64, posterior.ends);
+        Ok(pair.counted(raw, posterior.std, [from - 0.5, to + 0.5]))
+    }
+}
+
+/// The spectra of the records, and the pole of their sequences.
+struct LaguerreSpectra {
+    records: Vec<Record<'static>>,
+    pole: f64,
+}
+
+impl LaguerreSpectra {
+    /// The input one sample later: (w + a)/(1 + aw).
+    fn delay(&mut self) {
+        for record in &mut self.records {
+            record.u = along(&record.u, [self.pole, 1.0], self.pole).into();
+        }
+    }
+}
+
+impl Fischer {
+    /// The spectra in sequences that fill the longest record, of `longest` samples.
+    fn spectra(&self, records: &[Record], longest: usize) -> LaguerreSpectra {
+        // Each sequence delays the next by (1 + a)/(1 − a) samples.
+        let each = (FILLED * longest as f64 / self.order as f64).max(1.0);
+        let pole = (each - 1.0) / (each + 1.0);
+        let spectrum = |r: &Record| {
+            let order = self.order.min((FILLED * r.len() as f64 / each) as usize);
+            let [u, y] = laguerre_spectra([&r.u, &r.y], pole, order);
+            // The zeros of the model, (1 + aw)².
+            Record::new(along(&along(&u, [1.0, pole], 0.0), [1.0, pole], 0.0), y)
+        };
+        LaguerreSpectra { records: records.iter().map(spectrum).collect(), pole }
     }
 }
 

@@ -4,17 +4,12 @@
 //! delays by (1 + a)/(1 − a) samples at ω = 0, so the zeros of Σ cₖwᵏ⁻¹ are those of the model, and
 //! τ̂ = 1 + (1 + a)/(1 − a)·Σ over |wᵢ| < 1 of Re (1 + wᵢ)/(1 − wᵢ) samples, the 1 being that of 1/(z − a).
 
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
+use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, noted, options};
 use crate::frequency::all_pass::all_pass;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
-use crate::posterior;
+use crate::method::{Condition, Information, Law, Method, Start, method_line, plant_example};
 use deadtime_identify::{Laguerre, Record, laguerre};
-use deadtime_signal::registry::entry;
 use deadtime_signal::stats;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
@@ -28,23 +23,7 @@ use deadtime_signal::stats;
 /// Source: Wahlberg (1991), IEEE Trans. Automat. Contr. 36(5), 551-562, for the series; Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285, and
 /// Björklund and Ljung (2009), Automatica 45(10), 2467-2470, for the delay (10 filters with the pole 0.8 there). Björklund's `lagudap2` (2003,
 /// LiU-TEK-LIC-2003:60) may choose the pole otherwise; here the one of twelve that fits best is taken. On the guard against zeros near 1 see the head of `all_pass`.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Lagudap, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Lagudap::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.05);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Lagudap, 400, 0.8, 0.05)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Lagudap {
@@ -78,71 +57,39 @@ const ALIKE: f64 = 2.0;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "lagudap",
-        "delay of the all-pass part of a Laguerre model, by its zeros",
-        Lagudap,
-        dyn DelayEstimator
-    ),
-    class: Class::Laguerre,
-    scope: Scope::Pair,
     start: Start::Rest,
-    reference: ReferenceExperiment::Plant,
     information: Information::Response,
-    basis: Basis::Own,
     tolerance: 2.5,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "open loop, a stable plant without resonance that rests at the start, a gain at frequency 0",
     blind_to: "zeros of the plant outside the unit circle, which it takes for delay; feedback",
     exempt: &[(Law::Exact, "a series cut off after some terms only comes near a delay")],
+    ..method_line!(
+        "lagudap",
+        "delay of the all-pass part of a Laguerre model, by its zeros",
+        Lagudap,
+        Laguerre
+    )
 };
 
-impl DelayEstimator for Lagudap {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        for (option, value, ok, allowed) in [
-            (
-                "order",
-                self.order.unwrap_or(LEAST) as f64,
-                self.order.is_none_or(|n| n >= 2),
-                "2 or more",
-            ),
-            (
-                "pole",
-                self.pole.unwrap_or_default(),
-                self.pole.is_none_or(|a| (0.0..1.0).contains(&a)),
-                "0 or more and below 1",
-            ),
-            ("max_samples", self.max_samples as f64, self.max_samples >= 1, "1 or more"),
-        ] {
-            if !ok {
-                return Err(DelayError::Option { method: NAME, option, value, allowed });
-            }
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            self.pair(records, max_delay, bias, experiment)
-        })
+impl PairMethod for Lagudap {
+    fn check(&self) -> Result<(), DelayError> {
+        let Self { order, pole, max_samples } = *self;
+        let pole_ok = pole.is_none_or(|a| (0.0..1.0).contains(&a));
+        let rows = [
+            ("order", order.unwrap_or(LEAST) as f64, order.is_none_or(|n| n >= 2), "2 or more"),
+            ("pole", pole.unwrap_or_default(), pole_ok, "0 or more and below 1"),
+            ("max_samples", max_samples as f64, max_samples >= 1, "1 or more"),
+        ];
+        options(NAME, rows)
     }
-}
 
-impl Lagudap {
-    fn pair(
-        &self,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> Result<DelayEstimate, DelayError> {
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let &PairRecords { records, max_delay, experiment, .. } = pair;
         let order = self.order.unwrap_or(LEAST.max(max_delay + BEYOND));
-        let (needed, got) = (max_delay + 4 * order, experiment.longest().min(self.max_samples));
-        if got < needed {
-            let remedy =
-                crate::error::LengthRemedy::WindowOr("set a smaller order or a larger max_samples");
-            return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
-        }
+        let got = experiment.longest().min(self.max_samples);
+        let remedy = LengthRemedy::WindowOr("set a smaller order or a larger max_samples");
+        long_enough(NAME, max_delay + 4 * order, got, remedy)?;
         let cut: Vec<Record> = records.iter().map(|r| r.head(self.max_samples)).collect();
         // A series that outlasts half the record would be fitted to noise.
         let lasts = |a: &f64| order as f64 * (1.0 + a) <= 0.5 * got as f64 * (1.0 - a);
@@ -152,24 +99,18 @@ impl Lagudap {
             poles.iter().filter_map(|&a| laguerre(&cut, a, order)).collect();
         fits.sort_by(|a, b| a.loss.total_cmp(&b.loss));
         let Some(best) = fits.first() else {
-            return Ok(DelayEstimate::without(
-                Outcome::NotRichEnough,
-                "the input excites too few of the filters",
-            ));
+            let note = "the input excites too few of the filters";
+            return Err(NoDelay::new(Outcome::NotRichEnough, note));
         };
-        if let Some(note) = posterior::unseen(&cut, max_delay) {
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-        }
+        pair.with(&cut).visible()?;
         let read = |fit: &Laguerre| {
             let scale = (1.0 + fit.pole) / (1.0 - fit.pole);
             let longest = max_delay.max(1) as f64 / scale;
             Some(all_pass(fit.c.as_slice(), [&fit.covariance; 2], longest)?.scaled(scale, 1.0, 0.0))
         };
         let Some(found) = read(best) else {
-            return Ok(DelayEstimate::without(
-                Outcome::Singular,
-                "the series has no zeros that can be told apart",
-            ));
+            let note = "the series has no zeros that can be told apart";
+            return Err(NoDelay::new(Outcome::Singular, note));
         };
         let apart: Vec<f64> = fits[1..]
             .iter()
@@ -178,9 +119,8 @@ impl Lagudap {
             .map(|r| (r.raw - found.raw).abs())
             .collect();
         let spread = stats::upper_median(apart).unwrap_or(0.0);
-        let found = found.scaled(1.0, 0.0, spread);
         let note = (experiment.longest() > self.max_samples)
             .then(|| format!("used the first {} samples", self.max_samples));
-        Ok(found.answer(bias, max_delay, experiment).noting(note))
+        noted(found.scaled(1.0, 0.0, spread).answer(pair), note)
     }
 }

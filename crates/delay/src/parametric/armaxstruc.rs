@@ -3,18 +3,13 @@
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + C(q) e(t), C with its roots inside the unit circle and A with its own
 //! anywhere: y is predicted one step ahead, never simulated. Leading coefficients of B that the data do not ask for are taken off the answer as in `arxstruc`.
 
-use crate::error::DelayError;
+use super::arxstruc::leading_zeros;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::WHOLE;
-use crate::method::{
-    Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, options, seen};
+use crate::method::{Information, Method, PREDICTS, method_line};
 use crate::posterior;
-use deadtime_identify::{Armax, ArmaxFit, MAX_OE_ORDER, Record};
-use deadtime_signal::registry::entry;
-use deadtime_signal::stop::Stop;
+use deadtime_identify::{Armax, ArmaxFit, MAX_OE_ORDER};
 
 /// Inputs: u, y on one even grid; under feedback u must be what the plant received, not the reference. Output: seconds, positive = y lags u.
 ///
@@ -82,170 +77,104 @@ const WORTH: f64 = 2.0;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
+    information: Information::Poles(2),
+    withstands: PREDICTS,
+    needs: "the input that the plant received; plant and noise of low order",
+    blind_to: "fractions of a sample; a first coefficient that is small against the noise",
+    ..method_line!(
         "armaxstruc",
         "best ARMAX predictor over all delays (3, 3, 2): unstable plants, feedback and coloured noise",
         Armaxstruc,
-        dyn DelayEstimator
-    ),
-    class: Class::Parametric,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
-    information: Information::Poles(2),
-    basis: Basis::Own,
-    tolerance: WHOLE,
-    withstands: &[
-        Condition::UnstablePlant,
-        Condition::Feedback,
-        Condition::ColouredNoise,
-        Condition::Dynamics,
-        Condition::MissingOutputs,
-    ],
-    needs: "the input that the plant received; plant and noise of low order",
-    blind_to: "fractions of a sample; a first coefficient that is small against the noise",
-    exempt: &[],
+        Parametric
+    )
 };
 
-impl DelayEstimator for Armaxstruc {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        for (option, value, ok, allowed) in [
-            ("na", self.na, self.na <= MAX_OE_ORDER, "at most 16"),
-            ("nb", self.nb, (1..=MAX_OE_ORDER).contains(&self.nb), "from 1 to 16"),
-            ("nc", self.nc, self.nc <= MAX_OE_ORDER, "at most 16"),
-            ("max_samples", self.max_samples, self.max_samples >= 1, "1 or more"),
-        ] {
-            if !ok {
-                return Err(DelayError::Option {
-                    method: NAME,
-                    option,
-                    value: value as f64,
-                    allowed,
-                });
-            }
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            self.pair(records, max_delay, bias, experiment, &search.stop)
-        })
+impl PairMethod for Armaxstruc {
+    fn check(&self) -> Result<(), DelayError> {
+        let Self { na, nb, nc, max_samples } = *self;
+        let rows = [
+            ("na", na as f64, na <= MAX_OE_ORDER, "at most 16"),
+            ("nb", nb as f64, (1..=MAX_OE_ORDER).contains(&nb), "from 1 to 16"),
+            ("nc", nc as f64, nc <= MAX_OE_ORDER, "at most 16"),
+            ("max_samples", max_samples as f64, max_samples >= 1, "1 or more"),
+        ];
+        options(NAME, rows)
     }
-}
 
-impl Armaxstruc {
-    fn pair(
-        &self,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-        stop: &Stop,
-    ) -> Result<DelayEstimate, DelayError> {
-        let cut = super::misfit::heads(records, self.max_samples);
-        let records = cut.as_deref().unwrap_or(records);
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let max_delay = pair.max_delay;
+        let (records, used) = pair.heads(self.max_samples);
         let orders = Armax { na: self.na, nb: self.nb, nc: self.nc };
-        let scan = orders.scan_until(records, 0, max_delay, stop);
+        let scan = orders.scan_until(&records, 0, max_delay, pair.stop);
         if scan.rows < orders.rows_needed() {
             return Err(DelayError::TooShort {
                 method: NAME,
                 needed: self.na.max(max_delay + self.nb - 1) + orders.rows_needed(),
-                got: experiment.longest().min(self.max_samples),
-                remedy: crate::error::LengthRemedy::WindowOr("set smaller na, nb and nc"),
-            });
+                got: pair.experiment.longest().min(self.max_samples),
+                remedy: LengthRemedy::WindowOr("set smaller na, nb and nc"),
+            }
+            .into());
         }
-        let losses: Vec<Vec<f64>> = scan
-            .fits
-            .iter()
-            .map(|counts| counts.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect())
-            .collect();
+        let of_count = |f: &Option<ArmaxFit>| f.as_ref().map_or(f64::NAN, |f| f.loss);
+        let losses: Vec<Vec<f64>> =
+            scan.fits.iter().map(|counts| counts.iter().map(of_count).collect()).collect();
         let full: Vec<f64> =
             losses.iter().map(|counts| counts.last().copied().unwrap_or(f64::NAN)).collect();
         let rows = scan.rows as f64;
-        let minimum = (0..full.len())
-            .filter(|&nk| full[nk].is_finite())
-            .min_by(|&a, &b| full[a].total_cmp(&full[b]));
         let (Some(minimum), Some(posterior), Some(without)) = (
-            minimum,
+            posterior::smallest(&full),
             posterior::posterior_of_start(&losses, scan.power, rows),
             &scan.without_input,
         ) else {
-            return Ok(DelayEstimate::without(
-                Outcome::Singular,
-                "no delay has a finite loss: the numbers overflow; scale the channels",
-            ));
+            return Err(NoDelay::overflow());
         };
-        let best = posterior.best;
-        let delays = max_delay + 1;
         let gain = rows * (without.loss / full[minimum].max(f64::MIN_POSITIVE)).ln();
         // A pair of roots of A and C may settle on any of N/2 frequencies: these are tries too.
-        let tried = delays + if self.na.min(self.nc) >= 2 { scan.rows / 2 } else { 0 };
-        if gain < posterior::visible_gain(self.nb, tried) {
-            let note = format!(
-                "past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input"
-            );
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-        }
+        let tried = max_delay + 1 + if self.na.min(self.nc) >= 2 { scan.rows / 2 } else { 0 };
+        seen(posterior::unseen_at(gain, self.nb, tried))?;
         if posterior.is_flat() {
-            return Ok(DelayEstimate::without(
-                Outcome::Flat,
-                format!("{} of {delays} delays fit equally well", posterior.set),
-            ));
+            return Err(NoDelay::flat(posterior.set, max_delay + 1));
         }
-        // The most probable number of coefficients at the most probable delay.
-        let evidence = |m: usize| {
-            -rows * losses[best][m].max(posterior::ROUNDING * scan.power).ln()
-                - (m as f64) * rows.ln()
-        };
-        let count = (0..self.nb)
-            .filter(|&m| losses[best][m].is_finite())
-            .max_by(|&a, &b| evidence(a).total_cmp(&evidence(b)));
-        let fit = count.and_then(|m| scan.fits[best][m].as_ref());
-        if let Some(fit) =
-            fit.filter(|f| !f.stopped.converged() && f.to_gain > WORTH && !on_circle(f))
-        {
-            let note = format!(
-                "the optimiser stopped without a minimum ({:?}) at nk = {best}, with {:.1} to gain and roots of C at |z| up to {:.4}",
-                fit.stopped,
-                fit.to_gain,
-                deadtime_identify::largest_pole(&fit.c)
-            );
-            return Ok(DelayEstimate::without(Outcome::NotConverged, note));
-        }
+        let best = posterior.best;
+        let fit =
+            most_evident(&losses[best], rows, scan.power).and_then(|m| scan.fits[best][m].as_ref());
+        fit.map_or(Ok(()), |f| settled(f, best))?;
         let misfit = fit.filter(|f| f.loss > posterior::ROUNDING * scan.power).and_then(|f| {
-            let residuals = orders.residuals(records, max_delay, best, f);
+            let residuals = orders.residuals(&records, max_delay, best, f);
             super::misfit::misfit(&residuals, self.na + self.nc, best + f.b.len())
         });
-        let (start, raw) = (best as f64, minimum as f64);
-        let estimate = DelayEstimate::counted(
-            start,
-            posterior.std,
-            posterior::first_coefficient(posterior.ends[0], posterior.ends[1], bias),
-            best == max_delay,
-            bias,
-            experiment.sample_time(),
-        );
-        let used = cut.is_some().then(|| {
-            format!("used the first {} of {} samples", self.max_samples, experiment.longest())
-        });
-        Ok(DelayEstimate {
-            raw_delay_s: Some(experiment.sample_time().to_seconds(raw)),
-            ..estimate
-        }
-        .noting(leading_zeros(best, minimum))
-        .noting(fit.and_then(unstable))
-        .noting(fit.and_then(edge))
-        .noting(misfit)
-        .noting(used))
+        Ok(pair
+            .most_probable(&posterior)
+            .with_raw_s(pair.seconds(minimum as f64))
+            .noting(leading_zeros(best, minimum))
+            .noting(fit.and_then(unstable))
+            .noting(fit.and_then(edge))
+            .noting(misfit)
+            .noting(used))
     }
 }
 
-fn leading_zeros(best: usize, minimum: usize) -> Option<String> {
-    let leading = best.checked_sub(minimum).filter(|&n| n > 0)?;
-    Some(format!(
-        "the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise"
-    ))
+/// The most probable number of coefficients, less one, from the losses of each.
+fn most_evident(losses: &[f64], rows: f64, power: f64) -> Option<usize> {
+    let evidence =
+        |m: usize| -rows * losses[m].max(posterior::ROUNDING * power).ln() - (m as f64) * rows.ln();
+    (0..losses.len())
+        .filter(|&m| losses[m].is_finite())
+        .max_by(|&a, &b| evidence(a).total_cmp(&evidence(b)))
+}
+
+/// The search for the model of delay `nk` ended at a minimum, or next to one.
+fn settled(fit: &ArmaxFit, nk: usize) -> Result<(), NoDelay> {
+    if fit.stopped.converged() || fit.to_gain <= WORTH || on_circle(fit) {
+        return Ok(());
+    }
+    let note = format!(
+        "the optimiser stopped without a minimum ({:?}) at nk = {nk}, with {:.1} to gain and roots of C at |z| up to {:.4}",
+        fit.stopped,
+        fit.to_gain,
+        deadtime_identify::largest_pole(&fit.c)
+    );
+    Err(NoDelay::new(Outcome::NotConverged, note))
 }
 
 fn unstable(fit: &ArmaxFit) -> Option<String> {

@@ -3,17 +3,15 @@
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + e(t); leading coefficients of B that the data do not ask for are taken
 //! off the answer, the published minimum stays beside it as the raw value.
 
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, joint_inputs, one_pair};
-use crate::experiment::Experiment;
-use crate::method::WHOLE;
-use crate::method::{
-    Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start,
+use crate::estimator::{
+    DelayEstimator, NoDelay, PairRecords, Search, first_of, joint_inputs, one_pair, options, seen,
 };
+use crate::experiment::Experiment;
+use crate::method::{Basis, Condition, Information, Method, method_line, plant_example};
 use crate::posterior;
 use deadtime_identify::{ArxScan, JointArx, Record, arx_scan, beside};
-use deadtime_signal::registry::entry;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
@@ -25,23 +23,7 @@ use deadtime_signal::registry::entry;
 /// Several inputs are fitted beside each other, because what inputs share that move together would leak from one pair into another (no source is followed in
 /// that); `others: apart` looks at each pair alone.
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.3 (na 10, nb 5); Ljung (1999), "System Identification", 2nd ed., section 4.2; MATLAB `arxstruc`.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{Arxstruc, DelayEstimator, Experiment, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Arxstruc::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Arxstruc, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Arxstruc {
@@ -68,7 +50,8 @@ pub enum Others {
 
 impl Default for Arxstruc {
     fn default() -> Self {
-        Self { na: 10, nb: 5, others: Others::Regressors, max_samples: 100_000 }
+        let [na, nb] = posterior::ARX_ORDERS;
+        Self { na, nb, others: Others::Regressors, max_samples: 100_000 }
     }
 }
 
@@ -76,19 +59,8 @@ const NAME: &str = "arxstruc";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "arxstruc",
-        "best ARX model over all delays (na 10, nb 5): fast, also for unstable plants and under feedback",
-        Arxstruc,
-        dyn DelayEstimator
-    ),
-    class: Class::Parametric,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
     basis: Basis::Arx,
-    tolerance: WHOLE,
     withstands: &[
         Condition::UnstablePlant,
         Condition::Feedback,
@@ -99,7 +71,12 @@ pub(crate) const METHOD: Method = Method {
     ],
     needs: "noise that an AR filter of its order whitens",
     blind_to: "fractions of a sample; a first coefficient that is small against the noise",
-    exempt: &[],
+    ..method_line!(
+        "arxstruc",
+        "best ARX model over all delays (na 10, nb 5): fast, also for unstable plants and under feedback",
+        Arxstruc,
+        Parametric
+    )
 };
 
 impl DelayEstimator for Arxstruc {
@@ -124,105 +101,80 @@ impl Arxstruc {
         experiment: &Experiment,
         search: &Search,
     ) -> Result<DelayEstimate, DelayError> {
-        if self.nb == 0 {
-            return Err(DelayError::Option {
-                method: name,
-                option: "nb",
-                value: 0.0,
-                allowed: "1 or more",
-            });
-        }
+        options(name, [("nb", self.nb as f64, self.nb >= 1, "1 or more")])?;
         if self.others == Others::Regressors && experiment.inputs().len() > 1 {
-            let all = joint_inputs(experiment, search, |inputs, max_delay, bias| {
-                self.joint(name, inputs, max_delay, bias, experiment)
-            })?;
-            return all.into_iter().next().ok_or(DelayError::Count {
-                what: "inputs",
-                needed: 1,
-                got: 0,
-            });
+            return first_of(joint_inputs(experiment, search, |pairs| self.joint(name, pairs))?);
         }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            self.pair(name, records, max_delay, bias, experiment)
-        })
+        one_pair(experiment, search, |pair| self.alone(name, pair))
     }
 
     /// The answers of all inputs for one output, each with the others as regressors.
     fn joint(
         &self,
         name: &'static str,
-        inputs: &[Vec<Record>],
-        max_delay: usize,
-        bias: &[usize],
-        experiment: &Experiment,
+        pairs: &[PairRecords],
     ) -> Result<Vec<DelayEstimate>, DelayError> {
-        let cut: Vec<Vec<Record>> = inputs
-            .iter()
-            .map(|records| {
-                super::misfit::heads(records, self.max_samples).unwrap_or_else(|| records.clone())
-            })
-            .collect();
-        let lags = JointArx::new(&cut, self.na, self.nb, max_delay);
-        let rows_needed = 2 * (self.na + self.nb * inputs.len());
-        let first = lags.scan(0, &[]);
-        if first.rows < rows_needed {
-            return Err(DelayError::TooShort {
-                method: name,
-                needed: self.na.max(max_delay + self.nb - 1) + rows_needed,
-                got: experiment.longest(),
-                remedy: crate::error::LengthRemedy::WindowOr("set smaller na and nb"),
-            });
+        let Some(PairRecords { max_delay, experiment, .. }) = pairs.first() else {
+            return Ok(Vec::new());
+        };
+        let cut: Vec<Vec<Record>> = pairs.iter().map(|p| p.heads(self.max_samples).0).collect();
+        let lags = JointArx::new(&cut, self.na, self.nb, *max_delay);
+        let rows_needed = 2 * (self.na + self.nb * pairs.len());
+        if lags.scan(0, &[]).rows < rows_needed {
+            return Err(self.too_short(name, *max_delay, rows_needed, experiment));
         }
         // Each input alone first: the descent starts where the pairs' answers are.
-        let alone: Vec<usize> = (0..inputs.len())
+        let alone: Vec<usize> = (0..pairs.len())
             .map(|input| {
                 let loss = lags.scan(input, &[]).loss;
                 (0..loss.len()).min_by(|&a, &b| loss[a].total_cmp(&loss[b])).unwrap_or(0)
             })
             .collect();
         let delays = lags.descend(alone);
-        let each = |input: usize| {
+        let each = |(input, pair): (usize, &PairRecords)| {
             let scan = lags.scan(input, &beside(&delays, input));
-            let rank = scan.input_rank.iter().all(|&r| r == 0);
-            if rank {
-                DelayEstimate::without(
-                    Outcome::Singular,
-                    "the other inputs explain every lag of this one: they move together",
-                )
-            } else {
-                answer(&scan, self.nb, max_delay, bias[input], experiment)
+            if scan.input_rank.iter().all(|&r| r == 0) {
+                let note = "the other inputs explain every lag of this one: they move together";
+                return Ok(DelayEstimate::without(Outcome::Singular, note));
             }
+            answer(&scan, self.nb, pair).or_else(NoDelay::answered)
         };
-        Ok((0..inputs.len()).map(each).collect())
+        pairs.iter().enumerate().map(each).collect()
     }
 
-    fn pair(
-        &self,
-        name: &'static str,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> Result<DelayEstimate, DelayError> {
+    /// The answer for one input, whatever the others do.
+    fn alone(&self, name: &'static str, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let &PairRecords { records, max_delay, experiment, .. } = pair;
         let scan = arx_scan(records, self.na, self.nb, max_delay);
         let rows_needed = 2 * (self.na + self.nb);
         if scan.rows < rows_needed {
             let gaps = records.iter().any(|r| r.present.is_some());
-            if gaps && experiment.longest() >= self.na.max(max_delay + self.nb - 1) + rows_needed {
+            if gaps && experiment.longest() >= self.longest_needed(max_delay, rows_needed) {
                 let note = format!(
                     "missing outputs leave {} rows with all of {} past ones, {rows_needed} are needed: set a smaller na",
                     scan.rows, self.na
                 );
-                return Ok(DelayEstimate::without(Outcome::NotApplicable, note));
+                return Err(NoDelay::new(Outcome::NotApplicable, note));
             }
-            return Err(DelayError::TooShort {
-                method: name,
-                needed: self.na.max(max_delay + self.nb - 1) + rows_needed,
-                got: experiment.longest(),
-                remedy: crate::error::LengthRemedy::WindowOr("set smaller na and nb"),
-            });
+            return Err(self.too_short(name, max_delay, rows_needed, experiment).into());
         }
-        Ok(answer(&scan, self.nb, max_delay, bias, experiment))
+        answer(&scan, self.nb, pair)
+    }
+
+    fn longest_needed(&self, max_delay: usize, rows: usize) -> usize {
+        self.na.max(max_delay + self.nb - 1) + rows
+    }
+
+    fn too_short(
+        &self,
+        method: &'static str,
+        max_delay: usize,
+        rows: usize,
+        experiment: &Experiment,
+    ) -> DelayError {
+        let needed = self.longest_needed(max_delay, rows);
+        let remedy = LengthRemedy::WindowOr("set smaller na and nb");
+        DelayError::TooShort { method, needed, got: experiment.longest(), remedy }
     }
 }
 
@@ -230,51 +182,32 @@ impl Arxstruc {
 pub(super) fn answer(
     scan: &ArxScan,
     nb: usize,
-    max_delay: usize,
-    bias: usize,
-    experiment: &Experiment,
-) -> DelayEstimate {
+    pair: &PairRecords,
+) -> Result<DelayEstimate, NoDelay> {
     if scan.input_rank.iter().all(|&r| r == 0) {
-        return DelayEstimate::without(
-            Outcome::NotRichEnough,
-            "past outputs explain every lag of the input: it hardly moves in the rows used",
-        );
+        let note = "past outputs explain every lag of the input: it hardly moves in the rows used";
+        return Err(NoDelay::new(Outcome::NotRichEnough, note));
     }
-    let rows = scan.rows as f64;
-    let minimum = (0..scan.loss.len())
-        .filter(|&nk| scan.loss[nk].is_finite())
-        .min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
-    let (Some(minimum), Some(posterior)) =
-        (minimum, posterior::posterior_of_start(&scan.by_count, scan.power, rows))
-    else {
-        return DelayEstimate::without(
-            Outcome::Singular,
-            "no delay has a finite loss: the numbers overflow; scale the channels",
-        );
+    let (Some(minimum), Some(posterior)) = (
+        posterior::smallest(&scan.loss),
+        posterior::posterior_of_start(&scan.by_count, scan.power, scan.rows as f64),
+    ) else {
+        return Err(NoDelay::overflow());
     };
-    let best = posterior.best;
-    let delays = max_delay + 1;
-    if let Some(note) = posterior::unseen_by(scan, nb) {
-        return DelayEstimate::without(Outcome::NotVisible, note);
-    }
+    seen(posterior::unseen_by(scan, nb))?;
     if posterior.is_flat() {
-        return DelayEstimate::without(
-            Outcome::Flat,
-            format!("{} of {delays} delays fit equally well", posterior.set),
-        );
+        return Err(NoDelay::flat(posterior.set, pair.max_delay + 1));
     }
-    let (start, raw) = (best as f64, minimum as f64);
-    let estimate = DelayEstimate::counted(
-        start,
-        posterior.std,
-        posterior::first_coefficient(posterior.ends[0], posterior.ends[1], bias),
-        best == max_delay,
-        bias,
-        experiment.sample_time(),
-    );
-    let leading = best.saturating_sub(minimum);
-    let note = (leading > 0)
-        .then(|| format!("the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise"));
-    DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(raw)), ..estimate }
-        .noting(note)
+    Ok(pair
+        .most_probable(&posterior)
+        .with_raw_s(pair.seconds(minimum as f64))
+        .noting(leading_zeros(posterior.best, minimum)))
+}
+
+/// What to say where the smallest loss comes before the most probable delay.
+pub(super) fn leading_zeros(best: usize, minimum: usize) -> Option<String> {
+    let leading = best.checked_sub(minimum).filter(|&n| n > 0)?;
+    Some(format!(
+        "the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise"
+    ))
 }

@@ -7,11 +7,7 @@ use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
 use crate::estimator::{DelayEstimator, Search};
 use crate::experiment::Experiment;
-use crate::method::WHOLE;
-use crate::method::{
-    Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start,
-};
-use deadtime_signal::registry::entry;
+use crate::method::{Basis, Information, Method, PREDICTS, method_line, plant_example};
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
@@ -23,23 +19,7 @@ use deadtime_signal::registry::entry;
 /// Source: MATLAB, System Identification Toolbox, page `delayest` (na = 2, nb = 2, nkmin = 0, nkmax = nkmin + 20, at most 10 000 models). The page says that ARX models of
 /// different delays are compared, not by which criterion nor over which rows, nor what is done about feedback or about several inputs beyond trying all combinations; here
 /// the criterion is the loss over rows that all delays share, each input on its own, and the range is that of the search (0 to `max_delay`).
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Delayest, Experiment, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Delayest::default().estimate(&experiment, &Search { max_delay: 20, ..Search::default() })?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Delayest, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Delayest {
@@ -57,29 +37,17 @@ impl Default for Delayest {
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
+    information: Information::Poles(2),
+    basis: Basis::Arx,
+    withstands: PREDICTS,
+    needs: "a plant of two poles with little noise at the sensor",
+    blind_to: "fractions of a sample; noise at the sensor makes it late",
+    ..method_line!(
         "delayest",
         "best ARX model of order 2 over all delays, as MATLAB's function of this name",
         Delayest,
-        dyn DelayEstimator
-    ),
-    class: Class::Parametric,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
-    information: Information::Poles(2),
-    basis: Basis::Arx,
-    tolerance: WHOLE,
-    withstands: &[
-        Condition::UnstablePlant,
-        Condition::Feedback,
-        Condition::ColouredNoise,
-        Condition::Dynamics,
-        Condition::MissingOutputs,
-    ],
-    needs: "a plant of two poles with little noise at the sensor",
-    blind_to: "fractions of a sample; noise at the sensor makes it late",
-    exempt: &[],
+        Parametric
+    )
 };
 
 impl DelayEstimator for Delayest {

@@ -2,17 +2,12 @@
 //!
 //! Equation: E(d) = Σ Δy(t)·u(t − d), Δy(t) = y(t) − y(t − 1); τ̂ = Ts·argmax over d of E(d)²/Σ u(t − d)², the same as the least Σ (Δy(t) − b·u(t − d))² over b and d.
 
-use crate::error::DelayError;
-use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::WHOLE;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::error::LengthRemedy;
+use crate::estimate::DelayEstimate;
+use crate::estimator::{NoDelay, PairMethod, PairRecords};
+use crate::method::{Condition, Information, Law, Method, method_line, plant_example};
 use crate::posterior;
 use deadtime_identify::{Record, arx_scan};
-use deadtime_signal::registry::entry;
 
 /// What is made small (or large).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -37,23 +32,7 @@ pub enum Cost {
 /// hand: what the descriptions leave open is whether increments of the input or the input itself are multiplied (with increments of a white input the sample before the response
 /// has nearly as large a product), the forgetting of the recursive form, and what is done with the sign. Here: the input less its mean, all samples alike, the
 /// largest square. No published uncertainty; the interval is ours.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Elnaggar, Experiment, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Elnaggar::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Elnaggar, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Elnaggar {
@@ -65,19 +44,7 @@ const NAME: &str = "elnaggar";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "elnaggar",
-        "delay at which increments of the output go with the input: the cheapest of all, for rich inputs and simple lags",
-        Elnaggar,
-        dyn DelayEstimator
-    ),
-    class: Class::Parametric,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
     information: Information::Response,
-    basis: Basis::Own,
-    tolerance: WHOLE,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "a white input, a response that rises fastest at its start",
     blind_to: "the start of a response that rises faster later; slow inputs; feedback",
@@ -85,68 +52,43 @@ pub(crate) const METHOD: Method = Method {
         Law::Exact,
         "it takes the steepest rise of the response for its start: of oscillating plants that is a later sample",
     )],
+    ..method_line!(
+        "elnaggar",
+        "delay at which increments of the output go with the input: the cheapest of all, for rich inputs and simple lags",
+        Elnaggar,
+        Parametric
+    )
 };
 
-impl DelayEstimator for Elnaggar {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        one_pair(experiment, search, |records, max_delay, bias| {
-            let (needed, got) = (max_delay + 1 + ROWS, experiment.longest());
-            if got < needed {
-                return Err(DelayError::TooShort {
-                    method: NAME,
-                    needed,
-                    got,
-                    remedy: crate::error::LengthRemedy::Window,
-                });
-            }
-            if let Some(note) = posterior::unseen(records, max_delay) {
-                return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-            }
-            // Made twice for `scripts/bench-gate --self-check`, which must find it; no answer changes.
-            #[cfg(deadtime_slowdown)]
-            if self.cost == Cost::Products {
-                std::hint::black_box(products(std::hint::black_box(records), max_delay));
-            }
-            let scores = match self.cost {
-                Cost::Products => products(records, max_delay),
-                Cost::Regression => regression(records, max_delay),
-            };
-            let Some(posterior) = posterior::posterior(&scores.losses, scores.power, scores.rows)
-            else {
-                return Ok(DelayEstimate::without(
-                    Outcome::Singular,
-                    "no delay has a finite loss: the numbers overflow; scale the channels",
-                ));
-            };
-            let delays = max_delay + 1;
-            if posterior.is_flat() {
-                return Ok(DelayEstimate::without(
-                    Outcome::Flat,
-                    format!("{} of {delays} delays fit equally well", posterior.set),
-                ));
-            }
-            let best = posterior.best;
-            let from = scores.run(best);
-            let (raw, from) = (best as f64, (from as f64).min(posterior.ends[0]));
-            let interval = posterior::first_coefficient(from, posterior.ends[1], bias);
-            let note = (raw - from > 1.5).then(|| {
-                format!("the products stand out from nk = {from} on: the response may begin there")
-            });
-            let std = posterior.std.max((interval[1] - interval[0]) * posterior::RESOLUTION.sqrt());
-            Ok(DelayEstimate::counted(
-                raw,
-                std,
-                interval,
-                best == max_delay,
-                bias,
-                experiment.sample_time(),
-            )
-            .noting(note))
-        })
+impl PairMethod for Elnaggar {
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let &PairRecords { records, max_delay, .. } = pair;
+        let delays = max_delay + 1;
+        pair.at_least(NAME, delays + ROWS, LengthRemedy::Window)?;
+        pair.visible()?;
+        // Made twice for `scripts/bench-gate --self-check`, which must find it; no answer changes.
+        #[cfg(deadtime_slowdown)]
+        if self.cost == Cost::Products {
+            std::hint::black_box(products(std::hint::black_box(records), max_delay));
+        }
+        let scores = match self.cost {
+            Cost::Products => products(records, max_delay),
+            Cost::Regression => regression(records, max_delay),
+        };
+        let posterior = posterior::posterior(&scores.losses, scores.power, scores.rows)
+            .ok_or_else(NoDelay::overflow)?;
+        if posterior.is_flat() {
+            return Err(NoDelay::flat(posterior.set, delays));
+        }
+        let best = posterior.best;
+        let from = scores.run(best);
+        let (raw, from) = (best as f64, (from as f64).min(posterior.ends[0]));
+        let interval = posterior::first_coefficient(from, posterior.ends[1], pair.bias);
+        let note = (raw - from > 1.5).then(|| {
+            format!("the products stand out from nk = {from} on: the response may begin there")
+        });
+        let std = posterior.std.max((interval[1] - interval[0]) * posterior::RESOLUTION.sqrt());
+        Ok(pair.counted(raw, std, interval).noting(note))
     }
 }
 

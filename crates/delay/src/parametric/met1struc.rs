@@ -3,17 +3,12 @@
 //! Equation: C(q) = det(I − (A − KC)q⁻¹) of a state-space model in innovations form; τ̂ = Ts·argmin over nk of V(nk), A(q) y_F = B(q) u_F(t − nk) + e with
 //! y_F = y/C, u_F = u/C.
 
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::WHOLE;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, noted, options};
+use crate::method::{Condition, Information, Law, Method, method_line, plant_example};
 use crate::posterior;
 use deadtime_identify::{MAX_OE_ORDER, Record, Subspace, arx_scan, prefiltered};
-use deadtime_signal::registry::entry;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
@@ -29,23 +24,7 @@ use deadtime_signal::registry::entry;
 /// their poles and zeros make the noise filter ring. The long predictor's window is ours too.
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.5 (order 10, then ARX(10, 1): as good as `oestruc` at a fraction of its time); for the model
 /// Chiuso (2007), doi:10.1016/j.automatica.2006.12.005. How the starts of the filters are to be treated the source does not say: they start at rest.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Met1struc, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Met1struc::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Met1struc, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Met1struc {
@@ -71,19 +50,7 @@ const NAME: &str = "met1struc";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "met1struc",
-        "best ARX model (10, 1) after whitening by the noise filter of a subspace model of order 10",
-        Met1struc,
-        dyn DelayEstimator
-    ),
-    class: Class::Parametric,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
-    basis: Basis::Own,
-    tolerance: WHOLE,
     withstands: &[
         Condition::UnstablePlant,
         Condition::Feedback,
@@ -96,71 +63,40 @@ pub(crate) const METHOD: Method = Method {
         Law::Exact,
         "with one input coefficient a plant's zeros are left to its poles: without noise that misfit decides, by a sample",
     )],
+    ..method_line!(
+        "met1struc",
+        "best ARX model (10, 1) after whitening by the noise filter of a subspace model of order 10",
+        Met1struc,
+        Parametric
+    )
 };
 
-impl DelayEstimator for Met1struc {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        for (option, value, ok, allowed) in [
-            ("order", self.order, (1..=MAX_OE_ORDER).contains(&self.order), "from 1 to 16"),
-            ("past", self.past, (self.order..=1000).contains(&self.past), "from the order to 1000"),
-            ("nb", self.nb, self.nb >= 1, "1 or more"),
-            ("max_samples", self.max_samples, self.max_samples >= 1, "1 or more"),
-        ] {
-            if !ok {
-                return Err(DelayError::Option {
-                    method: NAME,
-                    option,
-                    value: value as f64,
-                    allowed,
-                });
-            }
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            self.pair(records, max_delay, bias, experiment)
-        })
+impl PairMethod for Met1struc {
+    fn check(&self) -> Result<(), DelayError> {
+        let Self { order, past, nb, max_samples, .. } = *self;
+        let rows = [
+            ("order", order as f64, (1..=MAX_OE_ORDER).contains(&order), "from 1 to 16"),
+            ("past", past as f64, (order..=1000).contains(&past), "from the order to 1000"),
+            ("nb", nb as f64, nb >= 1, "1 or more"),
+            ("max_samples", max_samples as f64, max_samples >= 1, "1 or more"),
+        ];
+        options(NAME, rows)
     }
-}
 
-impl Met1struc {
-    fn pair(
-        &self,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> Result<DelayEstimate, DelayError> {
-        let cut = super::misfit::heads(records, self.max_samples);
-        let records = cut.as_deref().unwrap_or(records);
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let max_delay = pair.max_delay;
+        let (records, used) = pair.heads(self.max_samples);
         let scanned = self.na.max(max_delay + self.nb - 1) + 2 * (self.na + self.nb);
         let subspace = Subspace { order: self.order, past: self.past, direct: false };
         let needed = scanned.max(max_delay + self.past + subspace.rows_needed());
-        let got = experiment.longest().min(self.max_samples);
-        if got < needed {
-            return Err(DelayError::TooShort {
-                method: NAME,
-                needed,
-                got,
-                remedy: crate::error::LengthRemedy::WindowOr("set a shorter past"),
-            });
-        }
-        if records.iter().any(|r| r.present.as_ref().is_some_and(|p| p.contains(&false))) {
-            return Ok(DelayEstimate::without(
-                Outcome::NotApplicable,
-                "missing output samples: the noise filter needs every one",
-            ));
-        }
+        let got = pair.experiment.longest().min(self.max_samples);
+        long_enough(NAME, needed, got, LengthRemedy::WindowOr("set a shorter past"))?;
+        let cut = pair.with(&records);
+        cut.measured_throughout("missing output samples: the noise filter needs every one")?;
         // The filter has seen the input: on noise it flatters the scan behind it.
-        if let Some(note) = posterior::unseen(records, max_delay) {
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-        }
-        let rough = arx_scan(records, self.na, self.nb, max_delay);
-        let first = (0..rough.loss.len())
-            .filter(|&nk| rough.loss[nk].is_finite())
-            .min_by(|&a, &b| rough.loss[a].total_cmp(&rough.loss[b]));
+        cut.visible()?;
+        let rough = arx_scan(&records, self.na, self.nb, max_delay);
+        let first = posterior::smallest(&rough.loss);
         let lead = first.unwrap_or(0).saturating_sub(1);
         let moved: Vec<Record> = (records.iter().filter(|r| r.len() > lead))
             .map(|r| Record::new(r.u[..r.len() - lead].to_vec(), r.y[lead..r.len()].to_vec()))
@@ -171,16 +107,11 @@ impl Met1struc {
         let noise =
             model.and_then(|m| if exact(m.loss) { Some(Vec::new()) } else { m.noise_polynomial() });
         let Some(noise) = noise else {
-            return Ok(DelayEstimate::without(
-                Outcome::Singular,
-                "no subspace model: the numbers overflow or say nothing; scale the channels",
-            ));
+            let note = "no subspace model: the numbers overflow or say nothing; scale the channels";
+            return Err(NoDelay::new(Outcome::Singular, note));
         };
         let filtered: Vec<Record> = records.iter().map(|r| prefiltered(r, &noise)).collect();
-        let used = cut.is_some().then(|| {
-            format!("used the first {} of {} samples", self.max_samples, experiment.longest())
-        });
         let scan = arx_scan(&filtered, self.na, self.nb, max_delay);
-        Ok(super::arxstruc::answer(&scan, self.nb, max_delay, bias, experiment).noting(used))
+        noted(super::arxstruc::answer(&scan, self.nb, pair), used)
     }
 }

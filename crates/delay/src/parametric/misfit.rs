@@ -1,27 +1,24 @@
 //! Whether the residuals of a parametric model contradict it.
 
-use deadtime_identify::Record;
-
-/// The first `most` samples of every record; `None` where none is longer.
-pub(super) fn heads<'a>(records: &'a [Record<'_>], most: usize) -> Option<Vec<Record<'a>>> {
-    records.iter().any(|r| r.len() > most).then(|| records.iter().map(|r| r.head(most)).collect())
-}
-
 /// Lags at which residuals are looked at.
 pub(super) const LAGS: usize = 20;
 
 /// Residuals of a stretch, and its input.
-pub(super) type Stretch = (Vec<f64>, Vec<f64>);
+pub(super) type ResidualStretch = (Vec<f64>, Vec<f64>);
 
 /// What residuals show that a right model would not: that they are coloured (Ljung-Box), or that they follow inputs from lag `after` on that the model has not
 /// used; each at the 1 % level. Residuals and inputs come stretch by stretch.
 ///
 /// Source: Ljung and Box (1978), Biometrika 65(2), 297-303, doi:10.1093/biomet/65.2.297; Ljung (1999), "System Identification", 2nd ed., section 16.6.
-pub(super) fn misfit(residuals: &[Stretch], parameters: usize, after: usize) -> Option<String> {
+pub(super) fn misfit(
+    residuals: &[ResidualStretch],
+    parameters: usize,
+    after: usize,
+) -> Option<String> {
     use statrs::distribution::{ChiSquared, ContinuousCDF};
     let real = |i: usize| i as f64;
-    let sum = |a: fn(&Stretch) -> &Vec<f64>, lag: usize| -> f64 {
-        let each = |s: &Stretch| {
+    let sum = |a: fn(&ResidualStretch) -> &Vec<f64>, lag: usize| -> f64 {
+        let each = |s: &ResidualStretch| {
             s.0.get(lag..).unwrap_or_default().iter().zip(a(s)).map(|(e, x)| e * x).sum::<f64>()
         };
         residuals.iter().map(each).sum()

@@ -4,17 +4,15 @@
 //! are, and N the independent ones among the residuals.
 
 use super::oestruc::Oestruc;
-use super::profile::{Profile, Weighing, check, profile};
+use super::profile::{OeScan, Profile, Weighing, check};
 use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
+use crate::estimator::{NoDelay, PairMethod, PairRecords};
 use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+    Basis, Condition, Information, Law, Method, Start, method_line, plant_example,
 };
-use crate::posterior::{RESOLUTION, first_coefficient};
+use crate::posterior::RESOLUTION;
 use deadtime_identify::{Initial, OutputError};
-use deadtime_signal::registry::entry;
 
 /// What is read off the posterior.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -39,23 +37,7 @@ pub enum Center {
 /// Source: the likelihood of Gaussian noise of unknown variance, read as a posterior with a flat prior on the delay; Björklund (2003), LiU-TEK-LIC-2003:60, section
 /// 6.4, for the models and losses. No source weighs them so. Poles: one or two, time constants from 0.15 samples to a quarter of the record and natural frequencies
 /// alike log-uniform, real and complex pairs alike probable, 5 % kept for any others; for other orders the best poles stand for all.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, OePosterior, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(300, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 300];
-/// for t in 5..300 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = OePosterior::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-9);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(OePosterior, 300, 0.8, 1e-9)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OePosterior {
@@ -82,16 +64,7 @@ const NAME: &str = "oe_posterior";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "oe_posterior",
-        "mean over all delays of output-error models, each by its probability: smaller errors than the best one alone",
-        OePosterior,
-        dyn DelayEstimator
-    ),
-    class: Class::Parametric,
-    scope: Scope::Pair,
     start: Start::Rest,
-    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
     basis: Basis::OutputError,
     // Of the mean of two neighbours of which the second has a probability of 5 %, the most that a 95 % set leaves out.
@@ -103,62 +76,56 @@ pub(crate) const METHOD: Method = Method {
         Law::Exact,
         "of a plant that the model is too small for, far delays keep a few per cent of the probability, and move the mean",
     )],
+    ..method_line!(
+        "oe_posterior",
+        "mean over all delays of output-error models, each by its probability: smaller errors than the best one alone",
+        OePosterior,
+        Parametric
+    )
 };
 
-impl DelayEstimator for OePosterior {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        let orders = OutputError { nb: self.nb, nf: self.nf, initial: self.initial };
-        check(NAME, &orders, self.max_samples)?;
-        one_pair(experiment, search, |records, max_delay, bias| {
-            let Profile { posterior, note, .. } = match profile(
-                NAME,
-                orders,
-                self.max_samples,
-                records,
-                max_delay,
-                Weighing::Average,
-                &search.stop,
-            )? {
-                Ok(profile) => profile,
-                Err(answer) => return Ok(answer),
-            };
-            let weights = &posterior.weights;
-            let answer = match self.center {
-                Center::Mean => mean(weights, |_| true),
-                Center::Median => median(weights),
-                Center::Mode => posterior.best as f64,
-            };
-            let variance: f64 =
-                weights.iter().enumerate().map(|(nk, w)| w * (nk as f64 - answer).powi(2)).sum();
-            let [from, to] = posterior.ends;
-            let [early, late] = first_coefficient(from, to, bias);
-            let interval = [early.min(answer), late.max(answer)];
-            let leans = leans(weights, posterior.ends, max_delay);
-            // One delay alone has no spread to tell of.
-            let spread = (to > from).then(|| {
-                format!(
-                    "samples from the shortest delay searched: mean {:.2}, median {:.0}, 95 % set {from:.0} to {to:.0}",
-                    mean(weights, |_| true),
-                    median(weights)
-                )
-            });
-            let at_edge = posterior.best == max_delay;
-            let std = (variance + RESOLUTION).sqrt();
-            let estimate = DelayEstimate::counted(
-                answer,
-                std,
-                interval,
-                at_edge,
-                bias,
-                experiment.sample_time(),
-            );
-            let raw_delay_s = Some(experiment.sample_time().to_seconds(posterior.best as f64));
-            Ok(DelayEstimate { raw_delay_s, ..estimate }.noting(note).noting(spread).noting(leans))
-        })
+impl PairMethod for OePosterior {
+    fn check(&self) -> Result<(), DelayError> {
+        check(NAME, &self.orders(), self.max_samples)
+    }
+
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let scan = OeScan { name: NAME, orders: self.orders(), max_samples: self.max_samples };
+        let Profile { posterior, note, .. } = scan.profile(pair, Weighing::Average)?;
+        let weights = &posterior.weights;
+        let answer = match self.center {
+            Center::Mean => mean(weights, |_| true),
+            Center::Median => median(weights),
+            Center::Mode => posterior.best as f64,
+        };
+        let variance: f64 =
+            weights.iter().enumerate().map(|(nk, w)| w * (nk as f64 - answer).powi(2)).sum();
+        let [from, to] = posterior.ends;
+        let [early, late] = posterior.first_coefficient(pair.bias);
+        let leans = leans(weights, posterior.ends, pair.max_delay);
+        // One delay alone has no spread to tell of.
+        let spread = (to > from).then(|| {
+            format!(
+                "samples from the shortest delay searched: mean {:.2}, median {:.0}, 95 % set {from:.0} to {to:.0}",
+                mean(weights, |_| true),
+                median(weights)
+            )
+        });
+        let at_edge = posterior.best == pair.max_delay;
+        let std = (variance + RESOLUTION).sqrt();
+        let interval = [early.min(answer), late.max(answer)];
+        Ok(pair
+            .counted_at(answer, std, interval, at_edge)
+            .with_raw_s(pair.seconds(posterior.best as f64))
+            .noting(note)
+            .noting(spread)
+            .noting(leans))
+    }
+}
+
+impl OePosterior {
+    fn orders(&self) -> OutputError {
+        OutputError { nb: self.nb, nf: self.nf, initial: self.initial }
     }
 }
 

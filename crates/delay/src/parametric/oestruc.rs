@@ -2,18 +2,13 @@
 //!
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, y(t) = B(q)/F(q) u(t − nk) + e(t).
 
-use super::profile::{Profile, Weighing, check, profile, shortened};
+use super::profile::{OeScan, Profile, Weighing, check, shortened};
 use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::WHOLE;
-use crate::method::{
-    Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::estimator::{NoDelay, PairMethod, PairRecords};
+use crate::method::{Basis, Condition, Information, Method, Start, method_line, plant_example};
 use crate::posterior;
-use deadtime_identify::{Initial, OeFit, OutputError, Record};
-use deadtime_signal::registry::entry;
+use deadtime_identify::{Initial, OeFit, OutputError};
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
@@ -22,23 +17,7 @@ use deadtime_signal::registry::entry;
 /// Fails when: the plant is unstable (the predictor is kept stable, so the best one ends at the edge of stability: `not_converged`), the input is an impulse and
 /// the start is estimated (many delays fit exactly: `flat`), or under feedback (biased).
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.4 (nb 1, nf 2, no prewhitening: the best of his comparison); MATLAB `oe`.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Oestruc, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(300, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 300];
-/// for t in 5..300 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Oestruc::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Oestruc, 300, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Oestruc {
@@ -64,89 +43,59 @@ const NAME: &str = "oestruc";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "oestruc",
-        "best output-error model B/F over all delays (nb 1, nf 2): the most accurate on open-loop data",
-        Oestruc,
-        dyn DelayEstimator
-    ),
-    class: Class::Parametric,
-    scope: Scope::Pair,
     start: Start::Rest,
-    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
     basis: Basis::OutputError,
-    tolerance: WHOLE,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "open loop, a stable plant of low order that rests at the start",
     blind_to: "fractions of a sample; what an unstable plant or feedback does",
-    exempt: &[],
+    ..method_line!(
+        "oestruc",
+        "best output-error model B/F over all delays (nb 1, nf 2): the most accurate on open-loop data",
+        Oestruc,
+        Parametric
+    )
 };
 
-impl DelayEstimator for Oestruc {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        let orders = OutputError { nb: self.nb, nf: self.nf, initial: self.initial };
-        check(NAME, &orders, self.max_samples)?;
-        one_pair(experiment, search, |records, max_delay, bias| {
-            let Profile { fits, posterior, note, .. } = match profile(
-                NAME,
-                orders,
-                self.max_samples,
-                records,
-                max_delay,
-                Weighing::Best,
-                &search.stop,
-            )? {
-                Ok(profile) => profile,
-                Err(answer) if self.always_answers => {
-                    return Ok(self.anyway(answer, orders, records, max_delay, bias, experiment));
-                }
-                Err(answer) => return Ok(answer),
-            };
-            // The published rule does not ask whether the search for that delay's model came to an end.
-            let best = Some(&fits)
-                .filter(|_| self.always_answers)
-                .and_then(|f| smallest(f))
-                .unwrap_or(posterior.best);
-            let raw = best as f64;
-            let [from, to] = posterior.ends;
-            let interval = posterior::first_coefficient(from, to, bias);
-            let at_edge = best == max_delay && !self.always_answers;
-            Ok(DelayEstimate::counted(
-                raw,
-                posterior.std,
-                interval,
-                at_edge,
-                bias,
-                experiment.sample_time(),
-            )
-            .noting(note))
-        })
+impl PairMethod for Oestruc {
+    fn check(&self) -> Result<(), DelayError> {
+        check(NAME, &self.orders(), self.max_samples)
+    }
+
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let scan = OeScan { name: NAME, orders: self.orders(), max_samples: self.max_samples };
+        let Profile { fits, posterior, note, .. } = match scan.profile(pair, Weighing::Best) {
+            Ok(profile) => profile,
+            Err(NoDelay::Answer(answer)) if self.always_answers => {
+                return Ok(self.anyway(answer, pair));
+            }
+            Err(none) => return Err(none),
+        };
+        // The published rule does not ask whether the search for that delay's model came to an end.
+        let best = Some(&fits)
+            .filter(|_| self.always_answers)
+            .and_then(|f| smallest(f))
+            .unwrap_or(posterior.best);
+        let interval = posterior.first_coefficient(pair.bias);
+        let at_edge = best == pair.max_delay && !self.always_answers;
+        Ok(pair.counted_at(best as f64, posterior.std, interval, at_edge).noting(note))
     }
 }
 
 impl Oestruc {
+    fn orders(&self) -> OutputError {
+        OutputError { nb: self.nb, nf: self.nf, initial: self.initial }
+    }
+
     /// The delay of the smallest loss in place of an answer without one; where there is no finite loss, that answer.
-    fn anyway(
-        &self,
-        answer: DelayEstimate,
-        orders: OutputError,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> DelayEstimate {
-        let fits = orders.scan(&shortened(records, self.max_samples).0, max_delay);
+    fn anyway(&self, answer: DelayEstimate, pair: &PairRecords) -> DelayEstimate {
+        let records = shortened(pair.records, self.max_samples).0;
+        let fits = self.orders().scan(&records, pair.max_delay);
         let Some(best) = smallest(&fits) else { return answer };
-        let (raw, window) = (best as f64, max_delay as f64);
+        let (raw, window) = (best as f64, pair.max_delay as f64);
         // Nothing speaks for it: as uncertain as a delay anywhere in the window.
         let std = window * posterior::RESOLUTION.sqrt();
-        DelayEstimate::counted(raw, std, [0.0, window], false, bias, experiment.sample_time())
-            .noting(answer.note)
+        pair.counted_at(raw, std, [0.0, window], false).noting(answer.note)
     }
 }
 

@@ -1,13 +1,13 @@
 //! What the losses of an output-error scan say, for every method that reads its delay from one.
 
 use super::evidence::log_evidence;
-use crate::error::DelayError;
-use crate::estimate::{DelayEstimate, Outcome};
+use crate::error::{DelayError, LengthRemedy};
+use crate::estimate::Outcome;
+use crate::estimator::{NoDelay, PairRecords, long_enough, options};
 use crate::posterior;
 use crate::posterior::Posterior;
 use deadtime_identify::{Initial, MAX_OE_ORDER, OeFit, OutputError, Record, largest_pole, power};
 use deadtime_signal::fit::Stopped;
-use deadtime_signal::stop::Stop;
 
 /// An output-error scan against which nothing speaks.
 pub(super) struct Profile<'a> {
@@ -32,22 +32,18 @@ pub(super) enum Weighing {
     Average,
 }
 
-/// Options out of their range.
+/// Refuses options out of their range.
 pub(super) fn check(
     name: &'static str,
     orders: &OutputError,
     max_samples: usize,
 ) -> Result<(), DelayError> {
-    for (option, value, ok, allowed) in [
-        ("nb", orders.nb, orders.nb >= 1, "1 or more"),
-        ("nf", orders.nf, orders.nf <= MAX_OE_ORDER, "at most 16"),
-        ("max_samples", max_samples, max_samples >= 1, "1 or more"),
-    ] {
-        if !ok {
-            return Err(DelayError::Option { method: name, option, value: value as f64, allowed });
-        }
-    }
-    Ok(())
+    let rows = [
+        ("nb", orders.nb as f64, orders.nb >= 1, "1 or more"),
+        ("nf", orders.nf as f64, orders.nf <= MAX_OE_ORDER, "at most 16"),
+        ("max_samples", max_samples as f64, max_samples >= 1, "1 or more"),
+    ];
+    options(name, rows)
 }
 
 /// The records as far as `max_samples` reach, and the note that says so.
@@ -72,105 +68,133 @@ pub(super) fn model(records: &[Record], residuals: &[f64]) -> Vec<f64> {
 /// Noise of which so many samples say no more than one is slow.
 const SLOW: f64 = 4.0;
 
-/// The scan of `orders`, or the answer that takes its place: nothing moves, nothing is seen, many delays fit alike, no minimum.
-pub(super) fn profile<'a>(
-    name: &'static str,
-    orders: OutputError,
-    max_samples: usize,
-    records: &'a [Record<'_>],
-    max_delay: usize,
-    weighing: Weighing,
-    stop: &Stop,
-) -> Result<Result<Profile<'a>, DelayEstimate>, DelayError> {
-    let parameters = orders.nb + orders.nf;
-    let needed = max_delay + orders.nb + 3 * parameters;
-    let got = records.iter().map(Record::len).max().unwrap_or(0);
-    if got < needed {
-        return Err(DelayError::TooShort {
-            method: name,
-            needed,
-            got,
-            remedy: crate::error::LengthRemedy::Window,
-        });
+/// An output-error scan over all delays.
+pub(super) struct OeScan {
+    /// The method that asks for it.
+    pub(super) name: &'static str,
+    /// Orders and start of the models.
+    pub(super) orders: OutputError,
+    /// Longest part of a record that is used, samples.
+    pub(super) max_samples: usize,
+}
+
+/// What is left of the output behind the model of the smallest loss.
+struct Remainder {
+    residuals: Vec<f64>,
+    /// It is rounding.
+    exact: bool,
+    /// Independent samples among the residuals.
+    independent: f64,
+}
+
+impl OeScan {
+    /// The scan, or the answer that takes its place: nothing moves, nothing is seen, many delays
+    /// fit alike, no minimum.
+    pub(super) fn profile<'a>(
+        &self,
+        pair: &PairRecords<'a>,
+        weighing: Weighing,
+    ) -> Result<Profile<'a>, NoDelay> {
+        let Self { name, orders, max_samples } = self;
+        let needed = pair.max_delay + orders.nb + 3 * (orders.nb + orders.nf);
+        let got = pair.records.iter().map(Record::len).max().unwrap_or(0);
+        long_enough(name, needed, got, LengthRemedy::Window)?;
+        let (records, note) = shortened(pair.records, *max_samples);
+        let fits = orders.scan_until(&records, pair.max_delay, pair.stop);
+        let losses: Vec<f64> =
+            fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect();
+        let power = power(&records);
+        let floor = posterior::ROUNDING * power;
+        let remainder = self.remainder(&records, &fits, &losses, floor)?;
+        let (samples, independent) = (remainder.residuals.len() as f64, remainder.independent);
+        let averaged = (weighing == Weighing::Average)
+            .then(|| log_evidence(orders, &records, &fits, floor, samples, independent))
+            .flatten();
+        let exact = || losses.iter().filter(|&&v| v <= floor).count();
+        let posterior = match averaged {
+            Some(logs) => posterior::from_logs(&logs, exact()),
+            None => posterior::posterior(&losses, power, independent),
+        };
+        let posterior = posterior.ok_or_else(NoDelay::overflow)?;
+        let gain = (power / losses[posterior.best].max(f64::MIN_POSITIVE)).ln();
+        self.seen(&pair.with(&records), &remainder, gain)?;
+        // An output-error model that fits exactly does so for as many delays as it has numerator coefficients; more mean that the data do not tell them apart.
+        if posterior.is_flat() || posterior.ties > orders.nb {
+            return Err(NoDelay::flat(posterior.set.max(posterior.ties), pair.max_delay + 1));
+        }
+        let best = settled(&fits, &posterior, floor)?;
+        let posterior = Posterior { best, ..posterior };
+        Ok(Profile { fits, posterior, per_independent: samples / independent, records, note })
     }
-    let (records, note) = shortened(records, max_samples);
-    let fits = orders.scan_until(&records, max_delay, stop);
-    let losses: Vec<f64> = fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect();
-    let power = power(&records);
-    let floor = posterior::ROUNDING * power;
-    let without = |outcome, note: String| Ok(Err(DelayEstimate::without(outcome, note)));
-    let smallest = losses.iter().copied().filter(|v| v.is_finite()).min_by(f64::total_cmp);
-    let Some(at) = smallest.and_then(|v| losses.iter().position(|&l| l == v)) else {
-        return without(
-            Outcome::NotRichEnough,
-            "the input is zero wherever a model could use it".to_owned(),
-        );
-    };
-    let residuals = fits[at]
-        .as_ref()
-        .and_then(|fit| orders.residuals(&records, at, &fit.f))
-        .unwrap_or_default();
-    // Residuals of rounding size are correlated as rounding happens to be, which says nothing of how much the data know.
-    let samples = residuals.len() as f64;
-    let exact = losses[at] <= floor;
-    let independent = if exact { samples } else { posterior::effective_samples(&residuals) };
-    let averaged = (weighing == Weighing::Average)
-        .then(|| log_evidence(&orders, &records, &fits, floor, samples, independent))
-        .flatten();
-    let posterior = match averaged {
-        Some(logs) => posterior::from_logs(&logs, losses.iter().filter(|&&v| v <= floor).count()),
-        None => posterior::posterior(&losses, power, independent),
-    };
-    let Some(posterior) = posterior else {
-        return without(
-            Outcome::Singular,
-            "no delay has a finite loss: the numbers overflow; scale the channels".to_owned(),
-        );
-    };
-    let best = posterior.best;
-    let delays = max_delay + 1;
-    let counting = if exact {
-        independent
-    } else {
-        posterior::samples_under(&model(&records, &residuals), &residuals)
-    };
-    let gain = counting * (power / losses[best].max(f64::MIN_POSITIVE)).ln();
-    let free = parameters + if orders.initial == Initial::Estimated { orders.nf } else { 0 };
-    // A pole pair may settle on any band: of N/2 narrow ones, of half as many that are twice as wide, and so on, N in all. These are tries too.
-    let tried = delays + if orders.nf >= 2 { counting as usize } else { 0 };
-    if gain < posterior::visible_gain(free, tried) {
-        let note = format!(
-            "no model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input"
-        );
-        return without(Outcome::NotVisible, note);
+
+    /// What the model of the smallest loss leaves.
+    fn remainder(
+        &self,
+        records: &[Record],
+        fits: &[Option<OeFit>],
+        losses: &[f64],
+        floor: f64,
+    ) -> Result<Remainder, NoDelay> {
+        let smallest = losses.iter().copied().filter(|v| v.is_finite()).min_by(f64::total_cmp);
+        let Some(at) = smallest.and_then(|v| losses.iter().position(|&l| l == v)) else {
+            let note = "the input is zero wherever a model could use it";
+            return Err(NoDelay::new(Outcome::NotRichEnough, note));
+        };
+        let residuals = fits[at]
+            .as_ref()
+            .and_then(|fit| self.orders.residuals(records, at, &fit.f))
+            .unwrap_or_default();
+        // Residuals of rounding size are correlated as rounding happens to be, which says nothing of how much the data know.
+        let exact = losses[at] <= floor;
+        let independent =
+            if exact { residuals.len() as f64 } else { posterior::effective_samples(&residuals) };
+        Ok(Remainder { residuals, exact, independent })
     }
-    // Under noise as slow as this two things that have nothing to do with each other drift alike: the whitened view of an ARX model must see the input too.
-    let complete = records.iter().all(|r| r.present.is_none());
-    if let Some(note) = (complete && !exact && SLOW * independent < samples)
-        .then(|| posterior::unseen(&records, max_delay))
-        .flatten()
-    {
-        return without(Outcome::NotVisible, note);
+
+    /// The output visibly follows the input: the best model takes so much, `gain`, off the
+    /// logarithm of its power.
+    fn seen(&self, pair: &PairRecords, remainder: &Remainder, gain: f64) -> Result<(), NoDelay> {
+        let Remainder { residuals, exact, independent } = remainder;
+        let orders = &self.orders;
+        let counting = if *exact {
+            *independent
+        } else {
+            posterior::samples_under(&model(pair.records, residuals), residuals)
+        };
+        let gain = counting * gain;
+        let start = if orders.initial == Initial::Estimated { orders.nf } else { 0 };
+        // A pole pair may settle on any band: of N/2 narrow ones, of half as many that are twice as wide, and so on, N in all. These are tries too.
+        let tried = pair.max_delay + 1 + if orders.nf >= 2 { counting as usize } else { 0 };
+        if gain < posterior::visible_gain(orders.nb + orders.nf + start, tried) {
+            let note = format!(
+                "no model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input"
+            );
+            return Err(NoDelay::new(Outcome::NotVisible, note));
+        }
+        // Under noise as slow as this two things that have nothing to do with each other drift alike: the whitened view of an ARX model must see the input too.
+        let complete = pair.records.iter().all(|r| r.present.is_none());
+        if complete && !exact && SLOW * independent < residuals.len() as f64 {
+            pair.visible()?;
+        }
+        Ok(())
     }
-    // An output-error model that fits exactly does so for as many delays as it has numerator coefficients; more mean that the data do not tell them apart.
-    if posterior.is_flat() || posterior.ties > orders.nb {
-        let same = posterior.set.max(posterior.ties);
-        return without(Outcome::Flat, format!("{same} of {delays} delays fit equally well"));
-    }
-    // A search that ends at the edge of stability leaves no model; where the data allow another delay that has one, that one is the answer.
+}
+
+/// The most probable delay of the set whose model is at a minimum: a search that ends at the edge
+/// of stability leaves no model.
+fn settled(fits: &[Option<OeFit>], posterior: &Posterior, floor: f64) -> Result<usize, NoDelay> {
     // One that leaves nothing but rounding has nothing left to find.
     let converged = |nk: &usize| {
         fits[*nk].as_ref().is_some_and(|fit| fit.stopped.converged() || fit.loss <= floor)
     };
-    let Some(settled) = posterior.order[..posterior.set].iter().copied().find(converged) else {
+    let best = posterior.best;
+    posterior.order[..posterior.set].iter().copied().find(converged).ok_or_else(|| {
         let (stopped, pole) = fits[best]
             .as_ref()
             .map_or((Stopped::Undefined, f64::NAN), |fit| (fit.stopped, largest_pole(&fit.f)));
         let note = format!(
             "the optimiser stopped without a minimum ({stopped:?}) at nk = {best}, poles at |z| up to {pole:.4}: an unstable or integrating plant, or feedback"
         );
-        return without(Outcome::NotConverged, note);
-    };
-    let posterior = Posterior { best: settled, ..posterior };
-    Ok(Ok(Profile { fits, posterior, per_independent: samples / independent, records, note }))
+        NoDelay::new(Outcome::NotConverged, note)
+    })
 }

@@ -4,17 +4,15 @@
 
 use nalgebra::DVector;
 
-use super::profile::{Profile, Weighing, check, profile};
+use super::profile::{OeScan, Profile, Weighing, check};
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
+use crate::estimator::{NoDelay, PairMethod, PairRecords};
 use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+    Basis, Condition, Information, Law, Method, ReferenceExperiment, Start, method_line,
 };
 use crate::posterior;
 use deadtime_identify::{Initial, OeFit, OutputError};
-use deadtime_signal::registry::entry;
 use deadtime_signal::stats::NORMAL_95;
 
 /// Inputs: u, y on one even grid, u held between samples. Output: seconds, positive = y lags u, a fraction of a sample included.
@@ -66,14 +64,6 @@ const NAME: &str = "sampling_zero";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "sampling_zero",
-        "fraction of a sample from the zero of a first-order model: closed form, for one lag and a dead time",
-        SamplingZero,
-        dyn DelayEstimator
-    ),
-    class: Class::Parametric,
-    scope: Scope::Pair,
     start: Start::Rest,
     reference: ReferenceExperiment::Process { poles: 1, zero: false },
     information: Information::Poles(1),
@@ -83,46 +73,36 @@ pub(crate) const METHOD: Method = Method {
     needs: "one lag longer than a sample, a held input, open loop, rest at the start",
     blind_to: "a second lag, which it takes for delay; the fraction where the lag is short",
     exempt: &[(Law::Exact, "it models one lag and takes any other for dead time")],
+    ..method_line!(
+        "sampling_zero",
+        "fraction of a sample from the zero of a first-order model: closed form, for one lag and a dead time",
+        SamplingZero,
+        Parametric
+    )
 };
 
-impl DelayEstimator for SamplingZero {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        let orders = OutputError { nb: 2, nf: 1, initial: self.initial };
-        check(NAME, &orders, self.max_samples)?;
-        one_pair(experiment, search, |records, max_delay, bias| {
-            let profile = match profile(
-                NAME,
-                orders,
-                self.max_samples,
-                records,
-                max_delay,
-                Weighing::Best,
-                &search.stop,
-            )? {
-                Ok(profile) => profile,
-                Err(answer) => return Ok(answer),
-            };
-            let Some(answer) = read(&orders, &profile) else {
-                return Ok(DelayEstimate::without(
-                    Outcome::Singular,
-                    "numerator and pole cannot be told apart on this record",
-                ));
-            };
-            let at_edge = answer.raw + 0.5 >= as_f64(max_delay);
-            let estimate = DelayEstimate::counted(
-                answer.raw,
-                answer.std,
-                answer.interval,
-                at_edge,
-                bias,
-                experiment.sample_time(),
-            );
-            Ok(estimate.noting(profile.note).noting(answer.note))
-        })
+impl PairMethod for SamplingZero {
+    fn check(&self) -> Result<(), DelayError> {
+        check(NAME, &self.orders(), self.max_samples)
+    }
+
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let orders = self.orders();
+        let scan = OeScan { name: NAME, orders, max_samples: self.max_samples };
+        let profile = scan.profile(pair, Weighing::Best)?;
+        let Some(ZeroReading { raw, std, interval, note }) = read(&orders, &profile) else {
+            let note = "numerator and pole cannot be told apart on this record";
+            return Err(NoDelay::new(Outcome::Singular, note));
+        };
+        let at_edge = raw + 0.5 >= as_f64(pair.max_delay);
+        let estimate = pair.counted_at(raw, std, interval, at_edge);
+        Ok(estimate.noting(profile.note).noting(note))
+    }
+}
+
+impl SamplingZero {
+    fn orders(&self) -> OutputError {
+        OutputError { nb: 2, nf: 1, initial: self.initial }
     }
 }
 
@@ -131,7 +111,7 @@ fn as_f64(count: usize) -> f64 {
 }
 
 /// A delay in samples, whole and fraction.
-struct Answer {
+struct ZeroReading {
     raw: f64,
     std: f64,
     interval: [f64; 2],
@@ -139,7 +119,7 @@ struct Answer {
 }
 
 /// A delay among those that fit about as well as the best, and what its zero says.
-struct Candidate {
+struct Fraction {
     nk: usize,
     weight: f64,
     /// The fraction that the formula gives, and its standard deviation; `None` where the zero shows none.
@@ -148,7 +128,7 @@ struct Candidate {
     begins: bool,
 }
 
-impl Candidate {
+impl Fraction {
     fn new(orders: &OutputError, profile: &Profile, nk: usize, fit: &OeFit) -> Option<Self> {
         let (&[b1, b2], &[f1]) = (fit.b.as_slice(), fit.f.as_slice()) else { return None };
         let covariance = orders.covariance(&profile.records, nk, &fit.f)? * profile.per_independent;
@@ -200,12 +180,12 @@ fn fraction([b1, b2, p]: [f64; 3]) -> Option<f64> {
 /// Delays with less than this share of the best one's probability are not looked at.
 const SHARE: f64 = 0.05;
 
-fn read(orders: &OutputError, profile: &Profile) -> Option<Answer> {
+fn read(orders: &OutputError, profile: &Profile) -> Option<ZeroReading> {
     let weights = &profile.posterior.weights;
     let least = SHARE * weights.get(profile.posterior.best)?;
-    let candidates: Vec<Candidate> = (profile.fits.iter().enumerate())
+    let candidates: Vec<Fraction> = (profile.fits.iter().enumerate())
         .filter(|(nk, _)| weights.get(*nk).is_some_and(|w| *w >= least))
-        .filter_map(|(nk, fit)| Candidate::new(orders, profile, nk, fit.as_ref()?))
+        .filter_map(|(nk, fit)| Fraction::new(orders, profile, nk, fit.as_ref()?))
         .collect();
     let [from, to] = profile.posterior.ends;
     let possible = candidates
@@ -226,7 +206,7 @@ fn read(orders: &OutputError, profile: &Profile) -> Option<Answer> {
             format!("the zero asks for {l:.2} of a sample: not one lag and a dead time, but more lags, or an input that is not held")
         });
         // The posterior's own grid is resolved by the fraction; what is left of the standard deviation must not vanish on exact data.
-        return Some(Answer {
+        return Some(ZeroReading {
             raw,
             std: (std * std + spread).sqrt().max(LEAST_STD),
             interval,
@@ -236,7 +216,7 @@ fn read(orders: &OutputError, profile: &Profile) -> Option<Answer> {
     let whole = candidates.iter().rev().find(|c| c.begins).or_else(|| candidates.last())?;
     let raw = as_f64(whole.nk);
     let interval = [raw.min(from), raw.max(to) + 1.0];
-    Some(Answer {
+    Some(ZeroReading {
         raw,
         std: (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt(),
         interval,

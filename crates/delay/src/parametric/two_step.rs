@@ -4,16 +4,12 @@
 //! then over (b, f₁, f₂) for fixed n + λ, until neither moves.
 
 use super::profile::shortened;
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, noted, options};
+use crate::method::{Condition, Information, Law, Method, Start, method_line, plant_example};
 use crate::posterior;
 use deadtime_identify::{Initial, OeFit, OutputError, Record, filtered, largest_pole, power};
-use deadtime_signal::registry::entry;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u, a fraction of a sample included.
 ///
@@ -25,23 +21,7 @@ use deadtime_signal::registry::entry;
 /// than their dead time says, one lag a few hundredths earlier. Which of them the plant is cannot be seen from the model, and the interval reaches to both.
 /// Source: the scheme of class 2b in Björklund (2003), LiU-TEK-LIC-2003:60, p. 14, who lists such methods without preferring one. The source leaves
 /// the model, the starts and the end of the turns open; all three are ours.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Search, TwoStep};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(300, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 300];
-/// for t in 5..300 {
-///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = TwoStep::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-3);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(TwoStep, 300, 0.8, 1e-3)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TwoStep {
@@ -61,18 +41,8 @@ const NAME: &str = "two_step";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "two_step",
-        "two lags for a fixed delay and the delay for fixed lags in turns, to fractions of a sample",
-        TwoStep,
-        dyn DelayEstimator
-    ),
-    class: Class::Parametric,
-    scope: Scope::Pair,
     start: Start::Rest,
-    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
-    basis: Basis::Own,
     tolerance: 0.2,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "open loop, a stable plant of low order that rests at the start",
@@ -81,6 +51,12 @@ pub(crate) const METHOD: Method = Method {
         Law::Exact,
         "a direct path beside slow motion is two input coefficients, which it takes for a fraction of a sample",
     )],
+    ..method_line!(
+        "two_step",
+        "two lags for a fixed delay and the delay for fixed lags in turns, to fractions of a sample",
+        TwoStep,
+        Parametric
+    )
 };
 
 /// Denominators to start from: slow, fast and oscillating.
@@ -94,38 +70,21 @@ const ROWS: usize = 12;
 
 const MODEL: OutputError = OutputError { nb: 1, nf: 2, initial: Initial::Zero };
 
-impl DelayEstimator for TwoStep {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        for (option, value) in [("max_turns", self.max_turns), ("max_samples", self.max_samples)] {
-            if value == 0 {
-                return Err(DelayError::Option {
-                    method: NAME,
-                    option,
-                    value: 0.0,
-                    allowed: "1 or more",
-                });
-            }
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            let (needed, got) = (max_delay + 1 + ROWS, experiment.longest());
-            if got < needed {
-                return Err(DelayError::TooShort {
-                    method: NAME,
-                    needed,
-                    got,
-                    remedy: crate::error::LengthRemedy::Window,
-                });
-            }
-            if let Some(note) = posterior::unseen(records, max_delay) {
-                return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-            }
-            let (records, note) = shortened(records, self.max_samples);
-            Ok(self.pair(&records, max_delay, bias, experiment).noting(note))
-        })
+impl PairMethod for TwoStep {
+    fn check(&self) -> Result<(), DelayError> {
+        let at_least_one = |name, value: usize| (name, value as f64, value >= 1, "1 or more");
+        let Self { max_turns, max_samples } = *self;
+        options(
+            NAME,
+            [at_least_one("max_turns", max_turns), at_least_one("max_samples", max_samples)],
+        )
+    }
+
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        pair.at_least(NAME, pair.max_delay + 1 + ROWS, LengthRemedy::Window)?;
+        pair.visible()?;
+        let (records, note) = shortened(pair.records, self.max_samples);
+        noted(self.rest(&pair.with(&records)), note)
     }
 }
 
@@ -137,28 +96,22 @@ struct Rest {
 }
 
 impl TwoStep {
-    fn pair(
-        &self,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> DelayEstimate {
+    /// The delay at which the best turns came to rest.
+    fn rest(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let &PairRecords { records, max_delay, .. } = pair;
         let mut rests: Vec<Rest> =
             STARTS.iter().filter_map(|start| self.turns(records, max_delay, start)).collect();
         rests.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
         let Some(best) = rests.first() else {
-            return DelayEstimate::without(
-                Outcome::NotRichEnough,
-                "the input is zero wherever a model could use it",
-            );
+            let note = "the input is zero wherever a model could use it";
+            return Err(NoDelay::new(Outcome::NotRichEnough, note));
         };
         if !best.came_to_rest || !best.fit.stopped.converged() {
             let note = format!(
                 "delay and lags had not come to rest after {} turns (at {:.2} samples)",
                 self.max_turns, best.delay
             );
-            return DelayEstimate::without(Outcome::NotConverged, note);
+            return Err(NoDelay::new(Outcome::NotConverged, note));
         }
         let residuals =
             MODEL.residuals(&interpolated(records, best.delay), 0, &best.fit.f).unwrap_or_default();
@@ -175,33 +128,24 @@ impl TwoStep {
             let note = format!(
                 "every delay from {from:.1} to {to:.1} samples fits: other lags make up for it"
             );
-            return DelayEstimate::without(Outcome::Flat, note);
+            return Err(NoDelay::new(Outcome::Flat, note));
         }
         // Other minima count as far as they are probable.
         let rivals: Vec<&Rest> = rests.iter().filter(|r| gain(r.fit.loss) <= LIKELY).collect();
         // A plant as fast as its sampling bends its lags until any fraction fits: one is taken only where the data ask for it.
         let whole = nearest_whole(records, best, max_delay)
             .filter(|w| gain(w.fit.loss) <= independent.ln());
-        let delay = whole.as_ref().map_or(best.delay, |w| w.delay);
-        let (from, to) = rivals.iter().fold((from.min(delay), to.max(delay)), |(from, to), r| {
-            (from.min(r.delay), to.max(r.delay))
+        let delay = whole.map_or(best.delay, |w| w.delay);
+        let ends = rivals.iter().fold([from.min(delay), to.max(delay)], |[from, to], r| {
+            [from.min(r.delay), to.max(r.delay)]
         });
-        // What the hold makes of one lag and of two.
-        let (_, share) = split(delay);
-        let (earlier, later) = (two_lags(&best.fit.f), one_lag(&best.fit.f, share) - share);
-        let (from, to) = (from - earlier, to + later.max(0.0));
+        let [from, to] = behind_the_hold(ends, delay, &best.fit.f);
         let std = ((to - from) / 3.92).max(LEAST_STD);
         let apart = rivals.iter().map(|r| (r.delay - best.delay).abs()).fold(0.0, f64::max);
         let note = (apart > 0.5)
             .then(|| format!("another minimum, {apart:.1} samples away, is nearly as good"));
-        let at_edge = delay + 0.5 >= longest;
-        let estimate =
-            DelayEstimate::counted(delay, std, [from, to], at_edge, bias, experiment.sample_time())
-                .noting(note);
-        DelayEstimate {
-            raw_delay_s: Some(experiment.sample_time().to_seconds(best.delay)),
-            ..estimate
-        }
+        let estimate = pair.counted_at(delay, std, [from, to], delay + 0.5 >= longest);
+        Ok(estimate.noting(note).with_raw_s(pair.seconds(best.delay)))
     }
 
     /// Turns from one start until the delay stands still.
@@ -244,6 +188,13 @@ impl TwoStep {
         }
         Some(Rest { delay, fit, came_to_rest: false })
     }
+}
+
+/// The ends of an interval, moved by what the hold makes of one lag and of two.
+fn behind_the_hold([from, to]: [f64; 2], delay: f64, f: &[f64]) -> [f64; 2] {
+    let (_, share) = split(delay);
+    let (earlier, later) = (two_lags(f), one_lag(f, share) - share);
+    [from - earlier, to + later.max(0.0)]
 }
 
 /// The share of the second coefficient in a hold's numerator of two lags with these sampled poles and no delay; 0 where no continuous plant has them.

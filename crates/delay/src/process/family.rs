@@ -4,19 +4,18 @@
 
 use super::chain::Shape;
 use super::fit::{Found, Place, Problem};
-use super::orders::Misfit;
-use crate::error::DelayError;
-use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, joint_inputs, one_pair};
+use crate::error::{DelayError, LengthRemedy};
+use crate::estimate::{DelayEstimate, Misfit, Outcome};
+use crate::estimator::{
+    DelayEstimator, NoDelay, PairRecords, Search, first_of, joint_inputs, one_pair, options,
+};
 use crate::experiment::Experiment;
-use crate::method::WHOLE;
 use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
+    Condition, Information, Law, Method, ReferenceExperiment, Start, WHOLE, method_line,
 };
 use crate::parametric::arxstruc::Others;
 use crate::posterior;
 use deadtime_identify::{Initial, Record};
-use deadtime_signal::registry::entry;
 use deadtime_signal::stats::NORMAL_95;
 use deadtime_signal::stop::Stop;
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -97,9 +96,10 @@ impl Default for Process {
     }
 }
 
-/// One method: its type, its line in the list, and the model that it fits.
+/// The methods, one a line: type, line in the list, name, summary, poles, zero, tolerance, what it
+/// withstands, what it is exempt from, and the model that it fits.
 macro_rules! process {
-    ($type:ident, $line:ident, $name:literal, $summary:literal, $poles:literal, $zero:literal, $tolerance:expr, $withstands:expr, $exempt:expr, $model:literal) => {
+    ($($type:ident, $line:ident, $name:literal, $summary:literal, $poles:literal, $zero:literal, $tolerance:expr, $withstands:expr, $exempt:expr, $model:literal;)+) => {$(
         #[doc = $model]
         #[doc = "\n\nOptions, assumptions and failures as [`Process`] has them."]
         #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -108,18 +108,15 @@ macro_rules! process {
 
         #[doc = $model]
         pub(crate) const $line: Method = Method {
-            entry: entry!($name, $summary, $type, dyn DelayEstimator),
-            class: Class::Process,
-            scope: Scope::Pair,
             start: Start::Rest,
             reference: ReferenceExperiment::Process { poles: $poles, zero: $zero },
             information: Information::Poles($poles),
-            basis: Basis::Own,
             tolerance: $tolerance,
             withstands: $withstands,
             needs: "open loop, a held input, a stable plant of its order that rests at the start",
             blind_to: "poles beyond its own: it takes their lag for dead time; what an unstable plant or feedback does",
             exempt: $exempt,
+            ..method_line!($name, $summary, $type, Process)
         };
 
         impl DelayEstimator for $type {
@@ -131,7 +128,7 @@ macro_rules! process {
                 self.0.others == Others::Regressors && !Shape { poles: $poles, zero: $zero }.whole()
             }
         }
-    };
+    )+};
 }
 
 pub(super) const LAG: &[Condition] =
@@ -195,83 +192,20 @@ pub(super) const OVERSIZED: &[(Law, &str)] = &[
 pub(super) const WITH_ZERO: &[Condition] =
     &[Condition::Dynamics, Condition::MissingOutputs, Condition::OtherInputs];
 
-process!(
-    P1d,
-    P1D,
-    "p1d",
-    "continuous model of one pole, fractional dead time",
-    1,
-    false,
-    0.1,
-    LAG,
-    CONTINUOUS,
-    "K/(1 + T₁s)·e^(−τs)."
-);
-
-process!(
-    P2d,
-    P2D,
-    "p2d",
-    "continuous model of two poles, fractional dead time: the finest answer on open-loop data",
-    2,
-    false,
-    0.1,
-    LAGS,
-    SECOND_POLE,
-    "K/((1 + T₁s)(1 + T₂s))·e^(−τs)."
-);
-
-process!(
-    P3d,
-    P3D,
-    "p3d",
-    "continuous model of three poles, fractional dead time",
-    3,
-    false,
-    0.1,
-    LAGS,
-    THIRD_POLE,
-    "K/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs)."
-);
-
-process!(
-    P1dz,
-    P1DZ,
-    "p1dz",
-    "continuous model of one pole and a zero (a direct path), fractional dead time",
-    1,
-    true,
-    WHOLE,
-    LAG_WITH_ZERO,
-    CONTINUOUS,
-    "K(1 + T_z·s)/(1 + T₁s)·e^(−τs)."
-);
-
-process!(
-    P2dz,
-    P2DZ,
-    "p2dz",
-    "continuous model of two poles and a zero, fractional dead time",
-    2,
-    true,
-    1.0,
-    WITH_ZERO,
-    NEARLY_FLAT,
-    "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s))·e^(−τs)."
-);
-
-process!(
-    P3dz,
-    P3DZ,
-    "p3dz",
-    "continuous model of three poles and a zero, fractional dead time",
-    3,
-    true,
-    1.0,
-    WITH_ZERO,
-    OVERSIZED,
-    "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs)."
-);
+process! {
+    P1d, P1D, "p1d", "continuous model of one pole, fractional dead time",
+        1, false, 0.1, LAG, CONTINUOUS, "K/(1 + T₁s)·e^(−τs).";
+    P2d, P2D, "p2d", "continuous model of two poles, fractional dead time: the finest answer on open-loop data",
+        2, false, 0.1, LAGS, SECOND_POLE, "K/((1 + T₁s)(1 + T₂s))·e^(−τs).";
+    P3d, P3D, "p3d", "continuous model of three poles, fractional dead time",
+        3, false, 0.1, LAGS, THIRD_POLE, "K/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs).";
+    P1dz, P1DZ, "p1dz", "continuous model of one pole and a zero (a direct path), fractional dead time",
+        1, true, WHOLE, LAG_WITH_ZERO, CONTINUOUS, "K(1 + T_z·s)/(1 + T₁s)·e^(−τs).";
+    P2dz, P2DZ, "p2dz", "continuous model of two poles and a zero, fractional dead time",
+        2, true, 1.0, WITH_ZERO, NEARLY_FLAT, "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s))·e^(−τs).";
+    P3dz, P3DZ, "p3dz", "continuous model of three poles and a zero, fractional dead time",
+        3, true, 1.0, WITH_ZERO, OVERSIZED, "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs).";
+}
 
 impl Process {
     fn run(
@@ -281,118 +215,51 @@ impl Process {
         experiment: &Experiment,
         search: &Search,
     ) -> Result<DelayEstimate, DelayError> {
-        let option = |option, value, allowed| DelayError::Option { method, option, value, allowed };
-        if self.max_samples == 0 {
-            return Err(option("max_samples", 0.0, "1 or more"));
-        }
-        if let Some(value) = self.initial_delay_s.filter(|v| !(v.is_finite() && *v >= 0.0)) {
-            return Err(option("initial_delay_s", value, "0 or more"));
-        }
+        let first = self.initial_delay_s;
+        let first_ok = first.is_none_or(|v| v.is_finite() && v >= 0.0);
+        let rows = [
+            ("max_samples", self.max_samples as f64, self.max_samples >= 1, "1 or more"),
+            ("initial_delay_s", first.unwrap_or_default(), first_ok, "0 or more"),
+        ];
+        options(method, rows)?;
         // Raw delays count the sample that a hold takes to show; here it is in the model.
         let search = Search { min_delay: search.min_delay.saturating_sub(1), ..search.clone() };
         if self.others == Others::Regressors && !shape.whole() && experiment.inputs().len() > 1 {
-            let all = joint_inputs(experiment, &search, |inputs, max_delay, _| {
-                let Some((first, others)) = inputs.split_first() else { return Ok(Vec::new()) };
-                Ok(vec![self.pair(
-                    method,
-                    shape,
-                    (first, others),
-                    max_delay,
-                    experiment,
-                    &search.stop,
-                )?])
-            })?;
-            return all.into_iter().next().ok_or(DelayError::Count {
-                what: "inputs",
-                needed: 1,
-                got: 0,
-            });
+            return first_of(joint_inputs(experiment, &search, |pairs| {
+                let Some((first, others)) = pairs.split_first() else { return Ok(Vec::new()) };
+                let answer = self.pair(method, shape, first, others);
+                Ok(vec![answer.or_else(NoDelay::answered)?])
+            })?);
         }
-        one_pair(experiment, &search, |records, max_delay, _| {
-            self.pair(method, shape, (records, &[]), max_delay, experiment, &search.stop)
-        })
+        one_pair(experiment, &search, |pair| self.pair(method, shape, pair, &[]))
     }
 
+    /// The delay of one input, given the others.
     fn pair(
         &self,
         method: &'static str,
         shape: Shape,
-        (records, others): (&[Record], &[Vec<Record>]),
-        max_delay: usize,
-        experiment: &Experiment,
-        stop: &Stop,
-    ) -> Result<DelayEstimate, DelayError> {
+        pair: &PairRecords,
+        others: &[PairRecords],
+    ) -> Result<DelayEstimate, NoDelay> {
+        let max_delay = pair.max_delay;
         let start = if self.initial == Initial::Estimated { shape.poles } else { 0 };
-        let needed = max_delay
-            + 3 * (shape.denominator() + (shape.numerator() + 1) * (1 + others.len()) + start);
-        let got = experiment.longest();
-        if got < needed {
-            return Err(DelayError::TooShort {
-                method,
-                needed,
-                got,
-                remedy: crate::error::LengthRemedy::Window,
-            });
-        }
-        let cut: Vec<Record>;
-        let shortened = got > self.max_samples;
-        let records = if shortened {
-            cut = records.iter().map(|r| r.head(self.max_samples)).collect();
-            &cut
-        } else {
-            records
-        };
-        let others: Vec<Vec<Record>> = others
-            .iter()
-            .map(|all| all.iter().map(|r| r.head(self.max_samples)).collect())
-            .collect();
-        let problem = Problem::beside(
-            shape,
-            self.poles == Poles::Real,
-            self.initial,
-            records,
-            &others,
-            max_delay,
-            stop,
-        );
-        let initial = self.initial_delay_s.map(|s| s / experiment.sample_time().seconds());
-        let first =
-            Fitted::of(problem, initial).and_then(|fitted| self.visible(fitted, shape, max_delay));
-        let staged =
-            first.and_then(|f| f.poles_of_others(records, max_delay, initial, others.len()));
-        let staged = staged.and_then(|(f, own)| Ok((f.seen_poles(initial)?, own)));
-        let (Fitted { problem, minima, mut best, knowledge }, own) = match staged {
-            Ok(fitted) => fitted,
-            Err(said) => return Ok(said),
-        };
-        if !problem.whole() {
-            best = knowledge.middle(&problem, best);
-        }
-        let [from, to] = knowledge.interval(&problem, &best, &minima);
-        let delay = best.place.delay();
-        let longest = max_delay as f64;
-        if to - from > 0.5 * longest {
-            let note = format!("delays from {from:.1} to {to:.1} samples fit equally well");
-            return Ok(DelayEstimate::without(Outcome::Flat, note));
-        }
-        let std = ((delay - from).max(to - delay) / knowledge.quantile).max(RESOLVED);
-        let at_edge = delay >= longest - EDGE;
-        let used =
-            shortened.then(|| format!("used the first {} of {got} samples", self.max_samples));
-        let left = knowledge.leaves(records, max_delay).then(|| {
-            "what the model leaves over still follows the input: a plant of another shape, whose lag may be in the dead time".to_owned()
-        });
-        let estimate =
-            DelayEstimate::measured(delay, std, [from, to], at_edge, 0.0, experiment.sample_time());
-        let misfit = Misfit {
-            log_cost: knowledge.floored(best.cost).ln(),
-            counting: knowledge.counting,
-            parameters: problem.added(),
-        };
-        Ok(DelayEstimate {
-            misfit: Some(Box::new(misfit)),
-            ..estimate.noting(own).noting(used).contradicted(left)
-        })
+        let parameters = shape.denominator() + (shape.numerator() + 1) * (1 + others.len()) + start;
+        pair.at_least(method, max_delay + 3 * parameters, LengthRemedy::Window)?;
+        let records = pair.heads(self.max_samples).0;
+        let others: Vec<Vec<Record>> = others.iter().map(|o| o.heads(self.max_samples).0).collect();
+        let real = self.poles == Poles::Real;
+        let problem =
+            Problem::beside(shape, real, self.initial, &records, &others, max_delay, pair.stop);
+        let initial = self.initial_delay_s.map(|s| s / pair.experiment.sample_time().seconds());
+        let fitted = self.visible(Fitted::of(problem, initial)?, shape, max_delay)?;
+        let (fitted, own) = fitted.poles_of_others(&records, max_delay, initial, others.len())?;
+        let fitted = fitted.seen_poles(initial)?;
+        let (estimate, left) = fitted.answer(pair, &records)?;
+        let got = pair.experiment.longest();
+        let used = (got > self.max_samples)
+            .then(|| format!("used the first {} of {got} samples", self.max_samples));
+        Ok(estimate.noting(own).noting(used).contradicted(left))
     }
 
     /// What was fitted, or that it is no more than chance.
@@ -431,6 +298,40 @@ pub(super) struct Fitted<'a> {
 }
 
 impl<'a> Fitted<'a> {
+    /// The delay with its interval, and what contradicts the model, if anything does.
+    fn answer(
+        self,
+        pair: &PairRecords,
+        records: &[Record],
+    ) -> Result<(DelayEstimate, Option<String>), NoDelay> {
+        let Self { problem, minima, best, knowledge } = self.centred();
+        let [from, to] = knowledge.interval(&problem, &best, &minima);
+        let delay = best.place.delay();
+        let longest = pair.max_delay as f64;
+        if to - from > 0.5 * longest {
+            let note = format!("delays from {from:.1} to {to:.1} samples fit equally well");
+            return Err(NoDelay::new(Outcome::Flat, note));
+        }
+        let std = ((delay - from).max(to - delay) / knowledge.quantile).max(RESOLVED);
+        let estimate = pair.measured(delay, std, [from, to], delay >= longest - EDGE, 0.0);
+        let misfit = Misfit {
+            log_cost: knowledge.floored(best.cost).ln(),
+            counting: knowledge.counting,
+            parameters: problem.added(),
+        };
+        let left = knowledge.leaves(records, pair.max_delay).then(|| {
+            "what the model leaves over still follows the input: a plant of another shape, whose lag may be in the dead time".to_owned()
+        });
+        Ok((DelayEstimate { misfit: Some(Box::new(misfit)), ..estimate }, left))
+    }
+
+    /// The same in the middle of the delays that fit alike.
+    pub(super) fn centred(self) -> Self {
+        let Self { problem, minima, best, knowledge } = self;
+        let best = if problem.whole() { best } else { knowledge.middle(&problem, best) };
+        Self { problem, minima, best, knowledge }
+    }
+
     /// The first fit; else what keeps it from being made.
     pub(super) fn of(problem: Problem<'a>, initial: Option<f64>) -> Result<Self, DelayEstimate> {
         let minima = problem.minima(initial);

@@ -5,6 +5,8 @@
 
 pub(crate) mod several;
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::chain::{Chain, INPUT, LEAST_LAG, LEAST_RATIO, MOST_RATIO, REAL_RATIO, Row, Shape};
@@ -12,7 +14,6 @@ use crate::{bound, posterior};
 use deadtime_identify::{Initial, Record, dot, lag_vector};
 use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
 use deadtime_signal::stop::Stop;
-use several::Part;
 
 /// A delay of `lag` − `g` samples, g between 0 and 1: the states of `lag` samples ago, `g` of a sample later.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,6 +67,14 @@ fn centre(column: &mut [f64], mask: Option<&[f64]>) {
     }
 }
 
+/// What one input of several does, through poles of its own.
+#[derive(Clone)]
+struct Part {
+    found: Found,
+    /// Its share of the output, all records in a row.
+    model: Vec<f64>,
+}
+
 /// What is fitted to what.
 pub(super) struct Problem<'a> {
     shape: Shape,
@@ -98,6 +107,16 @@ pub(super) struct Signals {
     pub(super) inverse: DMatrix<f64>,
     /// The weights of `linear`.
     pub(super) coefficients: DVector<f64>,
+}
+
+/// What the output of all records in a row is made of.
+struct Columns {
+    /// The numerators' signals, input by input, then the starts, record by record.
+    linear: Vec<Vec<f64>>,
+    /// Of each input: its numerator's slopes by each pole, then their rates of change.
+    other: Vec<Vec<f64>>,
+    /// The slopes of each start by the poles.
+    start_slopes: Vec<Vec<Vec<f64>>>,
 }
 
 impl<'a> Problem<'a> {
@@ -218,107 +237,127 @@ impl<'a> Problem<'a> {
         if self.stop.is_set() {
             return None;
         }
-        let (k, poles) = (self.shape.numerator(), self.shape.denominator());
-        let (theta, delays) = theta.split_at(poles.min(theta.len()));
+        let (theta, delays) = theta.split_at(self.shape.denominator().min(theta.len()));
+        let places: Vec<Place> =
+            std::iter::once(place).chain(delays.iter().map(|d| Place::of(*d))).collect();
+        let columns = self.columns(theta, &places);
+        let y: Vec<f64> = self.records.iter().flat_map(|w| w.y.iter().copied()).collect();
+        let (inverse, coefficients) = project(&columns.linear, &y)?;
+        let mut model = vec![0.0; y.len()];
+        for (c, column) in coefficients.iter().zip(&columns.linear) {
+            add(&mut model, *c, column);
+        }
+        let residual: Vec<f64> = y.iter().zip(&model).map(|(y, m)| y - m).collect();
+        let slopes = self.slopes(&columns, &coefficients, places.len());
+        Some(Signals { residual, model, linear: columns.linear, slopes, inverse, coefficients })
+    }
+
+    /// What the output is made of at these poles and delays.
+    fn columns(&self, theta: &[f64], places: &[Place]) -> Columns {
+        let k = self.shape.numerator();
         let chain = Chain::new(self.shape, theta);
         // The numerator's rows, those of their slopes by each pole, and those of their rates of change.
         let mut rows: Vec<Row> = chain.basis.clone();
         rows.extend(chain.slopes.iter().flatten());
         rows.extend(chain.basis.iter().map(|r| chain.rate(r)));
-        let places: Vec<Place> =
-            std::iter::once(place).chain(delays.iter().map(|d| Place::of(*d))).collect();
         let rows: Vec<Vec<Row>> = places.iter().map(|p| chain.after(p.g, &rows)).collect();
-        let each = rows.first().map_or(0, Vec::len);
+        let more = rows.first().map_or(0, Vec::len) - k;
         let total: usize = self.records.iter().map(|w| w.u.len()).sum();
         let starts = if self.initial == Initial::Estimated {
             self.shape.poles * self.records.len()
         } else {
             0
         };
-        let numerators = k * places.len();
-        let mut linear = vec![vec![0.0; total]; numerators + starts];
-        let mut other = vec![vec![0.0; total]; (each - k) * places.len()];
-        let mut start_slopes = vec![Vec::new(); starts];
+        let mut columns = Columns {
+            linear: vec![vec![0.0; total]; k * places.len() + starts],
+            other: vec![vec![0.0; total]; more * places.len()],
+            start_slopes: vec![Vec::new(); starts],
+        };
         let mut from = 0;
         for (number, work) in self.records.iter().enumerate() {
-            let n = work.u.len();
+            let to = from..from + work.u.len();
             let inputs = std::iter::once(work.u).chain(work.others.iter().copied());
-            for (input, ((rows, place), u)) in rows.iter().zip(&places).zip(inputs).enumerate() {
+            for (input, ((rows, place), u)) in rows.iter().zip(places).zip(inputs).enumerate() {
                 let states = chain.states(u, &[]);
-                let to = linear[input * k..(input + 1) * k]
+                let columns = columns.linear[input * k..(input + 1) * k]
                     .iter_mut()
-                    .chain(&mut other[input * (each - k)..(input + 1) * (each - k)]);
-                for (row, to) in rows.iter().zip(to) {
-                    combine(
-                        row,
-                        &states,
-                        u,
-                        place.lag,
-                        work.mask.as_deref(),
-                        &mut to[from..from + n],
-                    );
+                    .chain(&mut columns.other[input * more..(input + 1) * more]);
+                for (row, column) in rows.iter().zip(columns) {
+                    let mask = work.mask.as_deref();
+                    combine(row, &states, u, place.lag, mask, &mut column[to.clone()]);
                 }
             }
             if starts > 0 {
-                let first = self.max_delay.min(n);
-                let still = vec![0.0; n - first];
-                for i in 0..self.shape.poles {
-                    let mut start = vec![0.0; self.shape.states()];
-                    start[i] = 1.0;
-                    let free = chain.states(&still, &start);
-                    let mask = work.mask.as_ref().map(|m| &m[first..]);
-                    let at = number * self.shape.poles + i;
-                    combine(
-                        &chain.basis[0],
-                        &free,
-                        &still,
-                        0,
-                        mask,
-                        &mut linear[numerators + at][from + first..from + n],
-                    );
-                    for slope in &chain.slopes[0] {
-                        let mut column = vec![0.0; total];
-                        combine(slope, &free, &still, 0, mask, &mut column[from + first..from + n]);
-                        start_slopes[at].push(column);
-                    }
-                }
+                self.free_motion(&chain, work, to.clone(), number, &mut columns);
             }
-            for column in
-                linear.iter_mut().chain(&mut other).chain(start_slopes.iter_mut().flatten())
-            {
-                centre(&mut column[from..from + n], work.mask.as_deref());
+            let every = columns.linear.iter_mut().chain(&mut columns.other);
+            for column in every.chain(columns.start_slopes.iter_mut().flatten()) {
+                centre(&mut column[to.clone()], work.mask.as_deref());
             }
-            from += n;
+            from = to.end;
         }
-        let y: Vec<f64> = self.records.iter().flat_map(|w| w.y.iter().copied()).collect();
-        let (inverse, coefficients) = project(&linear, &y)?;
-        let mut model = vec![0.0; total];
-        for (c, column) in coefficients.iter().zip(&linear) {
-            add(&mut model, *c, column);
+        columns
+    }
+
+    /// What each state of a record's start adds to it, and its slopes by the poles.
+    fn free_motion(
+        &self,
+        chain: &Chain,
+        work: &Work,
+        to: Range<usize>,
+        number: usize,
+        columns: &mut Columns,
+    ) {
+        let first = self.max_delay.min(to.len());
+        let still = vec![0.0; to.len() - first];
+        let to = to.start + first..to.end;
+        let mask = work.mask.as_ref().map(|m| &m[first..]);
+        let numerators = columns.linear.len() - columns.start_slopes.len();
+        for i in 0..self.shape.poles {
+            let mut start = vec![0.0; self.shape.states()];
+            start[i] = 1.0;
+            let free = chain.states(&still, &start);
+            let at = number * self.shape.poles + i;
+            let column = &mut columns.linear[numerators + at];
+            let total = column.len();
+            combine(&chain.basis[0], &free, &still, 0, mask, &mut column[to.clone()]);
+            for slope in &chain.slopes[0] {
+                let mut column = vec![0.0; total];
+                combine(slope, &free, &still, 0, mask, &mut column[to.clone()]);
+                columns.start_slopes[at].push(column);
+            }
         }
-        let residual: Vec<f64> = y.iter().zip(&model).map(|(y, m)| y - m).collect();
-        // By the poles, by the delays of the others, by g.
-        let mut slopes = vec![vec![0.0; total]; poles + places.len()];
+    }
+
+    /// Derivatives of the model by the poles, by the delays of the others, by g.
+    fn slopes(
+        &self,
+        columns: &Columns,
+        coefficients: &DVector<f64>,
+        inputs: usize,
+    ) -> Vec<Vec<f64>> {
+        let (k, poles) = (self.shape.numerator(), self.shape.denominator());
+        let Columns { linear, other, start_slopes } = columns;
+        let (numerators, more) = (k * inputs, other.len() / inputs);
+        let total = linear.first().map_or(0, Vec::len);
+        let mut slopes = vec![vec![0.0; total]; poles + inputs];
         for (i, c) in coefficients.iter().enumerate().take(numerators) {
             let (input, i) = (i / k, i % k);
-            let own = &other[input * (each - k)..(input + 1) * (each - k)];
+            let own = &other[input * more..(input + 1) * more];
             for j in 0..poles {
                 add(&mut slopes[j], *c, &own[i * poles + j]);
             }
             // A longer delay is a smaller g.
-            let (at, sign) = if input == 0 {
-                (poles + places.len() - 1, 1.0)
-            } else {
-                (poles + input - 1, -1.0)
-            };
+            let (at, sign) =
+                if input == 0 { (poles + inputs - 1, 1.0) } else { (poles + input - 1, -1.0) };
             add(&mut slopes[at], sign * c, &own[k * poles + i]);
         }
-        for (c, columns) in coefficients.iter().skip(numerators).zip(&start_slopes) {
+        for (c, columns) in coefficients.iter().skip(numerators).zip(start_slopes) {
             for (slope, column) in slopes.iter_mut().zip(columns) {
                 add(slope, *c, column);
             }
         }
-        Some(Signals { residual, model, linear, slopes, inverse, coefficients })
+        slopes
     }
 
     /// A gain alone, whose input shows at the next sample: its lag and Σ e². It is the limit of a plant that settles within a sample, which no time constant above
@@ -562,7 +601,7 @@ impl<'a> Problem<'a> {
         let row =
             |theta: Vec<f64>| (!self.stop.is_set()).then(|| (theta.clone(), self.profile(&theta)));
         let Some(table) =
-            self.table().into_iter().map(row).collect::<Option<Vec<(Vec<f64>, Profile)>>>()
+            self.table().into_iter().map(row).collect::<Option<Vec<(Vec<f64>, CostProfile)>>>()
         else {
             return Vec::new();
         };
@@ -659,7 +698,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The cost at every half sample for given poles, out of one filter pass and its correlations with the output; starts other than rest do not count here.
-    fn profile(&self, theta: &[f64]) -> Profile {
+    fn profile(&self, theta: &[f64]) -> CostProfile {
         let chain = Chain::new(self.shape, theta);
         let lags = self.max_delay + 1;
         // Only the states before the derivatives' own, and the input.
@@ -728,7 +767,7 @@ fn keep(minima: &mut Vec<Found>, found: Option<Found>) {
 }
 
 /// Costs by delay, in the order of the delays.
-type Profile = Vec<(Place, f64)>;
+type CostProfile = Vec<(Place, f64)>;
 
 /// Tolerance of a search that only has to find the valley.
 const COARSE: f64 = 1e-5;

@@ -4,14 +4,13 @@
 //! off the integral. c stands for an operating input that is not the records' mean. Everything but τ and T is linear and eliminated, as in `fit`.
 //! How it can be wrong: a plant with a slow pole rather than an integrator; a load that changes, which is a slope of its own.
 
-use nalgebra::DVector;
-
 use super::fit::{Signals, project};
-use super::identified::Solved;
-use super::model::ProcessModel;
+use super::model::{ProcessModel, Slopes};
+use super::solved::Solved;
 use crate::posterior;
 use deadtime_identify::Record;
 use deadtime_signal::fit::{LevenbergMarquardt, Normal};
+use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
 
 /// What is fitted to what, time in samples.
@@ -31,9 +30,50 @@ const STARTS: usize = 4;
 /// Smallest time constant, samples.
 const LEAST_LAG: f64 = 0.05;
 
+/// Σ e², the delay of the states, and ln T with a time constant, then g.
+type Bottom = (f64, usize, Vec<f64>);
+
 impl Integrator<'_> {
     pub(super) fn solve(&self) -> Result<Solved, String> {
         let shortest = self.records.iter().map(Record::len).min().unwrap_or(0) as f64;
+        let most = (shortest / 2.0).max(1.0).ln();
+        let Some((cost, delay, p)) = self.best(shortest, most) else {
+            return Err("the input moves nothing that an integrator could follow".to_owned());
+        };
+        let (g, lag) = (p.last().copied().unwrap_or(0.0), (p.len() > 1).then(|| p[0]));
+        let signals = self.signals(delay, g, lag).ok_or("it cannot be evaluated at its minimum")?;
+        let (last, by_lag) = signals.slopes.split_last().ok_or("it has no derivatives")?;
+        self.visible(&signals, last, cost)?;
+        let jacobian = by_lag
+            .iter()
+            .cloned()
+            .chain([last.iter().map(|v| -v).collect()])
+            .chain(signals.linear.iter().cloned())
+            .collect();
+        let mut notes = Vec::new();
+        if lag.is_some_and(|l| l >= most - 1e-6) {
+            notes.push("the time constant is as long as the record shows: it cannot be told from a second integrator".to_owned());
+        }
+        let level = stats::mean(self.records.iter().flat_map(|r| r.y.iter().copied()));
+        let (k, slope) = (signals.coefficients[0], signals.coefficients[1]);
+        let mut solved = Solved {
+            values: lag.into_iter().chain([delay as f64 - g, k, slope]).collect(),
+            jacobian,
+            residual: signals.residual,
+            lengths: self.records.iter().map(|r| r.len() - self.first(r)).collect(),
+            delay: None,
+            noise: None,
+            operating: [self.mean, level.unwrap_or(0.0)],
+            notes,
+        };
+        let poles = usize::from(self.lag);
+        solved.weigh(poles, false);
+        solved.operating[0] -= solved.values[poles + 2] / solved.values[poles + 1];
+        Ok(solved)
+    }
+
+    /// The lowest bottom of the valleys that the best places of a grid lie in.
+    fn best(&self, shortest: f64, most: f64) -> Option<Bottom> {
         let lags: Vec<Option<f64>> = if self.lag {
             LAGS.into_iter().filter(|l| *l <= shortest / 3.0).map(|l| Some(l.ln())).collect()
         } else {
@@ -49,84 +89,50 @@ impl Integrator<'_> {
         }
         grid.sort_by(|a, b| a.0.total_cmp(&b.0));
         grid.truncate(STARTS);
-        let most = (shortest / 2.0).max(1.0).ln();
+        // One minimum for each sampling interval: that of the place, and those beside it.
         let descend = |(_, delay, lag): &(f64, usize, Option<f64>)| {
-            // One minimum for each sampling interval: theirs, and those beside it.
             let beside = delay.saturating_sub(1).max(1)..=(delay + 1).min(self.max_delay);
-            let one = |delay: usize| {
-                let (mut start, mut lower, mut upper) = (vec![0.5], vec![0.0], vec![1.0]);
-                if let Some(lag) = lag {
-                    start.insert(0, *lag);
-                    lower.insert(0, LEAST_LAG.ln());
-                    upper.insert(0, most);
-                }
-                let search = LevenbergMarquardt {
-                    lower,
-                    upper,
-                    max_iterations: 60,
-                    ..LevenbergMarquardt::default()
-                };
-                let fit = search.minimise(&start, |p| self.evaluate(delay, p));
-                fit.normal.cost.is_finite().then_some((fit.normal.cost, delay, fit.parameters))
-            };
-            beside.filter_map(one).min_by(|a, b| a.0.total_cmp(&b.0))
+            let bottoms = beside.filter_map(|delay| self.descend(delay, *lag, most));
+            bottoms.min_by(|a, b| a.0.total_cmp(&b.0))
         };
-        let best = grid.iter().filter_map(descend).min_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((cost, delay, p)) = best else {
-            return Err("the input moves nothing that an integrator could follow".to_owned());
+        grid.iter().filter_map(descend).min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// The bottom within one sampling interval.
+    fn descend(&self, delay: usize, lag: Option<f64>, most: f64) -> Option<Bottom> {
+        let (mut start, mut lower, mut upper) = (vec![0.5], vec![0.0], vec![1.0]);
+        if let Some(lag) = lag {
+            start.insert(0, lag);
+            lower.insert(0, LEAST_LAG.ln());
+            upper.insert(0, most);
+        }
+        let search = LevenbergMarquardt {
+            lower,
+            upper,
+            max_iterations: 60,
+            ..LevenbergMarquardt::default()
         };
-        let (g, lag) = (p.last().copied().unwrap_or(0.0), (p.len() > 1).then(|| p[0]));
-        let signals = self.signals(delay, g, lag).ok_or("it cannot be evaluated at its minimum")?;
-        let n = signals.residual.len() as f64;
-        let without: f64 = {
-            let rest = signals.linear.get(1..).unwrap_or_default();
-            let y: Vec<f64> =
-                signals.model.iter().zip(&signals.residual).map(|(m, e)| m + e).collect();
-            let (_, c) = project(rest, &y).ok_or("its level cannot be fitted")?;
-            (0..y.len())
-                .map(|t| {
-                    (y[t] - rest.iter().zip(c.iter()).map(|(r, c)| c * r[t]).sum::<f64>()).powi(2)
-                })
-                .sum()
-        };
-        let counting =
-            posterior::samples_under(&signals.slopes[signals.slopes.len() - 1], &signals.residual)
-                .min(n);
+        let fit = search.minimise(&start, |p| self.evaluate(delay, p));
+        fit.normal.cost.is_finite().then_some((fit.normal.cost, delay, fit.parameters))
+    }
+
+    /// The output visibly follows the input: level and starts alone leave clearly more.
+    fn visible(&self, signals: &Signals, by_delay: &[f64], cost: f64) -> Result<(), String> {
+        let rest = signals.linear.get(1..).unwrap_or_default();
+        let y: Vec<f64> = signals.model.iter().zip(&signals.residual).map(|(m, e)| m + e).collect();
+        let (_, c) = project(rest, &y).ok_or("its level cannot be fitted")?;
+        let without: f64 = (0..y.len())
+            .map(|t| (y[t] - rest.iter().zip(c.iter()).map(|(r, c)| c * r[t]).sum::<f64>()).powi(2))
+            .sum();
+        let counting = posterior::samples_under(by_delay, &signals.residual)
+            .min(signals.residual.len() as f64);
         let gain = counting * (without / cost.max(f64::MIN_POSITIVE)).ln();
         if gain < posterior::visible_gain(2 + usize::from(self.lag), self.max_delay + 1) {
             return Err(format!(
                 "no integrating model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input"
             ));
         }
-        let (k, slope) = (signals.coefficients[0], signals.coefficients[1]);
-        let values: Vec<f64> = lag.into_iter().chain([delay as f64 - g, k, slope]).collect();
-        let (last, poles) = signals.slopes.split_last().ok_or("it has no derivatives")?;
-        let jacobian = poles
-            .iter()
-            .cloned()
-            .chain([last.iter().map(|v| -v).collect()])
-            .chain(signals.linear.iter().cloned())
-            .collect::<Vec<_>>();
-        let mut notes = Vec::new();
-        if lag.is_some_and(|l| l >= most - 1e-6) {
-            notes.push("the time constant is as long as the record shows: it cannot be told from a second integrator".to_owned());
-        }
-        let level = self.records.iter().flat_map(|r| r.y.iter()).sum::<f64>()
-            / self.records.iter().map(Record::len).sum::<usize>().max(1) as f64;
-        let mut solved = Solved {
-            values,
-            jacobian,
-            residual: signals.residual,
-            lengths: self.records.iter().map(|r| r.len() - self.first(r)).collect(),
-            delay: None,
-            noise: None,
-            operating: [self.mean, level],
-            notes,
-        };
-        let poles = usize::from(self.lag);
-        solved.weigh(poles, false);
-        solved.operating[0] -= solved.values[poles + 2] / solved.values[poles + 1];
-        Ok(solved)
+        Ok(())
     }
 
     /// The first sample that counts: where the input moves within the longest delay, what it was before the record matters until then.
@@ -142,6 +148,30 @@ impl Integrator<'_> {
 
     /// Model and derivatives for a delay of `delay` − g samples; slopes by ln T where there is a T, then by g.
     fn signals(&self, delay: usize, g: f64, lag: Option<f64>) -> Option<Signals> {
+        let IntegratorColumns { linear, by_lag, by_g, y } = self.columns(delay, g, lag)?;
+        let total = y.len();
+        let each = if lag.is_some() { 2 } else { 1 };
+        let (inverse, coefficients) = project(&linear, &y)?;
+        let model: Vec<f64> = (0..total)
+            .map(|t| coefficients.iter().zip(&linear).map(|(c, column)| c * column[t]).sum())
+            .collect();
+        let residual = y.iter().zip(&model).map(|(y, m)| y - m).collect();
+        let k = coefficients[0];
+        let mut slopes = Vec::new();
+        if lag.is_some() {
+            let decays = |t: usize| {
+                (0..self.records.len())
+                    .map(|r| coefficients[3 + each * r] * by_lag[1 + r][t])
+                    .sum::<f64>()
+            };
+            slopes.push((0..total).map(|t| k * by_lag[0][t] + decays(t)).collect());
+        }
+        slopes.push(by_g.iter().map(|v| k * v).collect());
+        Some(Signals { residual, model, linear, slopes, inverse, coefficients })
+    }
+
+    /// What the outputs are made of.
+    fn columns(&self, delay: usize, g: f64, lag: Option<f64>) -> Option<IntegratorColumns> {
         let counted: Vec<usize> = self.records.iter().map(|r| r.len() - self.first(r)).collect();
         let total: usize = counted.iter().sum();
         let each = if lag.is_some() { 2 } else { 1 };
@@ -156,16 +186,7 @@ impl Integrator<'_> {
             let mut integral = -before * delay as f64;
             let slow = match lag {
                 None => None,
-                Some(l) => {
-                    let moved: Vec<f64> = r.u.iter().map(|u| u - r.u[0]).collect();
-                    let model = ProcessModel {
-                        gain: 1.0,
-                        lags_s: vec![l.exp()],
-                        zero_s: None,
-                        delay_s: delay as f64 - g,
-                    };
-                    Some((l.exp(), model.slopes(&moved, SampleTime::new(1.0).ok()?)?))
-                }
+                Some(l) => Some((l.exp(), through_the_lag(r, l, delay as f64 - g)?)),
             };
             for t in 0..r.len() {
                 let held = at(t);
@@ -192,25 +213,23 @@ impl Integrator<'_> {
             }
             from += counted[number];
         }
-        let (inverse, coefficients) = project(&linear, &y)?;
-        let sum = |c: &DVector<f64>| -> Vec<f64> {
-            (0..total)
-                .map(|t| c.iter().zip(&linear).map(|(c, column)| c * column[t]).sum())
-                .collect()
-        };
-        let model = sum(&coefficients);
-        let residual = y.iter().zip(&model).map(|(y, m)| y - m).collect();
-        let k = coefficients[0];
-        let mut slopes = Vec::new();
-        if lag.is_some() {
-            let decays = |t: usize| {
-                (0..self.records.len())
-                    .map(|r| coefficients[3 + each * r] * by_lag[1 + r][t])
-                    .sum::<f64>()
-            };
-            slopes.push((0..total).map(|t| k * by_lag[0][t] + decays(t)).collect());
-        }
-        slopes.push(by_g.iter().map(|v| k * v).collect());
-        Some(Signals { residual, model, linear, slopes, inverse, coefficients })
+        Some(IntegratorColumns { linear, by_lag, by_g, y })
     }
+}
+
+/// What the outputs are made of, all records in a row, and the outputs.
+struct IntegratorColumns {
+    /// The response, time, and of each record its level and decay.
+    linear: Vec<Vec<f64>>,
+    /// Derivatives by ln T of the response and of each record's decay.
+    by_lag: Vec<Vec<f64>>,
+    by_g: Vec<f64>,
+    y: Vec<f64>,
+}
+
+/// What comes of the input's motion behind a lag of e^`l` samples and a delay.
+fn through_the_lag(r: &Record, l: f64, delay_s: f64) -> Option<Slopes> {
+    let moved: Vec<f64> = r.u.iter().map(|u| u - r.u[0]).collect();
+    let model = ProcessModel { gain: 1.0, lags_s: vec![l.exp()], zero_s: None, delay_s };
+    model.slopes(&moved, SampleTime::new(1.0).ok()?)
 }

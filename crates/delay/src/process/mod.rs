@@ -3,8 +3,11 @@
 mod chain;
 pub(crate) mod family;
 mod fit;
+mod guesses;
 pub(crate) mod identified;
 mod integrator;
 pub(crate) mod model;
 pub(crate) mod orders;
 pub(crate) mod shares;
+mod solved;
+mod structure;

@@ -4,19 +4,8 @@
 //! How it can be wrong: under noise a pole is not seen that still delays; then models of few and of many poles count both, and differ.
 //! Source: Schwarz (1978), Annals of Statistics 6(2), 461-464, doi:10.1214/aos/1176344136.
 
-use crate::estimate::DelayEstimate;
+use crate::estimate::{DelayEstimate, Misfit};
 use crate::method::Method;
-
-/// How well a model fits the samples that all models of a record fit.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Misfit {
-    /// ln Σ e².
-    pub log_cost: f64,
-    /// Independent samples behind it.
-    pub counting: f64,
-    /// Free parameters.
-    pub parameters: usize,
-}
 
 impl Misfit {
     /// A model of more parameters fits better than they let expect.

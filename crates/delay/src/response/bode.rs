@@ -7,14 +7,13 @@
 
 use nalgebra::Complex;
 
-use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch};
-use super::job::ends;
+use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch, ends};
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::method::Class;
 use deadtime_log::{FrequencyResponse, Quality};
 use deadtime_signal::registry::entry;
-use deadtime_signal::stats::NORMAL_95;
+use deadtime_signal::stats::{self, NORMAL_95};
 
 /// Inputs: H(iω) at N frequencies. Output: seconds.
 ///
@@ -68,73 +67,28 @@ impl ResponseEstimator for BodePhase {
         response: &FrequencyResponse,
         search: &ResponseSearch,
     ) -> Result<DelayEstimate, DelayError> {
-        let (omega, values) = (response.omega_rad_s(), response.values());
+        let phases = Phases::of(response);
         let (_, last) = ends(response);
-        let explained = minimum_phase(omega, values);
-        let left: Vec<Complex<f64>> = values
-            .iter()
-            .zip(&explained)
-            .map(|(h, phase)| h / h.norm() * Complex::cis(-phase))
-            .collect();
-        let weights: Vec<f64> = match response.quality() {
-            Quality::Unknown => vec![1.0; omega.len()],
-            Quality::Coherence(c) => c.iter().map(|c| c / (1.0 - c).max(1e-3)).collect(),
-            Quality::Std(s) => s.iter().zip(values).map(|(s, h)| h.norm_sqr() / (s * s)).collect(),
-        };
-        let total: f64 = weights.iter().sum();
-        let turned = |tau: f64| -> f64 {
-            let sum: f64 = left
-                .iter()
-                .zip(omega)
-                .zip(&weights)
-                .map(|((p, w), weight)| weight * (p * Complex::cis(w * tau)).re)
-                .sum();
-            sum.abs() / total
-        };
         let steps =
             (search.max_delay_s * last * STEPS / std::f64::consts::TAU).ceil().max(8.0) as usize;
         let step = search.max_delay_s / steps as f64;
-        let profile: Vec<f64> = (0..=steps).map(|k| turned(step * k as f64)).collect();
-        let Some((at, height)) =
-            profile.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))
-        else {
-            return Ok(DelayEstimate::without(
-                Outcome::Flat,
-                "no delay of the window can be tried",
-            ));
+        let profile: Vec<f64> =
+            (0..=steps).map(|k| phases.sum(step * k as f64).abs() / phases.total).collect();
+        let without = |outcome, note: String| Ok(DelayEstimate::without(outcome, note));
+        let best = profile.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((at, height)) = best else {
+            return without(Outcome::Flat, "no delay of the window can be tried".to_owned());
         };
-        let chance = 3.0 / (omega.len() as f64).sqrt();
+        let count = response.omega_rad_s().len() as f64;
+        let chance = 3.0 / count.sqrt();
         if height < chance.min(0.9) {
-            return Ok(DelayEstimate::without(
-                Outcome::NotVisible,
-                format!(
-                    "the phases add up to {height:.2} of what they could at best: no straight line"
-                ),
-            ));
+            let note = format!(
+                "the phases add up to {height:.2} of what they could at best: no straight line"
+            );
+            return without(Outcome::NotVisible, note);
         }
-        // Around the best of the grid the phases are small: a straight line through them.
-        let mut tau = step * at as f64;
-        let (mut rest, mut squares) = (0.0, 1.0);
-        for _ in 0..4 {
-            let sign = left
-                .iter()
-                .zip(omega)
-                .zip(&weights)
-                .map(|((p, w), weight)| weight * (p * Complex::cis(w * tau)).re)
-                .sum::<f64>()
-                .signum();
-            let (mut along, mut power, mut about) = (0.0, 0.0, 0.0);
-            for ((p, w), weight) in left.iter().zip(omega).zip(&weights) {
-                let phase = (p * Complex::cis(w * tau) * sign).arg();
-                along += weight * w * phase;
-                power += weight * w * w;
-                about += weight * phase * phase;
-            }
-            tau -= along / power;
-            (rest, squares) = (about, power);
-        }
-        let freedom = (omega.len() as f64 - 1.0).max(1.0);
-        let count = omega.len() as f64;
+        let PhaseLine { tau, rest, squares } = phases.line(step * at as f64);
+        let (total, freedom) = (phases.total, (count - 1.0).max(1.0));
         // The variance of a phase of mean weight; errors that follow each other, as the straight lines' do, are counted as a quarter as many.
         let noise = (4.0 * rest / total * count / freedom * total / count / squares).sqrt();
         let systematic = 2.0 / (std::f64::consts::PI * last);
@@ -149,22 +103,79 @@ impl ResponseEstimator for BodePhase {
                 "delays of {tau:.4} and {:.4} s put the phases on a line alike: a narrow band, or frequencies too far apart",
                 step * k as f64
             );
-            return Ok(DelayEstimate::without(Outcome::Flat, note));
+            return without(Outcome::Flat, note);
         }
         if tau < -half {
-            return Ok(DelayEstimate::without(
-                Outcome::NotVisible,
-                "the phase lags less than the magnitude says: no delay, or an unstable plant",
-            ));
+            let note =
+                "the phase lags less than the magnitude says: no delay, or an unstable plant";
+            return without(Outcome::NotVisible, note.to_owned());
         }
         let at_edge = tau > search.max_delay_s - step;
         let delay = tau.max(0.0);
-        Ok(DelayEstimate::in_seconds(
-            delay,
-            std,
-            [(tau - half).max(0.0), (tau + half).max(delay)],
-            at_edge,
-        ))
+        let interval = [(tau - half).max(0.0), (tau + half).max(delay)];
+        Ok(DelayEstimate::in_seconds(delay, std, interval, at_edge))
+    }
+}
+
+/// The phases that the magnitude does not explain, of length 1, each with its weight.
+struct Phases<'a> {
+    omega: &'a [f64],
+    left: Vec<Complex<f64>>,
+    weights: Vec<f64>,
+    /// Σ weights.
+    total: f64,
+}
+
+/// The straight line through the phases, in radians: its slope, what it leaves, and Σ weight·ω².
+struct PhaseLine {
+    tau: f64,
+    rest: f64,
+    squares: f64,
+}
+
+impl<'a> Phases<'a> {
+    fn of(response: &'a FrequencyResponse) -> Self {
+        let (omega, values) = (response.omega_rad_s(), response.values());
+        let left: Vec<Complex<f64>> = values
+            .iter()
+            .zip(minimum_phase(omega, values))
+            .map(|(h, phase)| h / h.norm() * Complex::cis(-phase))
+            .collect();
+        let weights: Vec<f64> = match response.quality() {
+            Quality::Unknown => vec![1.0; omega.len()],
+            Quality::Coherence(c) => c.iter().map(|c| c / (1.0 - c).max(1e-3)).collect(),
+            Quality::Std(s) => s.iter().zip(values).map(|(s, h)| h.norm_sqr() / (s * s)).collect(),
+        };
+        let total = weights.iter().sum();
+        Self { omega, left, weights, total }
+    }
+
+    /// Phase, frequency and weight.
+    fn each(&self) -> impl Iterator<Item = (&Complex<f64>, &f64, &f64)> {
+        self.left.iter().zip(self.omega).zip(&self.weights).map(|((p, w), weight)| (p, w, weight))
+    }
+
+    /// What the phases add up to behind a delay.
+    fn sum(&self, tau: f64) -> f64 {
+        self.each().map(|(p, w, weight)| weight * (p * Complex::cis(w * tau)).re).sum()
+    }
+
+    /// Around the best of the grid the phases are small: a straight line through them.
+    fn line(&self, mut tau: f64) -> PhaseLine {
+        let (mut rest, mut squares) = (0.0, 1.0);
+        for _ in 0..4 {
+            let sign = self.sum(tau).signum();
+            let (mut along, mut power, mut about) = (0.0, 0.0, 0.0);
+            for (p, w, weight) in self.each() {
+                let phase = (p * Complex::cis(w * tau) * sign).arg();
+                along += weight * w * phase;
+                power += weight * w * w;
+                about += weight * phase * phase;
+            }
+            tau -= along / power;
+            (rest, squares) = (about, power);
+        }
+        PhaseLine { tau, rest, squares }
     }
 }
 
@@ -202,11 +213,8 @@ fn end_slope(points: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
         .filter(|(i, (n, _))| *i < 4 || (n - end).abs() < 0.5 * 2.0_f64.ln())
         .map(|(_, p)| p)
         .collect();
-    let count = near.len() as f64;
-    let (x, y) = (
-        near.iter().map(|p| p.0).sum::<f64>() / count,
-        near.iter().map(|p| p.1).sum::<f64>() / count,
-    );
+    let x = stats::mean(near.iter().map(|p| p.0)).unwrap_or(0.0);
+    let y = stats::mean(near.iter().map(|p| p.1)).unwrap_or(0.0);
     let power: f64 = near.iter().map(|p| (p.0 - x).powi(2)).sum();
     near.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>() / power.max(f64::MIN_POSITIVE)
 }

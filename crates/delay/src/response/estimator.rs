@@ -40,3 +40,9 @@ pub struct ResponseMethod {
     /// What it cannot see, in a few words.
     pub blind_to: &'static str,
 }
+
+/// The first and the last angular frequency, rad/s.
+pub(super) fn ends(response: &FrequencyResponse) -> (f64, f64) {
+    let omega = response.omega_rad_s();
+    (omega.first().copied().unwrap_or(1.0), omega.last().copied().unwrap_or(1.0))
+}

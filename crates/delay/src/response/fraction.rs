@@ -29,7 +29,7 @@ pub(super) struct Orders {
 
 /// One fitted model.
 #[derive(Debug, Clone)]
-pub(super) struct Fitted {
+pub(super) struct FittedFraction {
     pub(super) orders: Orders,
     /// a₀ … aₙ₋₁, then b₀ … bₘ.
     pub(super) coefficients: Vec<f64>,
@@ -41,7 +41,7 @@ pub(super) struct Fitted {
     pub(super) variance: f64,
 }
 
-impl Fitted {
+impl FittedFraction {
     /// Pairs of complex poles.
     pub(super) fn resonances(&self) -> usize {
         let a: Vec<f64> =
@@ -87,7 +87,7 @@ impl Points {
         orders: Orders,
         delays: &[f64],
         stop: &Stop,
-    ) -> Vec<Fitted> {
+    ) -> Vec<FittedFraction> {
         let mut previous: Option<Vec<f64>> = None;
         let mut profile = Vec::with_capacity(delays.len());
         for &delay in delays {
@@ -113,7 +113,7 @@ impl Points {
         starts.sort_by(|&a, &b| cost(a).total_cmp(&cost(b)));
         starts.truncate(MINIMA);
         let longest = delays.last().copied().unwrap_or(0.0);
-        let mut found: Vec<Fitted> = Vec::new();
+        let mut found: Vec<FittedFraction> = Vec::new();
         for at in starts {
             let (Some(Some((coefficients, _))), Some(&delay)) = (profile.get(at), delays.get(at))
             else {
@@ -257,12 +257,18 @@ impl Points {
     }
 
     /// What a model leaves over, in units of the weights.
-    pub(super) fn left(&self, fitted: &Fitted) -> Vec<Complex<f64>> {
+    pub(super) fn left(&self, fitted: &FittedFraction) -> Vec<Complex<f64>> {
         self.residuals(fitted.orders, &fitted.coefficients, fitted.delay).collect()
     }
 
     /// All parameters and the delay together.
-    fn descended(&self, orders: Orders, start: &[f64], delay: f64, longest: f64) -> Option<Fitted> {
+    fn descended(
+        &self,
+        orders: Orders,
+        start: &[f64],
+        delay: f64,
+        longest: f64,
+    ) -> Option<FittedFraction> {
         let count = start.len() + 1;
         let mut lower = vec![f64::NEG_INFINITY; count];
         let mut upper = vec![f64::INFINITY; count];
@@ -283,7 +289,7 @@ impl Points {
             return None;
         }
         let variance = last_variance(information)?;
-        Some(Fitted {
+        Some(FittedFraction {
             orders,
             coefficients: coefficients.to_vec(),
             delay: *delay,
@@ -333,7 +339,7 @@ impl Points {
 }
 
 /// The zeros of a model, in units of the frequencies.
-pub(super) fn zeros(fitted: &Fitted) -> Vec<Complex<f64>> {
+pub(super) fn zeros(fitted: &FittedFraction) -> Vec<Complex<f64>> {
     let b = fitted.coefficients.get(fitted.orders.poles..).unwrap_or_default();
     roots(b)
 }

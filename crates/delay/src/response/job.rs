@@ -1,15 +1,14 @@
 //! Dead times of a measured frequency response, with their verdict.
 
-use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch};
+use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch, ends};
 use super::methods::RESPONSE_METHODS;
-use crate::error::DelayError;
-use crate::error::Result;
+use crate::error::{DelayError, Result};
 use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::usable;
+use crate::job::chosen::{known, options_of};
 use crate::report::{Estimate, FORMAT, Pair, Report, Searched};
 use crate::verdict::{Grounds, Verdict};
 use deadtime_log::FrequencyResponse;
-use deadtime_signal::registry::RegistryError;
-use deadtime_signal::remedy::Remedied;
 use deadtime_signal::stop::Stop;
 use serde_json::Value;
 use std::time::Instant;
@@ -72,31 +71,15 @@ impl ResponseJob {
         for (method, estimator) in self.chosen()? {
             self.stop.check()?;
             let clock = Instant::now();
-            let estimate = match estimator.estimate(response, &search) {
-                Ok(estimate) => estimate,
-                Err(e @ (DelayError::Option { .. } | DelayError::Stopped)) => return Err(e.into()),
-                Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
-            };
+            let estimate = usable(estimator.estimate(response, &search))?;
             answers.push((method, estimate, clock.elapsed().as_secs_f64()));
         }
         let verdict = verdict(&answers, max_delay_s, last / first);
         // As fine as numbers are printed.
         let half = verdict.ci95_s.map_or(f64::INFINITY, |[from, to]| 0.5 * (to - from)).max(1e-9);
-        let pair = Pair {
-            input: self.channels[0].clone(),
-            output: self.channels[1].clone(),
-            findings: Vec::new(),
-            estimates: answers
-                .iter()
-                .map(|(m, e, time_s)| Estimate::of_response(m, e, *time_s))
-                .collect(),
-            poor_std_s: None,
-            standing_off: 0,
-            verdict,
-            moving: None,
-            track: None,
-            jitter: None,
-        };
+        let estimates =
+            answers.iter().map(|(m, e, time_s)| Estimate::of_response(m, e, *time_s)).collect();
+        let pair = Pair::new([&self.channels[0], &self.channels[1]], estimates, verdict);
         let searched = Searched::Frequencies {
             count: response.omega_rad_s().len(),
             band_hz: [first, last].map(|w| w / std::f64::consts::TAU),
@@ -114,35 +97,15 @@ impl ResponseJob {
     }
 
     fn chosen(&self) -> Result<Vec<(&'static ResponseMethod, Box<dyn ResponseEstimator>)>> {
-        let known = || RESPONSE_METHODS.iter().map(|m| m.entry.name).collect::<Vec<_>>();
-        let mut named = self.methods.iter().filter(|n| *n != "all").chain(self.options.keys());
-        if let Some(name) = named.find(|n| !known().contains(&n.as_str())) {
-            return Err(RegistryError::Unknown {
-                kind: "method for frequency responses",
-                name: name.clone(),
-                known: known(),
-            }
-            .into());
-        }
+        let names = RESPONSE_METHODS.iter().map(|m| m.entry.name);
+        known("method for frequency responses", names, &self.methods, &self.options)?;
         let wanted =
             |m: &&ResponseMethod| self.methods.iter().any(|n| n == "all" || n == m.entry.name);
-        let mut chosen = Vec::new();
-        for method in RESPONSE_METHODS.iter().filter(wanted) {
-            let options = self
-                .options
-                .get(method.entry.name)
-                .cloned()
-                .unwrap_or_else(|| Value::Object(serde_json::Map::new()));
-            chosen.push((method, method.entry.with(options)?));
-        }
-        Ok(chosen)
+        let with_options = |m: &'static ResponseMethod| {
+            Ok((m, m.entry.with(options_of(&self.options, m.entry.name))?))
+        };
+        RESPONSE_METHODS.iter().filter(wanted).map(with_options).collect()
     }
-}
-
-/// The first and the last angular frequency, rad/s.
-pub(super) fn ends(response: &FrequencyResponse) -> (f64, f64) {
-    let omega = response.omega_rad_s();
-    (omega.first().copied().unwrap_or(1.0), omega.last().copied().unwrap_or(1.0))
 }
 
 /// The first of the list that found a delay which its own leftovers do not contradict; who else holds it in the interval agrees. Where the others differ the answer stays that
@@ -157,28 +120,15 @@ pub(super) fn verdict(
         .filter(|(_, e, _)| e.outcome == Outcome::Found)
         .map(|(m, e, _)| (m.entry.name, e))
         .collect();
-    let none = |why: String| Verdict {
-        delay_s: None,
-        ci95_s: None,
-        why,
-        method: None,
-        grounds: Grounds::default(),
-    };
     let Some((name, chosen)) = found.iter().find(|(_, e)| !e.contradicted).or(found.first()) else {
-        let said: Vec<String> = answers
-            .iter()
-            .map(|(m, e, _)| {
-                let note = e.note.as_deref().map_or_else(String::new, |n| format!(" ({n})"));
-                format!("{} says {}{note}", m.entry.name, e.outcome.name().replace('_', " "))
-            })
-            .collect();
-        return none(format!("no method found a delay to believe: {}", said.join("; ")));
+        let said: Vec<String> = answers.iter().map(|(m, e, _)| silent(m, e)).collect();
+        return Verdict::none(format!("no method found a delay to believe: {}", said.join("; ")));
     };
     let (Some(delay_s), Some(ci95_s)) = (chosen.delay_s, chosen.ci95_s) else {
-        return none("no method found a delay to believe".to_owned());
+        return Verdict::none("no method found a delay to believe".to_owned());
     };
     if ci95_s[1] - ci95_s[0] > 0.5 * max_delay_s {
-        return none(format!(
+        return Verdict::none(format!(
             "delays from {:.4} to {:.4} s fit about alike: measure at higher frequencies, or closer together",
             ci95_s[0], ci95_s[1]
         ));
@@ -192,31 +142,38 @@ pub(super) fn verdict(
             grounds.differ.push(((*other).to_owned(), at));
         }
     }
+    let doubts = [
+        (chosen.contradicted, "what its model leaves over contradicts it, so this is a guess"),
+        (
+            band < NARROW,
+            "the band is less than two octaves wide: lag of poles outside it looks like delay",
+        ),
+    ];
+    grounds.doubts.extend(doubts.iter().filter(|(holds, _)| *holds).map(|(_, d)| (*d).to_owned()));
+    Verdict {
+        delay_s: Some(delay_s),
+        ci95_s: Some(ci95_s),
+        why: why(name, &grounds),
+        method: Some((*name).to_owned()),
+        grounds,
+    }
+}
+
+/// What a method says that found nothing.
+fn silent(method: &ResponseMethod, estimate: &DelayEstimate) -> String {
+    let note = estimate.note.as_deref().map_or_else(String::new, |n| format!(" ({n})"));
+    format!("{} says {}{note}", method.entry.name, estimate.outcome.name().replace('_', " "))
+}
+
+/// Who says so, who agrees and who says otherwise, and what makes it doubtful.
+fn why(name: &str, grounds: &Grounds) -> String {
     let mut why = match grounds.agree.get(1..) {
         Some(others) if !others.is_empty() => {
             format!("{name} says so, and {} agrees with it", others.join(", "))
         }
         _ => format!("{name} alone"),
     };
-    for (other, at) in &grounds.differ {
-        why.push_str(&format!("; {other} says {at:.4} s"));
-    }
-    if chosen.contradicted {
-        let doubt = "what its model leaves over contradicts it, so this is a guess";
-        why.push_str(&format!("; {doubt}"));
-        grounds.doubts.push(doubt.to_owned());
-    }
-    if band < NARROW {
-        let doubt =
-            "the band is less than two octaves wide: lag of poles outside it looks like delay";
-        why.push_str(&format!("; {doubt}"));
-        grounds.doubts.push(doubt.to_owned());
-    }
-    Verdict {
-        delay_s: Some(delay_s),
-        ci95_s: Some(ci95_s),
-        why,
-        method: Some((*name).to_owned()),
-        grounds,
-    }
+    let differ = grounds.differ.iter().map(|(other, at)| format!("; {other} says {at:.4} s"));
+    why.extend(differ.chain(grounds.doubts.iter().map(|doubt| format!("; {doubt}"))));
+    why
 }

@@ -7,11 +7,11 @@ use nalgebra::Complex;
 use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch};
-use super::fraction::{Fitted, Orders, Points, zeros};
-use super::job::ends;
+use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch, ends};
+use super::fraction::{FittedFraction, Orders, Points, zeros};
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::options;
 use crate::method::Class;
 use crate::posterior;
 use deadtime_log::{FrequencyResponse, Quality};
@@ -84,8 +84,8 @@ const VAGUE: f64 = 3.0;
 const SMOOTH: f64 = 0.6;
 
 /// A minimum with its weighting and its criterion.
-struct Candidate {
-    fitted: Fitted,
+struct Minimum {
+    fitted: FittedFraction,
     weighting: usize,
     /// Standard deviation of the delay.
     std: f64,
@@ -98,75 +98,31 @@ impl ResponseEstimator for Rational {
         response: &FrequencyResponse,
         search: &ResponseSearch,
     ) -> Result<DelayEstimate, DelayError> {
-        if self.max_poles > MOST {
-            return Err(DelayError::Option {
-                method: "rational",
-                option: "max_poles",
-                value: self.max_poles as f64,
-                allowed: "10 or less",
-            });
-        }
+        let allowed = self.max_poles <= MOST;
+        options("rational", [("max_poles", self.max_poles as f64, allowed, "10 or less")])?;
         let (first, last) = ends(response);
         let unit = (first * last).sqrt();
         let weightings = weightings(response, unit);
         let numbers = 2.0 * response.omega_rad_s().len() as f64;
         // Twice as many numbers as parameters at least.
         let poles = self.max_poles.min(((0.5 * numbers - 2.0) / 2.0).max(0.0) as usize);
-        let longest = search.max_delay_s * unit;
-        let steps =
-            (search.max_delay_s * last * STEPS / std::f64::consts::TAU).ceil().max(8.0) as usize;
-        let delays: Vec<f64> = (0..=steps).map(|k| longest * k as f64 / steps as f64).collect();
-        let stride = stride(response, search);
-        let orders: Vec<(usize, Orders)> = (0..weightings.len())
-            .flat_map(|w| {
-                (0..=poles).flat_map(move |poles| {
-                    (0..=poles).map(move |zeros| (w, Orders { poles, zeros }))
-                })
-            })
-            .collect();
-        let fits: Vec<(usize, Fitted)> = orders
-            .par_iter()
-            .flat_map_iter(|(w, orders)| {
-                let found = weightings.get(*w).map_or_else(Vec::new, |points| {
-                    points.minima(&points.thinned(stride), *orders, &delays, &search.stop)
-                });
-                found.into_iter().map(|f| (*w, f))
-            })
-            .collect();
+        let asked = Asked { response, search, unit, poles };
+        let delays = asked.delays(last);
+        let fits = asked.fits(&weightings, &delays, last / unit);
         if search.stop.is_set() {
             return Err(DelayError::Stopped);
         }
-        // Beyond the band a zero in the right half-plane is nothing but delay, and is taken for it.
-        let end = last / unit;
-        let beyond = |f: &Fitted| zeros(f).iter().any(|z| z.re > 0.0 && z.norm() > end);
-        let fits: Vec<(usize, Fitted)> = fits.into_iter().filter(|(_, f)| !beyond(f)).collect();
-        let mut candidates = weighed(&weightings, fits, numbers, 1.0);
-        let Some(share) = candidates.first().map(|best| independent(&weightings, best)) else {
-            return Ok(DelayEstimate::without(
-                Outcome::Singular,
-                "no model of any order can be fitted to these numbers",
-            ));
-        };
+        let mut all = weighed(&weightings, fits, numbers, 1.0);
+        let share = all.first().map_or(1.0, |best| independent(&weightings, best));
         if share < 1.0 {
-            candidates = weighed(
-                &weightings,
-                candidates.into_iter().map(|c| (c.weighting, c.fitted)).collect(),
-                numbers,
-                share,
-            );
+            let fits = all.into_iter().map(|c| (c.weighting, c.fitted)).collect();
+            all = weighed(&weightings, fits, numbers, share);
         }
-        let candidates = undominated(candidates);
-        let Some(best) = candidates.first() else {
-            return Ok(DelayEstimate::without(
-                Outcome::Singular,
-                "no model of any order can be fitted to these numbers",
-            ));
-        };
-        let Some(points) = weightings.get(best.weighting) else {
-            return Ok(DelayEstimate::without(
-                Outcome::Singular,
-                "no model of any order can be fitted to these numbers",
-            ));
+        let minima = undominated(all);
+        let best = minima.first().and_then(|best| Some((best, weightings.get(best.weighting)?)));
+        let Some((best, points)) = best else {
+            let note = "no model of any order can be fitted to these numbers";
+            return Ok(DelayEstimate::without(Outcome::Singular, note));
         };
         let gain =
             numbers * share * (points.power() / best.fitted.cost.max(f64::MIN_POSITIVE)).ln();
@@ -179,93 +135,133 @@ impl ResponseEstimator for Rational {
                 format!("no model explains the response better than chance (gain {gain:.1})");
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
-        Ok(answer(best, &candidates, points, response, search, unit, poles))
+        Ok(asked.answer(best, &minima, points))
     }
 }
 
-/// The answer of the best of all candidates.
-fn answer(
-    best: &Candidate,
-    candidates: &[Candidate],
-    points: &Points,
-    response: &FrequencyResponse,
-    search: &ResponseSearch,
+/// What is fitted, and how far.
+struct Asked<'a> {
+    response: &'a FrequencyResponse,
+    search: &'a ResponseSearch,
+    /// The angular frequency that counts as 1.
     unit: f64,
+    /// Most poles.
     poles: usize,
-) -> DelayEstimate {
-    let interval = mixture(candidates, best.criterion);
-    let (delay, ends) =
-        (best.fitted.delay / unit, interval.map(|v| (v / unit).clamp(0.0, search.max_delay_s)));
-    let ends = [ends[0].min(delay), ends[1].max(delay)];
-    let orders = best.fitted.orders;
-    let plural = |n: usize| if n == 1 { "" } else { "s" };
-    let mut notes = vec![format!(
-        "{} pole{} and {} zero{}",
-        orders.poles,
-        plural(orders.poles),
-        orders.zeros,
-        plural(orders.zeros)
-    )];
-    // What (1 − s/z)/(1 + s/z) turns at low frequencies.
-    let right: Vec<f64> = zeros(&best.fitted)
+}
+
+impl Asked<'_> {
+    /// The delays of a scan, in units of time.
+    fn delays(&self, last: f64) -> Vec<f64> {
+        let longest = self.search.max_delay_s * self.unit;
+        let turns = self.search.max_delay_s * last * STEPS / std::f64::consts::TAU;
+        let steps = turns.ceil().max(8.0) as usize;
+        (0..=steps).map(|k| longest * k as f64 / steps as f64).collect()
+    }
+
+    /// The minima of every order under every weighting, `end` being the last frequency.
+    fn fits(
+        &self,
+        weightings: &[Points],
+        delays: &[f64],
+        end: f64,
+    ) -> Vec<(usize, FittedFraction)> {
+        let stride = stride(self.response, self.search);
+        let most = self.poles;
+        let orders: Vec<(usize, Orders)> = (0..weightings.len())
+            .flat_map(|w| (0..=most).map(move |poles| (w, poles)))
+            .flat_map(|(w, poles)| (0..=poles).map(move |zeros| (w, Orders { poles, zeros })))
+            .collect();
+        // Beyond the band a zero in the right half-plane is nothing but delay, and is taken for it.
+        let beyond = |f: &FittedFraction| zeros(f).iter().any(|z| z.re > 0.0 && z.norm() > end);
+        orders
+            .par_iter()
+            .flat_map_iter(|(w, orders)| {
+                let found = weightings.get(*w).map_or_else(Vec::new, |points| {
+                    points.minima(&points.thinned(stride), *orders, delays, &self.search.stop)
+                });
+                found.into_iter().filter(|f| !beyond(f)).map(|f| (*w, f))
+            })
+            .collect()
+    }
+
+    /// The answer of the best of all minima.
+    fn answer(&self, best: &Minimum, minima: &[Minimum], points: &Points) -> DelayEstimate {
+        let Self { response, search, unit, poles } = *self;
+        let delay = best.fitted.delay / unit;
+        let ends =
+            mixture(minima, best.criterion).map(|v| (v / unit).clamp(0.0, search.max_delay_s));
+        let ends = [ends[0].min(delay), ends[1].max(delay)];
+        let mut notes = vec![orders_note(best.fitted.orders)];
+        notes.extend(turned_note(&best.fitted, unit));
+        notes.extend(others_note(best, minima, unit));
+        if let Quality::Std(_) = response.quality() {
+            let freedom = 2.0 * points.x.len() as f64 - best.fitted.coefficients.len() as f64 - 1.0;
+            let times = (best.fitted.cost / freedom.max(1.0)).sqrt();
+            if times > 2.0 {
+                notes.push(format!(
+                    "what is left over is {times:.1} times the given standard deviations"
+                ));
+            }
+        }
+        let notes = notes.join("; ");
+        if ends[1] - ends[0] > 0.5 * search.max_delay_s {
+            let [from, to] = ends;
+            let note = format!("delays from {from:.4} to {to:.4} s fit about alike; {notes}");
+            return DelayEstimate::without(Outcome::Flat, note);
+        }
+        let at_edge = delay >= search.max_delay_s * (1.0 - 1e-6);
+        let std = (delay - ends[0]).max(ends[1] - delay) / deadtime_signal::stats::NORMAL_95;
+        let estimate = DelayEstimate::in_seconds(delay, std, ends, at_edge).noting(Some(notes));
+        let left = points.left(&best.fitted);
+        let exact = best.fitted.cost <= 1e-16 * points.power();
+        let smooth = !exact && best.fitted.orders.poles == poles && alike(&left) > SMOOTH;
+        estimate.contradicted(
+            smooth.then(|| {
+                "what the model leaves over is smooth over frequency: a plant of more poles (max_poles), or an unstable one".to_owned()
+            }),
+        )
+    }
+}
+
+fn plural(n: usize) -> &'static str {
+    if n == 1 { "" } else { "s" }
+}
+
+fn orders_note(Orders { poles, zeros }: Orders) -> String {
+    format!("{poles} pole{} and {zeros} zero{}", plural(poles), plural(zeros))
+}
+
+/// What (1 − s/z)/(1 + s/z) turns at low frequencies.
+fn turned_note(fitted: &FittedFraction, unit: f64) -> Option<String> {
+    let right: Vec<f64> = zeros(fitted)
         .into_iter()
         .filter(|z| z.re > 1e-9 * z.norm())
         .map(|z| 2.0 * z.re / (z.norm_sqr() * unit))
         .collect();
-    if !right.is_empty() {
-        let (lag, count): (f64, usize) = (right.iter().sum(), right.len());
-        let (turn, are) = if count == 1 { ("turns", "is") } else { ("turn", "are") };
-        notes.push(format!(
+    let (lag, count): (f64, usize) = (right.iter().sum(), right.len());
+    let (turn, are) = if count == 1 { ("turns", "is") } else { ("turn", "are") };
+    (count > 0).then(|| {
+        format!(
             "{count} zero{} in the right half-plane {turn} the phase like another {lag:.4} s at low frequencies and {are} no part of the delay",
             plural(count)
-        ));
-    }
-    let apart: Vec<f64> = candidates
-        .iter()
-        .filter(|c| {
+        )
+    })
+}
+
+/// Which delays fit nearly as well with other numbers of poles and zeros.
+fn others_note(best: &Minimum, minima: &[Minimum], unit: f64) -> Option<String> {
+    let apart = || {
+        let near = minima.iter().filter(|c| {
             (c.criterion - best.criterion) < 6.0
                 && (c.fitted.delay - best.fitted.delay).abs() > 4.0 * (c.std + best.std).max(1e-9)
-        })
-        .map(|c| c.fitted.delay / unit)
-        .collect();
-    if let (Some(from), Some(to)) =
-        (apart.iter().copied().reduce(f64::min), apart.iter().copied().reduce(f64::max))
-    {
-        let range =
-            if from == to { format!("{from:.4} s") } else { format!("{from:.4} to {to:.4} s") };
-        notes.push(format!("with other numbers of poles and zeros, or a turn more or less, {range} fit nearly as well"));
-    }
-    if let Quality::Std(_) = response.quality() {
-        let freedom =
-            (2.0 * points.x.len() as f64 - best.fitted.coefficients.len() as f64 - 1.0).max(1.0);
-        let times = (best.fitted.cost / freedom).sqrt();
-        if times > 2.0 {
-            notes.push(format!(
-                "what is left over is {times:.1} times the given standard deviations"
-            ));
-        }
-    }
-    if ends[1] - ends[0] > 0.5 * search.max_delay_s {
-        let note = format!(
-            "delays from {:.4} to {:.4} s fit about alike; {}",
-            ends[0],
-            ends[1],
-            notes.join("; ")
-        );
-        return DelayEstimate::without(Outcome::Flat, note);
-    }
-    let at_edge = delay >= search.max_delay_s * (1.0 - 1e-6);
-    let std = (delay - ends[0]).max(ends[1] - delay) / deadtime_signal::stats::NORMAL_95;
-    let estimate =
-        DelayEstimate::in_seconds(delay, std, ends, at_edge).noting(Some(notes.join("; ")));
-    let left = points.left(&best.fitted);
-    let exact = best.fitted.cost <= 1e-16 * points.power();
-    let smooth = !exact && orders.poles == poles && alike(&left) > SMOOTH;
-    estimate.contradicted(
-        smooth.then(|| {
-            "what the model leaves over is smooth over frequency: a plant of more poles (max_poles), or an unstable one".to_owned()
-        }),
-    )
+        });
+        near.map(|c| c.fitted.delay / unit)
+    };
+    let (from, to) = (apart().reduce(f64::min)?, apart().reduce(f64::max)?);
+    let range = if from == to { format!("{from:.4} s") } else { format!("{from:.4} to {to:.4} s") };
+    Some(format!(
+        "with other numbers of poles and zeros, or a turn more or less, {range} fit nearly as well"
+    ))
 }
 
 /// Frequencies left out between two of a scan, so that no delay of the window looks like another.
@@ -313,17 +309,17 @@ fn smoothed(h: &[Complex<f64>]) -> Vec<f64> {
         .collect()
 }
 
-/// The candidates by their criterion, the best first; `share` of the numbers are independent.
+/// The minima by their criterion, the best first; `share` of the numbers are independent.
 fn weighed(
     weightings: &[Points],
-    fits: Vec<(usize, Fitted)>,
+    fits: Vec<(usize, FittedFraction)>,
     numbers: f64,
     share: f64,
-) -> Vec<Candidate> {
+) -> Vec<Minimum> {
     let logs: Vec<f64> =
         weightings.iter().map(|p| p.w.iter().map(|w| w.ln()).sum::<f64>()).collect();
     let floors: Vec<f64> = weightings.iter().map(|p| posterior::ROUNDING * p.power()).collect();
-    let candidate = |(weighting, fitted): (usize, Fitted)| {
+    let minimum = |(weighting, fitted): (usize, FittedFraction)| {
         let (log, floor) = (logs.get(weighting)?, floors.get(weighting)?);
         let cost = fitted.cost.max(*floor).max(f64::MIN_POSITIVE);
         let parameters = fitted.coefficients.len() as f64 + 1.0;
@@ -335,36 +331,36 @@ fn weighed(
             + parameters * (share * numbers).ln()
             + tries;
         let std = (cost / freedom / share * fitted.variance).sqrt().max(1e-9);
-        (criterion.is_finite() && std.is_finite()).then_some(Candidate {
+        (criterion.is_finite() && std.is_finite()).then_some(Minimum {
             fitted,
             weighting,
             std,
             criterion,
         })
     };
-    let mut all: Vec<Candidate> = fits.into_iter().filter_map(candidate).collect();
+    let mut all: Vec<Minimum> = fits.into_iter().filter_map(minimum).collect();
     all.sort_by(|a, b| a.criterion.total_cmp(&b.criterion));
     all
 }
 
 /// Without the models that say less of the delay than a simpler and more probable one that they contain: their further poles and zeros stand where nothing holds them.
-fn undominated(all: Vec<Candidate>) -> Vec<Candidate> {
-    let contains = |c: &Candidate, simpler: &Candidate| {
+fn undominated(all: Vec<Minimum>) -> Vec<Minimum> {
+    let contains = |c: &Minimum, simpler: &Minimum| {
         let (o, s) = (c.fitted.orders, simpler.fitted.orders);
         c.weighting == simpler.weighting && o != s && o.poles >= s.poles && o.zeros >= s.zeros
     };
-    let mut kept: Vec<Candidate> = Vec::with_capacity(all.len());
+    let mut kept: Vec<Minimum> = Vec::with_capacity(all.len());
     // The more probable come first, so that whatever dominates is kept before.
-    for candidate in all {
-        if !kept.iter().any(|k| contains(&candidate, k) && candidate.std > VAGUE * k.std) {
-            kept.push(candidate);
+    for minimum in all {
+        if !kept.iter().any(|k| contains(&minimum, k) && minimum.std > VAGUE * k.std) {
+            kept.push(minimum);
         }
     }
     kept
 }
 
 /// The share of the leftovers that is independent of its neighbours.
-fn independent(weightings: &[Points], best: &Candidate) -> f64 {
+fn independent(weightings: &[Points], best: &Minimum) -> f64 {
     let Some(points) = weightings.get(best.weighting) else { return 1.0 };
     if best.fitted.cost <= 1e-16 * points.power() {
         return 1.0;
@@ -394,8 +390,8 @@ fn alike(left: &[Complex<f64>]) -> f64 {
 }
 
 /// The ends that leave 2.5 % of the weighted normal distributions on each side.
-fn mixture(candidates: &[Candidate], best: f64) -> [f64; 2] {
-    let all: Vec<(f64, f64, f64)> = candidates
+fn mixture(minima: &[Minimum], best: f64) -> [f64; 2] {
+    let all: Vec<(f64, f64, f64)> = minima
         .iter()
         .map(|c| ((-0.5 * (c.criterion - best)).exp(), c.fitted.delay, c.std))
         .filter(|(w, ..)| *w > LIGHT)

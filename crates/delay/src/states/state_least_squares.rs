@@ -10,15 +10,12 @@ use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{DelayEstimator, Search};
 use crate::experiment::{Experiment, PlantModel, Recording};
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::method::{Condition, Information, Law, Method, ReferenceExperiment, Scope, method_line};
 use crate::posterior;
 use crate::threshold::response::Prewindow;
 use deadtime_identify::lag_matrix;
 use deadtime_model::c2d::{Hold, transition};
 use deadtime_model::exp;
-use deadtime_signal::registry::entry;
 use deadtime_signal::stats::interval95;
 use deadtime_signal::time::SampleTime;
 
@@ -66,18 +63,9 @@ const TOGETHER: f64 = 5.7;
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "state_least_squares",
-        "delay of every input from measured states and known A and B",
-        StateLeastSquares,
-        dyn DelayEstimator
-    ),
-    class: Class::States,
     scope: Scope::States,
-    start: Start::Any,
     reference: ReferenceExperiment::States,
     information: Information::KnownModel,
-    basis: Basis::Own,
     tolerance: 0.05,
     withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::Dynamics],
     needs: "the model, and a measured channel for each of its states",
@@ -90,6 +78,12 @@ pub(crate) const METHOD: Method = Method {
         (Law::Gain, "the model's B fixes the gain"),
         (Law::Sign, "the model's B fixes the sign"),
     ],
+    ..method_line!(
+        "state_least_squares",
+        "delay of every input from measured states and known A and B",
+        StateLeastSquares,
+        States
+    )
 };
 
 impl DelayEstimator for StateLeastSquares {
@@ -306,20 +300,7 @@ impl StateLeastSquares {
         let Equations { gram, right, power } = equations(&plant, &recordings, first, lags);
         let angles = angles(&gram, m);
         let Some((gamma, inverse)) = solve(&gram, &right) else {
-            let note = |angle: &f64| {
-                let together = if *angle < TOGETHER {
-                    format!(": this input moves with the others (angle {angle:.2}°)")
-                } else {
-                    String::new()
-                };
-                format!(
-                    "the lags of the inputs are combinations of each other: they do not move enough, or move together{together}"
-                )
-            };
-            return Ok(angles
-                .iter()
-                .map(|a| DelayEstimate::without(Outcome::Singular, note(a)))
-                .collect());
+            return Ok(angles.iter().map(|a| dependent(*a)).collect());
         };
         let explained_by_all = (gamma.dot(&right) / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let freedom = (samples * n).saturating_sub(parameters).max(1) as f64;
@@ -334,7 +315,7 @@ impl StateLeastSquares {
         let explained = (1.0 - refined.residual / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let gain = freedom * -(1.0 - explained_by_all).max(1e-300).ln();
         let visible = gain >= posterior::visible_gain(parameters, 1);
-        let found = Found {
+        let found = OfAllInputs {
             lags,
             gamma,
             inverse,
@@ -355,6 +336,19 @@ impl StateLeastSquares {
     }
 }
 
+/// What to say of an input whose lags are combinations of others'.
+fn dependent(angle: f64) -> DelayEstimate {
+    let together = if angle < TOGETHER {
+        format!(": this input moves with the others (angle {angle:.2}°)")
+    } else {
+        String::new()
+    };
+    let note = format!(
+        "the lags of the inputs are combinations of each other: they do not move enough, or move together{together}"
+    );
+    DelayEstimate::without(Outcome::Singular, note)
+}
+
 /// The lag of the largest coefficient.
 fn largest(coefficients: &[f64]) -> usize {
     (0..coefficients.len())
@@ -363,7 +357,7 @@ fn largest(coefficients: &[f64]) -> usize {
 }
 
 /// What the data say of all inputs together.
-struct Found {
+struct OfAllInputs {
     lags: usize,
     /// Coefficients, all lags of one input after those of another, and the inverse of their Gram matrix.
     gamma: DVector<f64>,
@@ -380,7 +374,7 @@ struct Found {
     visible: bool,
 }
 
-impl Found {
+impl OfAllInputs {
     fn coefficients(&self, j: usize) -> &[f64] {
         &self.gamma.as_slice()[j * self.lags..(j + 1) * self.lags]
     }
@@ -463,18 +457,14 @@ impl Found {
         });
         let finite = std.is_finite();
         let raw = if selection == Selection::LargestProduct { product } else { sum };
+        let outcome = if peak + 1 == lags { Outcome::AtEdge } else { Outcome::Found };
         DelayEstimate {
-            outcome: if peak + 1 == lags { Outcome::AtEdge } else { Outcome::Found },
             delay_s: Some(ts.to_seconds(delay)),
             std_s: finite.then(|| ts.to_seconds(std)),
             ci95_s: finite.then(|| interval95(delay, std).map(|d| ts.to_seconds(d.max(0.0)))),
             raw_delay_s: Some(ts.to_seconds(raw)),
-            degree_bias_samples: 0.0,
-            contradicted: false,
-            misfit: None,
-            enough_poles: false,
-            open_part: false,
             note: Some(note.into()),
+            ..DelayEstimate::bare(outcome)
         }
         .noting(apart)
         .noting(together)

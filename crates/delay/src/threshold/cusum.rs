@@ -8,16 +8,14 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
-use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
+use super::response::{
+    EstimatedResponse, Prewindow, Records, ResponseKind, misfits, onset, response,
+};
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, options};
+use crate::method::{Basis, Condition, Information, Law, Method, method_line, plant_example};
 use crate::posterior;
-use deadtime_signal::registry::entry;
 
 /// CUSUM test on the impulse response.
 ///
@@ -32,23 +30,7 @@ use deadtime_signal::registry::entry;
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1 (idimpCusum); Page (1954), Biometrika 41, 100-115, doi:10.1093/biomet/41.1-2.100; Gustafsson (2000), "Adaptive
 /// Filtering and Change Detection", section 3.3. Drift and level in Björklund's runs were tuned to his benchmark and are not repeated here: the level is the one that noise alone,
 /// correlated as the coefficients' errors are, exceeds with a given probability.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{Cusum, DelayEstimator, Experiment, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(600, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 600];
-/// for t in 5..600 {
-///     y[t] = 0.6 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Cusum::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Cusum, 600, 0.6, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Cusum {
@@ -81,19 +63,8 @@ impl Default for Cusum {
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "cusum",
-        "sample from which the estimated impulse response keeps adding up, by a CUSUM test",
-        Cusum,
-        dyn DelayEstimator
-    ),
-    class: Class::Threshold,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
     information: Information::Response,
     basis: Basis::FiniteResponse,
-    tolerance: crate::method::WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "as `threshold`",
     blind_to: "responses that change sign at once; feedback",
@@ -101,62 +72,50 @@ pub(crate) const METHOD: Method = Method {
         Law::Exact,
         "a response that outlives the taps leaves errors in the coefficients before its start, which the sum adds up",
     )],
+    ..method_line!(
+        "cusum",
+        "sample from which the estimated impulse response keeps adding up, by a CUSUM test",
+        Cusum,
+        Threshold
+    )
 };
 
-impl DelayEstimator for Cusum {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        self.run("cusum", &Kind::Impulse, experiment, search)
+impl PairMethod for Cusum {
+    fn check(&self) -> Result<(), DelayError> {
+        self.check_as("cusum")
+    }
+
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        self.change("cusum", ResponseKind::Impulse, pair)
     }
 }
 
 impl Cusum {
-    pub(super) fn run(
-        &self,
-        name: &'static str,
-        kind: &Kind,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        let option =
-            |option, value, allowed| DelayError::Option { method: name, option, value, allowed };
-        if self.taps == 0 {
-            return Err(option("taps", 0.0, "1 or more"));
-        }
-        if !(self.drift.is_finite() && self.drift >= 0.0) {
-            return Err(option("drift", self.drift, "0 or more"));
-        }
-        if let Some(level) = self.level.filter(|l| !(l.is_finite() && *l > 0.0)) {
-            return Err(option("level", level, "above 0"));
-        }
-        if !(self.false_alarm > 0.0 && self.false_alarm < 1.0) {
-            return Err(option("false_alarm", self.false_alarm, "between 0 and 1"));
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            let taps = self.taps.max(max_delay + 1);
-            let response = match response(name, kind, records, taps, self.records, self.prewindow)?
-            {
-                Ok(response) => response,
-                Err(answer) => return Ok(answer),
-            };
-            // Slow noise adds up as a response does; whether there is one at all is for a test that whitens it.
-            if let Some(note) = posterior::unseen(records, max_delay) {
-                return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-            }
-            Ok(self.change(&response, max_delay, bias, experiment))
-        })
+    /// Refuses options out of their ranges, under the name of a method that has them.
+    pub(super) fn check_as(&self, name: &'static str) -> Result<(), DelayError> {
+        let Self { taps, drift, level, false_alarm, .. } = *self;
+        let level = level.unwrap_or(1.0);
+        let rows = [
+            ("taps", taps as f64, taps >= 1, "1 or more"),
+            ("drift", drift, drift.is_finite() && drift >= 0.0, "0 or more"),
+            ("level", level, level.is_finite() && level > 0.0, "above 0"),
+            ("false_alarm", false_alarm, false_alarm > 0.0 && false_alarm < 1.0, "between 0 and 1"),
+        ];
+        options(name, rows)
     }
 
-    fn change(
+    /// The delay at which the response begins to add up.
+    pub(super) fn change(
         &self,
-        response: &Response,
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> DelayEstimate {
+        name: &'static str,
+        kind: ResponseKind,
+        pair: &PairRecords,
+    ) -> Result<DelayEstimate, NoDelay> {
+        let max_delay = pair.max_delay;
+        let taps = self.taps.max(max_delay + 1);
+        let response = response(name, kind, pair.records, taps, (self.records, self.prewindow))?;
+        // Slow noise adds up as a response does; whether there is one at all is for a test that whitens it.
+        pair.visible()?;
         // On noise-free data the uncertainty is rounding: a share of the largest value stands for it.
         let floor = ROUNDING * response.values.amax();
         let z: Vec<f64> = (0..=max_delay)
@@ -164,12 +123,12 @@ impl Cusum {
             .collect();
         let level = self
             .level
-            .unwrap_or_else(|| alarm_level(response, max_delay + 1, self.drift, self.false_alarm));
+            .unwrap_or_else(|| alarm_level(&response, max_delay + 1, self.drift, self.false_alarm));
         let Some(Run { first, alarm }) = cusum(&z, self.drift, level) else {
             let note = format!(
                 "the response adds up to no more than {level:.1} standard deviations above the drift up to the longest delay"
             );
-            return DelayEstimate::without(Outcome::NotVisible, note);
+            return Err(NoDelay::new(Outcome::NotVisible, note));
         };
         // Errors of coefficients are nearly independent, those of their sums are not: the coefficients tell where it began.
         let [values, std] = &response.each;
@@ -180,13 +139,10 @@ impl Cusum {
             .unwrap_or(alarm);
         let began = onset(&misfits).min(start);
         let [raw, start, began, alarm] = [first, start, began, alarm].map(|i| i as f64);
-        let interval = posterior::first_coefficient(began, alarm, bias);
+        let interval = posterior::first_coefficient(began, alarm, pair.bias);
         let std = (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt();
-        let at_edge = start == max_delay as f64;
-        let estimate =
-            DelayEstimate::counted(start, std, interval, at_edge, bias, experiment.sample_time());
-        DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(raw)), ..estimate }
-            .noting(response.note.clone())
+        let estimate = pair.counted(start, std, interval).with_raw_s(pair.seconds(raw));
+        Ok(estimate.noting(response.note))
     }
 }
 
@@ -224,7 +180,7 @@ fn cusum(z: &[f64], drift: f64, level: f64) -> Option<Run> {
 const DRAWS: usize = 2000;
 
 /// The level that noise alone exceeds with this probability, for errors correlated as the response's are; by drawing them.
-fn alarm_level(response: &Response, samples: usize, drift: f64, probability: f64) -> f64 {
+fn alarm_level(response: &EstimatedResponse, samples: usize, drift: f64, probability: f64) -> f64 {
     let mut correlation: DMatrix<f64> =
         response.correlation.view((0, 0), (samples, samples)).into_owned();
     for i in 0..samples {
@@ -284,7 +240,7 @@ mod tests {
         use statrs::distribution::{ContinuousCDF, Normal};
         let n = 30;
         let none = DVector::zeros(n);
-        let response = Response {
+        let response = EstimatedResponse {
             values: none.clone(),
             std: none.clone(),
             each: [none.clone(), none],
@@ -302,7 +258,8 @@ mod tests {
         // Correlated errors add up further.
         let slow = DMatrix::from_fn(n, n, |i, j| 0.95_f64.powi((i as i32 - j as i32).abs()));
         assert!(
-            alarm_level(&Response { correlation: slow, ..response }, n, drift, 0.05) > level + 1.0
+            alarm_level(&EstimatedResponse { correlation: slow, ..response }, n, drift, 0.05)
+                > level + 1.0
         );
     }
 }

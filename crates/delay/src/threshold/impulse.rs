@@ -4,17 +4,14 @@
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
+use super::response::{
+    EstimatedResponse, Prewindow, Records, ResponseKind, misfits, onset, response,
+};
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::WHOLE;
-use crate::method::{
-    Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, options};
+use crate::method::{Basis, Condition, Information, Method, method_line, plant_example};
 use crate::posterior;
-use deadtime_signal::registry::entry;
 
 /// Threshold on the impulse response.
 ///
@@ -26,23 +23,7 @@ use deadtime_signal::registry::entry;
 /// with `prewindow: rest`), nothing stands out (`not_visible`), or the response begins slowly: the answer is then late,
 /// and the interval reaches back to where the response may have begun.
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1 (5 standard deviations); the thesis behind this project, algorithms 3.1 to 3.3 (3 of them).
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Search, Threshold};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(600, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 600];
-/// for t in 5..600 {
-///     y[t] = 0.6 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Threshold::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Threshold, 600, 0.6, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Threshold {
@@ -72,78 +53,62 @@ impl Default for Threshold {
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "threshold",
-        "first coefficient of the estimated impulse response above its threshold",
-        Threshold,
-        dyn DelayEstimator
-    ),
-    class: Class::Threshold,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
     information: Information::Response,
     basis: Basis::FiniteResponse,
-    tolerance: WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "an input that excites every tap, a response that dies out within them",
     blind_to: "a response that begins slowly: it answers late; feedback",
-    exempt: &[],
+    ..method_line!(
+        "threshold",
+        "first coefficient of the estimated impulse response above its threshold",
+        Threshold,
+        Threshold
+    )
 };
 
-impl DelayEstimator for Threshold {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        self.run("threshold", &Kind::Impulse, experiment, search)
+impl PairMethod for Threshold {
+    fn check(&self) -> Result<(), DelayError> {
+        self.check_as("threshold")
+    }
+
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let response = self.response("threshold", ResponseKind::Impulse, pair)?;
+        self.crossing(&response, true, pair)
     }
 }
 
 impl Threshold {
-    pub(super) fn run(
-        &self,
-        name: &'static str,
-        kind: &Kind,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        let option =
-            |option, value, allowed| DelayError::Option { method: name, option, value, allowed };
-        if self.taps == 0 {
-            return Err(option("taps", 0.0, "1 or more"));
-        }
-        if !(self.h_std.is_finite() && self.h_std > 0.0) {
-            return Err(option("h_std", self.h_std, "above 0"));
-        }
-        if let Some(level) = self.family_wise.filter(|l| !(*l > 0.0 && *l < 1.0)) {
-            return Err(option("family_wise", level, "between 0 and 1"));
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            let taps = self.taps.max(max_delay + 1);
-            let response = match response(name, kind, records, taps, self.records, self.prewindow)?
-            {
-                Ok(response) => response,
-                Err(answer) => return Ok(answer),
-            };
-            let impulse = matches!(kind, Kind::Impulse);
-            // The running sum gathers slow noise as it gathers a response; whether there is one at all is for a test that whitens it.
-            if let Some(note) = posterior::unseen(records, max_delay).filter(|_| !impulse) {
-                return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-            }
-            Ok(self.crossing(&response, impulse, max_delay, bias, experiment))
-        })
+    /// Refuses options out of their ranges, under the name of a method that has them.
+    pub(super) fn check_as(&self, name: &'static str) -> Result<(), DelayError> {
+        let Self { taps, h_std, family_wise, .. } = *self;
+        let level = family_wise.unwrap_or(0.5);
+        let rows = [
+            ("taps", taps as f64, taps >= 1, "1 or more"),
+            ("h_std", h_std, h_std.is_finite() && h_std > 0.0, "above 0"),
+            ("family_wise", level, level > 0.0 && level < 1.0, "between 0 and 1"),
+        ];
+        options(name, rows)
     }
 
-    fn crossing(
+    /// The response that these options ask for.
+    pub(super) fn response(
         &self,
-        response: &Response,
+        name: &'static str,
+        kind: ResponseKind,
+        pair: &PairRecords,
+    ) -> Result<EstimatedResponse, NoDelay> {
+        let taps = self.taps.max(pair.max_delay + 1);
+        response(name, kind, pair.records, taps, (self.records, self.prewindow))
+    }
+
+    /// The first sample above the threshold; a response that `settles` must have died out behind
+    /// it.
+    pub(super) fn crossing(
+        &self,
+        response: &EstimatedResponse,
         settles: bool,
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> DelayEstimate {
+        pair: &PairRecords,
+    ) -> Result<DelayEstimate, NoDelay> {
         let taps = response.values.len();
         let multiple = match self.family_wise {
             None => self.h_std,
@@ -157,18 +122,15 @@ impl Threshold {
         let floor = 1e-9 * response.values.amax();
         let threshold = response.std.map(|s| (multiple * s).max(floor));
         let above = |i: usize| response.values[i].abs() > threshold[i];
-        let Some(first) = (0..=max_delay).find(|&i| above(i)) else {
-            return DelayEstimate::without(
-                Outcome::NotVisible,
-                format!(
-                    "no sample of the response up to the longest delay exceeds {multiple:.2} standard deviations"
-                ),
+        let Some(first) = (0..=pair.max_delay).find(|&i| above(i)) else {
+            let note = format!(
+                "no sample of the response up to the longest delay exceeds {multiple:.2} standard deviations"
             );
+            return Err(NoDelay::new(Outcome::NotVisible, note));
         };
         let began = onset(&misfits(&response.values, &response.std, first));
         let (raw, began) = (first as f64, began as f64);
-        let interval = posterior::first_coefficient(began, raw, bias);
-        let at_edge = first == max_delay;
+        let interval = posterior::first_coefficient(began, raw, pair.bias);
         let tail = taps - taps.div_ceil(10);
         let alive = (tail..taps)
             .filter(|&i| response.values[i].abs() > (3.0 * response.std[i]).max(floor))
@@ -178,8 +140,6 @@ impl Threshold {
         });
         // The true start is anywhere between: a uniform distribution's standard deviation.
         let std = (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt();
-        DelayEstimate::counted(raw, std, interval, at_edge, bias, experiment.sample_time())
-            .noting(note)
-            .noting(response.note.clone())
+        Ok(pair.counted(raw, std, interval).noting(note).noting(response.note.clone()))
     }
 }

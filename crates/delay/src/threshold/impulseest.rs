@@ -5,16 +5,12 @@
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use crate::error::DelayError;
+use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
-use crate::estimator::{DelayEstimator, Search, one_pair};
-use crate::experiment::Experiment;
-use crate::method::{
-    Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start,
-};
+use crate::estimator::{NoDelay, PairMethod, PairRecords, options};
+use crate::method::{Condition, Information, Method, method_line, plant_example};
 use crate::posterior;
-use deadtime_identify::{Evidence, Record};
-use deadtime_signal::registry::entry;
+use deadtime_identify::Evidence;
 
 /// Threshold on a regularised impulse response, as MATLAB's `impulseest` draws it.
 ///
@@ -29,23 +25,7 @@ use deadtime_signal::registry::entry;
 /// Source: Chen, Ohlsson and Ljung (2012), Automatica 48(8), 1525-1535, doi:10.1016/j.automatica.2012.05.026 (TC kernel, marginal likelihood); MATLAB, System Identification
 /// Toolbox, page `impulseest` (default kernel TC). How a delay is read off the picture neither says: MATLAB's user looks for the first coefficient outside of the
 /// confidence region. The evidence of each start is ours.
-///
-/// # Example
-/// ```
-/// use deadtime_delay::{DelayEstimator, Experiment, Impulseest, Search};
-/// use deadtime_signal::{Excitation, excitation::Rbs};
-/// use deadtime_signal::time::SampleTime;
-/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let mut y = vec![0.0; 400];
-/// for t in 5..400 {
-///     y[t] = 0.6 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
-/// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
-/// let answer = Impulseest::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+#[doc = plant_example!(Impulseest, 400, 0.6, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Impulseest {
@@ -65,82 +45,45 @@ const NAME: &str = "impulseest";
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "impulseest",
-        "start of a regularised impulse response: less noise than `threshold`, and for inputs that excite not every tap",
-        Impulseest,
-        dyn DelayEstimator
-    ),
-    class: Class::Threshold,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
     information: Information::Response,
-    basis: Basis::Own,
-    tolerance: crate::method::WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "a response that dies out smoothly within its taps, white noise",
     blind_to: "slow noise; feedback; a response that the prior does not expect",
-    exempt: &[],
+    ..method_line!(
+        "impulseest",
+        "start of a regularised impulse response: less noise than `threshold`, and for inputs that excite not every tap",
+        Impulseest,
+        Threshold
+    )
 };
 
 /// Rows for each coefficient that a shortest record must have: the prior stands in for the rest.
 const ROWS: usize = 20;
 
-/// Rounds of finding the start and tuning the prior for it.
-const ROUNDS: usize = 3;
-
-impl DelayEstimator for Impulseest {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        let option =
-            |option, value, allowed| DelayError::Option { method: NAME, option, value, allowed };
-        if self.taps == 0 {
-            return Err(option("taps", 0.0, "1 or more"));
-        }
-        if !(self.false_alarm > 0.0 && self.false_alarm < 1.0) {
-            return Err(option("false_alarm", self.false_alarm, "between 0 and 1"));
-        }
-        one_pair(experiment, search, |records, max_delay, bias| {
-            self.pair(records, max_delay, bias, experiment)
-        })
+impl PairMethod for Impulseest {
+    fn check(&self) -> Result<(), DelayError> {
+        let Self { taps, false_alarm } = *self;
+        let allowed = false_alarm > 0.0 && false_alarm < 1.0;
+        let rows = [
+            ("taps", taps as f64, taps >= 1, "1 or more"),
+            ("false_alarm", false_alarm, allowed, "between 0 and 1"),
+        ];
+        options(NAME, rows)
     }
-}
 
-impl Impulseest {
-    fn pair(
-        &self,
-        records: &[Record],
-        max_delay: usize,
-        bias: usize,
-        experiment: &Experiment,
-    ) -> Result<DelayEstimate, DelayError> {
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let max_delay = pair.max_delay;
         let taps = self.taps.max(max_delay + 1);
-        let (needed, got) = (taps - 1 + ROWS, experiment.longest());
-        if got < needed {
-            return Err(DelayError::TooShort {
-                method: NAME,
-                needed,
-                got,
-                remedy: crate::error::LengthRemedy::WindowOr("set fewer taps"),
-            });
-        }
-        let Some(evidence) = Evidence::new(records, taps) else {
+        pair.at_least(NAME, taps - 1 + ROWS, LengthRemedy::WindowOr("set fewer taps"))?;
+        let Some(evidence) = Evidence::new(pair.records, taps) else {
             let note = format!("the input never moves within {taps} samples of a measured output");
-            return Ok(DelayEstimate::without(Outcome::NotRichEnough, note));
+            return Err(NoDelay::new(Outcome::NotRichEnough, note));
         };
-        if let Some(note) = posterior::unseen(records, max_delay) {
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-        }
-        let mut prior = evidence.tune(0, None);
+        pair.visible()?;
+        let prior = evidence.tune(0, None);
         let Some(whole) = evidence.response(0, prior) else {
-            return Ok(DelayEstimate::without(
-                Outcome::Singular,
-                "the numbers overflow; scale the channels",
-            ));
+            let note = "the numbers overflow; scale the channels";
+            return Err(NoDelay::new(Outcome::Singular, note));
         };
         let each = 1.0 - (1.0 - self.false_alarm).powf(1.0 / taps as f64);
         let multiple =
@@ -152,47 +95,18 @@ impl Impulseest {
             let note = format!(
                 "no coefficient up to the longest delay exceeds {multiple:.2} posterior standard deviations"
             );
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+            return Err(NoDelay::new(Outcome::NotVisible, note));
         };
-        let mut start = crossing;
-        let mut misfits = Vec::new();
-        for _ in 0..ROUNDS {
-            prior = evidence.tune(start, Some(prior));
-            misfits = (0..=max_delay).map(|k| evidence.misfit(k, prior)).collect();
-            let best =
-                (0..=max_delay).min_by(|&a, &b| misfits[a].total_cmp(&misfits[b])).unwrap_or(start);
-            if best == start {
-                break;
-            }
-            start = best;
-        }
+        let misfits = evidence.misfits(crossing, prior, max_delay);
         let Some(posterior) = posterior::posterior_of_misfits(&misfits) else {
-            return Ok(DelayEstimate::without(
-                Outcome::Singular,
-                "no start has a finite likelihood: scale the channels",
-            ));
+            let note = "no start has a finite likelihood: scale the channels";
+            return Err(NoDelay::new(Outcome::Singular, note));
         };
         let delays = max_delay + 1;
         if posterior.set > delays / 2 {
-            return Ok(DelayEstimate::without(
-                Outcome::Flat,
-                format!("{} of {delays} starts are as probable", posterior.set),
-            ));
+            let note = format!("{} of {delays} starts are as probable", posterior.set);
+            return Err(NoDelay::new(Outcome::Flat, note));
         }
-        let (raw, first) = (posterior.best as f64, crossing as f64);
-        let interval = posterior::first_coefficient(posterior.ends[0], posterior.ends[1], bias);
-        let at_edge = posterior.best == max_delay;
-        let estimate = DelayEstimate::counted(
-            raw,
-            posterior.std,
-            interval,
-            at_edge,
-            bias,
-            experiment.sample_time(),
-        );
-        Ok(DelayEstimate {
-            raw_delay_s: Some(experiment.sample_time().to_seconds(first)),
-            ..estimate
-        })
+        Ok(pair.most_probable(&posterior).with_raw_s(pair.seconds(crossing as f64)))
     }
 }

@@ -4,9 +4,10 @@ use std::borrow::Cow;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::error::DelayError;
-use crate::estimate::{DelayEstimate, Outcome};
-use deadtime_identify::{Fir, Record, fir_or_rank};
+use crate::error::LengthRemedy;
+use crate::estimator::{NoDelay, impulse_response, long_enough};
+use deadtime_identify::{Fir, Record};
+use deadtime_signal::stats;
 
 /// How several records are put together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -37,7 +38,7 @@ pub enum Prewindow {
 const STILL: usize = 10;
 
 /// A response, its standard deviations and the correlation of its errors.
-pub(super) struct Response {
+pub(super) struct EstimatedResponse {
     pub(super) values: DVector<f64>,
     pub(super) std: DVector<f64>,
     /// The coefficients behind it and their standard deviations: the response to an impulse.
@@ -49,33 +50,26 @@ pub(super) struct Response {
 }
 
 /// What the answer is made from.
-pub(super) enum Kind {
+#[derive(Clone, Copy)]
+pub(super) enum ResponseKind {
     /// The response to an impulse.
     Impulse,
     /// The response to a step: the running sum.
     Step,
 }
 
-/// The averaged response of the records, or the answer in its place.
+/// The averaged response of the records.
 pub(super) fn response(
     name: &'static str,
-    kind: &Kind,
+    kind: ResponseKind,
     records: &[Record],
     taps: usize,
-    together: Records,
-    prewindow: Prewindow,
-) -> Result<Result<Response, DelayEstimate>, DelayError> {
+    (together, prewindow): (Records, Prewindow),
+) -> Result<EstimatedResponse, NoDelay> {
     // Two rows more than coefficients.
     let needed = taps + 2 + if prewindow == Prewindow::Rest { 0 } else { taps - 1 };
     let got = records.iter().map(Record::len).max().unwrap_or(0);
-    if got < needed {
-        return Err(DelayError::TooShort {
-            method: name,
-            needed,
-            got,
-            remedy: crate::error::LengthRemedy::WindowOr("set fewer taps"),
-        });
-    }
+    long_enough(name, needed, got, LengthRemedy::WindowOr("set fewer taps"))?;
     let rested;
     let records = if prewindow == Prewindow::Rest {
         rested = records.iter().map(|r| from_rest(r, taps)).collect::<Vec<_>>();
@@ -87,32 +81,24 @@ pub(super) fn response(
         Records::Joint => vec![records],
         Records::Averaged => records.chunks(1).collect(),
     };
-    let mut responses = Vec::with_capacity(groups.len());
-    for group in groups {
-        match fir_or_rank(group, taps) {
-            Ok(fir) => responses.push(one(kind, &fir)),
-            Err(_) if prewindow == Prewindow::Auto && records.iter().all(|r| still(r) >= STILL) => {
-                let answer = response(name, kind, records, taps, together, Prewindow::Rest)?;
-                let said = "the rows after the first do not excite every coefficient: the input, still at first, was taken to have stood there before";
-                return Ok(answer.map(|r| Response { note: Some(said.to_owned()), ..r }));
-            }
-            Err(rank) => {
-                let note = format!(
-                    "the input excites only {} of {} coefficients",
-                    rank.rank, rank.columns
-                );
-                return Ok(Err(DelayEstimate::without(Outcome::NotRichEnough, note)));
-            }
+    let begins_still = || records.iter().all(|r| still(r) >= STILL);
+    let each = groups.into_iter().map(|group| Ok(one(kind, &impulse_response(group, taps)?)));
+    match each.collect() {
+        Err(NoDelay::Answer(_)) if prewindow == Prewindow::Auto && begins_still() => {
+            let at_rest = (together, Prewindow::Rest);
+            let note = "the rows after the first do not excite every coefficient: the input, still at first, was taken to have stood there before";
+            let response = response(name, kind, records, taps, at_rest)?;
+            Ok(EstimatedResponse { note: Some(note.to_owned()), ..response })
         }
+        responses => Ok(averaged(responses?)),
     }
-    Ok(Ok(averaged(responses)))
 }
 
-fn one(kind: &Kind, fir: &Fir) -> Response {
+fn one(kind: ResponseKind, fir: &Fir) -> EstimatedResponse {
     let taps = fir.coefficients.len();
     let (values, covariance) = match kind {
-        Kind::Impulse => (fir.coefficients.clone(), fir.covariance.clone()),
-        Kind::Step => {
+        ResponseKind::Impulse => (fir.coefficients.clone(), fir.covariance.clone()),
+        ResponseKind::Step => {
             let sum = DMatrix::from_fn(taps, taps, |i, j| f64::from(u8::from(j <= i)));
             (&sum * &fir.coefficients, &sum * &fir.covariance * sum.transpose())
         }
@@ -122,16 +108,16 @@ fn one(kind: &Kind, fir: &Fir) -> Response {
         covariance[(i, j)] / (std[i] * std[j]).max(f64::MIN_POSITIVE)
     });
     let each = [fir.coefficients.clone(), fir.covariance.diagonal().map(|v| v.max(0.0).sqrt())];
-    Response { values, std, each, correlation, freedom: fir.rows - taps, note: None }
+    EstimatedResponse { values, std, each, correlation, freedom: fir.rows - taps, note: None }
 }
 
 /// Mean response and mean standard deviation over records.
-fn averaged(responses: Vec<Response>) -> Response {
+fn averaged(responses: Vec<EstimatedResponse>) -> EstimatedResponse {
     let share = 1.0 / responses.len().max(1) as f64;
     let mut all = responses.into_iter();
     let Some(mut sum) = all.next() else {
         let none = DVector::zeros(0);
-        return Response {
+        return EstimatedResponse {
             values: none.clone(),
             std: none.clone(),
             each: [none.clone(), none],
@@ -170,9 +156,8 @@ fn from_rest<'b>(record: &Record<'_>, taps: usize) -> Record<'b> {
     let there = |t: usize| record.present.as_ref().is_none_or(|p| p[t]);
     let (mut level_u, mut level_y) = (0.0, 0.0);
     if rest >= STILL {
-        let resting: Vec<f64> = (0..rest).filter(|&t| there(t)).map(|t| record.y[t]).collect();
-        let count = resting.len().max(1) as f64;
-        (level_u, level_y) = (record.u[0], resting.iter().sum::<f64>() / count);
+        let resting = (0..rest).filter(|&t| there(t)).map(|t| record.y[t]);
+        (level_u, level_y) = (record.u[0], stats::mean(resting).unwrap_or(0.0));
     }
     let behind = |x: &[f64], level: f64| -> Cow<'b, [f64]> {
         vec![0.0; before].into_iter().chain(x.iter().map(|v| v - level)).collect()

@@ -3,16 +3,11 @@
 //! Equation: s(i) = Σ ĥ(k) over k ≤ i, σ_s(i) its standard deviation; τ̂ = Ts·min { i : |s(i)| > h·σ_s(i) }.
 
 use super::impulse::Threshold;
-use super::response::Kind;
+use super::response::ResponseKind;
 use crate::error::DelayError;
 use crate::estimate::DelayEstimate;
-use crate::estimator::{DelayEstimator, Search};
-use crate::experiment::Experiment;
-use crate::method::WHOLE;
-use crate::method::{
-    Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
-};
-use deadtime_signal::registry::entry;
+use crate::estimator::{NoDelay, PairMethod, PairRecords};
+use crate::method::{Basis, Condition, Information, Law, Method, method_line};
 
 /// Threshold on the step response, the running sum of the impulse response; options as [`Threshold`].
 ///
@@ -25,19 +20,8 @@ pub struct Step(pub Threshold);
 
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
-    entry: entry!(
-        "threshold_step",
-        "first sample of the estimated step response above its threshold",
-        Step,
-        dyn DelayEstimator
-    ),
-    class: Class::Threshold,
-    scope: Scope::Pair,
-    start: Start::Any,
-    reference: ReferenceExperiment::Plant,
     information: Information::Response,
     basis: Basis::FiniteResponse,
-    tolerance: WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "as `threshold`",
     blind_to: "as `threshold`; slow noise, which its running sum gathers",
@@ -45,14 +29,23 @@ pub(crate) const METHOD: Method = Method {
         Law::Exact,
         "the running sum gathers the errors of all coefficients before it, such as those of a response that outlives the taps",
     )],
+    ..method_line!(
+        "threshold_step",
+        "first sample of the estimated step response above its threshold",
+        Step,
+        Threshold
+    )
 };
 
-impl DelayEstimator for Step {
-    fn estimate(
-        &self,
-        experiment: &Experiment,
-        search: &Search,
-    ) -> Result<DelayEstimate, DelayError> {
-        self.0.run("threshold_step", &Kind::Step, experiment, search)
+impl PairMethod for Step {
+    fn check(&self) -> Result<(), DelayError> {
+        self.0.check_as("threshold_step")
+    }
+
+    fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
+        let response = self.0.response("threshold_step", ResponseKind::Step, pair)?;
+        // The running sum gathers slow noise as it gathers a response; whether there is one at all is for a test that whitens it.
+        pair.visible()?;
+        self.0.crossing(&response, false, pair)
     }
 }

@@ -4,8 +4,10 @@
 
 use std::collections::VecDeque;
 
-use crate::track::tracker::online::{Alarm, Tracker, TrackerOptions};
+use crate::track::tracker::online::{Alarm, Tracker};
+use crate::track::tracker::options::TrackerOptions;
 use deadtime_log::neighbours;
+use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
 
 /// Rows from which the sample time is told.
@@ -96,11 +98,11 @@ pub enum Told {
 #[derive(Debug, Clone)]
 pub struct Live {
     options: LiveOptions,
-    stage: Stage,
+    stage: LiveStage,
 }
 
 #[derive(Debug, Clone)]
-enum Stage {
+enum LiveStage {
     First(Vec<Sample>),
     Running(Box<Running>),
 }
@@ -143,7 +145,7 @@ impl Live {
     /// Nothing was seen.
     #[must_use]
     pub fn new(options: LiveOptions) -> Self {
-        Self { options, stage: Stage::First(Vec::new()) }
+        Self { options, stage: LiveStage::First(Vec::new()) }
     }
 
     /// Takes a row: its time, s, later than that of the row before; the command and the response, `None` where they are missing.
@@ -159,7 +161,7 @@ impl Live {
         let sample = Sample { time_s, u, y };
         let mut told = Vec::new();
         match &mut self.stage {
-            Stage::First(first) => {
+            LiveStage::First(first) => {
                 first.push(sample);
                 if first.len() >= FIRST {
                     let first = std::mem::take(first);
@@ -167,29 +169,29 @@ impl Live {
                     for sample in first {
                         running.take(sample, &mut told)?;
                     }
-                    self.stage = Stage::Running(Box::new(running));
+                    self.stage = LiveStage::Running(Box::new(running));
                 }
             }
-            Stage::Running(running) => running.take(sample, &mut told)?,
+            LiveStage::Running(running) => running.take(sample, &mut told)?,
         }
         Ok(told)
     }
 
     /// Forgets everything: the recorder began again.
     pub fn restart(&mut self) {
-        self.stage = Stage::First(Vec::new());
+        self.stage = LiveStage::First(Vec::new());
     }
 
     /// Rows between two samples of the grid, which were left out.
     #[must_use]
     pub fn extra(&self) -> u64 {
-        if let Stage::Running(running) = &self.stage { running.extra } else { 0 }
+        if let LiveStage::Running(running) = &self.stage { running.extra } else { 0 }
     }
 
     /// The response is learnt.
     #[must_use]
     pub fn has_learnt(&self) -> bool {
-        matches!(&self.stage, Stage::Running(r) if r.told.is_some() || r.alarmed.is_some())
+        matches!(&self.stage, LiveStage::Running(r) if r.told.is_some() || r.alarmed.is_some())
     }
 }
 
@@ -203,8 +205,8 @@ fn step_s(first: &[Sample]) -> f64 {
     } else {
         *steps.select_nth_unstable_by(middle, f64::total_cmp).1
     };
-    let near: Vec<f64> = steps.into_iter().filter(|s| (s - median).abs() <= 0.5 * median).collect();
-    near.iter().sum::<f64>() / near.len().max(1) as f64
+    let near = steps.into_iter().filter(|s| (s - median).abs() <= 0.5 * median);
+    stats::mean(near).unwrap_or(0.0)
 }
 
 impl Running {
@@ -293,15 +295,10 @@ impl Running {
         self.stamps.push_back(time_s);
         self.pushed += 1;
         let tracking = self.tracker.push(u, y.filter(|_| known))?;
-        let now = tracking.delay_s.zip(tracking.band_s);
         match tracking.alarm {
             Some(Alarm::DelayChanged { from_s, to_s, since_s }) => {
-                told.push(Told::DelayChanged {
-                    time_s,
-                    from_s,
-                    to_s,
-                    since_s: self.stamp(since_s),
-                });
+                let since_s = self.stamp(since_s);
+                told.push(Told::DelayChanged { time_s, from_s, to_s, since_s });
                 (self.alarmed, self.beside) = (Some((to_s, 0)), 0);
             }
             Some(Alarm::ResponseChanged { since_s }) => {
@@ -310,14 +307,20 @@ impl Running {
             }
             None => {}
         }
-        let Some((delay_s, ci95_s)) = now else { return Ok(()) };
+        if let (Some(delay_s), Some(ci95_s)) = (tracking.delay_s, tracking.band_s) {
+            self.follow(time_s, delay_s, ci95_s, told);
+        }
+        Ok(())
+    }
+
+    /// The delay of a sample, beside what was reported last.
+    fn follow(&mut self, time_s: f64, delay_s: f64, ci95_s: [f64; 2], told: &mut Vec<Told>) {
+        let narrow = ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW);
         match (self.alarmed, self.told) {
             (Some((to_s, _)), _) if (delay_s - to_s).abs() <= self.ts.seconds() => {
                 (self.told, self.alarmed) = (Some((delay_s, ci95_s)), None);
             }
-            (Some((to_s, SETTLING..)), _)
-                if ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW) =>
-            {
+            (Some((to_s, SETTLING..)), _) if narrow => {
                 self.moved(time_s, to_s, delay_s, ci95_s, told)
             }
             (Some((to_s, samples)), _) => self.alarmed = Some((to_s, samples + 1)),
@@ -326,18 +329,13 @@ impl Running {
                 self.told = Some((delay_s, ci95_s));
             }
             (None, Some((from_s, [low, high]))) => {
-                let narrow = ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW);
-                self.beside = if narrow && (ci95_s[0] > high || ci95_s[1] < low) {
-                    self.beside + 1
-                } else {
-                    0
-                };
+                let apart = narrow && (ci95_s[0] > high || ci95_s[1] < low);
+                self.beside = if apart { self.beside + 1 } else { 0 };
                 if self.beside >= HELD {
                     self.moved(time_s, from_s, delay_s, ci95_s, told);
                 }
             }
         }
-        Ok(())
     }
 
     fn moved(

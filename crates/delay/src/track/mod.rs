@@ -8,7 +8,8 @@ mod smooth;
 mod tracker;
 pub(crate) mod watch;
 
-pub use crate::track::tracker::online::{Alarm, Tracker, TrackerOptions, Tracking};
+pub use crate::track::tracker::online::{Alarm, Tracker, Tracking};
+pub use crate::track::tracker::options::TrackerOptions;
 pub use answer::{Anchor, AtOneDelay, Kind, Moving, Tracked, tracked};
 pub use live::{Live, LiveOptions, Told};
 pub use smooth::{Drift, Track};

@@ -151,7 +151,7 @@ const AT_ONCE: usize = 10;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::track::rows::Orders;
+    use crate::track::rows::RowOrders;
     use deadtime_identify::Record;
 
     /// Every path of so many rows over so many delays.
@@ -167,7 +167,7 @@ mod tests {
             |k: f64, f: f64| (0..12).map(|t| (f * f64::from(t) + k).sin()).collect::<Vec<f64>>();
         for (k, price) in [(0.1, 0.05), (0.7, 0.4), (1.9, 2.0)] {
             let record = [Record::new(wave(k, 1.3), wave(2.0 * k, 0.9))];
-            let rows = Rows::new(&record, Orders { na: 1, nb: 2, delays: 3 });
+            let rows = Rows::new(&record, RowOrders { na: 1, nb: 2, delays: 3 });
             let (shape, _) = rows.fit(|_| 1.0).unwrap();
             let errors = rows.errors(&shape);
             let variance: Vec<f64> = (0..rows.len()).map(|i| 0.1 + 0.05 * i as f64).collect();

@@ -3,10 +3,11 @@
 use nalgebra::{DMatrix, DVector};
 
 use deadtime_identify::Record;
+use deadtime_signal::stats;
 
 /// Orders of the model and the delays that it may have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Orders {
+pub(super) struct RowOrders {
     /// Past outputs.
     pub(super) na: usize,
     /// Input coefficients.
@@ -15,7 +16,7 @@ pub(super) struct Orders {
     pub(super) delays: usize,
 }
 
-impl Orders {
+impl RowOrders {
     /// The first row that sees no sample before the record, at any delay.
     pub(super) fn first(self) -> usize {
         self.na.max(self.delays + self.nb - 1)
@@ -29,7 +30,7 @@ impl Orders {
 
 /// What stays: the coefficients of the past outputs, of the input from its delay on, and the level.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::track) struct Shape {
+pub(in crate::track) struct ResponseShape {
     pub(in crate::track) a: Vec<f64>,
     pub(in crate::track) b: Vec<f64>,
     pub(in crate::track) level: f64,
@@ -40,7 +41,7 @@ const RIDGE: f64 = 1e-11;
 
 /// The samples of all records one behind the other, and the rows that see no sample of another record nor a missing one.
 pub(super) struct Rows {
-    pub(super) orders: Orders,
+    pub(super) orders: RowOrders,
     u: Vec<f64>,
     y: Vec<f64>,
     /// The sample of each row.
@@ -52,7 +53,7 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    pub(super) fn new(records: &[Record<'_>], orders: Orders) -> Self {
+    pub(super) fn new(records: &[Record<'_>], orders: RowOrders) -> Self {
         let first = orders.first();
         let (mut u, mut y, mut at, mut begins) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for record in records {
@@ -67,7 +68,7 @@ impl Rows {
                     .map(|t| begin + t),
             );
         }
-        let mean = at.iter().map(|&t| y[t]).sum::<f64>() / at.len().max(1) as f64;
+        let mean = stats::mean(at.iter().map(|&t| y[t])).unwrap_or(0.0);
         let power = at.iter().map(|&t| (y[t] - mean).powi(2)).sum();
         Self { orders, u, y, at, begins, power }
     }
@@ -85,8 +86,8 @@ impl Rows {
 
     /// The shape that fits best where row i has the delay `path(i)`, and its Σe². `None` where the columns leave no finite answer.
     /// A delay between whole ones takes the straight line between their inputs.
-    pub(super) fn fit(&self, path: impl Fn(usize) -> f64) -> Option<(Shape, f64)> {
-        let Orders { na, nb, .. } = self.orders;
+    pub(super) fn fit(&self, path: impl Fn(usize) -> f64) -> Option<(ResponseShape, f64)> {
+        let RowOrders { na, nb, .. } = self.orders;
         let columns = na + nb + 1;
         let mut gram = DMatrix::<f64>::zeros(columns + 1, columns + 1);
         let mut row = vec![0.0; columns + 1];
@@ -110,7 +111,7 @@ impl Rows {
         }
         gram.fill_lower_triangle_with_upper_triangle();
         let (theta, left) = solve(&gram)?;
-        let shape = Shape {
+        let shape = ResponseShape {
             a: theta[..na].to_vec(),
             b: theta[na..na + nb].to_vec(),
             level: theta[na + nb],
@@ -119,7 +120,7 @@ impl Rows {
     }
 
     /// What the past outputs and the level leave of each row, and the drive Σ bⱼ·u(t−j) at every sample: the error of delay d is `left[i] − drive[at[i] − d]`.
-    pub(super) fn errors(&self, shape: &Shape) -> Errors<'_> {
+    pub(super) fn errors(&self, shape: &ResponseShape) -> Errors<'_> {
         let left = (self.at.iter())
             .map(|&t| {
                 self.y[t]

@@ -1,7 +1,7 @@
 //! Whether one delay describes a record, and where it changes.
 
 use super::path::{best_path, pruned, stretches, variances};
-use super::rows::{Errors, Orders, Rows, Shape};
+use super::rows::{Errors, ResponseShape, RowOrders, Rows};
 use crate::estimator::Search;
 use deadtime_identify::{Record, arx_scan};
 
@@ -63,7 +63,7 @@ pub struct Stretch {
 /// What a record shows.
 pub struct Watched {
     pub(super) rows: Rows,
-    pub(super) shape: Shape,
+    pub(super) shape: ResponseShape,
     pub(super) variance: Vec<f64>,
     pub(super) path: Vec<usize>,
     /// Samples by which the output was taken earlier.
@@ -83,7 +83,7 @@ impl Watch {
         let skip = search.min_delay.min(search.max_delay.saturating_sub(1));
         let records: Vec<Record<'_>> = records.iter().map(|r| r.ahead(skip)).collect();
         let max_delay = search.max_delay - skip;
-        let orders = Orders { na: self.na.max(1), nb: self.nb.max(1), delays: max_delay + 1 };
+        let orders = RowOrders { na: self.na.max(1), nb: self.nb.max(1), delays: max_delay + 1 };
         let rows = Rows::new(&records, orders);
         let n = rows.len();
         if n < ROWS * (orders.columns() + orders.delays) {
@@ -117,7 +117,7 @@ impl Watch {
     }
 
     /// Shape and path by turns from one start; what gains more takes the place of what was best.
-    fn improve(&self, best: &mut Watched, mut shape: Shape, variance: f64, small: f64) {
+    fn improve(&self, best: &mut Watched, mut shape: ResponseShape, variance: f64, small: f64) {
         let n = best.rows.len();
         let mut variance = vec![variance; n];
         let mut path: Vec<usize> = Vec::new();
@@ -238,7 +238,7 @@ impl Watched {
 }
 
 /// e² of each row along a path.
-fn squares(rows: &Rows, shape: &Shape, path: &[usize]) -> Vec<f64> {
+fn squares(rows: &Rows, shape: &ResponseShape, path: &[usize]) -> Vec<f64> {
     let errors = rows.errors(shape);
     path.iter().enumerate().map(|(i, &d)| errors.whole(i, d).powi(2)).collect()
 }
@@ -255,12 +255,12 @@ fn parts<'a>(records: &'a [Record<'_>]) -> Vec<Record<'a>> {
 }
 
 /// The shape of the best constant delay of a part, and what it leaves of a row.
-fn start(part: &Record<'_>, orders: Orders, max_delay: usize) -> Option<(Shape, f64)> {
+fn start(part: &Record<'_>, orders: RowOrders, max_delay: usize) -> Option<(ResponseShape, f64)> {
     let scan = arx_scan(std::slice::from_ref(part), orders.na, orders.nb, max_delay);
     let best = (0..orders.delays)
         .filter(|&k| scan.loss[k].is_finite())
         .min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]))?;
     let (a, b) = scan.coefficients[best].split_at(orders.na);
     (scan.rows >= 2 * orders.columns())
-        .then(|| (Shape { a: a.to_vec(), b: b.to_vec(), level: 0.0 }, scan.loss[best]))
+        .then(|| (ResponseShape { a: a.to_vec(), b: b.to_vec(), level: 0.0 }, scan.loss[best]))
 }

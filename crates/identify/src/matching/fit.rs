@@ -1,18 +1,17 @@
 //! Parameters of a model file, matched to an identified model.
 
 use super::error::MatchingError;
-use super::problem::{Descent, Problem};
+use super::norms::{self, At, NORMS, Norm};
+use super::options::Matching;
+use super::problem::{Descent, MatchProblem, Parts};
 use super::structure::{Free, Structure};
-use super::system::{Response, System};
+use super::system::{GainMatrix, System};
 use super::target::Target;
-use super::{grid, norm, problem, structure};
+use super::{grid, problem, structure};
 use crate::error::Result;
-use crate::matching::norm::criterion::At;
-use crate::matching::norm::criterion::Norm;
-use crate::matching::norm::norms::NORMS;
 use crate::structured::known::{Known, RESOLVED, Standing, Unseen, standing};
 use deadtime_model::{EquationsFile, NuGap, Peak};
-use deadtime_signal::stats::NORMAL_95;
+use deadtime_signal::stats::interval95;
 use nalgebra::{Complex, DMatrix, DVector, SymmetricEigen};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -35,36 +34,6 @@ pub(super) const ADDED: usize = 4;
 
 /// Beyond so many standard deviations at one frequency and pair the structure does not follow what was identified.
 pub(super) const MISFIT: f64 = 5.0;
-
-/// What is matched, and how.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Matching {
-    /// Parameters to find, by name; `all`: every parameter; `delay:INPUT`: the dead time of an input.
-    pub free: Vec<String>,
-    /// The norm's name in [`NORMS`]; default `wls`.
-    pub norm: String,
-    /// From and to, rad/s; default: what the data show up to just below the Nyquist frequency, or a decade beyond the poles.
-    pub band: Option<[f64; 2]>,
-    /// Starts, the file's values first; default 8.
-    pub starts: usize,
-    /// What counts as one of a channel in norms of gains, by name; default 1 of its unit.
-    pub units: Vec<(String, f64)>,
-    /// States and inputs where the equations are linearised, by name; default: the file's initial states and the identified model's operating inputs.
-    pub at: Vec<(String, f64)>,
-}
-
-impl Default for Matching {
-    fn default() -> Self {
-        Self {
-            free: Vec::new(),
-            norm: NORMS[0].name.to_owned(),
-            band: None,
-            starts: 8,
-            units: Vec::new(),
-            at: Vec::new(),
-        }
-    }
-}
 
 /// A parameter that was found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -189,12 +158,12 @@ impl Matching {
     /// # Errors
     /// [`MatchingError`]; [`deadtime_model::ModelError`] for equations that do not compile; [`deadtime_signal::registry::RegistryError`] for an unknown norm.
     pub fn fit(&self, file: &EquationsFile, target: &Target) -> Result<Matched> {
-        let norm = norm::norms::norm(&self.norm)?;
+        let norm = norms::norm(&self.norm)?;
         let structure = Structure::new(self, file, target)?;
         let band = grid::band(&structure.target, target.lowest_rad_s, self.band)?;
         let omegas = grid::frequencies(&structure.target, band);
         let no_response = || MatchingError::NoResponse { model: file.name.clone() };
-        let mut problem = Problem {
+        let mut problem = MatchProblem {
             structure: &structure,
             at: points(&structure, &omegas).ok_or_else(no_response)?,
             omegas,
@@ -203,23 +172,9 @@ impl Matching {
         problem.sizes = sizes(&problem).ok_or_else(no_response)?;
         let zero = vec![0.0; problem.sizes.len()];
         let (mut found, mut alike) = problem.best(norm, self.starts).ok_or_else(no_response)?;
-        let gain = |problem: &Problem<'_>, z: &[f64]| largest_gain(problem, z, band);
         if norm.name == "hinf" {
-            for _ in 0..ADDED {
-                let (Some(peak), Some(seen)) =
-                    (gain(&problem, &found.z).ok(), grid_gain(&problem, &found.z))
-                else {
-                    break;
-                };
-                if !peak.exact || peak.gain <= seen.gain * 1.0005 {
-                    break;
-                }
-                problem.omegas.push(peak.omega_rad_s);
-                problem.omegas.sort_by(f64::total_cmp);
-                problem.at = points(&structure, &problem.omegas).ok_or_else(no_response)?;
-                found = problem.descend(norm, norm.powers, &found.z).ok_or_else(no_response)?;
-                alike = alike.max(1);
-            }
+            found = problem.refined(norm, found, band).ok_or_else(no_response)?;
+            alike = alike.max(1);
         }
         let own = |z: &[f64]| {
             Some(problem::normal(&problem.parts(norm, z)?, *norm.powers.last()?).cost.sqrt())
@@ -239,7 +194,10 @@ impl Matching {
             unseen: Vec::new(),
             trades: Vec::new(),
             difference,
-            largest_gain: [gain(&problem, &zero)?, gain(&problem, &found.z)?],
+            largest_gain: [
+                largest_gain(&problem, &zero, band)?,
+                largest_gain(&problem, &found.z, band)?,
+            ],
             nu_gap: structure.target.nu_gap(&matched),
             unstable_poles: [structure.target.unstable(), matched.unstable()],
             misfit: misfit(&problem, &found.z, target).ok_or_else(no_response)?,
@@ -280,6 +238,25 @@ impl Matched {
         if all > 1 && alike * 4 <= all {
             self.notes.push(format!("{alike} of {all} starts ended at the lowest minimum: there may be a lower one; take more starts"));
         }
+    }
+}
+
+impl MatchProblem<'_> {
+    /// The search again with the frequencies between those of the grid at which the difference is
+    /// larger.
+    fn refined(&mut self, norm: &Norm, mut found: Descent, band: [f64; 2]) -> Option<Descent> {
+        for _ in 0..ADDED {
+            let peak = largest_gain(self, &found.z, band).ok();
+            let (Some(peak), Some(seen)) = (peak, grid_gain(self, &found.z)) else { break };
+            if !peak.exact || peak.gain <= seen.gain * 1.0005 {
+                break;
+            }
+            self.omegas.push(peak.omega_rad_s);
+            self.omegas.sort_by(f64::total_cmp);
+            self.at = points(self.structure, &self.omegas)?;
+            found = self.descend(norm, norm.powers, &found.z)?;
+        }
+        Some(found)
     }
 }
 
@@ -327,8 +304,8 @@ pub(super) fn points(structure: &Structure<'_>, omegas: &[f64]) -> Option<Vec<At
 pub(super) fn deviations(
     structure: &Structure<'_>,
     omegas: &[f64],
-    target: &[Response],
-) -> Option<Vec<Vec<Response>>> {
+    target: &[GainMatrix],
+) -> Option<Vec<Vec<GainMatrix>>> {
     let of = |moved: &System| {
         let moved = structure::finite_responses(moved, omegas)?;
         Some(target.iter().zip(&moved).map(|(g, h)| Target::slope(g, h)).collect())
@@ -337,7 +314,7 @@ pub(super) fn deviations(
 }
 
 /// Each parameter's size: its own value, or, for one that is 0, what moves the response as far as it is large.
-pub(super) fn sizes(problem: &Problem<'_>) -> Option<Vec<f64>> {
+pub(super) fn sizes(problem: &MatchProblem<'_>) -> Option<Vec<f64>> {
     let nominal = &problem.structure.nominal;
     // A delay of half a radian at the end of the band is well seen there, and linear.
     let late = 0.5 / problem.omegas.last()?;
@@ -350,7 +327,7 @@ pub(super) fn sizes(problem: &Problem<'_>) -> Option<Vec<f64>> {
             (v, _) => v.abs(),
         })
         .collect();
-    let trial = Problem {
+    let trial = MatchProblem {
         structure: problem.structure,
         omegas: problem.omegas.clone(),
         at: points(problem.structure, &problem.omegas)?,
@@ -370,7 +347,7 @@ pub(super) fn sizes(problem: &Problem<'_>) -> Option<Vec<f64>> {
     Some(first.iter().enumerate().map(of).collect())
 }
 
-pub(super) fn grid_gain(problem: &Problem<'_>, z: &[f64]) -> Option<Peak> {
+pub(super) fn grid_gain(problem: &MatchProblem<'_>, z: &[f64]) -> Option<Peak> {
     let sys = problem.structure.system(&problem.values(z)).ok()?;
     let gains = problem.omegas.iter().zip(&problem.at).map(|(&omega_rad_s, at)| {
         let gain = (sys.response(omega_rad_s) - &at.target).singular_values().max();
@@ -379,7 +356,7 @@ pub(super) fn grid_gain(problem: &Problem<'_>, z: &[f64]) -> Option<Peak> {
     gains.max_by(|a, b| a.gain.total_cmp(&b.gain))
 }
 
-pub(super) fn largest_gain(problem: &Problem<'_>, z: &[f64], band: [f64; 2]) -> Result<Gain> {
+pub(super) fn largest_gain(problem: &MatchProblem<'_>, z: &[f64], band: [f64; 2]) -> Result<Gain> {
     let sys = problem.structure.system(&problem.values(z))?;
     let (found, exact) = match problem.structure.target.farthest(&sys, band) {
         Some(peak) => (peak, true),
@@ -391,7 +368,7 @@ pub(super) fn largest_gain(problem: &Problem<'_>, z: &[f64], band: [f64; 2]) -> 
     Ok(Gain { gain: found.gain, omega_rad_s: found.omega_rad_s, exact })
 }
 
-pub(super) fn misfit(problem: &Problem<'_>, z: &[f64], target: &Target) -> Option<Misfit> {
+pub(super) fn misfit(problem: &MatchProblem<'_>, z: &[f64], target: &Target) -> Option<Misfit> {
     let sys = problem.structure.system(&problem.values(z)).ok()?;
     let mut worst = (0.0, 0, 0, 0);
     for (k, (at, &omega)) in problem.at.iter().zip(&problem.omegas).enumerate() {
@@ -411,13 +388,17 @@ pub(super) fn misfit(problem: &Problem<'_>, z: &[f64], target: &Target) -> Optio
 }
 
 /// The responses of both models, pair by pair.
-pub(super) fn compared(problem: &Problem<'_>, z: &[f64], target: &Target) -> Option<Vec<Compared>> {
+pub(super) fn compared(
+    problem: &MatchProblem<'_>,
+    z: &[f64],
+    target: &Target,
+) -> Option<Vec<Compared>> {
     let structure = problem.structure;
     let of = |values: &[f64]| {
         structure::finite_responses(&structure.system(values).ok()?, &problem.omegas)
     };
     let (nominal, found) = (of(&structure.nominal)?, of(&problem.values(z))?);
-    let identified: Vec<Response> = problem.at.iter().map(|at| at.target.clone()).collect();
+    let identified: Vec<GainMatrix> = problem.at.iter().map(|at| at.target.clone()).collect();
     let deviations = deviations(structure, &problem.omegas, &identified)?;
     let parts = |v: Complex<f64>| [v.re, v.im];
     let mut all = Vec::new();
@@ -451,7 +432,7 @@ pub(super) fn compared(problem: &Problem<'_>, z: &[f64], target: &Target) -> Opt
 
 /// Standard deviations from the identified model's, what cannot be had, and whether each value can be taken for the quantity.
 pub(super) fn know(
-    problem: &Problem<'_>,
+    problem: &MatchProblem<'_>,
     norm: &Norm,
     found: &Descent,
     answer: &mut Matched,
@@ -461,62 +442,13 @@ pub(super) fn know(
     let information = problem::normal(&parts, 2.0).information;
     let eigen = SymmetricEigen::new(information.clone());
     let most = eigen.eigenvalues.max();
-    let resolved = |k: usize| eigen.eigenvalues[k] > RESOLVED * most;
-    let target: Vec<Response> = problem.at.iter().map(|at| at.target.clone()).collect();
+    let target: Vec<GainMatrix> = problem.at.iter().map(|at| at.target.clone()).collect();
     let deviations = deviations(structure, &problem.omegas, &target)?;
-    let mut covariance = DMatrix::zeros(count, count);
-    if norm.powers == [2.0] {
-        for deviation in &deviations {
-            // To first order the minimum moves by H⁻¹Jᵀ of what the difference moves by.
-            let mut pull = DVector::zeros(count);
-            for ((at, (psi, slopes)), d) in problem.at.iter().zip(&parts).zip(deviation) {
-                let moved =
-                    (norm.difference)(at, &(&at.target + d)) - (norm.difference)(at, &at.target);
-                debug_assert_eq!(psi.shape(), moved.shape());
-                slopes.iter().enumerate().for_each(|(a, slope)| pull[a] += slope.dotc(&moved).re);
-            }
-            let mut step = DVector::<f64>::zeros(count);
-            for k in (0..count).filter(|k| resolved(*k)) {
-                let direction = eigen.eigenvectors.column(k);
-                step += direction * (direction.dot(&pull) / eigen.eigenvalues[k]);
-            }
-            covariance += &step * step.transpose();
-        }
-    } else if !deviations.is_empty() {
-        // The largest value is no smooth function of the response: the match is made again for models as the noise would have made them.
-        let again = |draw: u64| {
-            let mut random = ChaCha8Rng::seed_from_u64(1);
-            random.set_stream(draw);
-            let sizes: Vec<f64> =
-                deviations.iter().map(|_| random.sample(StandardNormal)).collect();
-            let mut drawn = Problem {
-                structure,
-                omegas: problem.omegas.clone(),
-                at: points(structure, &problem.omegas)?,
-                sizes: problem.sizes.clone(),
-            };
-            for (k, at) in drawn.at.iter_mut().enumerate() {
-                deviations
-                    .iter()
-                    .zip(&sizes)
-                    .for_each(|(d, size)| at.target += &d[k] * Complex::new(*size, 0.0));
-            }
-            drawn
-                .descend(norm, &norm.powers[norm.powers.len().saturating_sub(AGAIN)..], &found.z)
-                .map(|d| d.z)
-        };
-        let ends: Vec<Vec<f64>> = (0..DRAWS)
-            .into_par_iter()
-            .map(again)
-            .collect::<Vec<_>>()
-            .into_iter()
-            .flatten()
-            .collect();
-        for end in &ends {
-            let step = DVector::from_iterator(count, end.iter().zip(&found.z).map(|(a, b)| a - b));
-            covariance += &step * step.transpose() / ends.len() as f64;
-        }
-    }
+    let mut covariance = if norm.powers == [2.0] {
+        to_first_order(problem, norm, &parts, &deviations, &eigen)
+    } else {
+        of_draws(problem, norm, found, &deviations)
+    };
     for at in 0..count {
         // The identified model's dead times are whole samples, and its covariance takes them for exact: half a sample either way is as good.
         let late = structure
@@ -525,29 +457,26 @@ pub(super) fn know(
             .map_or(0.0, |(_, step_s)| step_s);
         covariance[(at, at)] += (late * late / 12.0) / (problem.sizes[at] * problem.sizes[at]);
     }
-    let values = problem.values(&found.z);
-    let names: Vec<String> = (0..count).map(|at| structure.name(at)).collect();
     // Without uncertainty all that is told is what nothing can resolve: the rest is taken to be known.
     let scaled = if deviations.is_empty() {
         &information / (RESOLVED * most).max(f64::MIN_POSITIVE)
     } else {
         inverse(&covariance, &eigen, most)
     };
-    for k in (0..count).filter(|k| !resolved(*k)) {
+    let resolved = |k: &usize| eigen.eigenvalues[*k] > RESOLVED * most;
+    for k in (0..count).filter(|k| !resolved(k)) {
         // The parameters' own size.
         let direction = eigen.eigenvectors.column(k);
         covariance += direction * direction.transpose();
     }
+    let values = problem.values(&found.z);
+    let names: Vec<String> = (0..count).map(|at| structure.name(at)).collect();
     // A delay that was found is its own size; for the search it was what the highest frequency sees.
-    let sizes: Vec<f64> = (0..count)
-        .map(|at| {
-            if matches!(structure.free[at], Free::Delay(_)) {
-                problem.sizes[at].max(values[at])
-            } else {
-                problem.sizes[at]
-            }
-        })
-        .collect();
+    let size = |at: usize| match structure.free[at] {
+        Free::Delay(_) => problem.sizes[at].max(values[at]),
+        Free::Parameter(_) => problem.sizes[at],
+    };
+    let sizes: Vec<f64> = (0..count).map(size).collect();
     let ratio = |at: usize| problem.sizes[at] / sizes[at];
     let known = Known {
         names: names.iter().map(String::as_str).collect(),
@@ -558,30 +487,97 @@ pub(super) fn know(
         source: "the responses do",
     };
     answer.unseen = known.unseen();
-    let traded = if deviations.is_empty() {
-        vec![false; count]
-    } else {
-        let (trades, traded) = known.trades();
-        answer.trades = trades;
-        traded
-    };
-    for at in 0..count {
+    let mut traded = vec![false; count];
+    if !deviations.is_empty() {
+        (answer.trades, traded) = known.trades();
+    }
+    for (at, name) in names.iter().enumerate() {
         let std = (!deviations.is_empty())
             .then(|| problem.sizes[at] * covariance[(at, at)].max(0.0).sqrt());
         let lost = traded[at]
-            || answer.unseen.iter().any(|u| u.parts.iter().any(|(name, _)| *name == names[at]));
+            || answer.unseen.iter().any(|u| u.parts.iter().any(|(part, _)| part == name));
         let (value, nominal) = (values[at], structure.nominal[at]);
         answer.parameters.push(MatchedParameter {
-            name: names[at].clone(),
+            name: name.clone(),
             unit: structure.unit(at),
             nominal,
             value,
             std,
-            interval: std.map(|s| [value - NORMAL_95 * s, value + NORMAL_95 * s]),
+            interval: std.map(|s| interval95(value, s)),
             standing: standing(nominal, [value, std.unwrap_or(0.0)], None, lost),
         });
     }
     Some(())
+}
+
+/// The covariance of a sum of squares: to first order the minimum moves by H⁻¹Jᵀ of what the
+/// difference moves by.
+fn to_first_order(
+    problem: &MatchProblem<'_>,
+    norm: &Norm,
+    parts: &Parts,
+    deviations: &[Vec<GainMatrix>],
+    eigen: &SymmetricEigen<f64, nalgebra::Dyn>,
+) -> DMatrix<f64> {
+    let count = eigen.eigenvalues.len();
+    let most = eigen.eigenvalues.max();
+    let mut covariance = DMatrix::zeros(count, count);
+    for deviation in deviations {
+        let mut pull = DVector::zeros(count);
+        for ((at, (psi, slopes)), d) in problem.at.iter().zip(parts).zip(deviation) {
+            let moved =
+                (norm.difference)(at, &(&at.target + d)) - (norm.difference)(at, &at.target);
+            debug_assert_eq!(psi.shape(), moved.shape());
+            slopes.iter().enumerate().for_each(|(a, slope)| pull[a] += slope.dotc(&moved).re);
+        }
+        let mut step = DVector::<f64>::zeros(count);
+        for k in (0..count).filter(|k| eigen.eigenvalues[*k] > RESOLVED * most) {
+            let direction = eigen.eigenvectors.column(k);
+            step += direction * (direction.dot(&pull) / eigen.eigenvalues[k]);
+        }
+        covariance += &step * step.transpose();
+    }
+    covariance
+}
+
+/// The covariance where the largest value is no smooth function of the response: the match is made
+/// again for models as the noise would have made them.
+fn of_draws(
+    problem: &MatchProblem<'_>,
+    norm: &Norm,
+    found: &Descent,
+    deviations: &[Vec<GainMatrix>],
+) -> DMatrix<f64> {
+    let count = found.z.len();
+    let mut covariance = DMatrix::zeros(count, count);
+    if deviations.is_empty() {
+        return covariance;
+    }
+    let again = |draw: u64| {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        random.set_stream(draw);
+        let sizes: Vec<f64> = deviations.iter().map(|_| random.sample(StandardNormal)).collect();
+        let mut drawn = MatchProblem {
+            structure: problem.structure,
+            omegas: problem.omegas.clone(),
+            at: points(problem.structure, &problem.omegas)?,
+            sizes: problem.sizes.clone(),
+        };
+        for (k, at) in drawn.at.iter_mut().enumerate() {
+            for (d, size) in deviations.iter().zip(&sizes) {
+                at.target += &d[k] * Complex::new(*size, 0.0);
+            }
+        }
+        let last = &norm.powers[norm.powers.len().saturating_sub(AGAIN)..];
+        drawn.descend(norm, last, &found.z).map(|d| d.z)
+    };
+    let drawn: Vec<Option<Vec<f64>>> = (0..DRAWS).into_par_iter().map(again).collect();
+    let ends: Vec<Vec<f64>> = drawn.into_iter().flatten().collect();
+    for end in &ends {
+        let step = DVector::from_iterator(count, end.iter().zip(&found.z).map(|(a, b)| a - b));
+        covariance += &step * step.transpose() / ends.len() as f64;
+    }
+    covariance
 }
 
 /// The inverse of a covariance; directions that the information does not resolve have none, and what is known exactly is known so far that all else stays resolved.

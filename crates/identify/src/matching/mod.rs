@@ -15,14 +15,15 @@
 pub(crate) mod error;
 mod fit;
 mod grid;
-mod norm;
+mod norms;
+mod options;
 mod problem;
 mod structure;
 mod system;
 mod target;
 
-pub use crate::matching::norm::criterion::Norm;
-pub use crate::matching::norm::norms::{NORMS, norm};
 pub use error::MatchingError;
-pub use fit::{Compared, ComparedPoint, Gain, Matched, MatchedParameter, Matching, Misfit};
+pub use fit::{Compared, ComparedPoint, Gain, Matched, MatchedParameter, Misfit};
+pub use norms::{NORMS, Norm, norm};
+pub use options::Matching;
 pub use target::Target;

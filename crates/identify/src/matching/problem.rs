@@ -7,10 +7,9 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::StandardNormal;
 use rayon::prelude::*;
 
+use super::norms::{At, NORMS, Norm};
 use super::structure::{Free, Structure};
-use super::system::Response;
-use crate::matching::norm::criterion::{At, Norm};
-use crate::matching::norm::norms::NORMS;
+use super::system::GainMatrix;
 use deadtime_signal::fit::{LevenbergMarquardt, Normal};
 
 /// Differences are differentiated over this share of the response.
@@ -26,7 +25,7 @@ const FLOOR: f64 = 1e-26;
 const NONE: f64 = 1e-7;
 
 /// Everything about a match that no parameter changes.
-pub(super) struct Problem<'a> {
+pub(super) struct MatchProblem<'a> {
     pub(super) structure: &'a Structure<'a>,
     pub(super) omegas: Vec<f64>,
     pub(super) at: Vec<At>,
@@ -43,17 +42,17 @@ pub(super) struct Descent {
 }
 
 /// Differences and their slopes, frequency by frequency.
-pub(super) type Parts = Vec<(Response, Vec<Response>)>;
+pub(super) type Parts = Vec<(GainMatrix, Vec<GainMatrix>)>;
 
-impl Problem<'_> {
+impl MatchProblem<'_> {
     pub(super) fn values(&self, z: &[f64]) -> Vec<f64> {
         self.structure.nominal.iter().zip(&self.sizes).zip(z).map(|((n, s), z)| n + s * z).collect()
     }
 
     pub(super) fn parts(&self, norm: &Norm, z: &[f64]) -> Option<Parts> {
         let responses = self.structure.responses(&self.values(z), &self.sizes, &self.omegas)?;
-        let part = |(at, (g, slopes)): (&At, (Response, Vec<Response>))| {
-            let slope = |dg: &Response| {
+        let part = |(at, (g, slopes)): (&At, (GainMatrix, Vec<GainMatrix>))| {
+            let slope = |dg: &GainMatrix| {
                 let step = Complex::new(
                     STEP * (g.norm() / dg.norm().max(f64::MIN_POSITIVE)).clamp(1e-6, 1e6),
                     0.0,
@@ -163,29 +162,13 @@ impl Problem<'_> {
 ///
 /// dσ_i = Re(u_i* dΨ v_i); what else of U* dΨ V is not 0 bends σ.
 pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
-    let count = parts.first().map_or(0, |p| p.1.len());
-    let mut all = Normal {
-        cost: 0.0,
-        gradient: DVector::zeros(count),
-        information: DMatrix::zeros(count, count),
-    };
     if power == 2.0 {
-        for (psi, slopes) in parts {
-            all.cost += psi.norm_squared();
-            for (a, slope) in slopes.iter().enumerate() {
-                all.gradient[a] += slope.dotc(psi).re;
-                for (b, other) in slopes.iter().enumerate().take(a + 1) {
-                    all.information[(a, b)] += slope.dotc(other).re;
-                }
-            }
-        }
-        all.information.fill_upper_triangle_with_lower_triangle();
-        return all;
+        return squares(parts);
     }
     let decomposed: Vec<_> = parts.iter().map(|(psi, _)| psi.clone().svd(true, true)).collect();
     let top = decomposed.iter().flat_map(|s| s.singular_values.iter().copied()).fold(0.0, f64::max);
     if !(top > 0.0 && top.is_finite()) {
-        return normal(parts, 2.0);
+        return squares(parts);
     }
     let sum: f64 = decomposed
         .iter()
@@ -193,6 +176,8 @@ pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
         .map(|s| (s / top).powf(power))
         .sum();
     let value = top * sum.powf(1.0 / power);
+    let count = parts.first().map_or(0, |p| p.1.len());
+    let mut information = DMatrix::zeros(count, count);
     let mut first = DVector::zeros(count);
     for ((_, slopes), svd) in parts.iter().zip(&decomposed) {
         let (Some(u), Some(vt)) = (&svd.u, &svd.v_t) else { continue };
@@ -202,7 +187,7 @@ pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
         if largest < NOTHING {
             continue;
         }
-        let turned: Vec<Response> = slopes.iter().map(|s| u.ad_mul(s) * vt.adjoint()).collect();
+        let turned: Vec<GainMatrix> = slopes.iter().map(|s| u.ad_mul(s) * vt.adjoint()).collect();
         for (a, m) in turned.iter().enumerate() {
             for i in 0..shares.len() {
                 first[a] += shares[i] * weight(i) * m[(i, i)].re;
@@ -216,15 +201,34 @@ pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
                         } else {
                             (x.conj() * y).re
                         };
-                        all.information[(a, b)] += weight(i).max(weight(l)) * bends;
+                        information[(a, b)] += weight(i).max(weight(l)) * bends;
                     }
                 }
             }
         }
     }
+    information.fill_upper_triangle_with_lower_triangle();
+    information -= (power - 2.0) * &first * first.transpose();
+    Normal { cost: value * value, gradient: first * value, information }
+}
+
+/// The same for a sum of squares.
+fn squares(parts: &Parts) -> Normal {
+    let count = parts.first().map_or(0, |p| p.1.len());
+    let mut all = Normal {
+        cost: 0.0,
+        gradient: DVector::zeros(count),
+        information: DMatrix::zeros(count, count),
+    };
+    for (psi, slopes) in parts {
+        all.cost += psi.norm_squared();
+        for (a, slope) in slopes.iter().enumerate() {
+            all.gradient[a] += slope.dotc(psi).re;
+            for (b, other) in slopes.iter().enumerate().take(a + 1) {
+                all.information[(a, b)] += slope.dotc(other).re;
+            }
+        }
+    }
     all.information.fill_upper_triangle_with_lower_triangle();
-    all.information -= (power - 2.0) * &first * first.transpose();
-    all.cost = value * value;
-    all.gradient = first * value;
     all
 }

@@ -3,11 +3,11 @@
 use nalgebra::DMatrix;
 
 use super::error::MatchingError;
-use super::fit::Matching;
-use super::system::{Matrices, Response, System};
+use super::options::Matching;
+use super::system::{GainMatrix, Matrices, System};
 use super::target::Target;
 use crate::error::Result;
-use deadtime_model::{Equations, EquationsFile, ModelError, Operating, StateSpace};
+use deadtime_model::{Channel, Equations, EquationsFile, ModelError, Operating, StateSpace};
 
 /// Central differences over this share of a parameter's size: entries are mostly linear in the parameters, so that rounding alone is left.
 const STEP: f64 = 1e-6;
@@ -173,7 +173,7 @@ impl<'a> Structure<'a> {
         values: &[f64],
         sizes: &[f64],
         omegas: &[f64],
-    ) -> Option<Vec<(Response, Vec<Response>)>> {
+    ) -> Option<Vec<(GainMatrix, Vec<GainMatrix>)>> {
         let sys = self.system(values).ok()?;
         let beside = |at: usize, step: f64| {
             let mut moved = values.to_vec();
@@ -266,80 +266,75 @@ struct Shared {
     unit: f64,
 }
 
+fn names(list: &[Channel]) -> Vec<String> {
+    list.iter().map(|c| c.name.clone()).collect()
+}
+
+/// What counts as one of each channel.
+fn check_units(options: &Matching, target: &Target) -> Result<(), MatchingError> {
+    for (name, value) in &options.units {
+        if !target.inputs.iter().chain(&target.outputs).any(|c| c.name == *name) {
+            let known = [names(&target.inputs), names(&target.outputs)].concat();
+            return Err(MatchingError::NoName { option: "units", name: name.clone(), known });
+        }
+        if !(value.is_finite() && *value > 0.0) {
+            let rule = "a unit must be above 0".to_owned();
+            return Err(MatchingError::Option { option: "units", value: *value, rule });
+        }
+    }
+    Ok(())
+}
+
+/// The identified model's channels as the structured one has them; `None` where it has not.
+fn shared(
+    options: &Matching,
+    own: &[Channel],
+    theirs: &[Channel],
+) -> Result<Vec<Option<Shared>>, MatchingError> {
+    let one = |(identified, channel): (usize, &Channel)| {
+        let name = &channel.name;
+        let Some(structured) = own.iter().position(|c| c.name == *name) else {
+            return Ok(None);
+        };
+        if let (Some(a), Some(b)) = (&channel.unit, &own[structured].unit)
+            && a != b
+        {
+            let (name, identified, structured) = (name.clone(), a.clone(), b.clone());
+            return Err(MatchingError::Unit { name, identified, structured });
+        }
+        let unit = options.units.iter().find(|(n, _)| n == name).map_or(1.0, |(_, unit)| *unit);
+        Ok(Some(Shared { structured, identified, unit }))
+    };
+    theirs.iter().enumerate().map(one).collect()
+}
+
 fn channels(
     options: &Matching,
     file: &EquationsFile,
     target: &Target,
 ) -> Result<(Vec<Shared>, Vec<Shared>, Vec<String>)> {
-    let names =
-        |list: &[deadtime_model::Channel]| list.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
-    let unit =
-        |name: &str| options.units.iter().find(|(n, _)| n == name).map_or(1.0, |(_, unit)| *unit);
-    for (name, value) in &options.units {
-        if !target.inputs.iter().chain(&target.outputs).any(|c| c.name == *name) {
-            let known = [names(&target.inputs), names(&target.outputs)].concat();
-            return Err(MatchingError::NoName { option: "units", name: name.clone(), known }.into());
-        }
-        if !(value.is_finite() && *value > 0.0) {
-            return Err(MatchingError::Option {
-                option: "units",
-                value: *value,
-                rule: "a unit must be above 0".to_owned(),
-            }
-            .into());
-        }
-    }
-    let shared = |own: &[deadtime_model::Channel],
-                  theirs: &[deadtime_model::Channel]|
-     -> std::result::Result<Vec<Option<Shared>>, MatchingError> {
-        let one = |(identified, channel): (usize, &deadtime_model::Channel)| {
-            let Some(structured) = own.iter().position(|c| c.name == channel.name) else {
-                return Ok(None);
-            };
-            if let (Some(a), Some(b)) = (&channel.unit, &own[structured].unit)
-                && a != b
-            {
-                return Err(MatchingError::Unit {
-                    name: channel.name.clone(),
-                    identified: a.clone(),
-                    structured: b.clone(),
-                });
-            }
-            Ok(Some(Shared { structured, identified, unit: unit(&channel.name) }))
-        };
-        theirs.iter().enumerate().map(one).collect()
-    };
-    let inputs = shared(&file.inputs, &target.inputs)?;
+    check_units(options, target)?;
+    let inputs = shared(options, &file.inputs, &target.inputs)?;
     if let Some(at) = inputs.iter().position(Option::is_none) {
-        return Err(MatchingError::NoInput {
-            name: target.inputs[at].name.clone(),
-            known: names(&file.inputs),
-        }
-        .into());
+        let (name, known) = (target.inputs[at].name.clone(), names(&file.inputs));
+        return Err(MatchingError::NoInput { name, known }.into());
     }
-    let outputs = shared(&file.outputs, &target.outputs)?;
-    let missing: Vec<String> = outputs
+    let outputs = shared(options, &file.outputs, &target.outputs)?;
+    let missing: Vec<&str> = outputs
         .iter()
         .zip(&target.outputs)
         .filter(|(s, _)| s.is_none())
-        .map(|(_, c)| c.name.clone())
+        .map(|(_, c)| c.name.as_str())
         .collect();
-    let mut notes = Vec::new();
-    if !missing.is_empty() {
-        notes.push(format!(
-            "the structured model has no output {}: left out of the match",
-            missing.join(", ")
-        ));
-    }
+    let missing = (!missing.is_empty()).then(|| {
+        format!("the structured model has no output {}: left out of the match", missing.join(", "))
+    });
     let outputs: Vec<Shared> = outputs.into_iter().flatten().collect();
     if outputs.is_empty() || inputs.is_empty() {
-        return Err(MatchingError::NoOutput {
-            identified: names(&target.outputs),
-            structured: names(&file.outputs),
-        }
-        .into());
+        let (identified, structured) = (names(&target.outputs), names(&file.outputs));
+        return Err(MatchingError::NoOutput { identified, structured }.into());
     }
-    Ok((outputs, inputs.into_iter().flatten().collect(), notes))
+    Ok((outputs, inputs.into_iter().flatten().collect(), missing.into_iter().collect()))
 }
 
 /// States start where the file's do, inputs stand at the identified model's operating point; `at` says otherwise.
@@ -412,7 +407,7 @@ fn free(options: &Matching, file: &EquationsFile) -> Result<Vec<Free>> {
 }
 
 /// The response of a model at these frequencies, where it is finite at all of them.
-pub(super) fn finite_responses(sys: &System, omegas: &[f64]) -> Option<Vec<Response>> {
+pub(super) fn finite_responses(sys: &System, omegas: &[f64]) -> Option<Vec<GainMatrix>> {
     let all: Vec<DMatrix<_>> = omegas.iter().map(|w| sys.response(*w)).collect();
     all.iter().all(|g| g.iter().all(|v| v.re.is_finite() && v.im.is_finite())).then_some(all)
 }

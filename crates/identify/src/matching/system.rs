@@ -7,7 +7,7 @@ use deadtime_model::{
     Continuous, ModelError, NuGap, Peak, Sampled, StateSpace, TimeDomain, nu_gap,
 };
 
-pub(super) type Response = DMatrix<Complex<f64>>;
+pub(super) type GainMatrix = DMatrix<Complex<f64>>;
 pub(super) type Matrices = [DMatrix<f64>; 4];
 
 /// Beyond so many states an eigenvalue problem of twice the size for each level takes longer than the match.
@@ -34,7 +34,7 @@ impl System {
         each!(self, sys => sys.domain().sample_time_s())
     }
 
-    pub(super) fn response(&self, omega: f64) -> Response {
+    pub(super) fn response(&self, omega: f64) -> GainMatrix {
         each!(self, sys => sys.frequency_response(omega))
     }
 
@@ -139,7 +139,7 @@ impl System {
         &self,
         changes: &[Option<Matrices>],
         omega: f64,
-    ) -> Option<(Response, Vec<Option<Response>>)> {
+    ) -> Option<(GainMatrix, Vec<Option<GainMatrix>>)> {
         each!(self, sys => slopes(sys, changes, omega))
     }
 
@@ -209,10 +209,10 @@ fn slopes<T: TimeDomain>(
     sys: &StateSpace<T>,
     changes: &[Option<Matrices>],
     omega: f64,
-) -> Option<(Response, Vec<Option<Response>>)> {
+) -> Option<(GainMatrix, Vec<Option<GainMatrix>>)> {
     let complex = |m: &DMatrix<f64>| m.map(|v| Complex::new(v, 0.0));
     let n = sys.order();
-    let late = |mut g: Response| {
+    let late = |mut g: GainMatrix| {
         for (mut column, &delay) in g.column_iter_mut().zip(sys.input_delay()) {
             column *= Complex::from_polar(1.0, -omega * sys.domain().delay_s(delay));
         }

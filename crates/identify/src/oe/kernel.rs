@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use pulp::{Simd, WithSimd};
 
-use super::problem::Work;
+use super::work::Work;
 use crate::regression::dot;
 use deadtime_signal::fit::Normal;
 

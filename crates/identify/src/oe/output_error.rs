@@ -1,56 +1,16 @@
 //! Output-error models by their options and their fits.
 
-use super::problem::Problem;
+use super::model::{OeFit, OutputError};
+use super::problem::OeProblem;
 use crate::regression::Record;
 use deadtime_signal::fit::{LevenbergMarquardt, Stopped};
 use nalgebra::DMatrix;
-
-/// What is assumed about the model's state when a record starts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Initial {
-    /// At rest.
-    #[default]
-    Zero,
-    /// Unknown: nf more parameters per record, estimated with the rest.
-    Estimated,
-}
-
-/// Orders and start of an output-error model.
-///
-/// The predictor is kept stable. B (and the start) enter linearly and are eliminated (variable projection, Kaufman's Jacobian), so only F is searched.
-/// Starts for each delay: a fixed table of pole positions, Steiglitz-McBride, and the neighbouring delays' solutions, upwards and downwards.
-///
-/// Source: Ljung (1999), "System Identification", 2nd ed., sections 4.2 and 10.2; Golub and Pereyra (2003), doi:10.1088/0266-5611/19/2/201;
-/// Steiglitz and McBride (1965), doi:10.1109/TAC.1965.1098181.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct OutputError {
-    /// Numerator coefficients.
-    pub nb: usize,
-    /// Poles.
-    pub nf: usize,
-    /// The state at the start of a record.
-    pub initial: Initial,
-}
-
-/// An output-error model of one delay.
-#[derive(Debug, Clone, PartialEq)]
-pub struct OeFit {
-    /// Σ e²/samples.
-    pub loss: f64,
-    /// b₀ … b_nb−1.
-    pub b: Vec<f64>,
-    /// f₁ … f_nf, of F = 1 + f₁q⁻¹ + …
-    pub f: Vec<f64>,
-    /// Why the search stopped, at the best of its starts.
-    pub stopped: Stopped,
-}
 
 impl OutputError {
     /// The residuals e of a fitted model, record after record (0 where the output is missing).
     #[must_use]
     pub fn residuals(&self, records: &[Record], nk: usize, f: &[f64]) -> Option<Vec<f64>> {
-        let mut problem = Problem::new(*self, records);
+        let mut problem = OeProblem::new(*self, records);
         problem.nk = nk;
         problem.cost(f)?;
         Some(problem.records.into_iter().flat_map(|w| w.residual).collect())
@@ -62,7 +22,7 @@ impl OutputError {
     /// Source: Ljung (1999), "System Identification", 2nd ed., section 9.4.
     #[must_use]
     pub fn covariance(&self, records: &[Record], nk: usize, f: &[f64]) -> Option<DMatrix<f64>> {
-        let mut problem = Problem::new(*self, records);
+        let mut problem = OeProblem::new(*self, records);
         problem.nk = nk;
         let (information, cost) = problem.information(f)?;
         let freedom = count(records) - information.nrows() as f64;
@@ -86,7 +46,7 @@ impl OutputError {
     /// The model of delay `nk` whose minimum lies downhill from the denominator `start`.
     #[must_use]
     pub fn refine(&self, records: &[Record], nk: usize, start: &[f64]) -> Option<OeFit> {
-        let mut problem = Problem::new(*self, records);
+        let mut problem = OeProblem::new(*self, records);
         problem.nk = nk;
         let search = LevenbergMarquardt {
             cost_floor: 1e-28 * problem.power,

@@ -4,7 +4,8 @@ use nalgebra::{DMatrix, DVector};
 use pulp::Arch;
 
 use super::kernel::SecondOrder;
-use super::output_error::{Initial, OutputError};
+use super::model::{Initial, OutputError};
+use super::work::Work;
 use crate::lag_products::lag_vector;
 use crate::polynomial::{filter, is_stable, stabilised};
 use crate::regression::{Record, dot};
@@ -21,20 +22,7 @@ fn weighted(a: &[f64], b: &[f64], i: usize, j: usize, w: &[f64]) -> f64 {
     (i.max(j)..a.len()).map(|t| w[t] * a[t - i] * b[t - j]).sum()
 }
 
-/// Work space for one record.
-pub(super) struct Work<'a> {
-    pub(super) u: &'a [f64],
-    pub(super) y: &'a [f64],
-    /// 1 where the output was measured, 0 elsewhere; `None`: all.
-    weight: Option<Vec<f64>>,
-    pub(super) uf: Vec<f64>,
-    model: Vec<f64>,
-    wf: Vec<f64>,
-    impulse: Vec<f64>,
-    pub(super) residual: Vec<f64>,
-}
-
-pub(super) struct Problem<'a> {
+pub(super) struct OeProblem<'a> {
     orders: OutputError,
     pub(super) nk: usize,
     pub(super) records: Vec<Work<'a>>,
@@ -42,7 +30,8 @@ pub(super) struct Problem<'a> {
     pub(super) linear: DVector<f64>,
     /// Σ y².
     pub(super) power: f64,
-    /// Second derivatives themselves where they are known ([`Problem::is_second_order`]), else the product of first ones.
+    /// Second derivatives themselves where they are known ([`OeProblem::is_second_order`]), else
+    /// the product of first ones.
     pub(super) exact: bool,
     arch: Arch,
 }
@@ -57,7 +46,7 @@ struct Sensitivity {
     cross: DMatrix<f64>,
 }
 
-impl<'a> Problem<'a> {
+impl<'a> OeProblem<'a> {
     pub(super) fn new(orders: OutputError, records: &'a [Record]) -> Self {
         let work = |r: &'a Record| {
             let n = r.len();
@@ -386,7 +375,7 @@ mod tests {
         for initial in [Initial::Zero, Initial::Estimated] {
             for present in [None, present.clone()] {
                 let records = [Record { present, ..Record::new(&u, &noisy) }];
-                let mut problem = Problem::new(OutputError { nb: 2, nf: 2, initial }, &records);
+                let mut problem = OeProblem::new(OutputError { nb: 2, nf: 2, initial }, &records);
                 problem.nk = 1;
                 let at = [-0.9, 0.3];
                 let normal = problem.evaluate(&at, f64::INFINITY).unwrap();
@@ -424,7 +413,7 @@ mod tests {
             records.clone().map(|r| Record { present: Some(vec![true; r.len()].into()), ..r });
         let orders = OutputError { nb: 1, nf: 2, initial: Initial::Zero };
         let (mut quick, mut general) =
-            (Problem::new(orders, &records), Problem::new(orders, &weighted));
+            (OeProblem::new(orders, &records), OeProblem::new(orders, &weighted));
         let mut upwards = 0;
         for nk in [0, 3, 120] {
             (quick.nk, general.nk) = (nk, nk);

@@ -1,7 +1,8 @@
 //! The best model of every delay: starts, searches and neighbours.
 
-use super::output_error::{OeFit, OutputError, count};
-use super::problem::Problem;
+use super::model::{OeFit, OutputError};
+use super::output_error::count;
+use super::problem::OeProblem;
 use crate::polynomial::is_stable;
 use crate::regression::Record;
 use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish, polish_exact};
@@ -48,7 +49,7 @@ const TIGHT: f64 = 1e-9;
 
 /// Searches from one more start; keeps what is lower than the best so far.
 fn improve(
-    problem: &mut Problem<'_>,
+    problem: &mut OeProblem<'_>,
     search: &LevenbergMarquardt,
     best: &mut Option<Fit>,
     start: &[f64],
@@ -77,7 +78,7 @@ fn improve(
 
 /// Second derivatives stop at the edge of stability; the product of first ones still creeps along it.
 fn creep(
-    problem: &mut Problem<'_>,
+    problem: &mut OeProblem<'_>,
     search: &LevenbergMarquardt,
     best: &mut [Option<Fit>],
     seeds: &[Vec<Vec<f64>>],
@@ -99,7 +100,7 @@ fn creep(
 
 /// The search only finds the valley; the minimum in it is Newton's, and where curvature does not let it, that of a search with tight tolerances.
 fn settle(
-    problem: &mut Problem<'_>,
+    problem: &mut OeProblem<'_>,
     search: &LevenbergMarquardt,
     mut fit: Fit,
     exact: bool,
@@ -138,7 +139,7 @@ impl OutputError {
         max_delay: usize,
         stop: &Stop,
     ) -> Vec<Option<OeFit>> {
-        let mut problem = Problem::new(*self, records);
+        let mut problem = OeProblem::new(*self, records);
         let exact = problem.is_second_order();
         let search = LevenbergMarquardt {
             max_iterations: 60,
@@ -162,14 +163,9 @@ impl OutputError {
                         .iter()
                         .for_each(|start| improve(&mut problem, &search, &mut best[nk], start));
                 }
-                let neighbour = if upwards {
-                    nk.checked_sub(1)
-                } else {
-                    Some(nk + 1).filter(|&n| n <= max_delay)
-                };
-                if let Some(start) =
-                    neighbour.and_then(|n| best[n].as_ref()).map(|fit| fit.parameters.clone())
-                {
+                let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1) };
+                let start = neighbour.and_then(|n| Some(best.get(n)?.as_ref()?.parameters.clone()));
+                if let Some(start) = start {
                     improve(&mut problem, &search, &mut best[nk], &start);
                 }
             }
@@ -184,12 +180,8 @@ impl OutputError {
             let fit = settle(&mut problem, &search, fit, exact);
             problem.cost(&fit.parameters)?;
             let b = problem.linear.iter().take(self.nb).copied().collect();
-            Some(OeFit {
-                loss: fit.normal.cost / samples,
-                b,
-                f: fit.parameters,
-                stopped: fit.stopped,
-            })
+            let loss = fit.normal.cost / samples;
+            Some(OeFit { loss, b, f: fit.parameters, stopped: fit.stopped })
         };
         best.into_iter().enumerate().map(settled).collect()
     }
@@ -202,7 +194,7 @@ impl OutputError {
         max_delay: usize,
         denominators: &[Vec<f64>],
     ) -> Vec<Vec<f64>> {
-        let mut problem = Problem::new(*self, records);
+        let mut problem = OeProblem::new(*self, records);
         let samples = count(records);
         denominators
             .iter()
@@ -213,7 +205,7 @@ impl OutputError {
     /// Starting denominators for every delay: the best of the table, and Steiglitz-McBride.
     fn seeds(
         &self,
-        problem: &mut Problem<'_>,
+        problem: &mut OeProblem<'_>,
         max_delay: usize,
         stop: &Stop,
     ) -> Vec<Vec<Vec<f64>>> {

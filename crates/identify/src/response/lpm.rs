@@ -11,7 +11,7 @@ use super::lines::{Line, Seen};
 use super::responses::{ResponseMethod, unexcited};
 use crate::error::IdentifyError;
 use crate::subspace::recordings::{Recordings, Stretch};
-use deadtime_signal::RealFourier;
+use deadtime_signal::{RealFourier, stats};
 
 /// The local polynomial method (LPM).
 ///
@@ -53,7 +53,7 @@ impl Spectra {
         let scale = 1.0 / (n.max(1) as f64).sqrt();
         let one = |row: Vec<f64>| {
             // Only the line at 0 knows the mean; without it large means do not cost digits.
-            let mean = row.iter().sum::<f64>() / n.max(1) as f64;
+            let mean = stats::mean(row.iter().copied()).unwrap_or(0.0);
             fourier
                 .spectrum(row.into_iter().map(|v| (v - mean) * scale))
                 .into_iter()
@@ -153,6 +153,9 @@ fn width(r: &Spectra, samples: usize, n: usize) -> usize {
     (2 * own + 1).min(r.lines())
 }
 
+/// Which record, the record, and a line of it.
+type Rows<'a> = Vec<(usize, &'a Spectra, usize)>;
+
 struct Window<'a> {
     lpm: &'a LocalPolynomial,
     records: &'a [Spectra],
@@ -172,7 +175,7 @@ impl Window<'_> {
             (k as f64 / self.samples as f64, self.half as f64 / self.samples as f64);
         let used: Vec<&Spectra> =
             self.records.iter().filter(|r| width(r, self.samples, self.half) > terms).collect();
-        let rows: Vec<(usize, &Spectra, usize)> = used
+        let rows: Rows<'_> = used
             .iter()
             .enumerate()
             .flat_map(|(which, &r)| {
@@ -185,7 +188,7 @@ impl Window<'_> {
             .collect();
         let transients = terms * used.len();
         let columns = transients + terms * m;
-        if rows.len() <= columns {
+        if rows.len() <= columns || self.is_silent(&rows) {
             return None;
         }
         let power = |x: f64, s: usize| x.powi(i32::try_from(s).unwrap_or(0));
@@ -199,14 +202,6 @@ impl Window<'_> {
                 Some(of) => r.channels[of % m][line - 1] * power(x, terms - 1 - of / m),
             }
         });
-        let silent = (0..m).any(|i| {
-            let most =
-                rows.iter().map(|(_, r, line)| r.channels[i][line - 1].norm()).fold(0.0, f64::max);
-            most <= SILENT * self.peaks[i]
-        });
-        if silent {
-            return None;
-        }
         let sizes: Vec<f64> = regressors.column_iter().map(|c| c.norm()).collect();
         if sizes.iter().any(|s| !(*s > 0.0 && s.is_finite())) {
             return None;
@@ -235,19 +230,32 @@ impl Window<'_> {
         let product = &inverse * inverse.adjoint();
         // The errors of g in column form have the covariance (KᴴK)⁻¹·σ²; `weight[j, i]` is its entry (i, j).
         let weight = DMatrix::from_fn(m, m, |j, i| product[(i, j)] / (size(i) * size(j)));
-        let u = DMatrix::from_fn(rows.len(), m, |row, i| {
-            let (_, r, line) = rows[row];
-            r.channels[i][line - 1]
-        });
-        let mean = (u.transpose() * u.conjugate()) / Complex::from(rows.len() as f64);
-        let inverse_power = mean.try_inverse()?;
         Some(Line {
             omega_rad_s: std::f64::consts::TAU * middle / ts,
             g,
             noise,
             weight,
-            inverse_power,
+            inverse_power: self.inverse_power(&rows)?,
             freedom: 2.0 * freedom as f64,
         })
+    }
+
+    /// An input hardly moves at these lines.
+    fn is_silent(&self, rows: &Rows<'_>) -> bool {
+        (0..self.inputs).any(|i| {
+            let most =
+                rows.iter().map(|(_, r, line)| r.channels[i][line - 1].norm()).fold(0.0, f64::max);
+            most <= SILENT * self.peaks[i]
+        })
+    }
+
+    /// The inverse of the inputs' spectrum.
+    fn inverse_power(&self, rows: &Rows<'_>) -> Option<DMatrix<Complex<f64>>> {
+        let u = DMatrix::from_fn(rows.len(), self.inputs, |row, i| {
+            let (_, r, line) = rows[row];
+            r.channels[i][line - 1]
+        });
+        let mean = (u.transpose() * u.conjugate()) / Complex::from(rows.len() as f64);
+        mean.try_inverse()
     }
 }

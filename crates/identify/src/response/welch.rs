@@ -48,21 +48,14 @@ impl ResponseMethod for Welch {
     fn lines(&self, recordings: &Recordings) -> Result<Seen, IdentifyError> {
         let longest = recordings.stretches.iter().map(|s| s.len()).max().unwrap_or(0);
         let segment = self.segment.unwrap_or(longest / SEGMENTS);
+        let refused = |option, value, rule| Err(IdentifyError::Option { option, value, rule });
         if self.segment.is_some_and(|s| s < SHORTEST) {
-            return Err(IdentifyError::Option {
-                option: "segment",
-                value: segment as f64,
-                rule: "a segment has at least 8 samples",
-            });
+            return refused("segment", segment as f64, "a segment has at least 8 samples");
         }
         if !(0.0..1.0).contains(&self.overlap) {
-            return Err(IdentifyError::Option {
-                option: "overlap",
-                value: self.overlap,
-                rule: "it is at least 0 and below 1",
-            });
+            return refused("overlap", self.overlap, "it is at least 0 and below 1");
         }
-        let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
+        let m = recordings.inputs.len();
         let rows = |m: &DMatrix<f64>| {
             m.row_iter().map(|r| r.iter().copied().collect::<Vec<f64>>()).collect::<Vec<_>>()
         };
@@ -71,44 +64,16 @@ impl ResponseMethod for Welch {
         let spectra = SpectralMatrix::welch(&records, segment.max(SHORTEST), self.overlap);
         let averages = spectra.averages;
         if averages < m as f64 + 1.0 || segment < SHORTEST {
-            let needed = segment.max(SHORTEST) * (m + 2);
-            return Err(IdentifyError::TooShort {
-                method: "welch",
-                needed,
-                got: recordings.samples(),
-            });
+            let (needed, got) = (segment.max(SHORTEST) * (m + 2), recordings.samples());
+            return Err(IdentifyError::TooShort { method: "welch", needed, got });
         }
         let peaks: Vec<f64> = (0..m)
             .map(|i| spectra.lines.iter().skip(1).map(|s| s[(i, i)].re).fold(0.0, f64::max))
             .collect();
         let ts = recordings.sample_time.seconds();
-        let at = |k: usize| -> Option<Line> {
-            let s = spectra.lines.get(k)?;
-            let (uu, yu) =
-                (s.view((0, 0), (m, m)).into_owned(), s.view((m, 0), (l, m)).into_owned());
-            let power: Vec<f64> = uu.diagonal().iter().map(|v| v.re).collect();
-            if power.iter().zip(&peaks).any(|(p, peak)| *p <= SILENT * peak) {
-                return None;
-            }
-            let coherences =
-                DMatrix::from_fn(m, m, |i, j| uu[(i, j)] / (power[i] * power[j]).sqrt());
-            if coherences.determinant().re <= REPEATED {
-                return None;
-            }
-            let inverse = uu.try_inverse()?;
-            let g = &yu * &inverse;
-            let left = s.view((m, m), (l, l)) - &g * yu.adjoint();
-            let noise = left * Complex::from(averages / (averages - m as f64));
-            let weight = &inverse / Complex::from(averages);
+        let at = |k: usize| {
             let omega_rad_s = std::f64::consts::TAU * k as f64 / (spectra.segment as f64 * ts);
-            Some(Line {
-                omega_rad_s,
-                g,
-                noise,
-                weight,
-                inverse_power: inverse,
-                freedom: 2.0 * (averages - m as f64),
-            })
+            Some(Line { omega_rad_s, ..line(spectra.lines.get(k)?, &peaks, averages)? })
         };
         // Neither 0, which the means are taken from, nor the Nyquist frequency, where spectra are real.
         let all = 1..=spectra.segment.saturating_sub(1) / 2;
@@ -127,4 +92,31 @@ impl ResponseMethod for Welch {
         }
         Ok(Seen { lines, notes })
     }
+}
+
+/// G and its noise from one spectral matrix, the inputs first; `None` where they do not excite it,
+/// or not each on its own.
+fn line(s: &DMatrix<Complex<f64>>, peaks: &[f64], averages: f64) -> Option<Line> {
+    let m = peaks.len();
+    let l = s.nrows() - m;
+    let (uu, yu) = (s.view((0, 0), (m, m)).into_owned(), s.view((m, 0), (l, m)).into_owned());
+    let power: Vec<f64> = uu.diagonal().iter().map(|v| v.re).collect();
+    if power.iter().zip(peaks).any(|(p, peak)| *p <= SILENT * peak) {
+        return None;
+    }
+    let coherences = DMatrix::from_fn(m, m, |i, j| uu[(i, j)] / (power[i] * power[j]).sqrt());
+    if coherences.determinant().re <= REPEATED {
+        return None;
+    }
+    let inverse = uu.try_inverse()?;
+    let g = &yu * &inverse;
+    let left = s.view((m, m), (l, l)) - &g * yu.adjoint();
+    Some(Line {
+        omega_rad_s: 0.0,
+        noise: left * Complex::from(averages / (averages - m as f64)),
+        g,
+        weight: &inverse / Complex::from(averages),
+        inverse_power: inverse,
+        freedom: 2.0 * (averages - m as f64),
+    })
 }

@@ -3,13 +3,13 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::Serialize;
 
-use super::fit::Fitted;
+use super::fitted::Fitted;
 use super::known::{Known, RESOLVED, Standing, Unseen, standing};
-use super::problem::Problem;
+use super::problem::StructuredProblem;
 use super::score::GroupScore;
 use deadtime_model::EquationsFile;
 use deadtime_signal::fit::{Normal, Stopped};
-use deadtime_signal::stats::NORMAL_95;
+use deadtime_signal::stats::interval95;
 
 /// A fitted parameter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -78,7 +78,7 @@ pub struct StructuredFit {
 /// a parameter that only the shrinkage holds gets the shrinkage's own spread, never a tight interval. What the logs do not resolve at all ([`RESOLVED`]) is as uncertain as
 /// the parameters are large.
 pub(super) fn covariance(
-    problem: &Problem<'_>,
+    problem: &StructuredProblem<'_>,
     clusters: &[Normal],
     z: &[f64],
     prior: &[f64],
@@ -121,7 +121,7 @@ pub(super) fn covariance(
 }
 
 /// Value and standard deviation of each shared parameter.
-pub(super) fn values(problem: &Problem<'_>, fitted: &Fitted) -> Vec<[f64; 2]> {
+pub(super) fn values(problem: &StructuredProblem<'_>, fitted: &Fitted) -> Vec<[f64; 2]> {
     let value = |(j, &(i, size)): (usize, &(usize, f64))| {
         [problem.nominal[i] + size * fitted.z[j], size * fitted.covariance[(j, j)].max(0.0).sqrt()]
     };
@@ -129,58 +129,47 @@ pub(super) fn values(problem: &Problem<'_>, fitted: &Fitted) -> Vec<[f64; 2]> {
 }
 
 pub(super) fn answer(
-    problem: &Problem<'_>,
+    problem: &StructuredProblem<'_>,
     fitted: &Fitted,
     one_step: Option<&[[f64; 2]]>,
 ) -> StructuredFit {
     let symbols = problem.simulator.equations.parameters();
     let shared = problem.free.len();
+    let values = values(problem, fitted);
     let known = Known {
         names: problem.free.iter().map(|&(i, _)| symbols[i].name.as_str()).collect(),
         sizes: problem.free.iter().map(|&(_, size)| size).collect(),
-        values: problem
-            .free
-            .iter()
-            .zip(&fitted.z)
-            .map(|(&(i, size), z)| problem.nominal[i] + size * z)
-            .collect(),
+        values: values.iter().map(|[value, _]| *value).collect(),
         information: fitted.information.view((0, 0), (shared, shared)).into_owned(),
         covariance: fitted.covariance.view((0, 0), (shared, shared)).into_owned(),
         source: "the logs do",
     };
     let unseen = known.unseen();
     let (trades, traded) = known.trades();
-    let parameters = values(problem, fitted)
-        .into_iter()
-        .enumerate()
-        .map(|(j, [value, std])| {
-            let (i, _) = problem.free[j];
-            let one_step = one_step.map(|list| list[j]);
-            let nominal = problem.nominal[i];
-            let lost = traded[j]
-                || unseen.iter().any(|u| u.parts.iter().any(|(name, _)| *name == symbols[i].name));
-            FreeParameter {
-                name: symbols[i].name.clone(),
-                unit: symbols[i].unit.clone(),
-                nominal,
-                value,
-                std,
-                interval: [value - NORMAL_95 * std, value + NORMAL_95 * std],
-                one_step,
-                standing: standing(nominal, [value, std], one_step, lost),
-            }
-        })
-        .collect();
+    let parameter = |(j, [value, std]): (usize, [f64; 2])| {
+        let (i, _) = problem.free[j];
+        let one_step = one_step.map(|list| list[j]);
+        let (nominal, symbol) = (problem.nominal[i], &symbols[i]);
+        let lost = traded[j]
+            || unseen.iter().any(|u| u.parts.iter().any(|(name, _)| *name == symbol.name));
+        FreeParameter {
+            name: symbol.name.clone(),
+            unit: symbol.unit.clone(),
+            nominal,
+            value,
+            std,
+            interval: interval95(value, std),
+            one_step,
+            standing: standing(nominal, [value, std], one_step, lost),
+        }
+    };
+    let parameters = values.into_iter().enumerate().map(parameter).collect();
     let own = problem.own.len();
     let per_record = (0..problem.records.len())
         .flat_map(|r| (0..own).map(move |j| (r, j)))
         .map(|(r, j)| {
-            let (i, size) = problem.own[j];
-            (
-                symbols[i].name.clone(),
-                problem.records[r].source.clone(),
-                size * fitted.z[problem.free.len() + r * own + j],
-            )
+            let ((i, size), source) = (problem.own[j], problem.records[r].source.clone());
+            (symbols[i].name.clone(), source, size * fitted.z[shared + r * own + j])
         })
         .collect();
     StructuredFit {

@@ -2,9 +2,10 @@
 
 use super::answer::{FreeParameter, StructuredFit};
 use super::error::StructuredError;
+use super::fitted::Fitted;
 use super::group::Group;
-use super::problem::{Cluster, Problem, Starts, Weights};
-use super::record::{Layout, Record};
+use super::problem::{Cluster, Starts, StructuredProblem, Weights};
+use super::record::{LogRecord, WindowLayout};
 use super::score::GroupScore;
 use super::window::Simulator;
 use super::{answer, record, shrinkage};
@@ -13,8 +14,8 @@ use deadtime_log::Log;
 use deadtime_model::{Equations, EquationsFile};
 use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal};
 use deadtime_signal::progress::HowFar;
+use deadtime_signal::stats;
 use deadtime_signal::stop::Stop;
-use nalgebra::DMatrix;
 
 /// About so many clusters of windows carry the covariance.
 pub(super) const CLUSTERS: usize = 60;
@@ -155,7 +156,7 @@ impl<'a> Prepared<'a> {
         })
     }
 
-    fn records(&self, logs: &[Log], layout: Layout) -> Result<Vec<Record>> {
+    fn records(&self, logs: &[Log], layout: WindowLayout) -> Result<Vec<LogRecord>> {
         logs.iter()
             .map(|log| {
                 record::record(self.file, &self.groups, &self.logged, log, self.step_s, layout)
@@ -165,18 +166,18 @@ impl<'a> Prepared<'a> {
 
     fn problem<'b>(
         &'b self,
-        records: &'b [Record],
+        records: &'b [LogRecord],
         horizon: usize,
         free: Vec<(usize, f64)>,
         own: Vec<(usize, f64)>,
-    ) -> Problem<'b> {
+    ) -> StructuredProblem<'b> {
         let states = self.equations.state_variables();
         let said = |i: &usize| self.starts.as_ref().is_some_and(|(_, list)| list.contains(i));
         let unknown =
             |i: &usize| !self.logged[*i] && !said(i) && states[*i].initial_std != Some(0.0);
         let starts: Vec<usize> = (0..states.len()).filter(unknown).collect();
         let std = starts.iter().map(|&i| states[i].initial_std.unwrap_or(f64::INFINITY)).collect();
-        Problem {
+        StructuredProblem {
             simulator: Simulator {
                 equations: &self.equations,
                 starts: self.starts.as_ref(),
@@ -197,10 +198,10 @@ impl<'a> Prepared<'a> {
 }
 
 /// Windows that lie together, about [`CLUSTERS`] of them, none over two records.
-pub(super) fn clusters(records: &[Record]) -> Vec<Cluster> {
+pub(super) fn clusters(records: &[LogRecord]) -> Vec<Cluster> {
     let all: usize = records.iter().map(|r| r.windows.len()).sum();
     let size = all.div_ceil(CLUSTERS).max(1);
-    let of = |(record, r): (usize, &Record)| {
+    let of = |(record, r): (usize, &LogRecord)| {
         let parts = r.windows.len().div_ceil(size);
         let each = r.windows.len().div_ceil(parts.max(1)).max(1);
         r.windows
@@ -225,16 +226,16 @@ pub fn score(
         return Err(StructuredError::Horizon { horizon, stride }.into());
     }
     let prepared = Prepared::new(file, logs)?;
-    let records = prepared.records(logs, Layout { horizon, stride })?;
+    let records = prepared.records(logs, WindowLayout { horizon, stride })?;
     let mut problem = prepared.problem(&records, horizon, Vec::new(), Vec::new());
     let lengths = refined(&mut problem)?;
     Ok(super::score::score(&problem, &lengths))
 }
 
 /// Errors of the nominal model at a step so short that a shorter one changes nothing worth mentioning.
-pub(super) fn refined(problem: &mut Problem<'_>) -> Result<Vec<Vec<Vec<f64>>>> {
+pub(super) fn refined(problem: &mut StructuredProblem<'_>) -> Result<Vec<Vec<Vec<f64>>>> {
     let z = vec![0.0; problem.unknowns()];
-    let diverges = |records: &[Record], (record, start): (usize, usize), step_s: f64| {
+    let diverges = |records: &[LogRecord], (record, start): (usize, usize), step_s: f64| {
         StructuredError::Diverges {
             file: records[record].source.clone(),
             time_s: records[record].start_s + start as f64 * step_s,
@@ -265,20 +266,6 @@ pub(super) fn refined(problem: &mut Problem<'_>) -> Result<Vec<Vec<Vec<f64>>>> {
     before.map_err(|at| diverges(problem.records, at, problem.simulator.step_s).into())
 }
 
-/// One fit: where it ended and what the answer needs.
-pub(super) struct Fitted {
-    pub(crate) z: Vec<f64>,
-    pub(crate) fit: Fit,
-    pub(crate) clusters: Vec<Normal>,
-    /// λ of each unknown.
-    pub(crate) prior: Vec<f64>,
-    pub(crate) shrinkage: f64,
-    pub(crate) covariance: DMatrix<f64>,
-    /// The information, deflated by how much the windows' errors repeat each other.
-    pub(crate) information: DMatrix<f64>,
-    pub(crate) substeps: usize,
-}
-
 impl Structured {
     /// Fits the free parameters on `logs`; how well both models predict is told on them and on `held_out` logs.
     ///
@@ -300,7 +287,7 @@ impl Structured {
         if self.horizon == 0 || stride == 0 {
             return Err(StructuredError::Horizon { horizon: self.horizon, stride }.into());
         }
-        let records = prepared.records(logs, Layout { horizon: self.horizon, stride })?;
+        let records = prepared.records(logs, WindowLayout { horizon: self.horizon, stride })?;
         let (problem, fitted) = self.run(
             &prepared,
             &records,
@@ -311,7 +298,7 @@ impl Structured {
         // Starts that are estimated window by window leave a single step nothing to say.
         let one_step = if self.one_step && self.horizon > 1 && problem.starts.states.is_empty() {
             let records =
-                prepared.records(logs, Layout { horizon: 1, stride: (stride / 8).max(1) })?;
+                prepared.records(logs, WindowLayout { horizon: 1, stride: (stride / 8).max(1) })?;
             let (problem, fitted) =
                 self.run(&prepared, &records, (1, &self.far.part(FITTED, ONE_STEP)), &free, &own)?;
             Some(answer::values(&problem, &fitted))
@@ -353,11 +340,11 @@ impl Structured {
     fn run<'b>(
         &self,
         prepared: &'b Prepared<'_>,
-        records: &'b [Record],
+        records: &'b [LogRecord],
         (horizon, far): (usize, &HowFar),
         free: &[usize],
         own: &[usize],
-    ) -> Result<(Problem<'b>, Fitted)> {
+    ) -> Result<(StructuredProblem<'b>, Fitted)> {
         far.at(0.0, &"choosing the step of the simulation");
         let unit = |list: &[usize]| list.iter().map(|&i| (i, 1.0)).collect::<Vec<_>>();
         let mut problem = prepared.problem(records, horizon, unit(free), unit(own));
@@ -376,31 +363,7 @@ impl Structured {
         loop {
             self.stop.check()?;
             prior = self.prior(&problem, shrinkage, &own_size);
-            // Weights change with every round: only the last one needs its minimum to many digits.
-            let tolerance = if round + 1 >= self.rounds { 1e-5 } else { 1e-3 };
-            let search = LevenbergMarquardt {
-                max_iterations: 30,
-                gradient_tolerance: tolerance,
-                step_tolerance: tolerance,
-                ..Default::default()
-            };
-            let (share, rounds) =
-                (|round: usize| round as f64 / self.rounds.max(1) as f64, self.rounds);
-            let far = far.part(share(round), share(round + 1));
-            let mut tried = 0;
-            fit = search.minimise(&z, |z| {
-                // How many a round takes nobody knows: each one has a part of what is left.
-                far.at(
-                    1.0 - LEFT.powi(tried),
-                    &format_args!(
-                        "round {} of {rounds}, set {} of parameters",
-                        round + 1,
-                        tried + 1
-                    ),
-                );
-                tried += 1;
-                problem.clusters(z, &weights).map(|c| problem.normal(&c, z, &prior))
-            });
+            fit = self.round(&problem, &z, (&weights, &prior), round, far);
             z.clone_from(&fit.parameters);
             round += 1;
             if round >= self.rounds {
@@ -426,24 +389,49 @@ impl Structured {
         ))
     }
 
+    /// The fit under these weights and this prior.
+    fn round(
+        &self,
+        problem: &StructuredProblem<'_>,
+        z: &[f64],
+        (weights, prior): (&Weights, &[f64]),
+        round: usize,
+        far: &HowFar,
+    ) -> Fit {
+        let rounds = self.rounds;
+        // Weights change with every round: only the last one needs its minimum to many digits.
+        let tolerance = if round + 1 >= rounds { 1e-5 } else { 1e-3 };
+        let search = LevenbergMarquardt {
+            max_iterations: 30,
+            gradient_tolerance: tolerance,
+            step_tolerance: tolerance,
+            ..Default::default()
+        };
+        let share = |round: usize| round as f64 / rounds.max(1) as f64;
+        let far = far.part(share(round), share(round + 1));
+        let mut tried = 0;
+        search.minimise(z, |z| {
+            // How many a round takes nobody knows: each one has a part of what is left.
+            let now =
+                format_args!("round {} of {rounds}, set {} of parameters", round + 1, tried + 1);
+            far.at(1.0 - LEFT.powi(tried), &now);
+            tried += 1;
+            problem.clusters(z, weights).map(|c| problem.normal(&c, z, prior))
+        })
+    }
+
     /// λ of every unknown: the shared ones alike, a record's own by how far they stand off.
-    fn prior(&self, problem: &Problem<'_>, shrinkage: f64, own_size: &[f64]) -> Vec<f64> {
+    fn prior(&self, problem: &StructuredProblem<'_>, shrinkage: f64, own_size: &[f64]) -> Vec<f64> {
         let own = own_size.iter().map(|size| 1.0 / (size * size)).collect::<Vec<_>>();
         let shared = std::iter::repeat_n(shrinkage, problem.free.len());
         shared.chain((0..problem.records.len()).flat_map(|_| own.iter().copied())).collect()
     }
 
     fn weights(&self, lengths: &[Vec<Vec<f64>>]) -> Weights {
-        let median = |list: &Vec<f64>| {
-            let mut sorted = list.clone();
-            sorted.sort_by(f64::total_cmp);
-            sorted.get(sorted.len() / 2).copied().unwrap_or(1.0)
-        };
+        let median = |list: &Vec<f64>| stats::upper_median(list.clone()).unwrap_or(1.0);
         let of = |group: &Vec<Vec<f64>>| {
             let each: Vec<f64> = group.iter().map(median).collect();
-            let whole = (each.iter().map(|v| v * v).sum::<f64>() / each.len().max(1) as f64)
-                .sqrt()
-                .max(f64::MIN_POSITIVE);
+            let whole = stats::rms(each.iter().copied()).unwrap_or(0.0).max(f64::MIN_POSITIVE);
             let floor = |v: f64| if whole > f64::MIN_POSITIVE { v.max(1e-6 * whole) } else { 1.0 };
             match self.balance {
                 Balance::Horizon => each.into_iter().map(floor).collect(),
@@ -459,7 +447,7 @@ impl Structured {
 }
 
 /// Each parameter's size: its own value, or, for one that is 0, what would move the predictions as far as their errors.
-pub(super) fn sizes(problem: &mut Problem<'_>, clusters: &[Normal]) {
+pub(super) fn sizes(problem: &mut StructuredProblem<'_>, clusters: &[Normal]) {
     let nothing = vec![0.0; problem.unknowns()];
     let normal = problem.normal(clusters, &nothing, &nothing);
     let shared = problem.free.len();

@@ -1,6 +1,7 @@
 //! Groups of outputs: a vector's error is a difference, an attitude's the rotation vector between two quaternions.
 
 use deadtime_model::{EquationsFile, GroupKind};
+use deadtime_signal::stats;
 
 /// Outputs that are judged together.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,10 +48,8 @@ impl Group {
     /// How far its outputs move in a record's rows × `outputs` samples, their standard deviations together; 1 where they stand still. NaN is a missing sample.
     pub(super) fn spread(&self, y: &[f64], outputs: usize) -> f64 {
         let variance = |&i: &usize| {
-            let seen = || y.iter().skip(i).step_by(outputs).filter(|v| !v.is_nan());
-            let count = seen().count().max(1) as f64;
-            let mean = seen().sum::<f64>() / count;
-            seen().map(|v| (v - mean).powi(2)).sum::<f64>() / count
+            let seen = y.iter().skip(i).step_by(outputs).copied().filter(|v| !v.is_nan());
+            stats::variance(&seen.collect::<Vec<f64>>()).unwrap_or(0.0)
         };
         let whole = self.outputs.iter().map(variance).sum::<f64>().sqrt();
         if whole > 0.0 { whole } else { 1.0 }

@@ -12,6 +12,7 @@
 mod answer;
 pub(crate) mod error;
 mod fit;
+mod fitted;
 mod group;
 pub(crate) mod known;
 mod problem;

@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::record::Record;
-use super::window::{Buffers, Point, Simulator};
+use super::record::LogRecord;
+use super::window::{Buffers, Simulator, WindowPoint};
 use deadtime_signal::fit::Normal;
 
 /// Rounds of Gauss-Newton for the starts of unlogged states within a window.
@@ -37,9 +37,9 @@ pub(super) struct Starts {
 
 /// Everything about the windows that no parameter changes.
 #[derive(Debug)]
-pub(super) struct Problem<'a> {
+pub(super) struct StructuredProblem<'a> {
     pub(super) simulator: Simulator<'a>,
-    pub(super) records: &'a [Record],
+    pub(super) records: &'a [LogRecord],
     pub(super) clusters: Vec<Cluster>,
     pub(super) starts: Starts,
     pub(super) nominal: Vec<f64>,
@@ -49,7 +49,7 @@ pub(super) struct Problem<'a> {
     pub(super) own: Vec<(usize, f64)>,
 }
 
-impl Problem<'_> {
+impl StructuredProblem<'_> {
     /// Unknowns: the shared ones, then each record's own.
     pub(super) fn unknowns(&self) -> usize {
         self.free.len() + self.own.len() * self.records.len()
@@ -95,7 +95,7 @@ impl Problem<'_> {
     #[allow(clippy::too_many_arguments)]
     fn window(
         &self,
-        record: &Record,
+        record: &LogRecord,
         start: usize,
         p: &[f64],
         columns: &[(usize, f64)],
@@ -110,7 +110,7 @@ impl Problem<'_> {
         let trusted = |s: f64| if start == 0 { s } else { f64::INFINITY };
         let mut pass = |shift: &[f64], curvature: bool, sum: &mut Sum| {
             sum.clear();
-            let at = Point { p, columns, starts: states, shift };
+            let at = WindowPoint { p, columns, starts: states, shift };
             let finite = self.simulator.walk(record, start, at, buffers, |seen| {
                 let scale = weights.scale[seen.group][seen.horizon - 1];
                 sum.add(seen.error, seen.slopes, scale, weights.threshold, curvature);

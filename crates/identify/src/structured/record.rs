@@ -8,7 +8,7 @@ use deadtime_model::{EquationsFile, GroupKind};
 
 /// A log in the model's order.
 #[derive(Debug, Clone)]
-pub(super) struct Record {
+pub(super) struct LogRecord {
     pub(super) source: String,
     pub(super) start_s: f64,
     /// Rows × inputs, as they act.
@@ -23,7 +23,7 @@ pub(super) struct Record {
 
 /// How windows lie in a record.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Layout {
+pub(super) struct WindowLayout {
     pub(super) horizon: usize,
     pub(super) stride: usize,
 }
@@ -35,8 +35,8 @@ pub(super) fn record(
     logged: &[bool],
     log: &Log,
     step_s: f64,
-    layout: Layout,
-) -> Result<Record> {
+    layout: WindowLayout,
+) -> Result<LogRecord> {
     let (rows, names) = (log.len(), |i: usize| file.inputs[i].name.as_str());
     let (m, outputs, n) = (file.inputs.len(), file.outputs.len(), file.states.len());
     let mut u = vec![0.0; rows * m];
@@ -64,18 +64,8 @@ pub(super) fn record(
             fill(&mut x, n, i, name)?;
         }
     }
-    // A logged quaternion is a rotation: rounding of its columns is no stretching.
     for group in groups.iter().filter(|g| g.kind == GroupKind::Attitude) {
-        let same =
-            |&i: &usize| file.states.iter().position(|(name, _)| *name == file.outputs[i].name);
-        let states: Vec<usize> =
-            group.outputs.iter().filter_map(same).filter(|&i| logged[i]).collect();
-        if states.len() == 4 {
-            for row in x.chunks_exact_mut(n) {
-                let length = states.iter().map(|&i| row[i] * row[i]).sum::<f64>().sqrt();
-                states.iter().for_each(|&i| row[i] /= length);
-            }
-        }
+        normalise(file, group, logged, &mut x);
     }
     let complete = |k: &usize| (0..n).all(|i| !logged[i] || x[k * n + i].is_finite());
     let windows: Vec<usize> =
@@ -88,5 +78,18 @@ pub(super) fn record(
         }
         .into());
     }
-    Ok(Record { source: log.source().to_owned(), start_s: log.time_s()[0], u, y, x, windows })
+    Ok(LogRecord { source: log.source().to_owned(), start_s: log.time_s()[0], u, y, x, windows })
+}
+
+/// A logged quaternion is a rotation: rounding of its columns is no stretching.
+fn normalise(file: &EquationsFile, group: &Group, logged: &[bool], x: &mut [f64]) {
+    let same = |&i: &usize| file.states.iter().position(|(name, _)| *name == file.outputs[i].name);
+    let states: Vec<usize> = group.outputs.iter().filter_map(same).filter(|&i| logged[i]).collect();
+    if states.len() != 4 {
+        return;
+    }
+    for row in x.chunks_exact_mut(file.states.len()) {
+        let length = states.iter().map(|&i| row[i] * row[i]).sum::<f64>().sqrt();
+        states.iter().for_each(|&i| row[i] /= length);
+    }
 }

@@ -3,8 +3,9 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::problem::Problem;
-use super::window::{Buffers, Point};
+use super::problem::StructuredProblem;
+use super::window::{Buffers, WindowPoint};
+use deadtime_signal::stats;
 
 /// Mean length of a group's error over all windows, by horizon. A vector's error has the length of the difference, an attitude's the angle between the two.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -23,7 +24,7 @@ pub struct GroupScore {
 
 /// Lengths of all errors, `[group][horizon - 1]` a list over windows in order. `None` where a window diverges, with its record and start.
 pub(super) fn lengths(
-    problem: &Problem<'_>,
+    problem: &StructuredProblem<'_>,
     z: &[f64],
 ) -> Result<Vec<Vec<Vec<f64>>>, (usize, usize)> {
     let (groups, horizon) = (problem.simulator.groups.len(), problem.simulator.horizon);
@@ -36,7 +37,8 @@ pub(super) fn lengths(
             let shift = problem
                 .start_of(cluster.record, start, &p, &weights, &mut buffers)
                 .ok_or((cluster.record, start))?;
-            let at = Point { p: &p, columns: &[], starts: &problem.starts.states, shift: &shift };
+            let at =
+                WindowPoint { p: &p, columns: &[], starts: &problem.starts.states, shift: &shift };
             let finite = problem.simulator.walk(
                 &problem.records[cluster.record],
                 start,
@@ -64,16 +66,14 @@ pub(super) fn lengths(
 }
 
 /// The means of those lengths.
-pub(super) fn score(problem: &Problem<'_>, lengths: &[Vec<Vec<f64>>]) -> Vec<GroupScore> {
-    let mean = |list: &Vec<f64>, f: &dyn Fn(f64) -> f64| {
-        list.iter().map(|v| f(*v)).sum::<f64>() / list.len().max(1) as f64
-    };
+pub(super) fn score(problem: &StructuredProblem<'_>, lengths: &[Vec<Vec<f64>>]) -> Vec<GroupScore> {
     let groups = problem.simulator.groups.iter().zip(lengths);
     groups
         .map(|(group, by_horizon)| {
             let mean_absolute: Vec<f64> =
-                by_horizon.iter().map(|list| mean(list, &|v| v)).collect();
-            let rms = by_horizon.iter().map(|list| mean(list, &|v| v * v).sqrt()).collect();
+                by_horizon.iter().map(|l| stats::mean(l.iter().copied()).unwrap_or(0.0)).collect();
+            let rms =
+                by_horizon.iter().map(|l| stats::rms(l.iter().copied()).unwrap_or(0.0)).collect();
             GroupScore {
                 group: group.name.clone(),
                 unit: group.unit.clone(),

@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use super::problem::Problem;
+use super::problem::StructuredProblem;
 use deadtime_signal::fit::Normal;
 
 /// The weakest shrinkage: keeps directions that nothing shows at the file's values, and costs nothing elsewhere.
@@ -14,7 +14,7 @@ const A_DECADE: i32 = 2;
 ///
 /// Each fold's fit is one Gauss-Newton step from the joint fit, its error the quadratic there: no window is simulated again.
 pub(super) fn by_data(
-    problem: &Problem<'_>,
+    problem: &StructuredProblem<'_>,
     clusters: &[Normal],
     z: &[f64],
     prior: impl Fn(f64) -> Vec<f64>,
@@ -73,7 +73,7 @@ pub(super) fn by_data(
 
 /// How far records stand off: the mean square of what was found and of what is still open (an expectation-maximisation step).
 pub(super) fn own_sizes(
-    problem: &Problem<'_>,
+    problem: &StructuredProblem<'_>,
     clusters: &[Normal],
     z: &[f64],
     prior: &[f64],

@@ -1,7 +1,7 @@
 //! One window: the model from a row of the log over the horizon, with exact sensitivities (the tangents of a Runge-Kutta step of order four).
 
 use super::group::Group;
-use super::record::Record;
+use super::record::LogRecord;
 use deadtime_model::{Directions, Equations, Workspace};
 
 /// What all windows share.
@@ -20,7 +20,7 @@ pub(super) struct Simulator<'a> {
 
 /// Parameters, the directions in which they move, and how far the unlogged states' starts are moved.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Point<'a> {
+pub(super) struct WindowPoint<'a> {
     pub(super) p: &'a [f64],
     /// Which parameter each direction moves, and by how much for a unit step.
     pub(super) columns: &'a [(usize, f64)],
@@ -47,7 +47,7 @@ pub(super) struct Buffers {
 
 /// The error of one group at one horizon.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Seen<'a> {
+pub(super) struct WindowError<'a> {
     pub(super) group: usize,
     /// From 1.
     pub(super) horizon: usize,
@@ -60,58 +60,17 @@ impl Simulator<'_> {
     /// Walks a window and shows every error there is. False where the model left the finite numbers.
     pub(super) fn walk(
         &self,
-        record: &Record,
+        record: &LogRecord,
         start: usize,
-        at: Point<'_>,
+        at: WindowPoint<'_>,
         b: &mut Buffers,
-        mut see: impl FnMut(Seen<'_>),
+        mut see: impl FnMut(WindowError<'_>),
     ) -> bool {
-        let (n, m) = (self.equations.state_variables().len(), self.equations.input_symbols().len());
-        let (parameters, outputs) = (at.p.len(), self.equations.output_variables().len());
+        let m = self.equations.input_symbols().len();
+        let outputs = self.equations.output_variables().len();
         let count = at.columns.len() + at.starts.len();
-        let resize = |v: &mut Vec<f64>, size: usize| {
-            v.clear();
-            v.resize(size, 0.0);
-        };
-        resize(&mut b.seeds, parameters * count);
-        for (j, &(parameter, unit)) in at.columns.iter().enumerate() {
-            b.seeds[parameter * count + j] = unit;
-        }
-        b.x.iter_mut().chain(&mut b.k).for_each(|v| resize(v, n));
-        b.s.iter_mut().chain(&mut b.dk).for_each(|v| resize(v, n * count));
-        resize(&mut b.y, outputs);
-        resize(&mut b.dy, outputs * count);
-        let widest = self.groups.iter().map(Group::size).max().unwrap_or(0);
-        resize(&mut b.e, widest);
-        resize(&mut b.de, widest * count);
-        for (i, state) in self.equations.state_variables().iter().enumerate() {
-            b.x[0][i] = if self.logged[i] { record.x[start * n + i] } else { state.initial };
-        }
-        for (j, (&i, shift)) in at.starts.iter().zip(at.shift).enumerate() {
-            b.x[0][i] += shift;
-            b.s[0][i * count + at.columns.len() + j] = 1.0;
-        }
-        if let Some((equations, states)) = self.starts {
-            let (mut values, mut slopes) =
-                (vec![0.0; states.len()], vec![0.0; states.len() * count]);
-            let directions = Directions { count, states: &b.s[0], parameters: &b.seeds };
-            let (t, u) = (start as f64 * self.step_s, &record.u[start * m..(start + 1) * m]);
-            equations.outputs_along(
-                t,
-                &b.x[0],
-                u,
-                at.p,
-                directions,
-                &mut b.workspace,
-                &mut values,
-                &mut slopes,
-            );
-            for (k, &i) in states.iter().enumerate() {
-                b.x[0][i] = values[k];
-                b.s[0][i * count..(i + 1) * count]
-                    .copy_from_slice(&slopes[k * count..(k + 1) * count]);
-            }
-        }
+        self.clear(&at, count, b);
+        self.start(record, start, &at, count, b);
         let h = self.step_s / self.substeps as f64;
         for step in 1..=self.horizon {
             let row = start + step - 1;
@@ -137,21 +96,75 @@ impl Simulator<'_> {
             );
             let logged = &record.y[row * outputs..(row + 1) * outputs];
             for (g, group) in self.groups.iter().enumerate() {
-                let size = group.size();
-                if group.error(&b.y, &b.dy, count, logged, &mut b.e, &mut b.de) {
-                    if !b.e[..size].iter().all(|v| v.is_finite()) {
-                        return false;
-                    }
-                    see(Seen {
-                        group: g,
-                        horizon: step,
-                        error: &b.e[..size],
-                        slopes: &b.de[..size * count],
-                    });
+                if !group.error(&b.y, &b.dy, count, logged, &mut b.e, &mut b.de) {
+                    continue;
                 }
+                let (error, slopes) = (&b.e[..group.size()], &b.de[..group.size() * count]);
+                if !error.iter().all(|v| v.is_finite()) {
+                    return false;
+                }
+                see(WindowError { group: g, horizon: step, error, slopes });
             }
         }
         true
+    }
+
+    /// Buffers of the right sizes, zero but for the parameters' directions.
+    fn clear(&self, at: &WindowPoint<'_>, count: usize, b: &mut Buffers) {
+        let (n, outputs) =
+            (self.equations.state_variables().len(), self.equations.output_variables().len());
+        let resize = |v: &mut Vec<f64>, size: usize| {
+            v.clear();
+            v.resize(size, 0.0);
+        };
+        resize(&mut b.seeds, at.p.len() * count);
+        for (j, &(parameter, unit)) in at.columns.iter().enumerate() {
+            b.seeds[parameter * count + j] = unit;
+        }
+        b.x.iter_mut().chain(&mut b.k).for_each(|v| resize(v, n));
+        b.s.iter_mut().chain(&mut b.dk).for_each(|v| resize(v, n * count));
+        resize(&mut b.y, outputs);
+        resize(&mut b.dy, outputs * count);
+        let widest = self.groups.iter().map(Group::size).max().unwrap_or(0);
+        resize(&mut b.e, widest);
+        resize(&mut b.de, widest * count);
+    }
+
+    /// The states and sensitivities at the start of a window.
+    fn start(
+        &self,
+        record: &LogRecord,
+        start: usize,
+        at: &WindowPoint<'_>,
+        count: usize,
+        b: &mut Buffers,
+    ) {
+        let (n, m) = (self.equations.state_variables().len(), self.equations.input_symbols().len());
+        for (i, state) in self.equations.state_variables().iter().enumerate() {
+            b.x[0][i] = if self.logged[i] { record.x[start * n + i] } else { state.initial };
+        }
+        for (j, (&i, shift)) in at.starts.iter().zip(at.shift).enumerate() {
+            b.x[0][i] += shift;
+            b.s[0][i * count + at.columns.len() + j] = 1.0;
+        }
+        let Some((equations, states)) = self.starts else { return };
+        let (mut values, mut slopes) = (vec![0.0; states.len()], vec![0.0; states.len() * count]);
+        let directions = Directions { count, states: &b.s[0], parameters: &b.seeds };
+        let (t, u) = (start as f64 * self.step_s, &record.u[start * m..(start + 1) * m]);
+        equations.outputs_along(
+            t,
+            &b.x[0],
+            u,
+            at.p,
+            directions,
+            &mut b.workspace,
+            &mut values,
+            &mut slopes,
+        );
+        for (k, &i) in states.iter().enumerate() {
+            b.x[0][i] = values[k];
+            b.s[0][i * count..(i + 1) * count].copy_from_slice(&slopes[k * count..(k + 1) * count]);
+        }
     }
 
     /// One step of the classical method for states and sensitivities at once.

@@ -272,16 +272,11 @@ impl Settings {
         if let Some(order) = self.order.filter(|n| *n > most) {
             return Err(IdentifyError::Order { order, past, most });
         }
-        let poor = |needed: usize| {
-            orders.iter().position(|o| *o < needed.min(past)).map(|i| (i, orders[i]))
-        };
-        let least_rich = self.order.unwrap_or(1) + 1;
-        if let Some((i, orders)) = poor(least_rich) {
-            return Err(IdentifyError::NotRich {
-                channel: recordings.inputs[i].name.clone(),
-                orders,
-                needed: self.order.unwrap_or(1),
-            });
+        if let Some((channel, orders)) =
+            poor(recordings, &orders, self.order.unwrap_or(1) + 1, past)
+        {
+            let needed = self.order.unwrap_or(1);
+            return Err(IdentifyError::NotRich { channel, orders, needed });
         }
         let predictor = Predictor::fit(&factor, self.direct);
         let window = factor.layout.window();
@@ -302,13 +297,13 @@ impl Settings {
         }
         let y = factor.y();
         let model_of = |order: usize| {
-            innovations::of_states(&factor, &y, &states.map(&predictions, order), self.direct).0
+            innovations::of_states(&factor, &y, &states.map(&predictions, order), self.direct)
         };
         let scaled: Vec<Stretch> = recordings.stretches.iter().map(|s| scales.scaled(s)).collect();
-        let (trying, drawing) = (far.part(STATES, ORDERS), far.part(ORDERS, 1.0));
+        let trying = far.part(STATES, ORDERS);
         let steps = trying.steps(states.rows.nrows(), "orders tried");
         let loss = |order: usize| {
-            let loss = Some(model_of(order))
+            let loss = Some(model_of(order).0)
                 .filter(InnovationsModel::is_finite)
                 .and_then(|m| order::log_loss(&m, &scaled, past));
             steps.one_more();
@@ -317,29 +312,14 @@ impl Settings {
         let losses: Vec<Option<f64>> =
             (1..=states.rows.nrows()).into_par_iter().map(loss).collect();
         let order = order::choose(self.order, &losses, &states.singular, factor.rows, (m, l));
-        let mut notes = Vec::new();
-        if let Some((i, orders)) = poor(2 * order.order) {
-            let name = &recordings.inputs[i].name;
-            notes.push(format!(
-                "{name} is told apart from its past at {orders} lags only; twice the order would be safe: use a richer excitation"
-            ));
-        }
-        if weight.is_some() {
-            notes.push(format!("{method} is biased where the inputs depend on the outputs; under feedback use pbsidopt"));
-        }
-        let (model, residual) = innovations::of_states(
-            &factor,
-            &y,
-            &states.map(&predictions, order.order),
-            self.direct,
-        );
+        let (model, residual) = model_of(order.order);
         if !model.is_finite() {
             return Err(failed("the regressions have no finite solution; choose a smaller order"));
         }
         let freedom = factor.rows.saturating_sub(predictor.parameters()).max(1) as f64;
         let spread: Vec<f64> = scales.outputs.iter().map(|s| s.1).collect();
         let covariance = residual.transpose() * residual / freedom;
-        drawing.at(0.0, &"drawing models for the intervals");
+        far.part(ORDERS, 1.0).at(0.0, &"drawing models for the intervals");
         let draws = if self.bootstrap > 0 {
             self.replicated(weight, recordings, &states, (past, order.order), &scales)
         } else if weight.is_some() {
@@ -347,6 +327,7 @@ impl Settings {
         } else {
             self.drawn(&factor, &predictor, &states, order.order, &scales)
         };
+        let told_apart = poor(recordings, &orders, 2 * order.order, past);
         Ok(Identified {
             method,
             sample_time: recordings.sample_time,
@@ -358,7 +339,7 @@ impl Settings {
             order,
             innovations: DMatrix::from_fn(l, l, |i, j| covariance[(i, j)] * spread[i] * spread[j]),
             draws,
-            notes,
+            notes: notes(method, weight, told_apart),
             scales,
             parametric: None,
         })
@@ -438,6 +419,33 @@ impl Settings {
             .collect();
         Draws { small: whole.clone(), whole, step: 1.0, ..Draws::default() }
     }
+}
+
+/// The first input that is excited at fewer than `needed` lags (of a window of `past`), and at how
+/// many.
+fn poor(
+    recordings: &Recordings,
+    orders: &[usize],
+    needed: usize,
+    past: usize,
+) -> Option<(String, usize)> {
+    let at = orders.iter().position(|o| *o < needed.min(past))?;
+    Some((recordings.inputs[at].name.clone(), orders[at]))
+}
+
+/// What a user should know of a subspace model.
+fn notes(method: &str, weight: Option<Weight>, poor: Option<(String, usize)>) -> Vec<String> {
+    let poor = poor.map(|(name, orders)| {
+        format!(
+            "{name} is told apart from its past at {orders} lags only; twice the order would be safe: use a richer excitation"
+        )
+    });
+    let biased = weight.map(|_| {
+        format!(
+            "{method} is biased where the inputs depend on the outputs; under feedback use pbsidopt"
+        )
+    });
+    poor.into_iter().chain(biased).collect()
 }
 
 impl Identified {

@@ -7,6 +7,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 use super::innovations::InnovationsModel;
 use super::recordings::{Named, Stretch};
 use crate::iv::whitened;
+use deadtime_signal::stats;
 
 /// How one output is met.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -144,8 +145,7 @@ fn product(a: &[Vec<f64>], b: &[Vec<f64>], lag: usize) -> f64 {
 }
 
 fn centred(x: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    let n = x.iter().map(Vec::len).sum::<usize>().max(1) as f64;
-    let mean = x.iter().flatten().sum::<f64>() / n;
+    let mean = stats::mean(x.iter().flatten().copied()).unwrap_or(0.0);
     x.iter().map(|x| x.iter().map(|v| v - mean).collect()).collect()
 }
 

@@ -2,16 +2,10 @@
 
 use crate::posterior;
 use crate::process::chain::Shape;
-use crate::process::fit::{COARSE, Found, Problem, VALLEYS, Work, add, answer, keep, project};
+use crate::process::fit::{
+    COARSE, Found, Part, Problem, VALLEYS, Work, add, answer, keep, project,
+};
 use deadtime_identify::dot;
-
-/// What one input of several does, through poles of its own.
-#[derive(Clone)]
-pub(super) struct Part {
-    found: Found,
-    /// Its share of the output, all records in a row.
-    model: Vec<f64>,
-}
 
 /// An input's own model, to be driven by any record of that input.
 pub(in crate::process) struct Own {

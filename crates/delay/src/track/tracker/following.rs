@@ -2,10 +2,10 @@
 
 use nalgebra::DMatrix;
 
-use super::online::TrackerOptions;
+use super::options::TrackerOptions;
 use super::past::Past;
 use super::rows::{Left, Unsure, accumulate, fill, fill_earlier, inverse, leverage};
-use crate::track::rows::{Shape, solve};
+use crate::track::rows::{ResponseShape, solve};
 use crate::track::smooth::step;
 
 /// Samples between two solutions of the shape.
@@ -43,7 +43,7 @@ pub(super) enum Event {
 /// What is learnt, and the sums that watch it.
 #[derive(Debug, Clone)]
 pub(super) struct Following {
-    shape: Shape,
+    shape: ResponseShape,
     /// Variance of the errors at the delay believed.
     variance: f64,
     /// Mean square of the least errors of late.
@@ -75,7 +75,7 @@ pub(super) struct Following {
 }
 
 /// What learning leaves beside the shape.
-pub(super) struct Start {
+pub(super) struct FollowingStart {
     pub(super) variance: f64,
     pub(super) delay: usize,
     pub(super) ahead: f64,
@@ -85,9 +85,14 @@ pub(super) struct Start {
 
 impl Following {
     /// All that was learnt, and sums at rest.
-    pub(super) fn new(options: &TrackerOptions, shape: Shape, start: Start, u: &Past<f64>) -> Self {
+    pub(super) fn new(
+        options: &TrackerOptions,
+        shape: ResponseShape,
+        start: FollowingStart,
+        u: &Past<f64>,
+    ) -> Self {
         let TrackerOptions { na, nb, max_delay, .. } = *options;
-        let Start { variance, delay, ahead, gram, inverse } = start;
+        let FollowingStart { variance, delay, ahead, gram, inverse } = start;
         let mut following = Self {
             shape,
             variance,

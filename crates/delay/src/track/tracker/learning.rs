@@ -2,11 +2,11 @@
 
 use nalgebra::DMatrix;
 
-use super::following::{Following, Start};
-use super::online::TrackerOptions;
+use super::following::{Following, FollowingStart};
+use super::options::TrackerOptions;
 use super::past::Past;
 use super::rows::{accumulate, fill, inverse};
-use crate::track::rows::{Shape, solve};
+use crate::track::rows::{ResponseShape, solve};
 
 /// A coefficient that stands out by so many standard deviations acts.
 const ACTS: f64 = 4.0;
@@ -64,12 +64,17 @@ impl Learning {
         let variance = left / self.rows as f64;
         let inverse = inverse(&gram)?;
         let ahead = first_acting(&inverse, &theta, na, nb, variance)?;
-        let shape = Shape {
+        let shape = ResponseShape {
             a: theta[..na].to_vec(),
             b: theta[na..na + nb].to_vec(),
             level: theta[na + nb],
         };
-        Some(Following::new(options, shape, Start { variance, delay, ahead, gram, inverse }, u))
+        Some(Following::new(
+            options,
+            shape,
+            FollowingStart { variance, delay, ahead, gram, inverse },
+            u,
+        ))
     }
 }
 

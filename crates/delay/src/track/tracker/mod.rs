@@ -3,5 +3,6 @@
 mod following;
 mod learning;
 pub(crate) mod online;
+pub(crate) mod options;
 mod past;
 mod rows;

@@ -1,0 +1,97 @@
+//! The answers of all methods for one pair, and what to believe of them.
+
+use std::time::Instant;
+
+use super::chosen::Ready;
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::usable;
+use crate::finding::Finding;
+use crate::method::{Condition, Information, Method};
+use crate::report::{Estimate, Pair};
+use crate::richness::Richness;
+use crate::verdict::{RecordFacts, distrust, verdict};
+use deadtime_signal::stats::NORMAL_95;
+use deadtime_signal::time::SampleTime;
+
+/// A method's answer, what was to be expected of it, and its run time, s.
+pub(super) struct MethodAnswer {
+    pub(super) method: &'static Method,
+    pub(super) estimate: DelayEstimate,
+    pub(super) predicted: Option<Richness>,
+    pub(super) time_s: f64,
+}
+
+impl MethodAnswer {
+    /// The answer that `estimate` makes of the method; what the method cannot do with the data is
+    /// its answer.
+    pub(super) fn of(
+        ready: &Ready,
+        predicted: Option<Richness>,
+        estimate: impl FnOnce(&Ready) -> Result<DelayEstimate, DelayError>,
+    ) -> Result<Self, DelayError> {
+        let clock = Instant::now();
+        let estimate = usable(estimate(ready))?;
+        let time_s = clock.elapsed().as_secs_f64();
+        Ok(Self { method: ready.method, estimate, predicted, time_s })
+    }
+
+    fn predicted_std_s(&self) -> Option<f64> {
+        self.predicted.map(|p| p.std_s)
+    }
+}
+
+/// The pair with its answers and its verdict.
+pub(super) fn pair(
+    input: &str,
+    output: &str,
+    answers: &[MethodAnswer],
+    findings: Vec<Finding>,
+    sample_time: SampleTime,
+    facts: &RecordFacts,
+) -> Pair {
+    let by_trust: Vec<_> =
+        answers.iter().map(|a| (a.method, &a.estimate, a.predicted_std_s())).collect();
+    let verdict = verdict(&by_trust, &findings, sample_time, facts);
+    let estimate = |a: &MethodAnswer| {
+        Estimate::new(a.method, &a.estimate, a.predicted_std_s(), a.time_s, &findings)
+    };
+    let estimates = answers.iter().map(estimate).collect();
+    let poor_std_s = poor(answers, &findings, verdict.ci95_s);
+    Pair { poor_std_s, findings, ..Pair::new([input, output], estimates, verdict) }
+}
+
+/// Where the data hardly tell neighbouring delays apart, the best that is to be expected of a method that knows neither gain nor poles and whose answer counts (of any such
+/// method where none does), s: the number that stands in that method's line. Nothing where the believed interval is far narrower than that: the rough model that predicts was
+/// then no model of this plant.
+fn poor(
+    answers: &[MethodAnswer],
+    findings: &[Finding],
+    believed_s: Option<[f64; 2]>,
+) -> Option<f64> {
+    // The predictions are of stable plants in open loop.
+    if findings
+        .iter()
+        .any(|f| matches!(f.condition, Condition::Feedback | Condition::UnstablePlant))
+    {
+        return None;
+    }
+    let counts = |a: &MethodAnswer| {
+        a.estimate.outcome == Outcome::Found
+            && !a.estimate.contradicted
+            && distrust(a.method, &a.estimate, findings).is_empty()
+    };
+    let of_poles = |a: &&MethodAnswer| matches!(a.method.information, Information::Poles(_));
+    let best = |which: &dyn Fn(&MethodAnswer) -> bool| {
+        let expected =
+            answers.iter().filter(of_poles).filter(|a| which(a)).filter_map(|a| a.predicted);
+        expected.max_by(|a, b| a.separation.total_cmp(&b.separation))
+    };
+    let predicted =
+        best(&counts).or_else(|| best(&|_| true)).filter(|p| p.separation < TOLD_APART)?;
+    let narrower = believed_s.is_some_and(|[from, to]| to - from < NORMAL_95 * predicted.std_s);
+    (!narrower).then_some(predicted.std_s)
+}
+
+/// Half the distance between two responses, in standard deviations of the noise, from which they are seldom taken for each other.
+const TOLD_APART: f64 = 3.0;

@@ -1,0 +1,260 @@
+//! An estimation on logs: set up, and run on every pair.
+
+use super::asked::{Job, whole};
+use super::chosen::Ready;
+use super::pair::OnePair;
+use super::seen::PairView;
+use crate::error::{DelayError, Result};
+use crate::estimator::Search;
+use crate::evidence::{Evidence, evidence, impulse_response};
+use crate::experiment::{Experiment, recordings};
+use crate::method::{Method, Scope, Start};
+use crate::process::shares::Shares;
+use crate::report::{Bias, FORMAT, Pair, Report, Response, Searched};
+use crate::richness::{Richness, richness};
+use deadtime_log::Log;
+use deadtime_signal::time::SampleTime;
+
+impl Job {
+    /// Estimates every pair by every method.
+    ///
+    /// # Errors
+    /// What the channels, the model or a typed option cannot be used for; [`super::error::Error::Stopped`]. What a method cannot do with the data is its answer.
+    pub fn run(&self) -> Result<Report> {
+        let (logged, search, bias) = self.prepared()?;
+        let ts = logged.sample_time();
+        let experiment = self.detrended(&logged)?;
+        let mut pairs = self.pairs(&logged, &experiment, &search)?;
+        if let Some(model) = &self.model {
+            pairs.extend(self.inputs_by_state(model, ts, &search)?);
+        }
+        let samples = self.logs.iter().map(Log::len).sum();
+        let searched =
+            Searched::Samples { samples, records: self.logs.len(), bias, early_s: self.early_s() };
+        let max_delay_s = ts.to_seconds(search.max_delay as f64);
+        Ok(Report {
+            format: FORMAT,
+            log: self.name.clone(),
+            sample_time_s: ts.seconds(),
+            max_delay_s,
+            pairs,
+            searched,
+        })
+    }
+
+    /// The impulse responses of a report's pairs, where the inputs allow them.
+    ///
+    /// # Errors
+    /// As [`impulse_response`].
+    pub fn responses(&self, report: &Report) -> Result<Vec<Option<Response>>> {
+        let response = |pair: &Pair| match pair.output.as_str() {
+            "*" => Ok(None),
+            output => impulse_response(&self.logs, &pair.input, output, self.detrend),
+        };
+        report.pairs.iter().map(response).collect()
+    }
+
+    /// What the methods look at, for each pair of a report; `None` for pairs of an input and all states.
+    ///
+    /// # Errors
+    /// As [`evidence`].
+    pub fn evidence(&self, report: &Report) -> Result<Vec<Option<Evidence>>> {
+        let max_delay = (report.max_delay_s / report.sample_time_s).round() as usize;
+        let of = |pair: &Pair| match pair.output.as_str() {
+            "*" => Ok(None),
+            output => evidence(&self.logs, &pair.input, output, self.detrend, max_delay).map(Some),
+        };
+        report.pairs.iter().map(of).collect()
+    }
+
+    /// What is to be expected of each method that looks at pairs, before any runs: for each pair, outputs first, one line a method.
+    ///
+    /// # Errors
+    /// As [`Job::run`].
+    pub fn expected(&self) -> Result<Vec<Expected>> {
+        let (logged, search, _) = self.prepared()?;
+        let experiment = self.detrended(&logged)?;
+        let methods: Vec<&Method> =
+            self.methods.iter().map(|r| r.method).filter(|m| m.scope == Scope::Pair).collect();
+        self.each_pair(&logged, &experiment, &search, |seen, _, [i, o]| {
+            let seen = seen()?;
+            let predicted = richness(seen.by_start(Start::Rest), &seen.search, &methods)?;
+            let methods = methods.iter().map(|m| m.entry.name).zip(predicted).collect();
+            let (input, output) = (self.inputs[i].clone(), self.outputs[o].clone());
+            Ok(Expected { input, output, methods })
+        })
+    }
+
+    fn in_log(&self) -> impl Fn(DelayError) -> DelayError {
+        |error| DelayError::In { log: self.name.clone(), error: Box::new(error) }
+    }
+
+    fn detrended<'a>(&self, logged: &'a Experiment<'_>) -> Result<Experiment<'a>> {
+        Ok(logged.detrended(self.detrend).map_err(self.in_log())?)
+    }
+
+    /// The channels as they were logged, so that a message shows the values that are in the file; the window and the bias.
+    fn prepared(&self) -> Result<(Experiment<'_>, Search, Bias)> {
+        for channels in [&self.inputs, &self.outputs] {
+            if let Some((_, twice)) =
+                channels.iter().enumerate().find(|(i, c)| channels[..*i].contains(c))
+            {
+                return Err(DelayError::Twice { channel: twice.clone() }.into());
+            }
+        }
+        let (ts, recordings) = recordings(&self.logs, &self.inputs, &self.outputs)?;
+        let logged = Experiment::new(ts, self.inputs.clone(), self.outputs.clone(), recordings)
+            .map_err(self.in_log())?;
+        let mut search =
+            Search { max_delay: self.max_delay(ts)?, stop: self.stop.clone(), ..Search::default() };
+        let mut bias = Bias::Assumed;
+        if let Some(model) = &self.model {
+            search.bias = self.relative_degrees(model, ts)?;
+            bias = Bias::Model(model.name.clone());
+        }
+        if let Some(given) = self.degree_bias {
+            (search.bias, search.default_bias) = (Vec::new(), given);
+            bias = Bias::Given(given);
+        }
+        Ok((logged, search, bias))
+    }
+
+    fn max_delay(&self, ts: SampleTime) -> Result<usize> {
+        let samples = self.logs.iter().map(Log::len).max().unwrap_or(0);
+        // Of a short record no method could search more.
+        let Some(seconds) = self.max_delay_s else {
+            return Ok(Search::default().max_delay.min(samples / 4).max(1));
+        };
+        let longest = whole(ts, seconds)?;
+        if longest == 0 || longest >= samples {
+            return Err(DelayError::MaxDelay { seconds, step_s: ts.seconds(), samples }.into());
+        }
+        Ok(longest)
+    }
+
+    /// Every pair by every method that looks at pairs.
+    fn pairs(
+        &self,
+        logged: &Experiment<'_>,
+        experiment: &Experiment<'_>,
+        search: &Search,
+    ) -> Result<Vec<Pair>> {
+        let methods: Vec<&Ready> =
+            self.methods.iter().filter(|r| r.method.scope == Scope::Pair).collect();
+        if methods.is_empty() {
+            return Ok(Vec::new());
+        }
+        let every = (self.inputs.len() * self.outputs.len()) as f64;
+        self.each_pair(logged, experiment, search, |seen, shares, [i, o]| {
+            let at = |done: usize| (o * self.inputs.len() + i + done) as f64 / every;
+            let far = self.far.part(at(0), at(1));
+            let [input, output] = [&self.inputs[i], &self.outputs[o]];
+            far.at(0.0, &format_args!("what the record of {input} and {output} shows"));
+            let seen = seen()?;
+            OnePair { job: self, methods: &methods, seen, shares, names: [i, o], far }.estimated()
+        })
+    }
+
+    /// What `of` makes of every pair, as methods see it, outputs first.
+    fn each_pair<'a, T>(
+        &self,
+        logged: &'a Experiment<'_>,
+        experiment: &'a Experiment<'_>,
+        search: &Search,
+        of: impl Fn(&dyn Fn() -> Result<PairView<'a>>, Option<&Shares>, [usize; 2]) -> Result<T>,
+    ) -> Result<Vec<T>> {
+        let mut all = Vec::new();
+        for o in 0..self.outputs.len() {
+            let shares = Shares::of(&experiment.towards(0, o)?, search.max_delay, &self.stop)?;
+            for i in 0..self.inputs.len() {
+                self.stop.check()?;
+                let seen = || self.seen(logged, experiment, search, (i, o), shares.as_ref());
+                all.push(of(&seen, shares.as_ref(), [i, o])?);
+            }
+        }
+        Ok(all)
+    }
+}
+
+/// What is to be expected of each method for one pair.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Expected {
+    /// The input.
+    pub input: String,
+    /// The output.
+    pub output: String,
+    /// Methods by name; `None` where there is no prediction.
+    pub methods: Vec<(&'static str, Option<Richness>)>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::chosen::chosen;
+    use super::*;
+    use crate::error::Error;
+    use deadtime_log::Channel;
+    use deadtime_signal::Excitation;
+    use deadtime_signal::excitation::Rbs;
+    use deadtime_signal::stop::Stop;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::SeedableRng;
+    use std::collections::BTreeMap;
+
+    fn experiment(samples: usize) -> Experiment<'static> {
+        let u = Rbs::default().generate(samples, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
+        let noise = Rbs::default().generate(samples, &mut ChaCha8Rng::seed_from_u64(2)).unwrap();
+        let mut y = vec![0.0; samples];
+        for t in 6..samples {
+            y[t] = 1.5 * y[t - 1] - 0.56 * y[t - 2] + 0.1 * u[t - 6] + 0.05 * noise[t];
+        }
+        Experiment::siso(SampleTime::new(0.1).unwrap(), u, y).unwrap()
+    }
+
+    fn job(stop: Stop) -> Job {
+        let experiment = experiment(400);
+        let recording = &experiment.recordings()[0];
+        let time_s = (0..400).map(|k| 0.1 * f64::from(k)).collect();
+        let channels = vec![
+            Channel::new("u", None, recording.inputs[0].to_vec()),
+            Channel::new("y", None, recording.outputs[0].values.to_vec()),
+        ];
+        let logs = vec![Log::new("log", time_s, channels).unwrap()];
+        let methods = chosen(&["arxstruc".to_owned()], &BTreeMap::new(), &[Scope::Pair]).unwrap();
+        Job { methods, stop, ..Job::new(logs, ["u"], ["y"]) }
+    }
+
+    #[test]
+    fn a_job_that_is_no_longer_wanted_has_no_report() {
+        assert_eq!(job(Stop::default()).run().unwrap().pairs.len(), 1);
+        let stop = Stop::default();
+        stop.set();
+        assert!(matches!(job(stop.clone()).run(), Err(Error::Stopped(_))));
+        assert!(matches!(job(stop).expected(), Err(Error::Stopped(_))));
+    }
+
+    #[test]
+    fn a_method_that_is_stopped_in_the_middle_does_not_answer() {
+        let experiment = experiment(60_000);
+        for name in
+            ["p3d", "p1dz", "ivstruc", "armaxstruc", "oestruc", "oe_posterior", "sampling_zero"]
+        {
+            let ready =
+                chosen(&[name.to_owned()], &BTreeMap::new(), &[Scope::Pair]).unwrap().remove(0);
+            for wait in [0, 20, 60] {
+                let search = Search::default();
+                let wish = search.stop.clone();
+                let waiter = std::thread::spawn(move || {
+                    std::thread::sleep(std::time::Duration::from_millis(wait));
+                    wish.set();
+                });
+                match ready.estimator.estimate(&experiment, &search) {
+                    Err(DelayError::Stopped) => {}
+                    // Done before the wish came.
+                    Ok(answer) => assert!(wait > 0 && answer.delay_s.is_some(), "{name}"),
+                    Err(other) => panic!("{name}: {other}"),
+                }
+                waiter.join().unwrap();
+            }
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! The estimation between two sequences of event times.
+
+use super::answers::{MethodAnswer, pair};
+use super::asked::whole;
+use super::chosen::Ready;
+use crate::error::{DelayError, Result};
+use crate::estimator::Search;
+use crate::events::jitter::Jitter;
+use crate::events::times::Events;
+use crate::experiment::Experiment;
+use crate::method::Scope;
+use crate::report::{FORMAT, Pair, Report, Searched};
+use crate::verdict::RecordFacts;
+use deadtime_log::EventTimes;
+use deadtime_signal::stats;
+use deadtime_signal::stop::Stop;
+use deadtime_signal::time::SampleTime;
+
+/// Everything that an estimation between two sequences of event times needs; [`EventsJob::new`] has every method and the defaults.
+pub struct EventsJob {
+    /// What the log is called.
+    pub name: String,
+    /// What the two sequences are called.
+    pub channels: [String; 2],
+    /// When the events were seen at the first place, and at the second.
+    pub events: [EventTimes; 2],
+    /// The methods, as [`chosen`] makes them.
+    pub methods: Vec<Ready>,
+    /// Longest delay to search, s; `None`: as many typical intervals as [`Search`] has samples.
+    pub max_delay_s: Option<f64>,
+    /// Looked at between methods.
+    pub stop: Stop,
+}
+
+/// Parts of a typical interval in which the window is counted.
+const PARTS: u8 = 100;
+
+impl EventsJob {
+    /// Every method that looks at events, between two sequences that are called so, with the defaults of [`Search`].
+    pub fn new(name: impl Into<String>, channels: [&str; 2], events: [EventTimes; 2]) -> Self {
+        Self {
+            name: name.into(),
+            channels: channels.map(str::to_owned),
+            events,
+            methods: Ready::all().into_iter().filter(|r| r.method.scope == Scope::Events).collect(),
+            max_delay_s: None,
+            stop: Stop::default(),
+        }
+    }
+
+    /// Estimates the delay by every method.
+    ///
+    /// # Errors
+    /// [`DelayError::OneEvent`], [`DelayError::Intervals`], [`DelayError::NoWindow`], [`deadtime_signal::time::TimeError`]; [`super::error::Error::Stopped`]. What a method cannot do with the
+    /// events is its answer.
+    pub fn run(&self) -> Result<Report> {
+        let Self { name, channels: [a, b], events: [first, second], methods, stop, .. } = self;
+        if let Some(none) = [first, second].into_iter().find(|e| e.times.is_empty()) {
+            return Err(
+                DelayError::Count { what: "events", needed: 2, got: none.times.len() }.into()
+            );
+        }
+        let units = [first.unit.clone(), second.unit.clone()];
+        let events =
+            vec![Events { first: first.times.clone(), second: second.times.clone(), units }];
+        let experiment = Experiment::of_events(SampleTime::new(1.0)?, [a, b], events)?;
+        let (interval_s, step) = self.interval()?;
+        let max_delay = match self.max_delay_s {
+            None => Search::default().max_delay * usize::from(PARTS),
+            Some(seconds) => whole(step, seconds)?,
+        };
+        if max_delay == 0 {
+            return Err(DelayError::NoWindow.into());
+        }
+        let experiment = experiment.with_sample_time(step);
+        let search = Search { max_delay, stop: stop.clone(), ..Search::default() };
+        let mut answers = Vec::new();
+        for ready in methods {
+            stop.check()?;
+            answers.push(MethodAnswer::of(ready, None, |r| {
+                r.estimator.estimate(&experiment, &search)
+            })?);
+        }
+        let jitter = Jitter::of(&experiment, &search);
+        let pair = pair(a, b, &answers, Vec::new(), step, &RecordFacts::default());
+        let counts = [first.times.len(), second.times.len()];
+        Ok(Report {
+            format: FORMAT,
+            log: name.clone(),
+            sample_time_s: step.seconds(),
+            max_delay_s: step.to_seconds(max_delay as f64),
+            pairs: vec![Pair { jitter, ..pair }],
+            searched: Searched::Events { counts, interval_s },
+        })
+    }
+
+    /// The typical interval of the first sequence, s, and the part of it in which the window is
+    /// counted.
+    fn interval(&self) -> Result<(f64, SampleTime)> {
+        let (log, channel) = (self.name.clone(), self.channels[0].clone());
+        let intervals = self.events[0].times.windows(2).map(|w| w[1] - w[0]).collect();
+        match stats::upper_median(intervals) {
+            None => Err(DelayError::OneEvent { log, channel }.into()),
+            Some(interval_s) => match SampleTime::new(interval_s / f64::from(PARTS)) {
+                Ok(step) => Ok((interval_s, step)),
+                Err(error) => Err(DelayError::Intervals { log, channel, error }.into()),
+            },
+        }
+    }
+}

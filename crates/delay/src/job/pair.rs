@@ -1,0 +1,169 @@
+//! One pair: what its record shows, what every method answers, and what to believe.
+
+use rayon::prelude::*;
+
+use super::answers::{MethodAnswer, pair};
+use super::asked::{Feedback, Job};
+use super::chosen::Ready;
+use super::seen::PairView;
+use super::words::{held_verdict, lead_note, taken_off_note, tied_note};
+use crate::conditions::{moving_together, of_the_plant, standing_off};
+use crate::error::{DelayError, Result};
+use crate::estimate::DelayEstimate;
+use crate::estimator::Search;
+use crate::experiment::{Experiment, Recording, Series};
+use crate::feedback::{held_for, lead, open_part};
+use crate::finding::Finding;
+use crate::method::{Condition, Method, Start};
+use crate::process::orders::judge_orders;
+use crate::process::shares::Shares;
+use crate::report::Pair;
+use crate::richness::richness;
+use crate::verdict::{RecordFacts, Verdict};
+use crate::watched;
+use deadtime_identify::Record;
+use deadtime_signal::progress::HowFar;
+
+/// How much of the work on a pair is done when the record was looked at, and when all methods have answered.
+const LOOKED: f64 = 0.15;
+const ANSWERED: f64 = 0.75;
+
+/// One pair of a job.
+pub(super) struct OnePair<'a, 'b> {
+    pub(super) job: &'b Job,
+    /// The methods that look at pairs.
+    pub(super) methods: &'b [&'b Ready],
+    /// The pair as methods see it.
+    pub(super) seen: PairView<'a>,
+    /// What every input does to the output.
+    pub(super) shares: Option<&'b Shares>,
+    /// The input and the output, by their numbers.
+    pub(super) names: [usize; 2],
+    /// Where it is said how far the work on it is.
+    pub(super) far: HowFar,
+}
+
+impl OnePair<'_, '_> {
+    fn input(&self) -> &str {
+        &self.job.inputs[self.names[0]]
+    }
+
+    fn output(&self) -> &str {
+        &self.job.outputs[self.names[1]]
+    }
+
+    /// The pair's answers and its verdict.
+    pub(super) fn estimated(&self) -> Result<Pair> {
+        let (input, output) = (self.input(), self.output());
+        let mut search = self.seen.search.clone();
+        let findings = self.findings()?;
+        let closed = findings.iter().any(|f| f.condition == Condition::Feedback);
+        if closed {
+            // A controller that answers within the sample would pass for a plant that does.
+            search.min_delay = search.bias(0, 0);
+        }
+        let records = self.seen.one.pair(0, 0)?;
+        let mut answers = self.answers(&search, closed)?;
+        let one_step = records.iter().all(Record::is_one_step);
+        let others_act = self.seen.freed.is_some();
+        if one_step || others_act {
+            judge_orders(answers.iter_mut().map(|a| (a.method, &mut a.estimate)));
+        }
+        self.job.stop.check()?;
+        self.far
+            .at(ANSWERED, &format_args!("whether the delay of {output} behind {input} changes"));
+        let looked_for = self.job.feedback == Feedback::Auto;
+        let held = if closed && looked_for { held_for(&records) } else { 1 };
+        let ts = self.seen.one.sample_time();
+        let facts = RecordFacts {
+            early_s: self.job.early_s().max(ts.to_seconds(held as f64 - 1.0)),
+            direct: self.seen.looped.direct,
+            one_step,
+            others_act,
+        };
+        let mut pair = pair(input, output, &answers, findings, ts, &facts);
+        if let Some(shares) = self.shares.filter(|_| others_act) {
+            let beside = shares.beside(self.names[0]);
+            pair.verdict.why.push_str(&taken_off_note(&self.job.inputs, &beside));
+        }
+        if held > 1 {
+            pair.verdict = held_verdict(pair.verdict, input, held, ts);
+        }
+        // Between interpolated samples every jump stands off.
+        if self.job.early_s() == 0.0 {
+            pair.standing_off = standing_off(&records);
+        }
+        let leads =
+            looked_for.then(|| lead(&records, search.max_delay, search.bias(0, 0))).flatten();
+        if self.seen.looped.tied {
+            pair.verdict = Verdict::none(tied_note(input, output));
+        } else if let Some(samples) = leads {
+            pair.verdict = Verdict::none(lead_note(input, output, samples, ts));
+        } else {
+            let asked = watched::Wanted { track: self.job.track, facts };
+            watched::tell(&mut pair, self.seen.alone(), &search, self.methods, &asked)?;
+        }
+        self.far.at(1.0, &format_args!("{input} and {output} done"));
+        Ok(pair)
+    }
+
+    /// What the record shows that not every method withstands.
+    fn findings(&self) -> Result<Vec<Finding>> {
+        let (seen, max_delay) = (&self.seen, self.seen.search.max_delay);
+        let mut findings = of_the_plant(&seen.alone().pair(0, 0)?, max_delay);
+        findings.extend(self.job.feedback.said().or_else(|| seen.looped.finding()));
+        findings.extend(moving_together(&seen.together, max_delay));
+        self.job.stop.check()?;
+        Ok(findings)
+    }
+
+    /// Every method's answer. In a loop, what does not withstand feedback sees what is free of it.
+    fn answers(&self, search: &Search, closed: bool) -> Result<Vec<MethodAnswer>> {
+        let seen = &self.seen;
+        let open = if closed {
+            open_experiment(&seen.one, search.max_delay, search.bias(0, 0))?
+        } else {
+            None
+        };
+        let looks: Vec<&Method> = self.methods.iter().map(|r| r.method).collect();
+        // Methods without a prediction have none; unusable data is reported by the method's own
+        // error.
+        let predicted = richness(seen.by_start(Start::Rest), search, &looks)
+            .unwrap_or_else(|_| vec![None; looks.len()]);
+        let what = format!("answers of methods on {} and {}", self.input(), self.output());
+        let answering = self.far.part(LOOKED, ANSWERED);
+        let steps = answering.steps(self.methods.len(), &what);
+        let estimate = |ready: &Ready| -> Result<DelayEstimate, DelayError> {
+            let method = ready.method;
+            match open.as_ref().filter(|_| !method.withstands(Condition::Feedback)) {
+                Some(freed) => Ok(ready.estimator.estimate(freed, search)?.of_open_part()),
+                None if ready.estimator.is_joint() => {
+                    ready.estimator.estimate(seen.all_inputs(method.start), search)
+                }
+                None => ready.estimator.estimate(seen.by_start(method.start), search),
+            }
+        };
+        let answer = |(ready, predicted): (&&Ready, _)| {
+            self.job.stop.check()?;
+            let answer = MethodAnswer::of(ready, predicted, estimate)?;
+            steps.one_more();
+            Ok(answer)
+        };
+        self.methods.par_iter().zip(predicted).map(answer).collect()
+    }
+}
+
+/// A pair with the part of the input that the output did not cause, where there is enough of it.
+fn open_experiment<'a>(
+    one: &Experiment<'_>,
+    max_delay: usize,
+    bias: usize,
+) -> Result<Option<Experiment<'a>>> {
+    let Some(records) = open_part(&one.pair(0, 0)?, max_delay, bias) else { return Ok(None) };
+    let recordings = records.into_iter().map(|r| Recording {
+        inputs: vec![r.u],
+        outputs: vec![Series { values: r.y, present: None }],
+        states: Vec::new(),
+    });
+    Ok(Some(one.with_recordings(recordings.collect())))
+}

@@ -1,0 +1,65 @@
+//! The sentences of a verdict that come from the record and not from the methods.
+
+use crate::verdict::{EXPERIMENT, Verdict};
+use deadtime_signal::time::SampleTime;
+
+/// What to say where a controller leaves the input nothing of its own.
+pub(super) fn tied_note(input: &str, output: &str) -> String {
+    format!(
+        "`{input}` is a function of `{output}` and of nothing else: the controller and the plant are one equation here, and no method can tell a dead time from it; {EXPERIMENT}"
+    )
+}
+
+/// Which inputs were taken off first, each with its share of the output's power.
+pub(super) fn taken_off_note(inputs: &[String], shares: &[(usize, f64)]) -> String {
+    let each = shares.iter().map(|(other, share)| {
+        format!("`{}` ({:.0} % of the output's power)", inputs[*other], 100.0 * share)
+    });
+    format!(
+        "; what other inputs do was taken off for methods that see one input: {}",
+        each.collect::<Vec<_>>().join(", ")
+    )
+}
+
+/// What to say where the output leads the input.
+pub(super) fn lead_note(input: &str, output: &str, samples: usize, ts: SampleTime) -> String {
+    let by_s = digits(ts.to_seconds(samples as f64), ts);
+    format!(
+        "`{output}` leads `{input}` by about {by_s} s: exchange them, what moves first is the input; or, if a controller makes `{input}` from `{output}`, {EXPERIMENT}"
+    )
+}
+
+/// Seconds to a tenth of a sample.
+fn digits(seconds: f64, ts: SampleTime) -> String {
+    let places = (1.0 - ts.seconds().log10()).ceil().clamp(0.0, 9.0) as usize;
+    format!("{seconds:.places$}")
+}
+
+/// The verdict on an input that is held for several samples while what it does later shows in the output: it was logged more seldom than it was given, so that the delay may be
+/// that much longer. Where that is all of it, no number is given.
+pub(super) fn held_verdict(
+    verdict: Verdict,
+    input: &str,
+    samples: usize,
+    ts: SampleTime,
+) -> Verdict {
+    let by_s = ts.to_seconds(samples as f64 - 1.0);
+    let held = format!(
+        "`{input}` changes every {samples} samples only while the output reacts sooner: it was logged more seldom than it was given, or the output drives it; what was logged too seldom makes a response look up to {} s too early",
+        digits(by_s, ts)
+    );
+    match (verdict.delay_s, verdict.ci95_s) {
+        (Some(delay_s), Some([from, to])) if delay_s < by_s => Verdict::none(format!(
+            "{held}, and no more than that is seen: anything from {} to {} s fits; log `{input}` at every sample ({} s), then estimate again ({})",
+            digits(from, ts),
+            digits(to, ts),
+            ts.seconds(),
+            verdict.why
+        )),
+        (Some(_), _) => Verdict {
+            why: format!("{}; {held}, and the interval ends that much later", verdict.why),
+            ..verdict
+        },
+        (None, _) => Verdict { why: format!("{}; {held}", verdict.why), ..verdict },
+    }
+}
