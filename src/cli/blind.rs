@@ -8,9 +8,11 @@ use super::criteria::Thresholds;
 use super::program::LimitNotMet;
 use super::progress::Bar;
 use super::show::Out;
+use super::words::option;
 use crate::report::{blind, page};
 use deadtime_gap::{GapOptions, diagnose_files};
 use deadtime_signal::file::write_atomic;
+use deadtime_signal::remedy::Remedied;
 use deadtime_signal::text::{message, shown};
 use deadtime_study::blind::{CaseFiles, Existing, Limit, Outcome, RunOptions, load, run, score};
 
@@ -91,7 +93,9 @@ impl RunCases {
             ..GapOptions::default()
         };
         let diagnose = |case: &CaseFiles| {
-            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis)
+            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?
+                .worded(option)
+                .diagnosis)
         };
         let bar = Bar::new(to);
         let progress = |id: &str, outcome: &Outcome| {
@@ -101,7 +105,9 @@ impl RunCases {
                     format!("{}: {time_s:.1} s, made again: {why}", shown(id))
                 }
                 Outcome::Kept => format!("{}: done before", shown(id)),
-                Outcome::Failed(error) => format!("{}: {}", shown(id), message(&error.to_string())),
+                Outcome::Failed(error) => {
+                    format!("{}: {}", shown(id), message(&error.message().worded(option)))
+                }
             });
         };
         let options = RunOptions {

@@ -58,8 +58,8 @@ impl Check {
         let bar = Bar::new(to);
         let mut found = inspect(&subject, &logs, &Stop::default(), bar.far())?;
         found.clocks = seen;
-        found.not_run = found.not_run.map(|why| why.worded(option).into());
         drop(bar);
+        let found = found.worded(option);
         to.json(&found)?;
         if let Some(path) = &self.html {
             write_atomic(path, |out| out.write_all(page::check(&found).as_bytes()))?;

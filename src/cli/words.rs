@@ -12,6 +12,11 @@ pub(super) fn option(remedy: &Remedy) -> String {
         Remedy::Model => "--model",
         Remedy::Rename => "`--map NAME=COLUMN`",
         Remedy::ColumnOf { channel } => return format!("`--map {channel}=COLUMN`"),
+        Remedy::Columns { of } => {
+            let each: Vec<String> =
+                of.iter().map(|(name, column)| format!("--map {name}={column}")).collect();
+            return each.join(" ");
+        }
         Remedy::NewNames => "`--map` makes",
         Remedy::Events => "--events A,B",
         Remedy::Channels => "--input and --output",
@@ -25,6 +30,9 @@ pub(super) fn option(remedy: &Remedy) -> String {
         Remedy::ClosedLoop => "--loop closed",
         Remedy::Delay => "--delay",
         Remedy::States => "--states \"NAME=CHANNEL,…\"",
+        Remedy::Candidate { term } => return format!("--candidate '{term}'"),
+        Remedy::FitParameters => "`deadtime identify --structure MODEL.toml --free all`",
+        Remedy::Identify => "`deadtime identify`",
         Remedy::RestartEvery => "--restart-every",
         Remedy::LookAt => "--look-at",
         Remedy::ExportOption { name } => return format!("--set {name}=VALUE"),

@@ -72,7 +72,7 @@ pub fn lines(checks: &[Check]) -> String {
                 .ok()
                 .and_then(|v| v.as_str().map(str::to_owned))
                 .unwrap_or_default();
-            match said.iter_mut().find(|(_, finding)| ok.is_none() && *finding == check.finding) {
+            match said.iter_mut().find(|(_, finding)| ok.is_none() && *finding == &*check.finding) {
                 Some((names, _)) => names.push(name),
                 None => said.push((vec![name], &check.finding)),
             }

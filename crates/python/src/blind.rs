@@ -5,13 +5,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
 
-use super::error::OrRaise;
+use super::error::{OrRaise, call};
 use super::work::{long, long_told};
 use deadtime::blind::{
     BlindScore as Inner, CaseFiles, Existing, Limit, Outcome, RunOptions, find, load, run,
     run_case, score,
 };
 use deadtime::diagnose::{GapOptions, diagnose_files};
+use deadtime::remedy::Remedied;
 use deadtime::report::blind;
 
 /// How a case went: its name, `done`, `kept` or `failed`, the time that its diagnosis took, s, and why it failed.
@@ -21,7 +22,7 @@ fn told(id: &str, outcome: &Outcome) -> Told {
     let (word, time_s, error) = match outcome {
         Outcome::Done { time_s, .. } => ("done", Some(*time_s), None),
         Outcome::Kept => ("kept", None, None),
-        Outcome::Failed(error) => ("failed", None, Some(error.to_string())),
+        Outcome::Failed(error) => ("failed", None, Some(error.message().worded(call))),
     };
     (id.to_owned(), word, time_s, error)
 }
@@ -60,7 +61,7 @@ fn _blind_run(
             ..RunOptions::default()
         };
         let diagnose = |case: &CaseFiles| {
-            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis)
+            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.worded(call).diagnosis)
         };
         let progress = |id: &str, outcome: &Outcome| {
             news.lock().unwrap_or_else(PoisonError::into_inner).push(told(id, outcome))
@@ -90,7 +91,7 @@ fn _blind_case(
     long(py, threads, move |stop| {
         let gap = GapOptions { seed, stop: stop.clone(), ..GapOptions::default() };
         let diagnose = |case: &CaseFiles| {
-            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis)
+            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.worded(call).diagnosis)
         };
         match run_case(&id, CaseFiles::of(case, &id), &verdicts, existing(fresh), &diagnose) {
             Outcome::Failed(deadtime::study::Error::Stopped(stopped)) => Err(stopped.into()),

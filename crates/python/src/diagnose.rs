@@ -485,7 +485,7 @@ fn _gap(
         };
         let options =
             GapOptions { rows, ..options(prediction.as_deref(), horizon, max_delay, seed, stop) };
-        Ok(diagnose(what.subject(), &logs, &holdout, &options, &tell)?)
+        Ok(diagnose(what.subject(), &logs, &holdout, &options, &tell)?.worded(call))
     };
     let found = raised.over(py, long(py, threads, work))?;
     let simulator = match subject.cast::<PySimulator>() {
@@ -514,8 +514,7 @@ fn _check(
         for file in &files {
             found.clocks.push(clocks(&open(file, &ReadOptions::default())?, &wanted));
         }
-        found.not_run = found.not_run.map(|why| why.worded(call).into());
-        Ok(found)
+        Ok(found.worded(call))
     };
     let found = raised.over(py, long(py, threads, work))?;
     Ok((json(&found)?, report::checks::text(&found)))

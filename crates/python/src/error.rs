@@ -99,6 +99,11 @@ pub(super) fn call(remedy: &Remedy) -> String {
         Remedy::Model => "model=",
         Remedy::Rename => "`log.rename({name: column})`",
         Remedy::ColumnOf { channel } => return format!("`log.rename({{\"{channel}\": column}})`"),
+        Remedy::Columns { of } => {
+            let each: Vec<String> =
+                of.iter().map(|(name, column)| format!("\"{name}\": \"{column}\"")).collect();
+            return format!("`log.rename({{{}}})`", each.join(", "));
+        }
         Remedy::NewNames => "the new names make",
         Remedy::Events => "them to deadtime.estimate_events",
         Remedy::Channels => "input= and output=",
@@ -112,6 +117,9 @@ pub(super) fn call(remedy: &Remedy) -> String {
         Remedy::ClosedLoop => "loop=\"closed\"",
         Remedy::Delay => "delay=",
         Remedy::States => "states={name: (channel, std)}",
+        Remedy::Candidate { term } => return format!("`model.with_candidate(\"{term}\")`"),
+        Remedy::FitParameters => "`deadtime.identify_structure(log, model, \"all\")`",
+        Remedy::Identify => "`deadtime.identify`",
         Remedy::RestartEvery => "restart_every=",
         Remedy::LookAt => "rows=",
         Remedy::ExportOption { name } => return format!("{name}="),
