@@ -227,6 +227,12 @@ impl fmt::Display for Table {
     }
 }
 
+/// A unit behind its number; nothing where it is 1.
+#[must_use]
+pub(crate) fn unit(unit: &str) -> String {
+    if unit.is_empty() || unit == "1" { String::new() } else { format!(" {unit}") }
+}
+
 /// Seconds with as many decimals as a resolution of `step_s` deserves.
 #[must_use]
 pub fn seconds(value_s: f64, step_s: f64) -> String {

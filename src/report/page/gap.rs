@@ -7,10 +7,11 @@ use super::bars::{bar, dot, stretch};
 use super::frame::{Cell, figure, made_by, number, page, percent, plots, quoted, table};
 use super::series::{Thinning, base64};
 use super::{force, laws, residual};
-use crate::report::diagnosis::{recalibrated, summary};
+use crate::report::diagnosis::{caveat_lines, lines};
+use crate::report::facts::{Ranked, recalibrated};
 use deadtime_gap::{
     CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, HorizonError, Mode,
-    RankingRow, Strength, Trace, proposed,
+    RankingRow, Strength, Trace,
 };
 
 /// Logs that the page holds.
@@ -40,11 +41,9 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
     let body = html! {
         h1 { "Sim-to-real gap of " (d.model) }
         p .verdict { "Verdict: " strong { (verdict) } }
-        @for sentence in summary(diagnosed).lines() {
-            @let (what, rest) = sentence.split_once(": ").unwrap_or(("", sentence));
-            p { strong { (what) ":" } " " (quoted(rest)) }
+        @for line in lines(diagnosed).iter().chain(&caveat_lines(diagnosed)) {
+            p { strong { (line.label.word()) ":" } " " (quoted(&line.text)) }
         }
-        @for caveat in diagnosed.caveats.iter().filter(|c| !c.comes_first()) { p { strong { "Caveat:" } " " (quoted(&caveat.to_string())) "." } }
         (curves(diagnosed))
         (budget(d))
         (parameters(d))
@@ -127,13 +126,13 @@ fn sides(there: &std::collections::BTreeSet<&str>) -> Markup {
 
 /// The proposed experiment's commands, and the same as a CSV in a link.
 fn experiment(diagnosed: &Diagnosed) -> Option<(Value, String)> {
-    let sentence = diagnosed.diagnosis.cause.next_experiment.as_ref()?;
+    let proposed = diagnosed.next_experiment.as_ref()?;
     let count = logs(diagnosed).len();
     let inputs = diagnosed.commands.len().checked_div(count)?;
     let at = diagnosed.traces.iter().take(count).position(|t| t.train.is_some())?;
     let commands = diagnosed.commands.get(at * inputs..(at + 1) * inputs)?;
     let logged: Vec<Vec<f64>> = commands.iter().map(|c| c.values.clone()).collect();
-    let planned = proposed(sentence, &logged)?;
+    let planned = proposed.commands(&logged)?;
     let time_s: Vec<f64> =
         diagnosed.traces.get(at)?.time_s.iter().take(planned.first()?.len()).copied().collect();
     let cell = |name: &str| {
@@ -410,27 +409,18 @@ fn names(all: &[String]) -> Markup {
 /// The ranking with bars, what cannot be told apart, what was not tried.
 fn candidates(d: &Diagnosis) -> Markup {
     let row = |row: &RankingRow| {
-        let (effect, channel, probability, after) = match row {
-            RankingRow::Single(r) => {
-                (r.effect.clone(), r.channel.clone().unwrap_or_default(), r.probability, r.after)
-            }
-            RankingRow::Pair(r) => {
-                let join = |i: usize| {
-                    r.effects.iter().map(|e| e[i].as_str()).collect::<Vec<_>>().join(" + ")
-                };
-                (join(0), join(1), r.probability, r.after)
-            }
-        };
+        let row = Ranked::of(row);
+        let [effect, channel] = row.cells();
         let drawn = bar(
-            &format!("probability {}", percent(Some(probability))),
-            &stretch(0.0, probability, "after"),
+            &format!("probability {}", percent(Some(row.probability))),
+            &stretch(0.0, row.probability, "after"),
         );
         vec![
             Cell::Words(effect),
             Cell::Words(channel),
-            Cell::Number(percent(Some(probability))),
+            Cell::Number(percent(Some(row.probability))),
             Cell::Drawn(drawn),
-            Cell::Number(percent(after)),
+            Cell::Number(percent(row.after)),
         ]
     };
     let rows: Vec<Vec<Cell>> = d.cause.ranking.iter().map(row).collect();
@@ -577,7 +567,7 @@ fn checks(d: &Diagnosis) -> Markup {
                 .and_then(|v| v.as_str().map(|s| s.replace('_', " ")))
                 .unwrap_or_default();
             let passed = check.ok.map_or("cannot be tested", |ok| if ok { "yes" } else { "no" });
-            [name, check.channel.clone(), passed.to_owned(), check.finding.clone()]
+            [name, check.channel.clone(), passed.to_owned(), check.finding.to_string()]
                 .map(Cell::Words)
                 .into()
         })
