@@ -2,13 +2,14 @@
 
 pub mod blind;
 pub mod bounds;
-mod chart;
 pub mod checks;
 pub mod compare;
 pub mod diagnosis;
+mod drawing;
 pub mod effects;
 mod escape;
 pub mod estimate;
+mod facts;
 pub(crate) mod folder;
 pub mod gate;
 pub mod identify;
