@@ -26,7 +26,7 @@ pub mod structured;
 pub mod study;
 pub mod styled;
 pub mod terminal;
-mod text;
+pub(crate) mod text;
 
 pub use folder::{save, save_study};
 pub use text::{Table, seconds};
