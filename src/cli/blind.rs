@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::bail;
 
 use super::criteria::Thresholds;
-use super::program::LimitNotMet;
+use super::limit::LimitNotMet;
 use super::progress::Bar;
 use super::show::Out;
 use super::words::option;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
-use super::program::LimitNotMet;
+use super::limit::LimitNotMet;
 use super::show::Out;
 use crate::report::{gate, junit, speed};
 use deadtime_signal::file::write_atomic;

@@ -45,6 +45,22 @@ pub(super) fn option(remedy: &Remedy) -> String {
     option.to_owned()
 }
 
+/// The two sides of `NAME=VALUE`, as the value of an option.
+pub(super) fn pair<'a>(
+    option: &str,
+    text: &'a str,
+    form: &str,
+) -> anyhow::Result<(&'a str, &'a str)> {
+    let parts = text.split_once('=');
+    parts.ok_or_else(|| anyhow::anyhow!("--{option} {text}: write it as {form}"))
+}
+
+/// `INPUT=SECONDS` of one of these inputs.
+pub(super) fn delay_of<'a>(text: &'a str, inputs: &[String]) -> Option<(&'a str, f64)> {
+    let (name, seconds) = text.split_once('=')?;
+    inputs.iter().any(|input| input == name).then_some((name, seconds.parse().ok()?))
+}
+
 /// The message of an error with the options that it is about.
 pub(super) fn worded(error: &(dyn Error + 'static)) -> String {
     macro_rules! first_of {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
-use super::command::Common;
+use super::common::Common;
 use crate::cli::show::Out;
 use crate::report::matching::text;
 use crate::report::page;
