@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
-use super::frame::{Cell, figure, made_by, number, page, percent, plots, quoted, table};
+use super::frame::{Cell, figure, number, page, percent, plots, quoted, table};
 use super::series::{Thinning, base64};
 use super::{force, laws, residual};
 use crate::report::diagnosis::{caveat_lines, lines};
@@ -545,10 +545,7 @@ fn checks(d: &Diagnosis) -> Markup {
         .checks
         .iter()
         .map(|check| {
-            let name = serde_json::to_value(check.check)
-                .ok()
-                .and_then(|v| v.as_str().map(|s| s.replace('_', " ")))
-                .unwrap_or_default();
+            let name = check.check.name().replace('_', " ");
             let passed = check.ok.map_or("cannot be tested", |ok| if ok { "yes" } else { "no" });
             [name, check.channel.clone(), passed.to_owned(), check.finding.to_string()]
                 .map(Cell::Words)
@@ -578,6 +575,5 @@ fn origin(d: &Diagnosis) -> Markup {
         h2 { "Data" }
         p { "Learnt from: " (names(&d.logs)) ". Simulated means " (mode) ": " (d.prediction.why) "." }
         (table("What the shrink was measured on", &["log", "from (s)", "to (s)"], &rows))
-        (made_by())
     }
 }

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use serde_json::{Value, json};
 
-use super::series::base64;
+use super::series::{base64, brief, briefly, labelled, picked};
 use deadtime_gap::{CommandTrace, Diagnosed, Trace};
 use deadtime_signal::CrossSpectra;
 use deadtime_signal::stats;
@@ -41,39 +41,22 @@ pub(super) fn figures(d: &Diagnosed) -> Vec<Value> {
             .map(|j| (0..logs).filter_map(|at| d.commands.get(at * count + j)).collect())
             .collect()
     };
-    let all: [(&str, &[&str], Vec<Value>); 4] = [
-        (
-            "regimes",
-            &["output", "against"],
-            outputs.iter().flat_map(|o| regimes(o, &outputs, &inputs)).collect(),
-        ),
-        ("spectrum", &["output"], outputs.iter().filter_map(|o| spectrum(o)).collect()),
-        (
-            "coherence",
-            &["output", "command"],
-            outputs.iter().flat_map(|o| coherence(o, &inputs)).collect(),
-        ),
-        ("map", &["output", "log", "simulated"], outputs.iter().flat_map(|o| maps(o)).collect()),
+    let against = outputs.iter().flat_map(|o| regimes(o, &outputs, &inputs)).collect();
+    let spectra = outputs.iter().filter_map(|o| spectrum(o)).collect();
+    let beside = outputs.iter().flat_map(|o| coherence(o, &inputs)).collect();
+    let maps = outputs.iter().flat_map(|o| maps(o)).collect();
+    let all = [
+        picked("regimes", &["output", "against"], against),
+        picked("spectrum", &["output"], spectra),
+        picked("coherence", &["output", "command"], beside),
+        picked("map", &["output", "log", "simulated"], maps),
     ];
-    let filled = all.into_iter().filter(|(.., views)| !views.is_empty());
-    filled.map(|(id, pick, views)| json!({ "id": id, "pick": pick, "views": views })).collect()
+    all.into_iter().flatten().collect()
 }
 
 /// The figures that there are.
 pub(super) fn ids(figures: &[Value]) -> BTreeSet<&str> {
     figures.iter().filter_map(|f| f["id"].as_str()).collect()
-}
-
-fn brief(value: f64) -> Option<f64> {
-    format!("{value:.4e}").parse().ok().filter(|v: &f64| v.is_finite())
-}
-
-fn briefly(values: impl IntoIterator<Item = f64>) -> Vec<Option<f64>> {
-    values.into_iter().map(brief).collect()
-}
-
-fn labelled(name: &str, unit: Option<&str>) -> String {
-    unit.filter(|u| *u != "1").map_or_else(|| name.to_owned(), |u| format!("{name} ({u})"))
 }
 
 /// Measured less predicted, before and after; `None` where either is missing.

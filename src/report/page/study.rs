@@ -4,7 +4,8 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
-use super::frame::{Cell as Shown, figure, given, made_by, number, page, percent, sorted};
+use super::frame::{Cell as Shown, figure, given, number, page, percent, sorted};
+use super::series::{brief, picked};
 use crate::report::study::{
     KEYS, KeyText, aims, groups, layouts, mean, median, over_bound, place, published, scores,
     standings, summary,
@@ -53,7 +54,6 @@ pub fn study(study: &Study, plan: Option<&Plan>) -> String {
         @if let Some(table) = scores(study) {
             details { summary { "The worst answers left out" } (given("Mean over the cells of the RMS error in samples, the worst answers left out", &table)) }
         }
-        (made_by())
     };
     page(
         &format!("Accuracy study {}", study.plan),
@@ -157,19 +157,18 @@ fn of_all(cells: &[&Cell], count: fn(&Cell) -> usize) -> Option<f64> {
     (trials > 0).then(|| cells.iter().map(|c| count(c)).sum::<usize>() as f64 / trials as f64)
 }
 
-/// Five digits: what a picture shows.
-fn brief(value: Option<f64>) -> Option<f64> {
-    value.filter(|v| v.is_finite()).and_then(|v| format!("{v:.4e}").parse().ok())
-}
-
 fn figures(parts: &[Part<'_>]) -> Vec<Value> {
-    let all: [(&str, &[&str], Vec<Value>); 3] = [
-        ("against", &["cells", "against", "number"], parts.iter().flat_map(against).collect()),
-        ("heat", &["cells", "condition", "number"], parts.iter().flat_map(heat).collect()),
-        ("pareto", &["cells"], parts.iter().filter_map(pareto).collect()),
+    let heat = parts.iter().flat_map(heat).collect();
+    let all = [
+        picked(
+            "against",
+            &["cells", "against", "number"],
+            parts.iter().flat_map(against).collect(),
+        ),
+        picked("heat", &["cells", "condition", "number"], heat),
+        picked("pareto", &["cells"], parts.iter().filter_map(pareto).collect()),
     ];
-    let filled = all.into_iter().filter(|(.., views)| !views.is_empty());
-    filled.map(|(id, pick, views)| json!({ "id": id, "pick": pick, "views": views })).collect()
+    all.into_iter().flatten().collect()
 }
 
 /// The keys that vary between the cells of a part, their values in order of appearance, rising where they are numbers.
@@ -231,7 +230,7 @@ impl<'a> Key<'a> {
 
     /// A number of the cells at every value.
     fn row(&self, cells: &[&Cell], of: fn(&[&Cell]) -> Option<f64>) -> Vec<Option<f64>> {
-        self.values.iter().map(|v| brief(of(&at(cells, self.text, v)))).collect()
+        self.values.iter().map(|v| of(&at(cells, self.text, v)).and_then(brief)).collect()
     }
 }
 
@@ -293,8 +292,10 @@ fn heat(part: &Part<'_>) -> Vec<Value> {
         let columns: Vec<String> = values.iter().map(|v| called(v)).collect();
         for measure in &MEASURES {
             let row = |(name, cells): &(String, Vec<&Cell>)| {
-                let numbers: Vec<Option<f64>> =
-                    values.iter().map(|v| brief((measure.of)(&at(cells, text, v)))).collect();
+                let numbers: Vec<Option<f64>> = values
+                    .iter()
+                    .map(|v| (measure.of)(&at(cells, text, v)).and_then(brief))
+                    .collect();
                 let shown = |v: &Option<f64>| if measure.share { percent(*v) } else { number(*v) };
                 let texts: Vec<String> = numbers.iter().map(shown).collect();
                 numbers
@@ -318,10 +319,10 @@ fn heat(part: &Part<'_>) -> Vec<Value> {
 fn pareto(part: &Part<'_>) -> Option<Value> {
     let point = |(name, cells): &(String, Vec<&Cell>)| {
         mostly(cells).then_some(())?;
-        let time = brief(mean(cells, |c| c.time_per_estimate_s)).filter(|t| *t > 0.0)?;
+        let time = mean(cells, |c| c.time_per_estimate_s).and_then(brief).filter(|t| *t > 0.0)?;
         Some((
             time,
-            brief(mean(cells, |c| c.rms_samples).map(settled)).filter(|e| *e > 0.0)?,
+            mean(cells, |c| c.rms_samples).map(settled).and_then(brief).filter(|e| *e > 0.0)?,
             name.clone(),
         ))
     };
