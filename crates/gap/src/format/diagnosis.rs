@@ -211,6 +211,24 @@ pub enum CheckKind {
     Excitation,
 }
 
+impl CheckKind {
+    /// Its name, as in a file.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sign => "sign",
+            Self::Axes => "axes",
+            Self::Unit => "unit",
+            Self::OneSampleShift => "one_sample_shift",
+            Self::ClockOffset => "clock_offset",
+            Self::ClockSkew => "clock_skew",
+            Self::Stuck => "stuck",
+            Self::Clipped => "clipped",
+            Self::Excitation => "excitation",
+        }
+    }
+}
+
 /// What causes the gap.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
