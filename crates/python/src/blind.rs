@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
 
+use super::convert::text;
 use super::error::{OrRaise, call};
 use super::work::{long, long_told};
 use deadtime::blind::{
@@ -35,7 +36,7 @@ fn existing(fresh: bool) -> Existing {
 #[pyfunction]
 #[pyo3(signature = (cases, verdicts, jobs, fresh, seed, threads, progress))]
 #[allow(clippy::too_many_arguments)]
-fn _blind_run(
+pub(super) fn _blind_run(
     py: Python<'_>,
     cases: PathBuf,
     verdicts: PathBuf,
@@ -73,13 +74,13 @@ fn _blind_run(
 
 /// The names of all cases in a folder, in order.
 #[pyfunction]
-fn _blind_cases(py: Python<'_>, cases: PathBuf) -> PyResult<Vec<String>> {
+pub(super) fn _blind_cases(py: Python<'_>, cases: PathBuf) -> PyResult<Vec<String>> {
     Ok(py.detach(|| find(&cases)).or_raise(py)?.into_iter().map(|(id, _)| id).collect())
 }
 
 /// Diagnoses one case, as `_blind_run` does each.
 #[pyfunction]
-fn _blind_case(
+pub(super) fn _blind_case(
     py: Python<'_>,
     case: PathBuf,
     id: String,
@@ -102,7 +103,7 @@ fn _blind_case(
 
 /// A report card as the crate holds it.
 #[pyclass(frozen, module = "deadtime._native", name = "BlindScore")]
-struct BlindScore(Inner);
+pub(super) struct BlindScore(Inner);
 
 #[pymethods]
 impl BlindScore {
@@ -119,8 +120,7 @@ impl BlindScore {
 
     /// `deadtime/blind-score@1`.
     fn json(&self) -> PyResult<String> {
-        serde_json::to_string_pretty(&self.0)
-            .map_err(|e| pyo3::exceptions::PyValueError::new_err(e.to_string()))
+        text(&self.0)
     }
 
     /// As the command line prints it.
@@ -145,11 +145,4 @@ impl BlindScore {
     fn check(py: Python<'_>, require: Vec<String>) -> PyResult<()> {
         require.iter().try_for_each(|text| text.parse::<Limit>().map(|_| ())).or_raise(py)
     }
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_class::<BlindScore>()?;
-    m.add_function(wrap_pyfunction!(_blind_run, m)?)?;
-    m.add_function(wrap_pyfunction!(_blind_cases, m)?)?;
-    m.add_function(wrap_pyfunction!(_blind_case, m)?)
 }

@@ -8,7 +8,7 @@ use deadtime::Error;
 use deadtime::remedy::{Remedied, Remedy};
 
 /// The classes of `deadtime.errors`, beside their base `DeadtimeError`; a test holds them against the module.
-const CLASSES: [&str; 13] = [
+pub(super) const CLASSES: [&str; 13] = [
     "TimeError",
     "LogError",
     "ModelError",
@@ -79,10 +79,6 @@ impl<T, E: Into<Error>> OrRaise<T> for Result<T, E> {
     fn or_raise(self, py: Python<'_>) -> PyResult<T> {
         self.map_err(|e| raise(py, e))
     }
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add("ERROR_CLASSES", CLASSES)
 }
 
 /// What the operating system said, without the number that stands beside it.
