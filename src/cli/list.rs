@@ -104,7 +104,9 @@ impl List {
             What::Plants => PLANTS.iter().map(|p| brief(p.name, p.summary)).collect(),
             What::Identifiers => {
                 let with_needs = |mut data: Value, needs: &str| {
-                    data["needs"] = json!(needs);
+                    if let Some(data) = data.as_object_mut() {
+                        data.insert("needs".to_owned(), json!(needs));
+                    }
                     data
                 };
                 IDENTIFIERS.iter().map(|i| with_needs(i.entry.data(), i.needs)).collect()

@@ -346,7 +346,7 @@ fn map(t: &Trace, after: bool, step_s: f64) -> Option<Value> {
             (c * size..(c + 1) * size).map(|at| left(t, after, at)).collect::<Option<_>>()?;
         Some(CrossSpectra::welch([(part.as_slice(), part.as_slice())], size))
     };
-    let (powers, strongest): (Vec<Option<Vec<f64>>>, Vec<Option<(f64, f64)>>) =
+    let (powers, strongest): (Vec<_>, Vec<_>) =
         (0..columns).map(part).map(|s| column(s.as_ref(), &edges, size)).unzip();
     let most = powers.iter().flatten().flatten().copied().fold(0.0, f64::max);
     let level = if t.floor > 0.0 { t.floor.powi(2) } else { 1e-4 * most };
