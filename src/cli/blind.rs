@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use anyhow::bail;
 
 use super::criteria::Thresholds;
-use super::program::LimitNotMet;
+use super::limit::LimitNotMet;
 use super::progress::Bar;
-use super::show::Out;
+use super::show::{Out, write};
+use super::words::option;
 use crate::report::{blind, page};
 use deadtime_gap::{GapOptions, diagnose_files};
-use deadtime_signal::file::write_atomic;
+use deadtime_signal::remedy::Remedied;
 use deadtime_signal::text::{message, shown};
 use deadtime_study::blind::{CaseFiles, Existing, Limit, Outcome, RunOptions, load, run, score};
 
@@ -91,7 +92,9 @@ impl RunCases {
             ..GapOptions::default()
         };
         let diagnose = |case: &CaseFiles| {
-            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis)
+            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?
+                .worded(option)
+                .diagnosis)
         };
         let bar = Bar::new(to);
         let progress = |id: &str, outcome: &Outcome| {
@@ -101,7 +104,9 @@ impl RunCases {
                     format!("{}: {time_s:.1} s, made again: {why}", shown(id))
                 }
                 Outcome::Kept => format!("{}: done before", shown(id)),
-                Outcome::Failed(error) => format!("{}: {}", shown(id), message(&error.to_string())),
+                Outcome::Failed(error) => {
+                    format!("{}: {}", shown(id), message(&error.message().worded(option)))
+                }
             });
         };
         let options = RunOptions {
@@ -136,12 +141,8 @@ impl ScoreVerdicts {
             self.require.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
         let scores = score(&load(&self.verdicts, &self.labels, self.cases.as_deref())?);
         to.json(&scores)?;
-        if let Some(path) = &self.markdown {
-            write_atomic(path, |out| out.write_all(blind::markdown(&scores).as_bytes()))?;
-        }
-        if let Some(path) = &self.html {
-            write_atomic(path, |out| out.write_all(page::blind(&scores).as_bytes()))?;
-        }
+        write(self.markdown.as_ref(), || blind::markdown(&scores))?;
+        write(self.html.as_ref(), || page::blind(&scores))?;
         say!(to, "{}", blind::text(&scores).trim_end());
         let unmet: Vec<String> = limits.iter().filter_map(|limit| limit.unmet(&scores)).collect();
         if unmet.is_empty() { Ok(()) } else { Err(LimitNotMet(unmet.join("; ")).into()) }

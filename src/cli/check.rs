@@ -4,14 +4,13 @@ use super::words::option;
 use std::path::PathBuf;
 
 use super::progress::Bar;
-use super::show::Out;
+use super::show::{Out, write};
 use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
 use crate::report::checks::text;
 use crate::report::page;
 use deadtime_gap::{clocks, inspect};
 use deadtime_log::Log;
-use deadtime_signal::file::write_atomic;
 use deadtime_signal::stop::Stop;
 
 /// Check a model and logs before diagnosing: names, units, time stamps, signs, axes, clocks, stuck and clipped channels, excitation
@@ -58,12 +57,10 @@ impl Check {
         let bar = Bar::new(to);
         let mut found = inspect(&subject, &logs, &Stop::default(), bar.far())?;
         found.clocks = seen;
-        found.not_run = found.not_run.map(|why| why.worded(option).into());
         drop(bar);
+        let found = found.worded(option);
         to.json(&found)?;
-        if let Some(path) = &self.html {
-            write_atomic(path, |out| out.write_all(page::check(&found).as_bytes()))?;
-        }
+        write(self.html.as_ref(), || page::check(&found))?;
         say!(to, "{}", text(&found).trim_end());
         Ok(())
     }

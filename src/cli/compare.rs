@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 
-use super::show::Out;
+use super::show::{Out, write};
 use crate::report::{compare, page};
 use deadtime_gap::Diagnosis;
-use deadtime_signal::file::write_atomic;
 use deadtime_study::Study;
 use deadtime_study::compare::{diagnoses, studies};
 
@@ -79,9 +78,7 @@ impl Compare {
                 (compare::studies(&compared), page::compared_studies(&compared))
             }
         };
-        if let Some(path) = &self.html {
-            write_atomic(path, |out| out.write_all(html.as_bytes()))?;
-        }
+        write(self.html.as_ref(), || html)?;
         say!(to, "{}", text.trim_end());
         Ok(())
     }

@@ -134,7 +134,8 @@ impl Demo {
             &[],
             &GapOptions { seed: self.seed, ..GapOptions::default() },
             &|_| (),
-        )?;
+        )?
+        .worded(option);
         for line in summary(&found).lines() {
             say!(to, "   {line}");
         }

@@ -7,8 +7,9 @@ use super::progress::Bar;
 use super::show::Out;
 use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
+use super::words::option;
 use crate::error::Error;
-use crate::report::diagnosis::{ranking, summary};
+use crate::report::diagnosis::{caveat_lines, ranking, summary};
 use crate::report::folder::save;
 use crate::report::isolability::text as isolability_text;
 use crate::report::terminal;
@@ -131,7 +132,7 @@ impl Gap {
             bar.far().at(stage.begins_at(), &stage)
         });
         drop(bar);
-        let found = found.map_err(|e| self.in_file(e))?;
+        let found = found.map_err(|e| self.in_file(e))?.worded(option);
         let written = save(&found, out)?;
         to.json(&found.diagnosis)?;
         if self.brief {
@@ -139,8 +140,8 @@ impl Gap {
         }
         if self.full {
             say!(to, "{}", summary(&found));
-            for caveat in found.caveats.iter().filter(|c| !c.comes_first()) {
-                say!(to, "Caveat: {caveat}.");
+            for caveat in caveat_lines(&found) {
+                say!(to, "{caveat}");
             }
             say!(to, "\n{}", ranking(&found.diagnosis, self.rows).to_string().trim_end());
         } else {

@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
-use super::program::LimitNotMet;
-use super::show::Out;
+use super::limit::LimitNotMet;
+use super::show::{Out, write};
 use crate::report::{gate, junit, speed};
-use deadtime_signal::file::write_atomic;
 use deadtime_study as study;
 use deadtime_study::{Speed, SpeedGate, Study, Timings};
 
@@ -68,7 +67,7 @@ impl Gate {
         let report =
             gate.judge(&Timings::read(timings)?).with_context(|| timings.display().to_string())?;
         to.json(&report)?;
-        self.write(&speed::junit(&report), &speed::markdown(&report))?;
+        self.write(speed::junit(&report), speed::markdown(&report))?;
         say!(to, "{}", speed::text(&report).trim_end());
         match report.of(Speed::Slower).count() {
             0 => Ok(()),
@@ -79,13 +78,9 @@ impl Gate {
         }
     }
 
-    fn write(&self, xml: &str, page: &str) -> anyhow::Result<()> {
-        for (path, text) in [(&self.junit, xml), (&self.markdown, page)] {
-            if let Some(path) = path {
-                write_atomic(path, |out| out.write_all(text.as_bytes()))?;
-            }
-        }
-        Ok(())
+    fn write(&self, xml: String, page: String) -> anyhow::Result<()> {
+        write(self.junit.as_ref(), || xml)?;
+        write(self.markdown.as_ref(), || page)
     }
 
     fn accuracy(&self, from: &Path, kept: &Path, to: &Out<'_>) -> anyhow::Result<()> {
@@ -114,7 +109,7 @@ impl Gate {
             .compare(&results, &baseline)
             .with_context(|| format!("{} and {}", from.display(), kept.display()))?;
         to.json(&report)?;
-        self.write(&junit::xml(&report), &gate::markdown(&report))?;
+        self.write(junit::xml(&report), gate::markdown(&report))?;
         say!(to, "{}", gate::text(&report).trim_end());
         if report.worse.is_empty() {
             return Ok(());

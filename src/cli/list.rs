@@ -67,59 +67,28 @@ impl List {
             to.json(&effects::menu_data(&menu))?;
             return print(&effects::menu_text(&system, &menu));
         }
-        to.json(&self.entries()?)?;
-        let text = match self.what {
+        let entries = self.entries()?;
+        to.json(&entries)?;
+        print(&match self.what {
             What::Effects => effects::lines_text(&effect::table()),
-            What::Methods => METHODS.iter().map(|m| describe(&m.entry)).collect(),
-            What::Excitations => EXCITATIONS.iter().map(describe).collect(),
-            What::Conversions => CONVERSIONS.iter().map(describe).collect(),
-            What::Targets => TARGETS.iter().map(describe).collect(),
-            What::Dynamics => Dynamics::ALL
-                .map(|d| {
-                    let names = |list: &[(&str, &str)]| {
-                        list.iter()
-                            .map(|(n, u)| format!("{n} [{u}]"))
-                            .collect::<Vec<_>>()
-                            .join(", ")
-                    };
-                    format!(
-                        "{}\n    states {}; input {}; outputs {}\n",
-                        d.name(),
-                        names(d.states()),
-                        d.input(),
-                        names(d.outputs())
-                    )
-                })
-                .concat(),
-            What::Plants => {
-                PLANTS.iter().map(|p| format!("{}\n    {}\n", p.name, p.summary)).collect()
-            }
-            What::Identifiers => IDENTIFIERS
-                .iter()
-                .map(|i| format!("{}    needs {}\n", describe(&i.entry), i.needs))
-                .collect(),
-            What::Responses => RESPONSES.iter().map(describe).collect(),
             What::Criteria => toml::to_string(&Criteria::default()).context("thresholds")?,
-            What::Plans => {
-                plans()?.iter().map(|p| format!("{}\n    {}\n", p.name, p.about)).collect()
-            }
+            What::Dynamics => Dynamics::ALL.map(dynamics).concat(),
+            What::Identifiers => entries
+                .iter()
+                .map(|e| described(e) + &format!("    needs {}\n", word(e, "needs")))
+                .collect(),
             What::Readers => READERS
                 .iter()
-                .map(|r| {
-                    format!("{}\n    {}\n    .{}\n", r.name, r.summary, r.extensions.join(", ."))
-                })
+                .zip(&entries)
+                .map(|(r, e)| described(e) + &format!("    .{}\n", r.extensions.join(", .")))
                 .collect(),
-        };
-        print(&text)
+            _ => entries.iter().map(described).collect(),
+        })
     }
-}
 
-fn print(text: &str) -> anyhow::Result<()> {
-    std::io::stdout().lock().write_all(text.as_bytes()).context("standard output")
-}
-
-impl List {
+    /// What there is, as data.
     fn entries(&self) -> anyhow::Result<Vec<Value>> {
+        let brief = |name: &str, summary: &str| json!({ "name": name, "summary": summary });
         Ok(match self.what {
             What::Criteria => vec![serde_json::to_value(Criteria::default()).context("thresholds")?],
             What::Methods => METHODS.iter().map(Method::data).collect(),
@@ -132,21 +101,27 @@ impl List {
                 .iter()
                 .map(|d| json!({ "name": d.name(), "states": d.states(), "input": d.input(), "outputs": d.outputs() }))
                 .collect(),
-            What::Plants => PLANTS.iter().map(|p| json!({ "name": p.name, "summary": p.summary })).collect(),
-            What::Identifiers => IDENTIFIERS
-                .iter()
-                .map(|i| {
-                    let mut data = i.entry.data();
+            What::Plants => PLANTS.iter().map(|p| brief(p.name, p.summary)).collect(),
+            What::Identifiers => {
+                let with_needs = |mut data: Value, needs: &str| {
                     if let Some(data) = data.as_object_mut() {
-                        data.insert("needs".to_owned(), json!(i.needs));
+                        data.insert("needs".to_owned(), json!(needs));
                     }
                     data
-                })
+                };
+                IDENTIFIERS.iter().map(|i| with_needs(i.entry.data(), i.needs)).collect()
+            }
+            What::Plans => plans()?.iter().map(|p| brief(&p.name, &p.about)).collect(),
+            What::Readers => READERS
+                .iter()
+                .map(|r| json!({ "name": r.name, "summary": r.summary, "extensions": r.extensions }))
                 .collect(),
-            What::Plans => plans()?.iter().map(|p| json!({ "name": p.name, "summary": p.about })).collect(),
-            What::Readers => READERS.iter().map(|r| json!({ "name": r.name, "summary": r.summary, "extensions": r.extensions })).collect(),
         })
     }
+}
+
+fn print(text: &str) -> anyhow::Result<()> {
+    std::io::stdout().lock().write_all(text.as_bytes()).context("standard output")
 }
 
 /// The shipped plans.
@@ -154,6 +129,25 @@ fn plans() -> anyhow::Result<Vec<Plan>> {
     PLANS.iter().map(|(name, _)| Ok(Plan::open(name)?)).collect()
 }
 
-fn describe<T: ?Sized>(entry: &Entry<T>) -> String {
-    format!("{}\n    {}\n    options {}\n", entry.name, entry.summary, (entry.defaults)())
+fn word<'a>(entry: &'a Value, key: &str) -> &'a str {
+    entry.get(key).and_then(Value::as_str).unwrap_or_default()
+}
+
+/// Name, summary and options.
+fn described(entry: &Value) -> String {
+    let options = entry.get("options").map(|o| format!("    options {o}\n"));
+    format!(
+        "{}\n    {}\n{}",
+        word(entry, "name"),
+        word(entry, "summary"),
+        options.unwrap_or_default()
+    )
+}
+
+fn dynamics(d: Dynamics) -> String {
+    let names = |list: &[(&str, &str)]| {
+        list.iter().map(|(n, u)| format!("{n} [{u}]")).collect::<Vec<_>>().join(", ")
+    };
+    let (states, outputs) = (names(d.states()), names(d.outputs()));
+    format!("{}\n    states {states}; input {}; outputs {outputs}\n", d.name(), d.input())
 }

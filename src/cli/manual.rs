@@ -3,10 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use clap::CommandFactory;
 use clap_complete::Shell;
 
-use super::program::Cli;
 use super::show::Out;
 use deadtime_signal::file::write_atomic;
 
@@ -23,9 +21,9 @@ pub(super) struct Completions {
 }
 
 impl Completions {
-    pub(super) fn run(&self) -> anyhow::Result<()> {
+    pub(super) fn run(&self, mut command: clap::Command) -> anyhow::Result<()> {
         let mut text = Vec::new();
-        clap_complete::generate(self.shell, &mut Cli::command(), "deadtime", &mut text);
+        clap_complete::generate(self.shell, &mut command, "deadtime", &mut text);
         std::io::Write::write_all(&mut std::io::stdout().lock(), &text).context("standard output")
     }
 }
@@ -42,8 +40,8 @@ pub(super) struct Man {
 }
 
 impl Man {
-    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
-        let mut command = Cli::command().disable_help_subcommand(true);
+    pub(super) fn run(&self, to: &Out<'_>, command: clap::Command) -> anyhow::Result<()> {
+        let mut command = command.disable_help_subcommand(true);
         command.build();
         let mut pages = Vec::new();
         collect(&command, "deadtime", &mut pages)?;

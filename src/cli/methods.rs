@@ -5,10 +5,9 @@ use std::path::PathBuf;
 use anyhow::bail;
 
 use super::progress::Bar;
-use super::show::Out;
+use super::show::{Out, write};
 use crate::report::methods::{errors, page};
 use deadtime_delay::METHODS;
-use deadtime_signal::file::write_atomic;
 use deadtime_study::Common;
 
 /// Compare all methods: what each needs, what it cannot see, its time, and its error on a small study of known delays
@@ -51,9 +50,7 @@ impl Methods {
         drop(bar);
         let rows = rows?;
         to.json(&rows)?;
-        if let Some(path) = &self.out {
-            write_atomic(path, |out| out.write_all(page(&study, &rows).as_bytes()))?;
-        }
+        write(self.out.as_ref(), || page(&study, &rows))?;
         say!(to, "{}", errors(&rows).to_string().trim_end());
         say!(
             to,

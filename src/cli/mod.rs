@@ -18,6 +18,7 @@ mod export;
 mod gap;
 mod gate;
 mod identify;
+mod limit;
 mod list;
 mod log;
 mod manual;
@@ -34,4 +35,5 @@ mod study;
 mod watch;
 mod words;
 
-pub use program::{Cli, LimitNotMet, end_when_asked, main};
+pub use limit::LimitNotMet;
+pub use program::{Cli, end_when_asked, main};

@@ -1,11 +1,12 @@
 //! The program: its subcommands, exit codes and messages.
 
+use super::limit::LimitNotMet;
 use super::show::{Color, Out};
 use super::{
     blind, c2d, check, compare, demo, estimate, excite, export, gap, gate, identify, list, log,
     manual, methods, model, response, simulate, simulator, study, watch, words,
 };
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 use deadtime_signal::text::{message, printed};
 use deadtime_signal::threads::at_most;
 use std::ffi::OsString;
@@ -100,8 +101,8 @@ impl Cli {
             Command::Model(c) => c.run(to),
             Command::Study(c) => c.run(to),
             Command::Watch(c) => c.run(to),
-            Command::Completions(c) => c.run(),
-            Command::Man(c) => c.run(to),
+            Command::Completions(c) => c.run(Self::command()),
+            Command::Man(c) => c.run(to, Self::command()),
         }
     }
 }
@@ -164,15 +165,8 @@ pub(super) fn said(error: &anyhow::Error) -> String {
     text
 }
 
-/// A gate or a requested limit that was not met: exit code 1.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub struct LimitNotMet(pub(super) String);
-
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
     use super::*;
 
     /// The command and all below it.

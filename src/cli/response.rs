@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use super::progress::Bar;
-use super::show::Out;
+use super::show::{Out, write};
 use super::source::{Needed, Reading};
 use crate::report::page;
 use crate::report::response::{Report, csv};
 use deadtime_identify::response::frequency_responses;
 use deadtime_log::Log;
-use deadtime_signal::file::{component, write_atomic};
+use deadtime_signal::file::component;
 use deadtime_signal::registry;
 
 /// Estimate frequency responses of logs without a model, with 95 % intervals and coherence; the table is what `deadtime estimate --frf` reads
@@ -77,14 +77,10 @@ impl Response {
             let one = self.input.len() == 1 && self.output.len() == 1;
             let names = self.input.get(input).zip(self.output.get(output)).filter(|_| !one);
             let path = names.map_or_else(|| out.clone(), |(u, y)| beside(out, u, y));
-            let text = csv(&found.pair(output, input));
-            write_atomic(&path, |to| to.write_all(text.as_bytes()))?;
+            write(Some(&path), || csv(&found.pair(output, input)))?;
             written.push(path.display().to_string());
         }
-        if let Some(path) = &self.html {
-            let text = page::response(&report);
-            write_atomic(path, |to| to.write_all(text.as_bytes()))?;
-        }
+        write(self.html.as_ref(), || page::response(&report))?;
         if to.wants_json() {
             to.json(&report.data())?;
         }

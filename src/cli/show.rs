@@ -1,7 +1,7 @@
 //! What a command prints, and how: everything or nothing, with colour or without; and the JSON beside it.
 
 use std::io::{IsTerminal, Write, stdout};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 
@@ -94,6 +94,13 @@ impl<'a> Out<'a> {
     pub(super) fn json(&self, what: &impl serde::Serialize) -> anyhow::Result<()> {
         self.json.map_or(Ok(()), |path| write_json(path, what))
     }
+}
+
+/// Writes a text as a file, where one was asked for.
+pub(super) fn write(path: Option<&PathBuf>, text: impl FnOnce() -> String) -> anyhow::Result<()> {
+    let Some(path) = path else { return Ok(()) };
+    let text = text();
+    Ok(write_atomic(path, |out| out.write_all(text.as_bytes()))?)
 }
 
 /// Writes `what` as JSON.

@@ -7,6 +7,7 @@ use anyhow::{Context, bail};
 use super::progress::Bar;
 use super::show::Out;
 use super::source::Source;
+use super::words::delay_of;
 use deadtime_model::ModelDocument;
 use deadtime_model::effect::{OnLog, Still, check_units};
 use deadtime_model::simulate::Hold;
@@ -53,7 +54,6 @@ enum HoldName {
 impl Simulate {
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let model = ModelDocument::read(&self.model)?;
-        let inputs: Vec<String> = model.inputs().iter().map(|c| c.name.clone()).collect();
         let logs =
             self.source.reading.read_for(to, &self.source.log, &model, false, &mut |_, _| {})?;
         let [log] = logs.as_slice() else {
@@ -70,24 +70,7 @@ impl Simulate {
             HoldName::Zero => Hold::Zero,
             HoldName::Linear => Hold::Linear,
         };
-        if model.is_sampled() && !self.delay.is_empty() {
-            bail!(
-                "--delay needs a continuous model; {} is sampled: write whole samples into its input_delay_s",
-                model.name()
-            );
-        }
-        for text in &self.delay {
-            let known = |(name, seconds): (&str, &str)| {
-                Some((inputs.iter().find(|input| *input == name)?.clone(), seconds.parse().ok()?))
-            };
-            let Some((input, seconds)) = text.split_once('=').and_then(known) else {
-                bail!(
-                    "--delay {text}: write it as INPUT=SECONDS with an input of the model ({})",
-                    inputs.join(", ")
-                );
-            };
-            simulation.delay(&input, seconds).with_context(|| format!("--delay {text}"))?;
-        }
+        self.delays(&model, &mut simulation)?;
         let bar = Bar::new(to);
         simulation.far = bar.far().clone();
         let response = simulation
@@ -105,28 +88,43 @@ impl Simulate {
         to.json(
             &serde_json::json!({ "model": model.name(), "log": log.source(), "out": self.out, "samples": log.len(), "nrmse": errors }),
         )?;
-        say!(
-            to,
-            "{} on {}: {} samples written to {}",
-            model.name(),
-            log.source(),
-            log.len(),
-            self.out.display()
-        );
+        let (name, out) = (model.name(), self.out.display());
+        say!(to, "{name} on {}: {} samples written to {out}", log.source(), log.len());
         for (name, nrmse) in comparison {
-            match nrmse {
-                Ok(v) => say!(
-                    to,
-                    "  {name}: nrmse {v:.4} (rms of measured minus simulated over the measured standard deviation)"
+            let said = match nrmse {
+                Ok(v) => format!(
+                    "nrmse {v:.4} (rms of measured minus simulated over the measured standard deviation)"
                 ),
                 Err(Still::Stands) => {
-                    say!(to, "  {name}: the measured channel stands still, so it has no nrmse")
+                    "the measured channel stands still, so it has no nrmse".to_owned()
                 }
-                Err(Still::Empty) => say!(
-                    to,
-                    "  {name}: the log has this channel but no sample of it, so there is nothing to compare"
-                ),
-            }
+                Err(Still::Empty) => {
+                    "the log has this channel but no sample of it, so there is nothing to compare"
+                        .to_owned()
+                }
+            };
+            say!(to, "  {name}: {said}");
+        }
+        Ok(())
+    }
+
+    /// The delays of `--delay`.
+    fn delays(&self, model: &ModelDocument, simulation: &mut OnLog<'_>) -> anyhow::Result<()> {
+        if model.is_sampled() && !self.delay.is_empty() {
+            bail!(
+                "--delay needs a continuous model; {} is sampled: write whole samples into its input_delay_s",
+                model.name()
+            );
+        }
+        let inputs: Vec<String> = model.inputs().iter().map(|c| c.name.clone()).collect();
+        for text in &self.delay {
+            let (input, seconds) = delay_of(text, &inputs).with_context(|| {
+                format!(
+                    "--delay {text}: write it as INPUT=SECONDS with an input of the model ({})",
+                    inputs.join(", ")
+                )
+            })?;
+            simulation.delay(input, seconds).with_context(|| format!("--delay {text}"))?;
         }
         Ok(())
     }

@@ -8,6 +8,7 @@ use anyhow::{Context, bail};
 
 use super::show::Out;
 use super::source::{Needed, Reading, See};
+use super::words::pair;
 use deadtime_gap::Subject;
 use deadtime_log::Log;
 use deadtime_model::simulate::process::{Children, Program, Talk};
@@ -82,56 +83,48 @@ fn number(option: &str, text: &str, value: &str) -> anyhow::Result<f64> {
     value.trim().parse().with_context(|| format!("--{option} {text}: `{value}` is no number"))
 }
 
+/// `name=value [unit]`.
+fn parameter(text: &str) -> anyhow::Result<(Port, f64)> {
+    let (name, rest) = pair("parameter", text, "NAME=VALUE")?;
+    let (value, unit) = match rest.trim().strip_suffix(']').and_then(|t| t.split_once('[')) {
+        Some((value, unit)) => (value, Some(unit.trim().to_owned())),
+        None => (rest, None),
+    };
+    Ok((Port { name: name.trim().to_owned(), unit }, number("parameter", text, value)?))
+}
+
+/// `name=value,std`.
+fn start(text: &str) -> anyhow::Result<Start> {
+    let (name, rest) = pair("start", text, "NAME=VALUE,STD")?;
+    let (initial, std) =
+        rest.split_once(',').map_or((rest, None), |(initial, std)| (initial, Some(std)));
+    let std = std.map(|std| number("start", text, std)).transpose()?;
+    let port = Port { name: name.trim().to_owned(), unit: None };
+    Ok(Start { port, initial: number("start", text, initial)?, std })
+}
+
+/// `state=channel:std`: a start that a channel of the log gives.
+fn state(text: &str) -> anyhow::Result<(Start, Option<String>)> {
+    let (name, channel) = pair("states", text, "STATE=CHANNEL")?;
+    // Names of topics may hold a colon; what stands behind the last one is a number or belongs to the name.
+    let std = channel.rsplit_once(':').map(|(channel, std)| (channel, std.trim().parse::<f64>()));
+    let (channel, std) = match std {
+        Some((channel, Ok(std))) => (channel, Some(std)),
+        _ => (channel, None),
+    };
+    if channel.trim().is_empty() {
+        bail!("--states {text}: write it as STATE=CHANNEL");
+    }
+    let port = Port { name: name.trim().to_owned(), unit: None };
+    Ok((Start { port, initial: 0.0, std }, Some(channel.trim().to_owned())))
+}
+
 impl SimulatorArgs {
     fn face(&self, command: &str) -> anyhow::Result<Face> {
-        let parameters = self.parameter.iter().map(|text| {
-            let Some((name, rest)) = text.split_once('=') else {
-                bail!("--parameter {text}: write it as NAME=VALUE")
-            };
-            let (value, unit) = match rest.trim().strip_suffix(']').and_then(|t| t.split_once('['))
-            {
-                Some((value, unit)) => (value, Some(unit.trim().to_owned())),
-                None => (rest, None),
-            };
-            Ok((Port { name: name.trim().to_owned(), unit }, number("parameter", text, value)?))
-        });
-        let states = self.start.iter().map(|text| {
-            let Some((name, rest)) = text.split_once('=') else {
-                bail!("--start {text}: write it as NAME=VALUE,STD")
-            };
-            let (initial, std) =
-                rest.split_once(',').map_or((rest, None), |(initial, std)| (initial, Some(std)));
-            let std = std.map(|std| number("start", text, std)).transpose()?;
-            Ok(Start {
-                port: Port { name: name.trim().to_owned(), unit: None },
-                initial: number("start", text, initial)?,
-                std,
-            })
-        });
-        let mut states = states.collect::<anyhow::Result<Vec<_>>>()?;
-        let mut channels: Vec<Option<String>> = vec![None; states.len()];
-        for text in &self.states {
-            let Some((name, channel)) = text.split_once('=') else {
-                bail!("--states {text}: write it as STATE=CHANNEL")
-            };
-            // Names of topics may hold a colon; what stands behind the last one is a number or belongs to the name.
-            let (channel, std) = match channel
-                .rsplit_once(':')
-                .map(|(channel, std)| (channel, std.trim().parse::<f64>()))
-            {
-                Some((channel, Ok(std))) => (channel, Some(std)),
-                _ => (channel, None),
-            };
-            if channel.trim().is_empty() {
-                bail!("--states {text}: write it as STATE=CHANNEL");
-            }
-            states.push(Start {
-                port: Port { name: name.trim().to_owned(), unit: None },
-                initial: 0.0,
-                std,
-            });
-            channels.push(Some(channel.trim().to_owned()));
-        }
+        let start = |text: &String| Ok((self::start(text)?, None));
+        let mut states = self.start.iter().map(start).collect::<anyhow::Result<Vec<_>>>()?;
+        states.extend(self.states.iter().map(|s| state(s)).collect::<anyhow::Result<Vec<_>>>()?);
+        let (states, channels) = states.into_iter().unzip();
         if self.restart_every.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
             bail!(
                 "--restart-every {}: give seconds above 0",
@@ -145,7 +138,7 @@ impl SimulatorArgs {
             inputs: self.input.iter().map(|t| port(t)).collect::<Result<_, _>>()?,
             outputs: self.output.iter().map(|t| port(t)).collect::<Result<_, _>>()?,
             states,
-            parameters: parameters.collect::<Result<_, _>>()?,
+            parameters: self.parameter.iter().map(|t| parameter(t)).collect::<Result<_, _>>()?,
             restart,
         })
     }

@@ -1,12 +1,12 @@
 //! The options that say which log to read and which part of it.
 
-use super::words::option;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 
 use super::progress::Bar;
 use super::show::Out;
+use super::words::{option, pair};
 use deadtime_log::{
     EventTimes, Log, ReadOptions, Recording, Stamps, TimeUnit, Wanted, csv, open, read_events,
     reader,
@@ -112,6 +112,27 @@ pub(super) struct Needed<'a> {
     pub(super) required: bool,
 }
 
+impl Needed<'_> {
+    /// The same channels as the file has them: behind `--map`, and the sources of those that are calculated.
+    fn of_the_file(&self, map: &[(String, String)], derived: &[Derived]) -> Vec<Wanted> {
+        let column = |name: &String| {
+            map.iter().find(|(new, _)| new == name).map_or(name, |(_, column)| column).clone()
+        };
+        let held = [(self.inputs, true), (self.outputs, false)];
+        let channels = held.iter().flat_map(|(names, held)| names.iter().map(|n| (n, *held)));
+        let mut wanted: Vec<Wanted> = Vec::new();
+        for (name, held) in channels {
+            let channel = Wanted { name: column(name), held, required: self.required };
+            for one in of_the_file(channel, derived) {
+                if wanted.iter().all(|w| w.name != one.name) {
+                    wanted.push(one);
+                }
+            }
+        }
+        wanted
+    }
+}
+
 /// Looks at a file that was read.
 pub(super) type See<'a> = &'a mut dyn FnMut(&Recording, &[Wanted]);
 
@@ -205,13 +226,11 @@ impl Reading {
         needed: &Needed<'_>,
         see: See<'_>,
     ) -> anyhow::Result<Vec<Log>> {
-        let mut map = Vec::with_capacity(self.map.len());
-        for text in &self.map {
-            let Some((name, column)) = text.split_once('=') else {
-                bail!("--map {text}: write it as MODEL_NAME=COLUMN");
-            };
-            map.push((name.to_owned(), column.to_owned()));
-        }
+        let map = self.map.iter().map(|text| {
+            let (name, column) = pair("map", text, "MODEL_NAME=COLUMN")?;
+            Ok((name.to_owned(), column.to_owned()))
+        });
+        let map = map.collect::<anyhow::Result<Vec<_>>>()?;
         let derived =
             self.channel.iter().map(|text| Derived::parse(text)).collect::<Result<Vec<_>, _>>()?;
         let bar = Bar::new(to);
@@ -226,31 +245,7 @@ impl Reading {
             None => {
                 let mut recording = open(log, &options)?;
                 let mut notes = std::mem::take(&mut recording.notes);
-                let column = |name: &String| {
-                    map.iter()
-                        .find(|(new, _)| new == name)
-                        .map_or(name, |(_, column)| column)
-                        .clone()
-                };
-                let input = |name: &String| Wanted {
-                    name: column(name),
-                    held: true,
-                    required: needed.required,
-                };
-                let output = |name: &String| Wanted {
-                    name: column(name),
-                    held: false,
-                    required: needed.required,
-                };
-                let mut wanted: Vec<Wanted> = Vec::new();
-                for one in needed.inputs.iter().map(input).chain(needed.outputs.iter().map(output))
-                {
-                    for one in of_the_file(one, &derived) {
-                        if wanted.iter().all(|w| w.name != one.name) {
-                            wanted.push(one);
-                        }
-                    }
-                }
+                let wanted = needed.of_the_file(&map, &derived);
                 see(&recording, &wanted);
                 even = recording.topics.iter().any(|topic| !topic.name.is_empty());
                 // A file without topics is used as it is: a long one is not held twice.

@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use super::show::Out;
 use super::source::Clock;
+use crate::report::text::unit;
 use deadtime_delay::track::{Live, LiveOptions, Told, TrackerOptions};
 use deadtime_gap::{ActingEffect, FoundParameter, GapOptions, GapTold, GapWatch};
 use deadtime_log::{Follower, News, Row, reader};
@@ -100,12 +101,7 @@ impl Watch {
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let every = seconds("--every", self.every)?;
         let idle = self.until_idle.map(|s| seconds("--until-idle", s)).transpose()?;
-        if self.max_delay.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
-            bail!(
-                "--max-delay {}: give a finite number of seconds above 0",
-                self.max_delay.unwrap_or_default()
-            );
-        }
+        self.max_delay.map(|s| seconds("--max-delay", s)).transpose()?;
         if reader(&self.log)?.name != "csv"
             || self.log.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"))
         {
@@ -139,39 +135,46 @@ impl Watch {
         };
         let live = Live::new(LiveOptions { max_delay_s: self.max_delay, tracker });
         let mut watched = Watched { live, gap, places };
-        let mut out = Said {
-            to,
-            json: to.json_file().map(lines).transpose()?,
-            log: self.log.display().to_string(),
-            rows: 0,
-            skipped: 0,
-        };
-        let log = out.log.clone();
+        let (json, log) = (to.json_file().map(lines).transpose()?, self.log.display().to_string());
+        let mut out = Said { to, json, log: log.clone(), rows: 0, skipped: 0 };
         out.line(&Line::Started {
             format: "deadtime/watch@1",
             log: &log,
             input: &self.input,
             output: &self.output,
         })?;
-        let mut grew = Instant::now();
-        loop {
-            let polled = follower.poll()?;
-            for news in polled.news {
-                out.news(news, &mut watched)?;
-            }
-            if polled.grown {
-                grew = Instant::now();
-            } else if self.once || idle.is_some_and(|idle| grew.elapsed() >= idle) {
-                break;
-            } else {
-                std::thread::sleep(every);
-            }
-        }
-        for news in follower.finish() {
-            out.news(news, &mut watched)?;
-        }
+        let ends = |still: Duration| self.once || idle.is_some_and(|idle| still >= idle);
+        follow(&mut follower, &mut out, &mut watched, every, ends)?;
         out.end(&mut watched, follower.unfinished())
     }
+}
+
+/// Takes rows as they come, until the log has been still for so long that this ends.
+fn follow(
+    follower: &mut Follower,
+    out: &mut Said<'_>,
+    watched: &mut Watched,
+    every: Duration,
+    ends: impl Fn(Duration) -> bool,
+) -> anyhow::Result<()> {
+    let mut grew = Instant::now();
+    loop {
+        let polled = follower.poll()?;
+        for news in polled.news {
+            out.news(news, watched)?;
+        }
+        if polled.grown {
+            grew = Instant::now();
+        } else if ends(grew.elapsed()) {
+            break;
+        } else {
+            std::thread::sleep(every);
+        }
+    }
+    for news in follower.finish() {
+        out.news(news, watched)?;
+    }
+    Ok(())
 }
 
 fn seconds(option: &str, s: f64) -> anyhow::Result<Duration> {
@@ -318,10 +321,6 @@ fn gap_said(told: &GapTold) -> Option<String> {
             Some(format!("{from_s:.3} to {to_s:.3} s: no diagnosis: {why}"))
         }
     }
-}
-
-fn unit(unit: &str) -> String {
-    if unit.is_empty() || unit == "1" { String::new() } else { format!(" {unit}") }
 }
 
 /// What is new, in words.

@@ -12,6 +12,11 @@ pub(super) fn option(remedy: &Remedy) -> String {
         Remedy::Model => "--model",
         Remedy::Rename => "`--map NAME=COLUMN`",
         Remedy::ColumnOf { channel } => return format!("`--map {channel}=COLUMN`"),
+        Remedy::Columns { of } => {
+            let each: Vec<String> =
+                of.iter().map(|(name, column)| format!("--map {name}={column}")).collect();
+            return each.join(" ");
+        }
         Remedy::NewNames => "`--map` makes",
         Remedy::Events => "--events A,B",
         Remedy::Channels => "--input and --output",
@@ -25,6 +30,9 @@ pub(super) fn option(remedy: &Remedy) -> String {
         Remedy::ClosedLoop => "--loop closed",
         Remedy::Delay => "--delay",
         Remedy::States => "--states \"NAME=CHANNEL,…\"",
+        Remedy::Candidate { term } => return format!("--candidate '{term}'"),
+        Remedy::FitParameters => "`deadtime identify --structure MODEL.toml --free all`",
+        Remedy::Identify => "`deadtime identify`",
         Remedy::RestartEvery => "--restart-every",
         Remedy::LookAt => "--look-at",
         Remedy::ExportOption { name } => return format!("--set {name}=VALUE"),
@@ -35,6 +43,22 @@ pub(super) fn option(remedy: &Remedy) -> String {
         Remedy::MaxDisk => "--max-disk-gb",
     };
     option.to_owned()
+}
+
+/// The two sides of `NAME=VALUE`, as the value of an option.
+pub(super) fn pair<'a>(
+    option: &str,
+    text: &'a str,
+    form: &str,
+) -> anyhow::Result<(&'a str, &'a str)> {
+    let parts = text.split_once('=');
+    parts.ok_or_else(|| anyhow::anyhow!("--{option} {text}: write it as {form}"))
+}
+
+/// `INPUT=SECONDS` of one of these inputs.
+pub(super) fn delay_of<'a>(text: &'a str, inputs: &[String]) -> Option<(&'a str, f64)> {
+    let (name, seconds) = text.split_once('=')?;
+    inputs.iter().any(|input| input == name).then_some((name, seconds.parse().ok()?))
 }
 
 /// The message of an error with the options that it is about.

@@ -1,8 +1,8 @@
 //! Errors beside the Cramér-Rao bound: a row of panels per class of methods, a column per grid, both axes logarithmic.
 
-use std::fmt::Write as _;
+use maud::{Markup, html};
 
-use super::escape::escape;
+use super::drawing::{Panel, Scale, document, px, text};
 use super::study::over_bound;
 use deadtime_delay::{Class, METHODS};
 use deadtime_signal::stats;
@@ -22,7 +22,7 @@ const CHARACTER: f64 = 8.0;
 /// Colours that are told apart with most kinds of colour blindness (Okabe and Ito 2008), and three more in dashes.
 const COLOURS: [&str; 7] =
     ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5c00"];
-const STYLE: &str = "text{font:13px sans-serif;fill:#222}.frame{fill:none;stroke:#999}.grid{stroke:#e4e4e4}.line{fill:none;stroke-width:2}\
+const STYLE: &str = "text{font:13px sans-serif;fill:#222}text.title{font-size:16px}.frame{fill:none;stroke:#999}.grid{stroke:#e4e4e4}.line{fill:none;stroke-width:2}\
     .bound{fill:none;stroke:#000;stroke-width:2.5;stroke-dasharray:7 4}";
 
 /// A grid against one of its keys.
@@ -30,8 +30,6 @@ struct Column<'a> {
     heading: &'static str,
     x: fn(&Cell) -> Option<f64>,
     cells: Vec<&'a Cell>,
-    /// Decades of the two axes.
-    span: [[f64; 2]; 2],
 }
 
 impl Column<'_> {
@@ -66,10 +64,9 @@ impl Column<'_> {
     }
 }
 
-/// The drawing; `None` where no grid asks for a table `over_bound: snr` or `over_bound: samples`.
-#[must_use]
-pub fn svg(study: &Study, plan: &Plan) -> Option<String> {
-    let mut columns: Vec<Column<'_>> = Vec::new();
+/// The grids that ask for a table `over_bound: snr` or `over_bound: samples`.
+fn columns<'a>(study: &'a Study, plan: &Plan) -> Vec<Column<'a>> {
+    let mut columns = Vec::new();
     for grid in &plan.grids {
         for layout in grid.by.iter().filter(|l| l.shown == Shown::OverBound) {
             let (heading, x): (_, fn(&Cell) -> Option<f64>) =
@@ -79,171 +76,138 @@ pub fn svg(study: &Study, plan: &Plan) -> Option<String> {
                     _ => continue,
                 };
             let cells = study.cells.iter().filter(|c| c.grid == grid.name).collect();
-            columns.push(Column { heading, x, cells, span: [[0.0, 1.0]; 2] });
+            columns.push(Column { heading, x, cells });
         }
     }
-    if columns.is_empty() {
-        return None;
-    }
+    columns
+}
+
+/// The methods of every class that the columns hold.
+fn classes(columns: &[Column<'_>]) -> Vec<(Class, Vec<String>)> {
     let names = |class: Class| -> Vec<String> {
-        let mut names: Vec<String> = Vec::new();
         let of_class =
             |c: &&&Cell| METHODS.iter().any(|m| m.entry.name == c.method && m.class == class);
-        for name in
-            columns.iter().flat_map(|c| c.cells.iter()).filter(of_class).map(|c| c.method_text())
-        {
+        let mut names: Vec<String> = Vec::new();
+        for cell in columns.iter().flat_map(|c| c.cells.iter()).filter(of_class) {
+            let name = cell.method_text();
             if !names.contains(&name) {
                 names.push(name);
             }
         }
         names
     };
-    let rows: Vec<(Class, Vec<String>)> =
-        Class::ALL.iter().map(|c| (*c, names(*c))).filter(|(_, names)| !names.is_empty()).collect();
-    // Every row has the same axes, so that classes compare.
-    let reach = |points: &mut dyn Iterator<Item = f64>| -> [f64; 2] {
-        let [low, high] = points
+    Class::ALL.iter().map(|c| (*c, names(*c))).filter(|(_, names)| !names.is_empty()).collect()
+}
+
+/// The two axes of a column, the same in every row, so that classes compare.
+fn scales(column: &Column<'_>, rows: &[(Class, Vec<String>)]) -> [Scale; 2] {
+    let errors = rows.iter().flat_map(|(_, names)| names).flat_map(|n| column.errors(n));
+    let all: Vec<[f64; 2]> = errors.chain(column.bound()).collect();
+    [0, 1].map(|axis| {
+        let [low, high] = all
+            .iter()
+            .map(|p| p[axis])
             .filter(|v| *v > 0.0)
             .map(f64::log10)
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)]);
-        if low < high { [low, high] } else { [low.min(0.0) - 0.5, high.max(0.0) + 0.5] }
+        let [low, high] =
+            if low < high { [low, high] } else { [low.min(0.0) - 0.5, high.max(0.0) + 0.5] };
+        Scale::with_margin(low, high, true)
+    })
+}
+
+/// The drawing; `None` where no grid asks for a table `over_bound: snr` or `over_bound: samples`.
+#[must_use]
+pub fn svg(study: &Study, plan: &Plan) -> Option<String> {
+    let columns = columns(study, plan);
+    if columns.is_empty() {
+        return None;
+    }
+    let rows = classes(&columns);
+    let row_height = ABOVE + HIGH + BELOW;
+    let (width, height) =
+        (LEFT + columns.len() as f64 * (WIDE + BETWEEN) + LEGEND, rows.len() as f64 * row_height);
+    let place = |column: usize, top: f64, [across, up]: [Scale; 2]| Panel {
+        left: LEFT + column as f64 * (WIDE + BETWEEN),
+        top,
+        width: WIDE,
+        height: HIGH,
+        across,
+        up,
     };
-    for column in &mut columns {
-        let all: Vec<[f64; 2]> = rows
-            .iter()
-            .flat_map(|(_, names)| names)
-            .flat_map(|n| column.errors(n))
-            .chain(column.bound())
-            .collect();
-        let margin =
-            |[low, high]: [f64; 2]| [low - 0.04 * (high - low), high + 0.04 * (high - low)];
-        column.span = [0, 1].map(|axis| margin(reach(&mut all.iter().map(|p| p[axis]))));
-    }
-    let (width, height) = (
-        LEFT + columns.len() as f64 * (WIDE + BETWEEN) + LEGEND,
-        rows.len() as f64 * (ABOVE + HIGH + BELOW),
-    );
-    let mut body = String::new();
-    for (row, (class, names)) in rows.iter().enumerate() {
-        let top = row as f64 * (ABOVE + HIGH + BELOW) + ABOVE;
-        let _ = writeln!(
-            body,
-            "<text x=\"{LEFT}\" y=\"{}\" style=\"font-size:16px\">{}</text>",
-            top - 10.0,
-            class.title()
-        );
-        for (at, column) in columns.iter().enumerate() {
-            panel(&mut body, column, names, (LEFT + at as f64 * (WIDE + BETWEEN), top));
+    let scales: Vec<[Scale; 2]> = columns.iter().map(|column| scales(column, &rows)).collect();
+    let body = html! {
+        @for (row, (class, names)) in rows.iter().enumerate() {
+            @let top = row as f64 * row_height + ABOVE;
+            (text((LEFT, top - 10.0), "start", "title", class.title()))
+            @for (at, (column, scale)) in columns.iter().zip(&scales).enumerate() {
+                (panel(column, names, &place(at, top, *scale)))
+            }
+            (legend(names, (width - LEGEND - 20.0, top)))
         }
-        legend(&mut body, names, (width - LEGEND - 20.0, top));
-    }
-    Some(format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\">\n<style>{STYLE}</style>\n\
-         <rect width=\"{width}\" height=\"{height}\" fill=\"#fff\"/>\n{body}</svg>\n"
-    ))
+    };
+    Some(document([width, height], STYLE, &body))
 }
 
 /// Frame, axes, the bound, and a line per method.
-fn panel(svg: &mut String, column: &Column<'_>, names: &[String], (left, top): (f64, f64)) {
-    let [across, up] = column.span;
-    let share =
-        |[low, high]: [f64; 2], value: f64| ((value.log10() - low) / (high - low)).clamp(0.0, 1.0);
-    let (x, y) =
-        (|v: f64| left + share(across, v) * WIDE, |v: f64| top + HIGH - share(up, v) * HIGH);
-    let mut taken = f64::NEG_INFINITY;
-    for value in column.values() {
-        let (at, label) = (x(value), value.to_string());
-        let _ = writeln!(svg, "<path class=\"grid\" d=\"M{at:.1} {top}v{HIGH}\"/>");
-        // Labels that would run into the one before are left out.
-        let half = 0.5 * CHARACTER * label.len() as f64;
-        if at - half >= taken {
-            let _ = writeln!(
-                svg,
-                "<text x=\"{at:.1}\" y=\"{}\" text-anchor=\"middle\">{label}</text>",
-                top + HIGH + 16.0
-            );
-            taken = at + half;
-        }
-    }
-    for decade in up[0].ceil() as i32..=up[1].floor() as i32 {
-        let value = 10_f64.powi(decade);
-        let at = y(value);
-        let _ = writeln!(svg, "<path class=\"grid\" d=\"M{left} {at:.1}h{WIDE}\"/>");
-        let label = if value < 1.0 { value.to_string() } else { format!("{value:.0}") };
-        let _ = writeln!(
-            svg,
-            "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{label}</text>",
-            left - 6.0,
-            at + 4.0
-        );
-    }
-    let _ = writeln!(
-        svg,
-        "<rect class=\"frame\" x=\"{left}\" y=\"{top}\" width=\"{WIDE}\" height=\"{HIGH}\"/>"
-    );
-    let _ = writeln!(
-        svg,
-        "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
-        left + 0.5 * WIDE,
-        top + HIGH + 34.0,
-        column.heading
-    );
-    let _ = writeln!(
-        svg,
-        "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\" transform=\"rotate(-90 {0} {1})\">RMS error (samples)</text>",
-        left - 44.0,
-        top + 0.5 * HIGH
-    );
-    let path = |points: &[[f64; 2]]| {
-        points
-            .iter()
-            .map(|p| format!("{:.1} {:.1}", x(p[0]), y(p[1])))
-            .collect::<Vec<String>>()
-            .join("L")
-    };
+fn panel(column: &Column<'_>, names: &[String], panel: &Panel) -> Markup {
+    let decades = panel.up.from.ceil() as i32..=panel.up.to.floor() as i32;
+    let decade = |value: f64| if value < 1.0 { value.to_string() } else { format!("{value:.0}") };
+    let middle = (panel.left - 44.0, panel.top + 0.5 * panel.height);
     let bound = column.bound();
-    if !bound.is_empty() {
-        let _ = writeln!(svg, "<path class=\"bound\" d=\"M{}\"/>", path(&bound));
-    }
-    for (number, name) in names.iter().enumerate() {
-        let points = column.errors(name);
-        if points.is_empty() {
-            continue;
+    html! {
+        (values(column, panel))
+        @for value in decades.map(|d| 10_f64.powi(d)) { (panel.level(value, &decade(value))) }
+        (panel.frame())
+        (panel.across_label(34.0, column.heading))
+        g transform=(format!("rotate(-90 {} {})", px(middle.0), px(middle.1))) { (text(middle, "middle", "", "RMS error (samples)")) }
+        @if !bound.is_empty() { path .bound d=(panel.path(&bound)) {} }
+        @for (number, name) in names.iter().enumerate() {
+            @let (points, (colour, dashes)) = (column.errors(name), look(number));
+            @if !points.is_empty() {
+                path .line stroke=(colour) stroke-dasharray=[dashes] d=(panel.path(&points)) {}
+                @for [value, error] in points { circle cx=(px(panel.x(value))) cy=(px(panel.y(error))) r="3" fill=(colour) {} }
+            }
         }
-        let (colour, dashes) = look(number);
-        let _ = writeln!(
-            svg,
-            "<path class=\"line\" stroke=\"{colour}\"{dashes} d=\"M{}\"/>",
-            path(&points)
-        );
-        for [value, error] in points {
-            let _ = writeln!(
-                svg,
-                "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"3\" fill=\"{colour}\"/>",
-                x(value),
-                y(error)
-            );
+    }
+}
+
+/// A line up at every value of the key, and the labels that do not run into the one before.
+fn values(column: &Column<'_>, panel: &Panel) -> Markup {
+    let mut taken = f64::NEG_INFINITY;
+    let mut free = |at: f64, label: &str| {
+        let half = 0.5 * CHARACTER * label.len() as f64;
+        let free = at - half >= taken;
+        taken = if free { at + half } else { taken };
+        free
+    };
+    html! {
+        @for value in column.values() {
+            @let (at, label) = (panel.x(value), value.to_string());
+            path .grid d={ "M" (px(at)) " " (px(panel.top)) "v" (px(panel.height)) } {}
+            @if free(at, &label) { (text((at, panel.bottom() + 16.0), "middle", "", &label)) }
         }
     }
 }
 
 /// Colour and dashes of a line.
-fn look(number: usize) -> (&'static str, &'static str) {
+fn look(number: usize) -> (&'static str, Option<&'static str>) {
     let colour = COLOURS.get(number % COLOURS.len()).copied().unwrap_or("#000");
-    (colour, if number >= COLOURS.len() { " stroke-dasharray=\"3 3\"" } else { "" })
+    (colour, (number >= COLOURS.len()).then_some("3 3"))
 }
 
-fn legend(svg: &mut String, names: &[String], (left, top): (f64, f64)) {
-    let mut line = |row: usize, stroke: String, text: &str| {
-        let y = top + 12.0 + 17.0 * row as f64;
-        let _ = writeln!(svg, "<path {stroke} d=\"M{left} {y}h26\"/>");
-        let _ =
-            writeln!(svg, "<text x=\"{}\" y=\"{}\">{}</text>", left + 32.0, y + 4.0, escape(text));
-    };
-    line(0, "class=\"bound\"".to_owned(), "Cramér-Rao bound");
-    for (number, name) in names.iter().enumerate() {
-        let (colour, dashes) = look(number);
-        line(number + 1, format!("class=\"line\" stroke=\"{colour}\"{dashes}"), name);
+fn legend(names: &[String], (left, top): (f64, f64)) -> Markup {
+    let y = |row: usize| top + 12.0 + 17.0 * row as f64;
+    let name = |row: usize, name: &str| text((left + 32.0, y(row) + 4.0), "start", "", name);
+    let dash = |row: usize| format!("M{} {}h26", px(left), px(y(row)));
+    html! {
+        path .bound d=(dash(0)) {}
+        (name(0, "Cramér-Rao bound"))
+        @for (row, method) in (1..).zip(names) {
+            @let (colour, dashes) = look(row - 1);
+            path .line stroke=(colour) stroke-dasharray=[dashes] d=(dash(row)) {}
+            (name(row, method))
+        }
     }
 }
 

@@ -66,13 +66,10 @@ pub fn lines(checks: &[Check]) -> String {
     let mut text = String::new();
     for (ok, word) in [(Some(false), "LOOK"), (None, "  ? "), (Some(true), "  ok")] {
         // What cannot be told for one reason is one line, whatever the number of checks.
-        let mut said: Vec<(Vec<String>, &str)> = Vec::new();
+        let mut said: Vec<(Vec<&str>, &str)> = Vec::new();
         for check in checks.iter().filter(|c| c.ok == ok) {
-            let name = serde_json::to_value(check.check)
-                .ok()
-                .and_then(|v| v.as_str().map(str::to_owned))
-                .unwrap_or_default();
-            match said.iter_mut().find(|(_, finding)| ok.is_none() && *finding == check.finding) {
+            let name = check.check.name();
+            match said.iter_mut().find(|(_, finding)| ok.is_none() && *finding == &*check.finding) {
                 Some((names, _)) => names.push(name),
                 None => said.push((vec![name], &check.finding)),
             }

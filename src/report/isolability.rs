@@ -1,7 +1,7 @@
 //! What an excitation can tell apart, as a table.
 
 use super::styled::{WIDTH, wrapped};
-use super::text::Table;
+use super::text::{Table, unit};
 use deadtime_gap::{Isolability, Size};
 
 /// Every effect with the smallest size that would be seen and its closest rival, then the groups that look alike.
@@ -43,7 +43,7 @@ pub fn text(found: &Isolability) -> String {
 
 /// A size as it is read: the change of a parameter that is not 0 by nature, the limit itself.
 fn size(s: &Size) -> String {
-    let unit = if s.unit == "1" { String::new() } else { format!(" {}", s.unit) };
+    let unit = unit(&s.unit);
     match s.nominal {
         None => format!("{} {:.3e}{unit} and tighter", s.parameter, s.value),
         Some(0.0) => format!("{} {:.2e}{unit}", s.parameter, s.value.abs()),

@@ -17,48 +17,25 @@ pub fn xml(report: &GateReport) -> String {
     let of = |at: usize| report.worse.iter().filter(|f| f.group == at).collect::<Vec<&Finding>>();
     let counts = |groups: &[(usize, &GateGroup)]| {
         let failures = groups.iter().filter(|(at, _)| !of(*at).is_empty()).count();
-        let skipped = groups.iter().filter(|(_, g)| g.new).count();
-        (groups.len(), failures, skipped)
+        format!("tests=\"{}\" failures=\"{failures}\" errors=\"0\"", groups.len())
     };
     let all: Vec<(usize, &GateGroup)> = report.groups.iter().enumerate().collect();
-    let (tests, failures, _) = counts(&all);
-    let mut text = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n".to_owned();
-    text += &format!(
-        "<testsuites name=\"deadtime gate: {}\" tests=\"{tests}\" failures=\"{failures}\" errors=\"0\">\n",
-        escaped(&report.plan)
+    let plan = escaped(&report.plan);
+    let mut text = format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites name=\"deadtime gate: {plan}\" {}>\n",
+        counts(&all)
     );
     for (name, groups) in suites {
-        let (tests, failures, skipped) = counts(&groups);
         let suite = escaped(&name);
-        text += &format!(
-            "  <testsuite name=\"{suite}\" tests=\"{tests}\" failures=\"{failures}\" errors=\"0\" skipped=\"{skipped}\">\n"
-        );
+        let skipped = groups.iter().filter(|(_, g)| g.new).count();
+        text +=
+            &format!("  <testsuite name=\"{suite}\" {} skipped=\"{skipped}\">\n", counts(&groups));
         for (at, group) in groups {
-            let head = format!(
-                "    <testcase classname=\"{}.{suite}\" name=\"{}\"",
-                escaped(&report.plan),
-                escaped(&group.method)
+            text += &format!(
+                "    <testcase classname=\"{plan}.{suite}\" name=\"{}\"{}\n",
+                escaped(&group.method),
+                outcome(group.new, &of(at))
             );
-            let worse = of(at);
-            text += &match (group.new, worse.first()) {
-                (true, _) => format!(
-                    "{head}>\n      <skipped message=\"new: the baseline does not have it\"/>\n    </testcase>\n"
-                ),
-                (false, None) => format!("{head}/>\n"),
-                (false, Some(first)) => {
-                    let more = if worse.len() > 1 {
-                        format!(" (and {} more)", worse.len() - 1)
-                    } else {
-                        String::new()
-                    };
-                    let lines: String = worse.iter().map(|f| line(f) + "\n").collect();
-                    format!(
-                        "{head}>\n      <failure type=\"worse\" message=\"{}\">{}</failure>\n    </testcase>\n",
-                        escaped(&(line(first) + &more)),
-                        escaped(&lines)
-                    )
-                }
-            };
         }
         text += "  </testsuite>\n";
     }
@@ -66,6 +43,29 @@ pub fn xml(report: &GateReport) -> String {
         "  <!-- {} -->\n</testsuites>\n",
         escaped(&headline(report)).replace("--", "- -")
     )
+}
+
+/// The end of a test case: new, as good as before, or worse.
+fn outcome(new: bool, worse: &[&Finding]) -> String {
+    match (new, worse) {
+        (true, _) => {
+            ">\n      <skipped message=\"new: the baseline does not have it\"/>\n    </testcase>"
+                .to_owned()
+        }
+        (false, []) => "/>".to_owned(),
+        (false, [first, others @ ..]) => {
+            let more = match others.len() {
+                0 => String::new(),
+                count => format!(" (and {count} more)"),
+            };
+            let lines: String = worse.iter().map(|f| line(f) + "\n").collect();
+            format!(
+                ">\n      <failure type=\"worse\" message=\"{}\">{}</failure>\n    </testcase>",
+                escaped(&(line(first) + &more)),
+                escaped(&lines)
+            )
+        }
+    }
 }
 
 /// Text as it may stand in XML 1.0, in an attribute too; what may not stand there at all becomes U+FFFD.

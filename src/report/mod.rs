@@ -2,13 +2,14 @@
 
 pub mod blind;
 pub mod bounds;
-mod chart;
 pub mod checks;
 pub mod compare;
 pub mod diagnosis;
+mod drawing;
 pub mod effects;
 mod escape;
 pub mod estimate;
+mod facts;
 pub(crate) mod folder;
 pub mod gate;
 pub mod identify;
@@ -25,7 +26,7 @@ pub mod structured;
 pub mod study;
 pub mod styled;
 pub mod terminal;
-mod text;
+pub(crate) mod text;
 
 pub use folder::{save, save_study};
 pub use text::{Table, seconds};

@@ -1,9 +1,8 @@
 //! A picture of the answers: every method's dead time with its interval, above the estimated impulse response.
 
-use std::fmt::Write as _;
+use maud::{Markup, html};
 
-use super::chart::{Panel, ticks};
-use super::escape::escape;
+use super::drawing::{Panel, Scale, document, px, text, ticks};
 use super::estimate::A_HANDFUL;
 use deadtime_delay::report::{Estimate, Pair, Response};
 
@@ -37,48 +36,33 @@ const STYLE: &str = "text{font:14px sans-serif;fill:#222}text.caption{font-size:
 /// The picture as SVG; `sample_time_s` scales the responses' time axis.
 #[must_use]
 pub fn svg(pairs: &[Shown<'_>], sample_time_s: f64) -> String {
-    let (mut body, mut top) = (String::new(), 0.0);
-    for shown in pairs {
-        let axis = Axis::new(shown.pair, sample_time_s);
-        top = answers(&mut body, shown.pair, axis, top);
-        if let Some(response) = shown.response {
-            top = impulse(&mut body, response, axis, sample_time_s, top);
+    let (mut parts, mut top) = (Vec::new(), 0.0);
+    for Shown { pair, response } in pairs {
+        let rows = shown(pair);
+        let time = time_axis(&rows, sample_time_s);
+        let mut panel = |height: f64, up: Scale| {
+            let width = WIDTH - LEFT - RIGHT;
+            let panel = Panel { left: LEFT, top: top + CAPTION, width, height, across: time, up };
+            top = panel.bottom() + AXIS;
+            panel
+        };
+        let count = rows.len().max(2) as f64;
+        let up = Scale { from: count, to: 0.0, logarithmic: false };
+        parts.push(answers(pair, &rows, &panel(ROW * count, up)));
+        if let Some(response) = response {
+            let drawn = Stems::new(response, time.to, sample_time_s);
+            parts.push(drawn.within(&panel(RESPONSE, drawn.up())));
         }
     }
-    let height = top.max(1.0);
-    format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{WIDTH}\" height=\"{height}\" viewBox=\"0 0 {WIDTH} {height}\">\n<style>{STYLE}</style>\n\
-         <rect width=\"{WIDTH}\" height=\"{height}\" fill=\"#fff\"/>\n{body}</svg>\n"
-    )
+    document([WIDTH, top.max(1.0)], STYLE, &html! { @for part in &parts { (part) } })
 }
 
 /// The time axis that both parts of a pair share, so that a delay stands above the sample where the response begins.
-#[derive(Debug, Clone, Copy)]
-struct Axis {
-    from_s: f64,
-    to_s: f64,
-}
-
-impl Axis {
-    fn new(pair: &Pair, sample_time_s: f64) -> Self {
-        let reach = |e: &&Estimate| Some(e.ci95_s?[1].max(e.raw_delay_s?));
-        let longest = shown(pair)
-            .iter()
-            .filter(|e| e.counts())
-            .filter_map(reach)
-            .fold(4.0 * sample_time_s, f64::max);
-        Self { from_s: -0.05 * longest, to_s: 2.5 * longest }
-    }
-
-    /// What lies beyond the axis ends at it.
-    fn x(self, time_s: f64) -> f64 {
-        let share = ((time_s - self.from_s) / (self.to_s - self.from_s)).clamp(0.0, 1.0);
-        LEFT + share * (WIDTH - LEFT - RIGHT)
-    }
-
-    fn holds(self, time_s: f64) -> bool {
-        (self.from_s..self.to_s).contains(&time_s)
-    }
+fn time_axis(rows: &[&Estimate], sample_time_s: f64) -> Scale {
+    let reach = |e: &&Estimate| Some(e.ci95_s?[1].max(e.raw_delay_s?));
+    let counting = rows.iter().filter(|e| e.counts());
+    let longest = counting.filter_map(reach).fold(4.0 * sample_time_s, f64::max);
+    Scale { from: -0.05 * longest, to: 2.5 * longest, logarithmic: false }
 }
 
 /// The answers that are drawn: of many methods those that have a delay.
@@ -88,145 +72,107 @@ fn shown(pair: &Pair) -> Vec<&Estimate> {
 }
 
 /// Caption, frame and time axis of a plot.
-fn frame(svg: &mut String, caption: &str, axis: Axis, (top, height): (f64, f64)) {
-    let (middle, bottom, width) = (0.5 * WIDTH, top + height, WIDTH - LEFT - RIGHT);
-    let _ = writeln!(
-        svg,
-        "<text class=\"caption\" x=\"{middle}\" y=\"{}\" text-anchor=\"middle\">{caption}</text>",
-        top - 12.0
-    );
-    let _ = writeln!(
-        svg,
-        "<rect class=\"frame\" x=\"{LEFT}\" y=\"{top}\" width=\"{width}\" height=\"{height}\"/>"
-    );
-    for (time_s, label) in ticks(axis.from_s, axis.to_s, 8.0) {
-        let x = axis.x(time_s);
-        let _ = writeln!(svg, "<path class=\"tick\" d=\"M{x:.1} {bottom}v5\"/>");
-        let _ = writeln!(
-            svg,
-            "<text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{label}</text>",
-            bottom + 19.0
-        );
+fn frame(panel: &Panel, caption: &str) -> Markup {
+    let below = panel.bottom();
+    html! {
+        (text((0.5 * WIDTH, panel.top - 12.0), "middle", "caption", caption))
+        (panel.frame())
+        @for (time_s, label) in ticks(panel.across.from, panel.across.to, 8.0) {
+            path .tick d={ "M" (px(panel.x(time_s))) " " (px(below)) "v5" } {}
+            (text((panel.x(time_s), below + 19.0), "middle", "", &label))
+        }
+        (panel.across_label(37.0, "seconds"))
     }
-    let _ = writeln!(
-        svg,
-        "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">seconds</text>",
-        LEFT + 0.5 * width,
-        bottom + 37.0
-    );
 }
 
-/// One line per method: the interval as a bar, the dead time as a dot; the verdict as a band behind them. The height that all of it ends at.
-fn answers(svg: &mut String, pair: &Pair, axis: Axis, above: f64) -> f64 {
+/// One line per method: the interval as a bar, the dead time as a dot; the verdict as a band behind them.
+fn answers(pair: &Pair, rows: &[&Estimate], panel: &Panel) -> Markup {
     let target = if pair.output == "*" { "the states" } else { &pair.output };
-    let estimates = shown(pair);
-    let (top, height) = (above + CAPTION, ROW * estimates.len().max(2) as f64);
-    if let (Some(delay), Some([from, to])) = (pair.verdict.delay_s, pair.verdict.ci95_s) {
-        let (left, right, x) = (axis.x(from), axis.x(to), axis.x(delay));
-        let width = (right - left).max(0.5);
-        let _ = writeln!(
-            svg,
-            "<rect class=\"verdict\" x=\"{left:.1}\" y=\"{top}\" width=\"{width:.1}\" height=\"{height}\"/>"
-        );
-        let _ = writeln!(svg, "<path class=\"believed\" d=\"M{x:.1} {top}v{height}\"/>");
-    }
     let caption = format!(
-        "{} to {}: dead time by method, 95 % intervals (grey: not counted)",
-        escape(&pair.input),
-        escape(target)
+        "{} to {target}: dead time by method, 95 % intervals (grey: not counted)",
+        pair.input
     );
-    frame(svg, &caption, axis, (top, height));
-    for (i, estimate) in estimates.iter().enumerate() {
-        let y = top + ROW * (i as f64 + 0.5);
-        let text = y + 5.0;
-        let _ = writeln!(
-            svg,
-            "<text x=\"{}\" y=\"{text}\" text-anchor=\"end\">{}</text>",
-            LEFT - 8.0,
-            escape(&estimate.method)
-        );
-        let (Some(delay), Some([from, to])) = (estimate.delay_s, estimate.ci95_s) else {
-            let outcome = estimate.outcome.name().replace('_', " ");
-            let _ = writeln!(
-                svg,
-                "<text class=\"aside\" x=\"{}\" y=\"{text}\">{outcome}</text>",
-                LEFT + 8.0
-            );
-            continue;
+    let row = |(i, e): (usize, &&Estimate)| {
+        let y = panel.y(i as f64 + 0.5);
+        let bar = |aside: &str, delay: f64, [from, to]: [f64; 2]| {
+            html! {
+                path class={ "bar" (aside) } d={ "M" (px(panel.x(from))) " " (px(y)) "H" (px(panel.x(to))) } {}
+                @if (panel.across.from..panel.across.to).contains(&delay) {
+                    circle class={ "dot" (aside) } cx=(px(panel.x(delay))) cy=(px(y)) r="5" {}
+                }
+            }
         };
-        let aside = if estimate.counts() { "" } else { " aside" };
-        let _ = writeln!(
-            svg,
-            "<path class=\"bar{aside}\" d=\"M{:.1} {y}H{:.1}\"/>",
-            axis.x(from),
-            axis.x(to)
+        html! {
+            (text((LEFT - 8.0, y + 5.0), "end", "", &e.method))
+            @if let (Some(delay), Some(interval)) = (e.delay_s, e.ci95_s) {
+                (bar(if e.counts() { "" } else { " aside" }, delay, interval))
+            } @else {
+                (text((LEFT + 8.0, y + 5.0), "start", "aside", &e.outcome.name().replace('_', " ")))
+            }
+        }
+    };
+    html! {
+        @if let (Some(delay), Some([from, to])) = (pair.verdict.delay_s, pair.verdict.ci95_s) {
+            @let (left, right) = (panel.x(from), panel.x(to));
+            rect .verdict x=(px(left)) y=(px(panel.top)) width=(px((right - left).max(0.5))) height=(px(panel.height)) {}
+            path .believed d={ "M" (px(panel.x(delay))) " " (px(panel.top)) "v" (px(panel.height)) } {}
+        }
+        (frame(panel, &caption))
+        @for one in rows.iter().enumerate().map(row) { (one) }
+    }
+}
+
+/// The coefficients of a response over time.
+struct Stems<'a> {
+    response: &'a Response,
+    /// Those that the time axis holds.
+    count: usize,
+    sample_time_s: f64,
+}
+
+impl<'a> Stems<'a> {
+    fn new(response: &'a Response, to_s: f64, sample_time_s: f64) -> Self {
+        let inside = |i: &usize| *i as f64 * sample_time_s <= to_s;
+        let count = (0..response.values.len().min(response.std.len())).take_while(inside).count();
+        Self { response, count, sample_time_s }
+    }
+
+    fn at(&self, i: usize) -> f64 {
+        i as f64 * self.sample_time_s
+    }
+
+    fn band(&self, i: usize) -> f64 {
+        BAND * self.response.std[i]
+    }
+
+    fn up(&self) -> Scale {
+        let reach = (0..self.count)
+            .map(|i| self.response.values[i].abs().max(self.band(i)))
+            .fold(f64::MIN_POSITIVE, f64::max);
+        Scale::with_margin(-reach, reach, false)
+    }
+
+    /// The coefficients as stems, their threshold as a band.
+    fn within(&self, panel: &Panel) -> Markup {
+        let all = || 0..self.count;
+        let upper = all().map(|i| [self.at(i), self.band(i)]);
+        let lower = all().rev().map(|i| [self.at(i), -self.band(i)]);
+        let edge: Vec<[f64; 2]> = upper.chain(lower).collect();
+        let caption = format!(
+            "estimated impulse response; grey: {BAND} standard deviations (the dead time ends before the first stem outside)"
         );
-        if axis.holds(delay) {
-            let _ = writeln!(
-                svg,
-                "<circle class=\"dot{aside}\" cx=\"{:.1}\" cy=\"{y}\" r=\"5\"/>",
-                axis.x(delay)
-            );
+        html! {
+            @if !edge.is_empty() { path .band d={ (panel.path(&edge)) "Z" } {} }
+            @for (value, label) in ticks(panel.up.from, panel.up.to, 5.0) { (panel.level(value, &label)) }
+            (frame(panel, &caption))
+            @for i in all() {
+                @let (x, y) = (px(panel.x(self.at(i))), px(panel.y(self.response.values[i])));
+                @let out = if self.response.values[i].abs() > self.band(i) { " out" } else { "" };
+                path class={ "stem" (out) } d={ "M" (x) " " (px(panel.y(0.0))) "V" (y) } {}
+                circle class={ "tip" (out) } cx=(x) cy=(y) r="3" {}
+            }
         }
     }
-    top + height + AXIS
-}
-
-/// The coefficients as stems, their threshold as a band. The height that all of it ends at.
-fn impulse(
-    svg: &mut String,
-    response: &Response,
-    axis: Axis,
-    sample_time_s: f64,
-    above: f64,
-) -> f64 {
-    let at = |i: usize| i as f64 * sample_time_s;
-    let shown: Vec<usize> = (0..response.values.len()).filter(|&i| at(i) <= axis.to_s).collect();
-    let band = |i: usize| BAND * response.std[i];
-    let reach = shown
-        .iter()
-        .map(|&i| response.values[i].abs().max(band(i)))
-        .fold(f64::MIN_POSITIVE, f64::max);
-    let panel = Panel::new(above + CAPTION, RESPONSE, -reach, reach);
-    let point = |i: usize, value: f64| format!("{:.1} {:.1}", axis.x(at(i)), panel.y(value));
-    let edge: Vec<String> = shown
-        .iter()
-        .map(|&i| point(i, band(i)))
-        .chain(shown.iter().rev().map(|&i| point(i, -band(i))))
-        .collect();
-    if !edge.is_empty() {
-        let _ = writeln!(svg, "<path class=\"band\" d=\"M{}Z\"/>", edge.join("L"));
-    }
-    for (value, label) in ticks(panel.lowest, panel.highest, 5.0) {
-        let y = panel.y(value);
-        let _ = writeln!(svg, "<path class=\"grid\" d=\"M{LEFT} {y:.1}H{}\"/>", WIDTH - RIGHT);
-        let _ = writeln!(
-            svg,
-            "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{label}</text>",
-            LEFT - 8.0,
-            y + 5.0
-        );
-    }
-    let caption = format!(
-        "estimated impulse response; grey: {BAND} standard deviations (the dead time ends before the first stem outside)"
-    );
-    frame(svg, &caption, axis, (panel.top, panel.height));
-    for &i in &shown {
-        let (x, h) = (axis.x(at(i)), response.values[i]);
-        let out = if h.abs() > band(i) { " out" } else { "" };
-        let _ = writeln!(
-            svg,
-            "<path class=\"stem{out}\" d=\"M{x:.1} {:.1}V{:.1}\"/>",
-            panel.y(0.0),
-            panel.y(h)
-        );
-        let _ = writeln!(
-            svg,
-            "<circle class=\"tip{out}\" cx=\"{x:.1}\" cy=\"{:.1}\" r=\"3\"/>",
-            panel.y(h)
-        );
-    }
-    panel.top + panel.height + AXIS
 }
 
 #[cfg(test)]

@@ -84,32 +84,13 @@ impl Table {
     pub fn fit(&self, width: usize) -> String {
         let rows: Vec<Vec<String>> =
             self.rows.iter().map(|r| r.iter().map(|c| shown(c)).collect()).collect();
-        let count = rows.iter().map(Vec::len).max().unwrap_or(0);
-        // What a column must have: its numbers, and the longest word of what is wrapped.
-        let longest = |text: &str| text.split_whitespace().map(columns).max().unwrap_or(0);
-        let cells =
-            |c: usize| rows.iter().enumerate().filter_map(move |(r, row)| Some((r, row.get(c)?)));
-        let least = |c: usize| {
-            let of = |(r, text): (usize, &String)| {
-                if r == 0 || self.left.contains(&c) { longest(text) } else { columns(text) }
-            };
-            cells(c).map(of).max().unwrap_or(0).min(width / 2)
-        };
-        let whole = |c: usize| {
-            cells(c)
-                .filter(|(r, _)| *r > 0 || self.left.contains(&c))
-                .map(|(_, text)| columns(text))
-                .max()
-                .unwrap_or(0)
-        };
-        let (least, whole): (Vec<usize>, Vec<usize>) =
-            (0..count).map(|c| (least(c), whole(c).max(least(c)))).unzip();
-        let lead =
-            (0..count).take_while(|c| self.left.contains(c)).count().min(count.saturating_sub(1));
-        let taken = |parts: &[usize]| parts.iter().map(|c| 2 + least[*c]).sum::<usize>();
+        let room = self.room(&rows, width);
+        let lead = (0..room.len()).take_while(|c| self.left.contains(c)).count();
+        let lead = lead.min(room.len().saturating_sub(1));
+        let taken = |parts: &[usize]| parts.iter().map(|c| 2 + room[*c].least).sum::<usize>();
         let mut blocks: Vec<Vec<usize>> = vec![(0..lead).collect()];
-        for (c, room) in least.iter().enumerate().skip(lead) {
-            let full = blocks.last().is_none_or(|b| b.len() > lead && taken(b) + 2 + room > width);
+        for (c, Room { least, .. }) in room.iter().enumerate().skip(lead) {
+            let full = blocks.last().is_none_or(|b| b.len() > lead && taken(b) + 2 + least > width);
             if full {
                 blocks.push((0..lead).collect());
             }
@@ -118,42 +99,41 @@ impl Table {
             }
         }
         let block = |block: &Vec<usize>| {
-            let mut spare = width.saturating_sub(taken(block));
-            let mut widths: Vec<usize> = block
-                .iter()
-                .map(|&c| {
-                    let more = (whole[c] - least[c]).min(spare);
-                    spare -= more;
-                    least[c] + more
-                })
-                .collect();
-            // Words too long even so are broken, the longest first.
-            while widths.iter().map(|w| 2 + w).sum::<usize>() > width {
-                let Some(widest) = widths.iter_mut().max().filter(|w| **w > 4) else { break };
-                *widest -= 1;
-            }
-            let lines = |row: &Vec<String>| {
-                let of = |(at, c): (usize, &usize)| {
-                    wrapped(row.get(*c).map_or("", String::as_str), widths[at].max(1), 0)
-                };
-                let parts: Vec<Vec<String>> = block.iter().enumerate().map(of).collect();
-                let high = parts.iter().map(Vec::len).max().unwrap_or(0);
-                let line = |at: usize| {
-                    let cells = parts.iter().enumerate().map(|(i, lines)| {
-                        cell(
-                            lines.get(at).map_or("", String::as_str),
-                            widths[i],
-                            !self.left.contains(&block[i]),
-                        )
-                    });
-                    format!("  {}", cells.collect::<Vec<_>>().join("  ")).trim_end().to_owned()
-                        + "\n"
-                };
-                (0..high).map(line).collect::<String>()
-            };
-            rows.iter().map(lines).collect::<String>()
+            let widths = widths(block, &room, width);
+            rows.iter().map(|row| self.lines(row, block, &widths)).collect::<String>()
         };
         blocks.iter().map(block).collect::<Vec<_>>().join("\n")
+    }
+
+    /// What every column must have (its numbers, and the longest word of what is wrapped), and what it would like.
+    fn room(&self, rows: &[Vec<String>], width: usize) -> Vec<Room> {
+        let longest = |text: &str| text.split_whitespace().map(columns).max().unwrap_or(0);
+        let of = |c: usize| {
+            let cells =
+                || rows.iter().enumerate().filter_map(|(r, row)| Some((r, row.get(c)?.as_str())));
+            let left = self.left.contains(&c);
+            let least = |(r, text)| if r == 0 || left { longest(text) } else { columns(text) };
+            let least = cells().map(least).max().unwrap_or(0).min(width / 2);
+            let whole = cells().filter(|(r, _)| *r > 0 || left).map(|(_, text)| columns(text));
+            Room { least, whole: whole.max().unwrap_or(0).max(least) }
+        };
+        (0..rows.iter().map(Vec::len).max().unwrap_or(0)).map(of).collect()
+    }
+
+    /// A row of a block of columns, wrapped inside them.
+    fn lines(&self, row: &[String], block: &[usize], widths: &[usize]) -> String {
+        let of = |(c, width): (&usize, &usize)| {
+            wrapped(row.get(*c).map_or("", String::as_str), (*width).max(1), 0)
+        };
+        let parts: Vec<Vec<String>> = block.iter().zip(widths).map(of).collect();
+        let high = parts.iter().map(Vec::len).max().unwrap_or(0);
+        let line = |at: usize| {
+            let cells = parts.iter().zip(block).zip(widths).map(|((lines, c), width)| {
+                cell(lines.get(at).map_or("", String::as_str), *width, !self.left.contains(c))
+            });
+            format!("  {}", cells.collect::<Vec<_>>().join("  ")).trim_end().to_owned() + "\n"
+        };
+        (0..high).map(line).collect()
     }
 
     /// The same table in HTML, without style of its own.
@@ -200,6 +180,31 @@ impl Table {
     }
 }
 
+/// Characters of a column.
+struct Room {
+    least: usize,
+    whole: usize,
+}
+
+/// The widths of a block's columns: what is spare goes to the first that want more.
+fn widths(block: &[usize], room: &[Room], width: usize) -> Vec<usize> {
+    let mut spare = width.saturating_sub(block.iter().map(|&c| 2 + room[c].least).sum::<usize>());
+    let mut widths: Vec<usize> = block
+        .iter()
+        .map(|&c| {
+            let more = (room[c].whole - room[c].least).min(spare);
+            spare -= more;
+            room[c].least + more
+        })
+        .collect();
+    // Words too long even so are broken, the longest first.
+    while widths.iter().map(|w| 2 + w).sum::<usize>() > width {
+        let Some(widest) = widths.iter_mut().max().filter(|w| **w > 4) else { break };
+        *widest -= 1;
+    }
+    widths
+}
+
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let shown = Self {
@@ -225,6 +230,12 @@ impl fmt::Display for Table {
         }
         Ok(())
     }
+}
+
+/// A unit behind its number; nothing where it is 1.
+#[must_use]
+pub(crate) fn unit(unit: &str) -> String {
+    if unit.is_empty() || unit == "1" { String::new() } else { format!(" {unit}") }
 }
 
 /// Seconds with as many decimals as a resolution of `step_s` deserves.

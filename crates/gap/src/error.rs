@@ -1,6 +1,6 @@
 //! Whatever keeps a gap from being diagnosed.
 
-use crate::export::target::ExportError;
+use crate::export::source::ExportError;
 use crate::format::diagnosis::DiagnosisError;
 use crate::format::error::GapError;
 use deadtime_log::LogError;

@@ -28,7 +28,6 @@ mod pipeline;
 
 mod watch;
 
-pub use crate::answer::experiment::proposed;
 pub use crate::answer::force_profile::ForceProfile;
 pub use crate::answer::isolability::{
     Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size,
@@ -49,6 +48,7 @@ pub use crate::format::diagnosis::{
 };
 pub use crate::format::error::GapError;
 pub use crate::format::found::{FoundEffect, FoundParameter};
+pub use crate::format::next_experiment::{Advice, NextExperiment, Proposal, Signal};
 pub use crate::format::nuisance::NuisanceEstimate;
 pub use crate::format::place::{Band, Regime, TimeSpan, Where, WhereOutput};
 pub use crate::format::progress::Stage;

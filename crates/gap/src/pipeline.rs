@@ -35,6 +35,7 @@ use crate::format::diagnosis::{
     Cause, Check, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, Mode, NotTried,
 };
 use crate::format::error::GapError;
+use crate::format::next_experiment::NextExperiment;
 use crate::format::progress::Stage;
 use crate::input::first_part::Parts;
 use crate::input::inputs::{Inputs, Simulator};
@@ -58,6 +59,7 @@ use deadtime_model::ModelDocument;
 use deadtime_model::effect::{Applied, Scales};
 use deadtime_model::simulate::Dynamics;
 use deadtime_signal::progress::HowFar;
+use deadtime_signal::remedy::{Message, Remedy, Words};
 
 /// A diagnosis, and the model with the effects that it found.
 #[derive(Debug, Clone)]
@@ -74,12 +76,27 @@ pub struct Diagnosed {
     pub traces: Vec<Trace>,
     /// What was commanded, by log and then by input.
     pub commands: Vec<CommandTrace>,
+    /// The experiment that `next_experiment` of the diagnosis is about.
+    pub next_experiment: Option<NextExperiment>,
     /// What stays, as a force over what it goes with; `None` where nothing is told.
     pub missing_force: Option<ForceProfile>,
     /// What a reader has to know of the data.
     pub caveats: Vec<Caveat>,
     /// How often a simulator that can only be called was called; `None` for a model file.
     pub calls: Option<usize>,
+}
+
+impl Diagnosed {
+    /// The diagnosis with its findings and caveats in the words of a face.
+    #[must_use]
+    pub fn worded(mut self, words: Words) -> Self {
+        let checks = self.diagnosis.checks.iter_mut().map(|check| &mut check.finding);
+        let remainder = &mut self.diagnosis.cause.remainder;
+        let described = remainder.iter_mut().filter_map(|r| r.description.as_mut());
+        checks.chain(described.map(|d| &mut d.sentence)).for_each(|text| text.word(words));
+        self.caveats.iter_mut().for_each(|caveat| caveat.word(words));
+        self
+    }
 }
 
 /// As [`diagnose`], from files.
@@ -425,7 +442,7 @@ impl Answer<'_> {
         };
         let (mut contributions, recalibration, mut remainder) =
             budget.sections(composed.estimate.as_ref());
-        let cause = self.cause(&judgement);
+        let (cause, next_experiment) = self.cause(&judgement);
         share_classes(&mut contributions, &cause.indistinguishable);
         let mut missing_force = None;
         if composed.judged.verdict != GapVerdict::Effects {
@@ -488,6 +505,7 @@ impl Answer<'_> {
             handed_over: handed.effects,
             traces,
             commands,
+            next_experiment,
             missing_force: missing_force.flatten(),
             caveats,
             calls: None,
@@ -504,16 +522,16 @@ impl Answer<'_> {
         likelihood.records.iter().enumerate().map(predicted).collect()
     }
 
-    fn cause(&self, judgement: &Judgement) -> Cause {
+    fn cause(&self, judgement: &Judgement) -> (Cause, Option<NextExperiment>) {
         let after = |e: &_| {
             let residuals = trained(self.likelihood, e)?;
             overall(&Errors::of(self.likelihood.records, &residuals, |r| r.train).nrmse())
         };
         let Judgement { composed, sensitivities } = judgement;
-        let mut cause =
+        let (mut cause, next) =
             cause(self.likelihood, composed, self.found, self.scales, sensitivities, after);
         cause.not_tried.clone_from(&self.left_out);
-        cause
+        (cause, next)
     }
 
     fn caveats(&self, judged: &Judged) -> Vec<Caveat> {
@@ -521,17 +539,18 @@ impl Answer<'_> {
         let mut caveats = log_caveats(system, &self.inputs.records);
         caveats.extend(self.inputs.probed.iter().flat_map(|p| p.caveats.clone()));
         let remedy = match system.dynamics {
-            Dynamics::Equations(..) => {
-                "`deadtime identify --structure MODEL.toml --free all` fits them"
-            }
+            Dynamics::Equations(..) => Message::from(Remedy::FitParameters).and(" fits them"),
             Dynamics::Linear(_) | Dynamics::BlackBox(..) => {
-                "written as equations, the model's numbers are fitted by `deadtime identify --structure MODEL.toml --free all`"
+                Message::from("written as equations, the model's numbers are fitted by ")
+                    .and(Remedy::FitParameters)
             }
-            Dynamics::Sampled(..) => "`deadtime identify` fits a sampled model to the logs",
+            Dynamics::Sampled(..) => {
+                Message::from(Remedy::Identify).and(" fits a sampled model to the logs")
+            }
         };
         let of_the_numbers = |effect: &String| Caveat::OfTheNumbers {
             effect: effect.clone(),
-            remedy: remedy.to_owned(),
+            remedy: remedy.clone(),
         };
         caveats.extend(judged.of_the_numbers.iter().map(of_the_numbers));
         let named = judged.found.as_ref().is_some_and(|found| !found.effects.is_empty());

@@ -5,13 +5,15 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
 
-use super::error::OrRaise;
+use super::convert::text;
+use super::error::{OrRaise, call};
 use super::work::{long, long_told};
 use deadtime::blind::{
     BlindScore as Inner, CaseFiles, Existing, Limit, Outcome, RunOptions, find, load, run,
     run_case, score,
 };
 use deadtime::diagnose::{GapOptions, diagnose_files};
+use deadtime::remedy::Remedied;
 use deadtime::report::blind;
 
 /// How a case went: its name, `done`, `kept` or `failed`, the time that its diagnosis took, s, and why it failed.
@@ -21,7 +23,7 @@ fn told(id: &str, outcome: &Outcome) -> Told {
     let (word, time_s, error) = match outcome {
         Outcome::Done { time_s, .. } => ("done", Some(*time_s), None),
         Outcome::Kept => ("kept", None, None),
-        Outcome::Failed(error) => ("failed", None, Some(error.to_string())),
+        Outcome::Failed(error) => ("failed", None, Some(error.message().worded(call))),
     };
     (id.to_owned(), word, time_s, error)
 }
@@ -34,7 +36,7 @@ fn existing(fresh: bool) -> Existing {
 #[pyfunction]
 #[pyo3(signature = (cases, verdicts, jobs, fresh, seed, threads, progress))]
 #[allow(clippy::too_many_arguments)]
-fn _blind_run(
+pub(super) fn _blind_run(
     py: Python<'_>,
     cases: PathBuf,
     verdicts: PathBuf,
@@ -60,7 +62,7 @@ fn _blind_run(
             ..RunOptions::default()
         };
         let diagnose = |case: &CaseFiles| {
-            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis)
+            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.worded(call).diagnosis)
         };
         let progress = |id: &str, outcome: &Outcome| {
             news.lock().unwrap_or_else(PoisonError::into_inner).push(told(id, outcome))
@@ -72,13 +74,13 @@ fn _blind_run(
 
 /// The names of all cases in a folder, in order.
 #[pyfunction]
-fn _blind_cases(py: Python<'_>, cases: PathBuf) -> PyResult<Vec<String>> {
+pub(super) fn _blind_cases(py: Python<'_>, cases: PathBuf) -> PyResult<Vec<String>> {
     Ok(py.detach(|| find(&cases)).or_raise(py)?.into_iter().map(|(id, _)| id).collect())
 }
 
 /// Diagnoses one case, as `_blind_run` does each.
 #[pyfunction]
-fn _blind_case(
+pub(super) fn _blind_case(
     py: Python<'_>,
     case: PathBuf,
     id: String,
@@ -90,7 +92,7 @@ fn _blind_case(
     long(py, threads, move |stop| {
         let gap = GapOptions { seed, stop: stop.clone(), ..GapOptions::default() };
         let diagnose = |case: &CaseFiles| {
-            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis)
+            Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.worded(call).diagnosis)
         };
         match run_case(&id, CaseFiles::of(case, &id), &verdicts, existing(fresh), &diagnose) {
             Outcome::Failed(deadtime::study::Error::Stopped(stopped)) => Err(stopped.into()),
@@ -101,7 +103,7 @@ fn _blind_case(
 
 /// A report card as the crate holds it.
 #[pyclass(frozen, module = "deadtime._native", name = "BlindScore")]
-struct BlindScore(Inner);
+pub(super) struct BlindScore(Inner);
 
 #[pymethods]
 impl BlindScore {
@@ -118,8 +120,7 @@ impl BlindScore {
 
     /// `deadtime/blind-score@1`.
     fn json(&self) -> PyResult<String> {
-        serde_json::to_string_pretty(&self.0)
-            .map_err(|e| pyo3::exceptions::PyValueError::new_err(e.to_string()))
+        text(&self.0)
     }
 
     /// As the command line prints it.
@@ -144,11 +145,4 @@ impl BlindScore {
     fn check(py: Python<'_>, require: Vec<String>) -> PyResult<()> {
         require.iter().try_for_each(|text| text.parse::<Limit>().map(|_| ())).or_raise(py)
     }
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_class::<BlindScore>()?;
-    m.add_function(wrap_pyfunction!(_blind_run, m)?)?;
-    m.add_function(wrap_pyfunction!(_blind_cases, m)?)?;
-    m.add_function(wrap_pyfunction!(_blind_case, m)?)
 }

@@ -27,67 +27,63 @@ fn over(
 }
 
 #[pyfunction]
-fn _two_sensors_white(samples: usize, snr: f64) -> f64 {
+pub(super) fn _two_sensors_white(samples: usize, snr: f64) -> f64 {
     bound::two_sensors_white(samples, snr)
 }
 
 #[pyfunction]
-fn _two_sensors(duration_s: f64, band_hz: [f64; 2], coherence: &Bound<'_, PyAny>) -> PyResult<f64> {
+pub(super) fn _two_sensors(
+    duration_s: f64,
+    band_hz: [f64; 2],
+    coherence: &Bound<'_, PyAny>,
+) -> PyResult<f64> {
     over(coherence, |f| bound::two_sensors(duration_s, band_hz, f))
 }
 
 #[pyfunction]
-fn _reference_white(samples: usize, snr: f64) -> f64 {
+pub(super) fn _reference_white(samples: usize, snr: f64) -> f64 {
     bound::reference_white(samples, snr)
 }
 
 #[pyfunction]
-fn _reference(signal: Numbers<'_>, noise_std: f64) -> f64 {
+pub(super) fn _reference(signal: Numbers<'_>, noise_std: f64) -> f64 {
     bound::reference(&vector(&signal), noise_std)
 }
 
 #[pyfunction]
-fn _known_model(slope: Numbers<'_>, noise_std: f64) -> f64 {
+pub(super) fn _known_model(slope: Numbers<'_>, noise_std: f64) -> f64 {
     bound::known_model(&vector(&slope), noise_std)
 }
 
 /// The derivatives are of one length, which the Python side sees to.
 #[pyfunction]
-fn _joint(slope: Numbers<'_>, others: Vec<Numbers<'_>>, noise_std: f64) -> Option<f64> {
+pub(super) fn _joint(slope: Numbers<'_>, others: Vec<Numbers<'_>>, noise_std: f64) -> Option<f64> {
     let others: Vec<Vec<f64>> = others.iter().map(vector).collect();
     bound::joint(&vector(&slope), &others, noise_std)
 }
 
 #[pyfunction]
-fn _first_order_step(height: f64, lag_s: f64, sample_time_s: f64, noise_std: f64) -> (f64, f64) {
+pub(super) fn _first_order_step(
+    height: f64,
+    lag_s: f64,
+    sample_time_s: f64,
+    noise_std: f64,
+) -> (f64, f64) {
     let step = bound::FirstOrderStep { height, lag_s, sample_time_s, noise_std };
     (step.known(), step.joint())
 }
 
 #[pyfunction]
-fn _ziv_zakai(window: f64, distance: &Bound<'_, PyAny>) -> PyResult<f64> {
+pub(super) fn _ziv_zakai(window: f64, distance: &Bound<'_, PyAny>) -> PyResult<f64> {
     over(distance, |f| bound::ziv_zakai(window, f))
 }
 
 #[pyfunction]
-fn _anomaly_probability(peak: f64, cells: f64) -> f64 {
+pub(super) fn _anomaly_probability(peak: f64, cells: f64) -> f64 {
     bound::anomaly_probability(peak, cells)
 }
 
 #[pyfunction]
-fn _with_anomalies(std: f64, window: f64, probability: f64) -> f64 {
+pub(super) fn _with_anomalies(std: f64, window: f64, probability: f64) -> f64 {
     bound::with_anomalies(std, window, probability)
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(_two_sensors_white, m)?)?;
-    m.add_function(wrap_pyfunction!(_two_sensors, m)?)?;
-    m.add_function(wrap_pyfunction!(_reference_white, m)?)?;
-    m.add_function(wrap_pyfunction!(_reference, m)?)?;
-    m.add_function(wrap_pyfunction!(_known_model, m)?)?;
-    m.add_function(wrap_pyfunction!(_joint, m)?)?;
-    m.add_function(wrap_pyfunction!(_first_order_step, m)?)?;
-    m.add_function(wrap_pyfunction!(_ziv_zakai, m)?)?;
-    m.add_function(wrap_pyfunction!(_anomaly_probability, m)?)?;
-    m.add_function(wrap_pyfunction!(_with_anomalies, m)?)
 }

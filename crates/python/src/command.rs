@@ -6,10 +6,6 @@ use pyo3::prelude::*;
 
 /// Runs the program with these words, its own name first; its exit code.
 #[pyfunction]
-fn _command(py: Python<'_>, words: Vec<OsString>) -> u8 {
+pub(super) fn _command(py: Python<'_>, words: Vec<OsString>) -> u8 {
     py.detach(|| deadtime::cli::main(words))
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(_command, m)?)
 }

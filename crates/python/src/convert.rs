@@ -15,14 +15,28 @@ pub(super) fn object<'py>(
     py: Python<'py>,
     value: &impl serde::Serialize,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let text = serde_json::to_string(value).map_err(|e| PyValueError::new_err(e.to_string()))?;
-    py.import("json")?.call_method1("loads", (text,))
+    py.import("json")?.call_method1("loads", (compact(value)?,))
+}
+
+/// The same as text on one line.
+pub(super) fn compact(value: &impl serde::Serialize) -> PyResult<String> {
+    serde_json::to_string(value).map_err(value_error)
+}
+
+/// The same as the text of a file.
+pub(super) fn text(value: &impl serde::Serialize) -> PyResult<String> {
+    serde_json::to_string_pretty(value).map_err(value_error)
+}
+
+/// An error that only a caller's values can bring about.
+pub(super) fn value_error(error: impl std::fmt::Display) -> PyErr {
+    PyValueError::new_err(error.to_string())
 }
 
 /// The other way, for options and plans.
 pub(super) fn json(value: &Bound<'_, PyAny>) -> PyResult<serde_json::Value> {
     let text: String = value.py().import("json")?.call_method1("dumps", (value,))?.extract()?;
-    serde_json::from_str(&text).map_err(|e| PyValueError::new_err(e.to_string()))
+    serde_json::from_str(&text).map_err(value_error)
 }
 
 /// One number after the other, of an array or of anything that NumPy makes one of.

@@ -8,9 +8,9 @@ use pyo3::prelude::*;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
-use super::convert::{Numbers, array1, json as from_python, object, vector};
+use super::convert::{Numbers, array1, json as from_python, object, text, vector};
 use super::error::{OrRaise, call};
-use super::log::{Log, channel};
+use super::log::{Log, channel, copies};
 use super::model::Model;
 use super::work::long;
 use deadtime::delay::report::{Estimate, Pair, Report};
@@ -29,7 +29,7 @@ type Told<'py> = (String, Bound<'py, PyAny>);
 /// What was asked for, of samples: the keyword arguments of `deadtime.estimate`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-struct Asked {
+pub(super) struct Asked {
     name: String,
     inputs: Vec<String>,
     outputs: Vec<String>,
@@ -60,14 +60,14 @@ impl Asked {
             max_delay_s: self.max_delay,
             degree_bias: self.degree_bias,
             track: self.track,
-            ..Job::new(logs.iter().map(|log| log.0.clone()).collect(), self.inputs, self.outputs)
+            ..Job::new(copies(logs), self.inputs, self.outputs)
         })
     }
 }
 
 /// Every pair of inputs and outputs by every method.
 #[pyfunction]
-fn _estimate<'py>(
+pub(super) fn _estimate<'py>(
     py: Python<'py>,
     logs: Vec<PyRef<'_, Log>>,
     model: Option<PyRef<'_, Model>>,
@@ -82,7 +82,7 @@ fn _estimate<'py>(
 
 /// The delay between two sequences of event times, each with its name, unit and times.
 #[pyfunction]
-fn _estimate_events<'py>(
+pub(super) fn _estimate_events<'py>(
     py: Python<'py>,
     first: (String, Option<String>, Numbers<'py>),
     second: (String, Option<String>, Numbers<'py>),
@@ -110,7 +110,7 @@ fn _estimate_events<'py>(
 /// The delay in a frequency response: of a file, or of angular frequencies (rad/s), real and imaginary parts, and what is known of their noise.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
-fn _estimate_response<'py>(
+pub(super) fn _estimate_response<'py>(
     py: Python<'py>,
     path: Option<std::path::PathBuf>,
     omega: Numbers<'py>,
@@ -155,7 +155,7 @@ fn _estimate_response<'py>(
 
 /// The log of a step response: a step of this size beside the response.
 #[pyfunction]
-fn _of_step(
+pub(super) fn _of_step(
     py: Python<'_>,
     table: PyRef<'_, Log>,
     response: Option<String>,
@@ -167,7 +167,7 @@ fn _of_step(
 
 /// What is to be expected of each method, for each pair: (input, output, dict of method to dict or None).
 #[pyfunction]
-fn _expected<'py>(
+pub(super) fn _expected<'py>(
     py: Python<'py>,
     logs: Vec<PyRef<'_, Log>>,
     model: Option<PyRef<'_, Model>>,
@@ -192,7 +192,7 @@ fn _expected<'py>(
 /// The impulse response from one channel to another: coefficients and standard deviations, or None.
 #[pyfunction]
 #[allow(clippy::type_complexity)]
-fn _impulse_response<'py>(
+pub(super) fn _impulse_response<'py>(
     py: Python<'py>,
     logs: Vec<PyRef<'_, Log>>,
     input: String,
@@ -200,7 +200,7 @@ fn _impulse_response<'py>(
     detrend: &str,
 ) -> PyResult<Option<(Bound<'py, PyAny>, Bound<'py, PyAny>)>> {
     let detrend = choice("detrend", detrend)?;
-    let logs: Vec<_> = logs.iter().map(|log| log.0.clone()).collect();
+    let logs = copies(&logs);
     let response =
         long(py, None, move |_| Ok(delay::impulse_response(&logs, &input, &output, detrend)?))?;
     Ok(response.map(|r| (array1(py, r.values).into_any(), array1(py, r.std).into_any())))
@@ -208,7 +208,12 @@ fn _impulse_response<'py>(
 
 /// A log of two arrays, `u` and `y`, NaN where a sample is missing.
 #[pyfunction]
-fn _of_arrays(py: Python<'_>, u: Numbers<'_>, y: Numbers<'_>, sample_time: f64) -> PyResult<Log> {
+pub(super) fn _of_arrays(
+    py: Python<'_>,
+    u: Numbers<'_>,
+    y: Numbers<'_>,
+    sample_time: f64,
+) -> PyResult<Log> {
     let step = SampleTime::new(sample_time).or_raise(py)?;
     let (u, y) = (vector(&u), vector(&y));
     let time_s = (0..u.len()).map(|k| step.to_seconds(k as f64)).collect();
@@ -222,7 +227,7 @@ fn _of_arrays(py: Python<'_>, u: Numbers<'_>, y: Numbers<'_>, sample_time: f64) 
 
 /// The list of methods, in order.
 #[pyfunction]
-fn _methods(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
+pub(super) fn _methods(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
     let line = |m: &Method| {
         json!({
             "name": m.entry.name,
@@ -265,8 +270,6 @@ fn linear(py: Python<'_>, model: &Model) -> PyResult<ModelFile> {
 
 fn told<'py>(py: Python<'py>, report: &Report) -> PyResult<Told<'py>> {
     let report = report.clone().worded(call);
-    let file =
-        serde_json::to_string_pretty(&report).map_err(|e| PyValueError::new_err(e.to_string()))?;
     let row = |e: &Estimate| json!({ "class_": e.class, "counts": e.counts(), "distrust": e.distrust, "contradicted": e.contradicted });
     let pair = |p: &Pair| {
         json!({
@@ -282,16 +285,5 @@ fn told<'py>(py: Python<'py>, report: &Report) -> PyResult<Told<'py>> {
         "full": full(&report).trim_end(),
         "pairs": report.pairs.iter().map(pair).collect::<Vec<_>>(),
     });
-    Ok((file, object(py, &beside)?))
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(_estimate, m)?)?;
-    m.add_function(wrap_pyfunction!(_estimate_events, m)?)?;
-    m.add_function(wrap_pyfunction!(_estimate_response, m)?)?;
-    m.add_function(wrap_pyfunction!(_of_step, m)?)?;
-    m.add_function(wrap_pyfunction!(_expected, m)?)?;
-    m.add_function(wrap_pyfunction!(_impulse_response, m)?)?;
-    m.add_function(wrap_pyfunction!(_of_arrays, m)?)?;
-    m.add_function(wrap_pyfunction!(_methods, m)?)
+    Ok((text(&report)?, object(py, &beside)?))
 }

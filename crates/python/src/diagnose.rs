@@ -11,16 +11,16 @@ use pyo3::exceptions::{PyException, PyKeyError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 
-use super::convert::{Numbers, Table, array1, matrix, object, vector};
+use super::convert::{Numbers, Table, array1, matrix, object, text, vector};
 use super::error::{OrRaise, call, raise};
-use super::log::{Log, channels};
+use super::log::{Log, channels, copies};
 use super::model::Model;
 use super::work::long;
 use deadtime::diagnose::{
     Diagnosed, GapOptions, Mode, Stage, Subject, clocks, diagnose, inspect, isolability,
 };
 use deadtime::effect::{Applied, Chance};
-use deadtime::log::{Log as InnerLog, ReadOptions, open};
+use deadtime::log::{ReadOptions, open};
 use deadtime::model::ModelDocument;
 use deadtime::progress::HowFar;
 use deadtime::report;
@@ -418,10 +418,6 @@ impl What {
     }
 }
 
-fn copies(logs: &[PyRef<'_, Log>]) -> Vec<InnerLog> {
-    logs.iter().map(|log| log.0.clone()).collect()
-}
-
 fn options(
     prediction: Option<&str>,
     horizon: Option<usize>,
@@ -453,7 +449,7 @@ fn mode(prediction: Option<&Bound<'_, PyString>>) -> PyResult<Option<String>> {
 /// The gap between a model or simulator and logs.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
-fn _gap(
+pub(super) fn _gap(
     py: Python<'_>,
     subject: &Bound<'_, PyAny>,
     logs: Vec<PyRef<'_, Log>>,
@@ -485,7 +481,7 @@ fn _gap(
         };
         let options =
             GapOptions { rows, ..options(prediction.as_deref(), horizon, max_delay, seed, stop) };
-        Ok(diagnose(what.subject(), &logs, &holdout, &options, &tell)?)
+        Ok(diagnose(what.subject(), &logs, &holdout, &options, &tell)?.worded(call))
     };
     let found = raised.over(py, long(py, threads, work))?;
     let simulator = match subject.cast::<PySimulator>() {
@@ -497,7 +493,7 @@ fn _gap(
 
 /// The checks of a model or simulator and logs that need no diagnosis: deadtime/check@1 as text, and what the command line prints.
 #[pyfunction]
-fn _check(
+pub(super) fn _check(
     py: Python<'_>,
     subject: &Bound<'_, PyAny>,
     logs: Vec<PyRef<'_, Log>>,
@@ -514,16 +510,15 @@ fn _check(
         for file in &files {
             found.clocks.push(clocks(&open(file, &ReadOptions::default())?, &wanted));
         }
-        found.not_run = found.not_run.map(|why| why.worded(call).into());
-        Ok(found)
+        Ok(found.worded(call))
     };
     let found = raised.over(py, long(py, threads, work))?;
-    Ok((json(&found)?, report::checks::text(&found)))
+    Ok((text(&found)?, report::checks::text(&found)))
 }
 
 /// What logs can tell apart: deadtime/isolability@1 as text, and what the command line prints.
 #[pyfunction]
-fn _isolability(
+pub(super) fn _isolability(
     py: Python<'_>,
     subject: &Bound<'_, PyAny>,
     logs: Vec<PyRef<'_, Log>>,
@@ -544,11 +539,7 @@ fn _isolability(
         )?)
     };
     let found = raised.over(py, long(py, threads, work))?;
-    Ok((json(&found)?, report::isolability::text(&found)))
-}
-
-fn json(found: &impl serde::Serialize) -> PyResult<String> {
-    serde_json::to_string_pretty(found).map_err(|e| PyValueError::new_err(e.to_string()))
+    Ok((text(&found)?, report::isolability::text(&found)))
 }
 
 /// A diagnosis with what stands behind it.
@@ -562,7 +553,7 @@ pub(super) struct PyDiagnosed {
 impl PyDiagnosed {
     /// deadtime/diagnosis@2.
     fn to_json(&self) -> PyResult<String> {
-        json(&self.found.diagnosis)
+        text(&self.found.diagnosis)
     }
 
     /// The sentences.
@@ -625,12 +616,4 @@ impl PyDiagnosed {
         };
         self.found.traces.iter().map(one).collect()
     }
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_class::<PySimulator>()?;
-    m.add_class::<PyDiagnosed>()?;
-    m.add_function(wrap_pyfunction!(_gap, m)?)?;
-    m.add_function(wrap_pyfunction!(_check, m)?)?;
-    m.add_function(wrap_pyfunction!(_isolability, m)?)
 }

@@ -11,7 +11,7 @@ use deadtime::simulate::System;
 
 /// All effects in general, or on every channel of a model that each can act on.
 #[pyfunction]
-fn _effects<'py>(py: Python<'py>, model: Option<&Model>) -> PyResult<Bound<'py, PyAny>> {
+pub(super) fn _effects<'py>(py: Python<'py>, model: Option<&Model>) -> PyResult<Bound<'py, PyAny>> {
     match model {
         None => object(py, &lines_data(&table())),
         // Where operating points are a log's means, their values do not matter here.
@@ -19,8 +19,4 @@ fn _effects<'py>(py: Python<'py>, model: Option<&Model>) -> PyResult<Bound<'py, 
             object(py, &menu_data(&menu(&System::new(&model.0, |_| Ok(0.0)).or_raise(py)?)))
         }
     }
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(_effects, m)?)
 }

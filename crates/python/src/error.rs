@@ -8,7 +8,7 @@ use deadtime::Error;
 use deadtime::remedy::{Remedied, Remedy};
 
 /// The classes of `deadtime.errors`, beside their base `DeadtimeError`; a test holds them against the module.
-const CLASSES: [&str; 13] = [
+pub(super) const CLASSES: [&str; 13] = [
     "TimeError",
     "LogError",
     "ModelError",
@@ -81,10 +81,6 @@ impl<T, E: Into<Error>> OrRaise<T> for Result<T, E> {
     }
 }
 
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add("ERROR_CLASSES", CLASSES)
-}
-
 /// What the operating system said, without the number that stands beside it.
 fn os_message(source: &std::io::Error) -> String {
     let text = source.to_string();
@@ -99,6 +95,11 @@ pub(super) fn call(remedy: &Remedy) -> String {
         Remedy::Model => "model=",
         Remedy::Rename => "`log.rename({name: column})`",
         Remedy::ColumnOf { channel } => return format!("`log.rename({{\"{channel}\": column}})`"),
+        Remedy::Columns { of } => {
+            let each: Vec<String> =
+                of.iter().map(|(name, column)| format!("\"{name}\": \"{column}\"")).collect();
+            return format!("`log.rename({{{}}})`", each.join(", "));
+        }
         Remedy::NewNames => "the new names make",
         Remedy::Events => "them to deadtime.estimate_events",
         Remedy::Channels => "input= and output=",
@@ -112,6 +113,9 @@ pub(super) fn call(remedy: &Remedy) -> String {
         Remedy::ClosedLoop => "loop=\"closed\"",
         Remedy::Delay => "delay=",
         Remedy::States => "states={name: (channel, std)}",
+        Remedy::Candidate { term } => return format!("`model.with_candidate(\"{term}\")`"),
+        Remedy::FitParameters => "`deadtime.identify_structure(log, model, \"all\")`",
+        Remedy::Identify => "`deadtime.identify`",
         Remedy::RestartEvery => "restart_every=",
         Remedy::LookAt => "rows=",
         Remedy::ExportOption { name } => return format!("{name}="),

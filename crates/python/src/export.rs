@@ -11,7 +11,7 @@ use deadtime::export::{Source, TARGETS, export};
 /// A diagnosis, its text given, for a target: as JSON and as YAML.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
-fn _export(
+pub(super) fn _export(
     py: Python<'_>,
     text: &str,
     source: String,
@@ -37,11 +37,6 @@ fn _export(
 
 /// Name and summary of every target.
 #[pyfunction]
-fn _targets() -> Vec<(&'static str, &'static str)> {
+pub(super) fn _targets() -> Vec<(&'static str, &'static str)> {
     TARGETS.iter().map(|t| (t.name, t.summary)).collect()
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(_export, m)?)?;
-    m.add_function(wrap_pyfunction!(_targets, m)?)
 }

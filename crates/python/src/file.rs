@@ -10,19 +10,19 @@ use deadtime::file::{Lock as Inner, read_text, write_atomic};
 
 /// Writes bytes under a temporary name, which becomes the file's once it is whole.
 #[pyfunction]
-fn _write_whole(py: Python<'_>, path: PathBuf, bytes: &[u8]) -> PyResult<()> {
+pub(super) fn _write_whole(py: Python<'_>, path: PathBuf, bytes: &[u8]) -> PyResult<()> {
     py.detach(|| write_atomic(&path, |out| out.write_all(bytes))).or_raise(py)
 }
 
 /// The text of a file that says what to do.
 #[pyfunction]
-fn _read_text(py: Python<'_>, path: PathBuf) -> PyResult<String> {
+pub(super) fn _read_text(py: Python<'_>, path: PathBuf) -> PyResult<String> {
     py.detach(|| read_text(&path)).or_raise(py)
 }
 
 /// Held while a run writes to a folder.
 #[pyclass(frozen, module = "deadtime._native", name = "Lock")]
-struct Lock(Mutex<Option<Inner>>);
+pub(super) struct Lock(Mutex<Option<Inner>>);
 
 #[pymethods]
 impl Lock {
@@ -36,10 +36,4 @@ impl Lock {
     fn close(&self) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
     }
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_class::<Lock>()?;
-    m.add_function(wrap_pyfunction!(_read_text, m)?)?;
-    m.add_function(wrap_pyfunction!(_write_whole, m)?)
 }

@@ -1,11 +1,10 @@
 //! Models from logs: [`deadtime::identify::subspace`].
 
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde_json::Value;
 
-use super::convert::json as from_python;
-use super::log::Log;
+use super::convert::{json as from_python, text as as_text};
+use super::log::{Log, copies, sources};
 use super::model::Model;
 use super::work::long;
 use deadtime::delay::{TakenOut, identify_behind_delays};
@@ -17,7 +16,7 @@ use deadtime::report::identify::Report;
 /// What was asked for: the keyword arguments of `deadtime.identify`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-struct Asked {
+pub(super) struct Asked {
     name: String,
     inputs: Vec<String>,
     outputs: Vec<String>,
@@ -32,7 +31,7 @@ struct Asked {
 
 /// The model, the text of `deadtime/identify@1`, and what the command line prints.
 #[pyfunction]
-fn _identify(
+pub(super) fn _identify(
     py: Python<'_>,
     logs: Vec<PyRef<'_, Log>>,
     holdout: Vec<PyRef<'_, Log>>,
@@ -46,25 +45,17 @@ fn _identify(
         "none" => TakenOut::Nothing,
         _ => TakenOut::Given(asked.delays.clone()),
     };
-    let copies = |logs: &[PyRef<'_, Log>]| logs.iter().map(|log| log.0.clone()).collect::<Vec<_>>();
     let (logs, holdout) = (copies(&logs), copies(&holdout));
     let (file, data, text) = long(py, threads, move |stop| {
         let all = Recordings::from_logs(&logs, &asked.inputs, &asked.outputs)?;
         let (learnt, judged, held_out) = if holdout.is_empty() {
             let (learnt, judged) = all.split(asked.learnt);
-            (
-                learnt,
-                judged,
-                format!("the last {:.0} % of each record", 100.0 * (1.0 - asked.learnt)),
-            )
+            let held_out = 100.0 * (1.0 - asked.learnt);
+            (learnt, judged, format!("the last {held_out:.0} % of each record"))
         } else {
             let judged = Recordings::from_logs(&holdout, &asked.inputs, &asked.outputs)?;
             all.sample_time.must_equal(judged.sample_time)?;
-            (
-                all,
-                judged,
-                holdout.iter().map(|l| l.source().to_owned()).collect::<Vec<_>>().join(", "),
-            )
+            (all, judged, sources(&holdout).join(", "))
         };
         let found = identify_behind_delays(
             &learnt,
@@ -77,7 +68,7 @@ fn _identify(
         let file = found.model.file(&asked.name, &found.delays, asked.continuous)?;
         let judged = judged.behind_delays(&found.delays)?;
         let report = Report {
-            logs: logs.iter().map(|l| l.source().to_owned()).collect(),
+            logs: sources(&logs),
             model: &found.model,
             delays: &found.delays,
             delay_notes: found.notes,
@@ -87,11 +78,5 @@ fn _identify(
         };
         Ok((file, report.data()?, report.text()))
     })?;
-    let data =
-        serde_json::to_string_pretty(&data).map_err(|e| PyValueError::new_err(e.to_string()))?;
-    Ok((Model(ModelDocument::Lti(file)), data, text.trim_end().to_owned()))
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(_identify, m)?)
+    Ok((Model(ModelDocument::Lti(file)), as_text(&data)?, text.trim_end().to_owned()))
 }

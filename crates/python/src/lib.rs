@@ -25,33 +25,66 @@ mod study;
 mod track;
 mod work;
 
-use pyo3::prelude::*;
+/// What `deadtime._native` holds.
+#[pyo3::pymodule(name = "_native")]
+mod native {
+    use pyo3::prelude::*;
 
-#[pymodule(name = "_native")]
-fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    blind::add(m)?;
-    bound::add(m)?;
+    #[pymodule_export]
+    use super::blind::{_blind_case, _blind_cases, _blind_run, BlindScore};
+    #[pymodule_export]
+    use super::bound::{
+        _anomaly_probability, _first_order_step, _joint, _known_model, _reference,
+        _reference_white, _two_sensors, _two_sensors_white, _with_anomalies, _ziv_zakai,
+    };
     #[cfg(feature = "cli")]
-    command::add(m)?;
-    compare::add(m)?;
-    delay::add(m)?;
-    diagnose::add(m)?;
-    effect::add(m)?;
-    error::add(m)?;
-    export::add(m)?;
-    file::add(m)?;
-    identify::add(m)?;
-    log::add(m)?;
-    model::add(m)?;
-    response::add(m)?;
-    signal::add(m)?;
-    simulate::add(m)?;
-    state_space::add(m)?;
-    structure::add(m)?;
-    study::add(m)?;
-    track::add(m)?;
-    work::add(m)?;
-    // The list of names that `add` keeps is for `import *`, which nobody does here.
-    m.delattr("__all__")
+    #[pymodule_export]
+    use super::command::_command;
+    #[pymodule_export]
+    use super::compare::_compare;
+    #[pymodule_export]
+    use super::delay::{
+        _estimate, _estimate_events, _estimate_response, _expected, _impulse_response, _methods,
+        _of_arrays, _of_step,
+    };
+    #[pymodule_export]
+    use super::diagnose::{_check, _gap, _isolability, PyDiagnosed, PySimulator};
+    #[pymodule_export]
+    use super::effect::_effects;
+    #[pymodule_export]
+    use super::export::{_export, _targets};
+    #[pymodule_export]
+    use super::file::{_read_text, _write_whole, Lock};
+    #[pymodule_export]
+    use super::identify::_identify;
+    #[pymodule_export]
+    use super::log::{_name_and_unit, _of_columns, Log};
+    #[pymodule_export]
+    use super::model::{_model, _uav, Model};
+    #[pymodule_export]
+    use super::response::_frequency_response;
+    #[pymodule_export]
+    use super::signal::{_add_noise, _excitations, _excite, _of_channel};
+    #[pymodule_export]
+    use super::simulate::{_c2d, _conversions, _d2c, _dare, _dlqr, _lsim, _same_time, _simulate};
+    #[pymodule_export]
+    use super::state_space::{_transfer_function, StateSpace, TransferFunction};
+    #[pymodule_export]
+    use super::structure::{_identify_structure, _match_structure};
+    #[pymodule_export]
+    use super::study::{
+        _estimates, _plans, _plants, _study, GateReport, Plan, Runner, StudyResult, Tasks,
+    };
+    #[pymodule_export]
+    use super::track::Running;
+    #[pymodule_export]
+    use super::work::_busy;
+
+    #[pymodule_init]
+    fn init(m: &Bound<'_, PyModule>) -> PyResult<()> {
+        m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        m.add("ERROR_CLASSES", super::error::CLASSES)?;
+        // The list of names that a module keeps is for `import *`, which nobody does here.
+        m.delattr("__all__")
+    }
 }

@@ -7,7 +7,7 @@ use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::convert::{Numbers, array1, vector};
+use super::convert::{Numbers, array1, compact, vector};
 use super::error::{OrRaise, call};
 use deadtime::log::{
     Channel, Log as Inner, ReadOptions, Stamps, TimeUnit, Wanted, csv, name_and_unit, open,
@@ -155,7 +155,7 @@ impl Log {
             .detach(|| open(&path, &options).map(|recording| recording.listing()))
             .or_raise(py)?;
         listing.notes = listing.notes.worded(call);
-        serde_json::to_string(&listing).map_err(|e| PyValueError::new_err(e.to_string()))
+        compact(&listing)
     }
 
     /// Writes the log to `path` as CSV (.csv, or .csv.gz), under a temporary name until it is whole.
@@ -312,6 +312,16 @@ impl Log {
     }
 }
 
+/// Copies of logs, for work without the interpreter's lock.
+pub(super) fn copies(logs: &[PyRef<'_, Log>]) -> Vec<Inner> {
+    logs.iter().map(|log| log.0.clone()).collect()
+}
+
+/// What error messages call logs.
+pub(super) fn sources(logs: &[Inner]) -> Vec<String> {
+    logs.iter().map(|log| log.source().to_owned()).collect()
+}
+
 /// A channel of samples, NaN where one is missing.
 pub(super) fn channel(name: &str, unit: Option<&str>, values: Vec<f64>) -> Channel {
     match marked(values) {
@@ -329,7 +339,7 @@ fn marked(values: Vec<f64>) -> (Vec<f64>, Option<Vec<bool>>) {
 
 /// A log of columns headed `name` or `name [unit]`, NaN where a sample is missing, and of columns that hold something else at a sample.
 #[pyfunction]
-fn _of_columns(
+pub(super) fn _of_columns(
     py: Python<'_>,
     source: &str,
     time: Numbers<'_>,
@@ -350,12 +360,6 @@ fn _of_columns(
 
 /// `name [unit]` as the two.
 #[pyfunction]
-fn _name_and_unit(header: &str) -> (&str, Option<&str>) {
+pub(super) fn _name_and_unit(header: &str) -> (&str, Option<&str>) {
     name_and_unit(header)
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_class::<Log>()?;
-    m.add_function(wrap_pyfunction!(_of_columns, m)?)?;
-    m.add_function(wrap_pyfunction!(_name_and_unit, m)?)
 }

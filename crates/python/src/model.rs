@@ -392,7 +392,7 @@ impl Model {
 
 /// The quadrotor of the thesis: one of its four dynamics, or the whole.
 #[pyfunction]
-fn _uav(py: Python<'_>, name: Option<&str>) -> PyResult<Model> {
+pub(super) fn _uav(py: Python<'_>, name: Option<&str>) -> PyResult<Model> {
     let (name, sys, parts) = match name {
         None => ("uav", uav::model(), Dynamics::ALL.to_vec()),
         Some(name) => match Dynamics::ALL.into_iter().find(|d| d.name() == name) {
@@ -421,12 +421,6 @@ fn _uav(py: Python<'_>, name: Option<&str>) -> PyResult<Model> {
 
 /// A model from the text of its file, for pickle.
 #[pyfunction]
-fn _model(py: Python<'_>, text: &str, source: &str) -> PyResult<Model> {
+pub(super) fn _model(py: Python<'_>, text: &str, source: &str) -> PyResult<Model> {
     Model::from_toml(py, text, source)
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_class::<Model>()?;
-    m.add_function(wrap_pyfunction!(_uav, m)?)?;
-    m.add_function(wrap_pyfunction!(_model, m)?)
 }

@@ -17,7 +17,7 @@ use deadtime::time::SampleTime;
 
 /// The first samples of an excitation, as `deadtime excite` makes them.
 #[pyfunction]
-fn _excite<'py>(
+pub(super) fn _excite<'py>(
     py: Python<'py>,
     kind: &str,
     samples: usize,
@@ -33,7 +33,7 @@ fn _excite<'py>(
 
 /// A log of one channel on an even grid.
 #[pyfunction]
-fn _of_channel(
+pub(super) fn _of_channel(
     py: Python<'_>,
     channel: &str,
     values: Numbers<'_>,
@@ -52,14 +52,14 @@ fn _of_channel(
 
 /// The list of excitations, in order.
 #[pyfunction]
-fn _excitations(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
+pub(super) fn _excitations(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
     let line = |e: &deadtime::registry::Entry<dyn deadtime::signal::Excitation>| json!({ "name": e.name, "summary": e.summary, "options": (e.defaults)() });
     object(py, &EXCITATIONS.iter().map(line).collect::<Vec<_>>())
 }
 
 /// A signal with noise; `noise` holds its spectrum and scaling as a plan has them.
 #[pyfunction]
-fn _add_noise<'py>(
+pub(super) fn _add_noise<'py>(
     py: Python<'py>,
     signal: Numbers<'py>,
     snr: f64,
@@ -72,11 +72,4 @@ fn _add_noise<'py>(
     let noisy =
         py.detach(|| noise.add(&signal, &mut ChaCha8Rng::seed_from_u64(seed))).or_raise(py)?;
     Ok(array1(py, noisy))
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(_excite, m)?)?;
-    m.add_function(wrap_pyfunction!(_excitations, m)?)?;
-    m.add_function(wrap_pyfunction!(_of_channel, m)?)?;
-    m.add_function(wrap_pyfunction!(_add_noise, m)?)
 }

@@ -23,7 +23,7 @@ fn domain(what: &'static str, needed: &'static str, found: &'static str) -> Mode
 }
 
 #[pyfunction]
-fn _c2d(
+pub(super) fn _c2d(
     py: Python<'_>,
     system: &StateSpace,
     sample_time: f64,
@@ -42,7 +42,7 @@ fn _c2d(
 }
 
 #[pyfunction]
-fn _d2c(py: Python<'_>, system: &StateSpace) -> PyResult<StateSpace> {
+pub(super) fn _d2c(py: Python<'_>, system: &StateSpace) -> PyResult<StateSpace> {
     match &system.0 {
         Either::Sampled(sys) => Ok(StateSpace(Either::Continuous(d2c(sys).or_raise(py)?))),
         Either::Continuous(_) => Err(raise(py, domain("d2c", "sampled", "continuous"))),
@@ -51,14 +51,14 @@ fn _d2c(py: Python<'_>, system: &StateSpace) -> PyResult<StateSpace> {
 
 /// Conversions with their options and defaults.
 #[pyfunction]
-fn _conversions(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
+pub(super) fn _conversions(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
     let lines: Vec<_> = CONVERSIONS.iter().map(deadtime::registry::Entry::data).collect();
     object(py, &lines)
 }
 
 /// The system is sampled with this sample time.
 #[pyfunction]
-fn _same_time(py: Python<'_>, system: &StateSpace, sample_time: f64) -> PyResult<()> {
+pub(super) fn _same_time(py: Python<'_>, system: &StateSpace, sample_time: f64) -> PyResult<()> {
     let sample_time = SampleTime::new(sample_time).or_raise(py)?;
     match &system.0 {
         Either::Sampled(sys) => sys.sample_time().must_equal(sample_time).or_raise(py),
@@ -77,7 +77,7 @@ fn hold_of(name: &str) -> PyResult<Hold> {
 /// Outputs and states of a system under an input of samples × inputs.
 #[pyfunction]
 #[allow(clippy::type_complexity, clippy::too_many_arguments)]
-fn _lsim<'py>(
+pub(super) fn _lsim<'py>(
     py: Python<'py>,
     system: &StateSpace,
     u: &Bound<'py, PyAny>,
@@ -128,7 +128,7 @@ fn _lsim<'py>(
 /// A model on the inputs of a log: the simulated log, and the nrmse of each output that the log has too, None where there is none.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
-fn _simulate<'py>(
+pub(super) fn _simulate<'py>(
     py: Python<'py>,
     model: &Model,
     log: &Log,
@@ -165,7 +165,7 @@ fn _simulate<'py>(
 
 #[pyfunction]
 #[allow(non_snake_case, clippy::type_complexity)]
-fn _dlqr<'py>(
+pub(super) fn _dlqr<'py>(
     py: Python<'py>,
     A: &Bound<'py, PyAny>,
     B: &Bound<'py, PyAny>,
@@ -183,7 +183,7 @@ fn _dlqr<'py>(
 
 #[pyfunction]
 #[allow(non_snake_case)]
-fn _dare<'py>(
+pub(super) fn _dare<'py>(
     py: Python<'py>,
     A: &Bound<'py, PyAny>,
     B: &Bound<'py, PyAny>,
@@ -196,15 +196,4 @@ fn _dare<'py>(
     let n = N.map(|n| table("N", n)).transpose()?;
     let x: DMatrix<f64> = dare(&a?, &b?, &q?, &r?, n.as_ref()).or_raise(py)?;
     array2(py, x)
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(_c2d, m)?)?;
-    m.add_function(wrap_pyfunction!(_d2c, m)?)?;
-    m.add_function(wrap_pyfunction!(_same_time, m)?)?;
-    m.add_function(wrap_pyfunction!(_conversions, m)?)?;
-    m.add_function(wrap_pyfunction!(_lsim, m)?)?;
-    m.add_function(wrap_pyfunction!(_simulate, m)?)?;
-    m.add_function(wrap_pyfunction!(_dlqr, m)?)?;
-    m.add_function(wrap_pyfunction!(_dare, m)?)
 }

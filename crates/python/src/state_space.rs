@@ -31,6 +31,16 @@ macro_rules! each {
     };
 }
 
+/// The same conversion of both, each to its own kind.
+macro_rules! map {
+    ($either:expr, $inner:ident => $body:expr) => {
+        match $either {
+            Either::Continuous($inner) => Either::Continuous($body),
+            Either::Sampled($inner) => Either::Sampled($body),
+        }
+    };
+}
+
 type System = Either<Inner<Continuous>, Inner<Sampled>>;
 type Transfer = Either<InnerTransfer<Continuous>, InnerTransfer<Sampled>>;
 
@@ -245,10 +255,7 @@ impl StateSpace {
     /// The model of one input and one output, all states kept; counted from 0.
     #[pyo3(signature = (output = 0, input = 0))]
     fn select(&self, py: Python<'_>, output: usize, input: usize) -> PyResult<Self> {
-        Ok(Self(match &self.0 {
-            Either::Continuous(sys) => Either::Continuous(sys.pair(output, input).or_raise(py)?),
-            Either::Sampled(sys) => Either::Sampled(sys.pair(output, input).or_raise(py)?),
-        }))
+        Ok(Self(map!(&self.0, sys => sys.pair(output, input).or_raise(py)?)))
     }
 
     /// The transfer function of one pair, as it stands (nothing cancelled); outputs and inputs are counted from 0.
@@ -259,14 +266,8 @@ impl StateSpace {
         output: usize,
         input: usize,
     ) -> PyResult<TransferFunction> {
-        Ok(TransferFunction(match &self.0 {
-            Either::Continuous(sys) => {
-                Either::Continuous(sys.transfer_function(output, input).or_raise(py)?)
-            }
-            Either::Sampled(sys) => {
-                Either::Sampled(sys.transfer_function(output, input).or_raise(py)?)
-            }
-        }))
+        let of = map!(&self.0, sys => sys.transfer_function(output, input).or_raise(py)?);
+        Ok(TransferFunction(of))
     }
 
     /// The same sampled model with every sample of its input delays as a state, a pole at z = 0.
@@ -518,18 +519,9 @@ impl TransferFunction {
         delay: f64,
     ) -> PyResult<Self> {
         let (num, den) = (numbers("num", num)?, numbers("den", den)?);
-        Ok(Self(match sample_time {
-            None => Either::Continuous(
-                InnerTransfer::from_polynomials(&num, &den, delay, Continuous).or_raise(py)?,
-            ),
-            Some(seconds) => {
-                let ts = SampleTime::new(seconds).or_raise(py)?;
-                let delay = samples(py, ts, delay)?;
-                Either::Sampled(
-                    InnerTransfer::from_polynomials(&num, &den, delay, Sampled(ts)).or_raise(py)?,
-                )
-            }
-        }))
+        Ok(Self(map!(domain(py, sample_time, delay)?, at => {
+            InnerTransfer::from_polynomials(&num, &den, at.0, at.1).or_raise(py)?
+        })))
     }
 
     /// From `zeros`, `poles` (complex ones in conjugate pairs) and `gain`, the ratio of the leading coefficients; `sample_time` and `delay` as of the class.
@@ -544,20 +536,9 @@ impl TransferFunction {
         delay: f64,
     ) -> PyResult<Self> {
         let (zeros, poles) = (roots("zeros", zeros)?, roots("poles", poles)?);
-        Ok(Self(match sample_time {
-            None => Either::Continuous(
-                InnerTransfer::from_zeros_poles_gain(zeros, poles, gain, delay, Continuous)
-                    .or_raise(py)?,
-            ),
-            Some(seconds) => {
-                let ts = SampleTime::new(seconds).or_raise(py)?;
-                let delay = samples(py, ts, delay)?;
-                Either::Sampled(
-                    InnerTransfer::from_zeros_poles_gain(zeros, poles, gain, delay, Sampled(ts))
-                        .or_raise(py)?,
-                )
-            }
-        }))
+        Ok(Self(map!(domain(py, sample_time, delay)?, at => {
+            InnerTransfer::from_zeros_poles_gain(zeros, poles, gain, at.0, at.1).or_raise(py)?
+        })))
     }
 
     /// The zeros: complex.
@@ -633,18 +614,12 @@ impl TransferFunction {
     /// The same function with every zero and pole closer than `tolerance` (relative to their size, at least 1) taken off in pairs.
     #[pyo3(signature = (tolerance = 1e-9))]
     fn cancelled(&self, tolerance: f64) -> Self {
-        Self(match &self.0 {
-            Either::Continuous(tf) => Either::Continuous(tf.cancelled(tolerance)),
-            Either::Sampled(tf) => Either::Sampled(tf.cancelled(tolerance)),
-        })
+        Self(map!(&self.0, tf => tf.cancelled(tolerance)))
     }
 
     /// A state-space model of it: a cascade of sections of first and second order.
     fn to_state_space(&self, py: Python<'_>) -> PyResult<StateSpace> {
-        Ok(StateSpace(match &self.0 {
-            Either::Continuous(tf) => Either::Continuous(tf.to_state_space().or_raise(py)?),
-            Either::Sampled(tf) => Either::Sampled(tf.to_state_space().or_raise(py)?),
-        }))
+        Ok(StateSpace(map!(&self.0, tf => tf.to_state_space().or_raise(py)?)))
     }
 
     fn __eq__(&self, other: &Self) -> bool {
@@ -704,7 +679,7 @@ impl TransferFunction {
 
 /// A transfer function from zeros, poles and gain, for pickle.
 #[pyfunction]
-fn _transfer_function(
+pub(super) fn _transfer_function(
     py: Python<'_>,
     zeros: &Bound<'_, PyAny>,
     poles: &Bound<'_, PyAny>,
@@ -769,6 +744,17 @@ fn frequencies(omega: &Bound<'_, PyAny>) -> PyResult<(Vec<f64>, bool)> {
     let single =
         omega.py().import("numpy")?.call_method1("ndim", (omega,))?.extract::<usize>()? == 0;
     Ok((numbers("omega", omega)?, single))
+}
+
+/// A delay in the unit of its domain, and the domain.
+fn domain(
+    py: Python<'_>,
+    sample_time: Option<f64>,
+    delay_s: f64,
+) -> PyResult<Either<(f64, Continuous), (usize, Sampled)>> {
+    let Some(seconds) = sample_time else { return Ok(Either::Continuous((delay_s, Continuous))) };
+    let ts = SampleTime::new(seconds).or_raise(py)?;
+    Ok(Either::Sampled((samples(py, ts, delay_s)?, Sampled(ts))))
 }
 
 /// Whole samples of a delay in seconds.
@@ -851,10 +837,4 @@ fn polynomial(coefficients: &[f64], variable: &str) -> String {
         text += &format!("{sign}{size}{power}");
     }
     if text.is_empty() { "0".to_owned() } else { text }
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_class::<StateSpace>()?;
-    m.add_class::<TransferFunction>()?;
-    m.add_function(wrap_pyfunction!(_transfer_function, m)?)
 }

@@ -6,6 +6,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde::Serialize;
 
+use super::convert::compact;
 use super::error::OrRaise;
 use super::log::Log;
 use super::model::Model;
@@ -18,7 +19,7 @@ use deadtime::report;
 /// What was asked for: the keyword arguments of `deadtime.identify_structure`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-struct ByTime {
+pub(super) struct ByTime {
     free: Vec<String>,
     per_record: Vec<String>,
     horizon: usize,
@@ -33,7 +34,7 @@ struct ByTime {
 /// What was asked for: the keyword arguments of `deadtime.match_structure`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-struct ByFrequency {
+pub(super) struct ByFrequency {
     free: Vec<String>,
     norm: Option<String>,
     band: Option<[f64; 2]>,
@@ -44,7 +45,7 @@ struct ByFrequency {
 
 /// An identified model: a model, the text of `deadtime/identify@1`, or a file of either.
 #[derive(FromPyObject)]
-enum Given<'py> {
+pub(super) enum Given<'py> {
     Model(PyRef<'py, Model>),
     Text(String),
     File(PathBuf),
@@ -53,14 +54,13 @@ enum Given<'py> {
 type Found = (Model, String, String);
 
 fn found(model: Option<EquationsFile>, data: &impl Serialize, text: &str) -> PyResult<Found> {
-    let data = serde_json::to_string(data).map_err(|e| PyValueError::new_err(e.to_string()))?;
     let model = model.ok_or_else(|| PyValueError::new_err("the fit gave no model"))?;
-    Ok((Model(ModelDocument::Equations(model)), data, text.trim_end().to_owned()))
+    Ok((Model(ModelDocument::Equations(model)), compact(data)?, text.trim_end().to_owned()))
 }
 
 /// The fitted model, the text of `deadtime/structure@1`, and what the command line prints.
 #[pyfunction]
-fn _identify_structure(
+pub(super) fn _identify_structure(
     py: Python<'_>,
     logs: Vec<PyRef<'_, Log>>,
     holdout: Vec<PyRef<'_, Log>>,
@@ -95,7 +95,7 @@ fn _identify_structure(
 
 /// The matched model, the text of `deadtime/match@1`, and what the command line prints.
 #[pyfunction]
-fn _match_structure(
+pub(super) fn _match_structure(
     py: Python<'_>,
     identified: Given<'_>,
     model: &Model,
@@ -129,9 +129,4 @@ fn _match_structure(
     })?;
     let model = answer.model.take();
     found(model, &answer, &report::matching::text(&answer))
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(_identify_structure, m)?)?;
-    m.add_function(wrap_pyfunction!(_match_structure, m)?)
 }

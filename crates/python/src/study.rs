@@ -8,7 +8,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
-use super::convert::json;
+use super::convert::{json, text};
 use super::error::OrRaise;
 use super::work::{long, long_told};
 use deadtime::file::write_atomic;
@@ -18,10 +18,6 @@ use deadtime::text::message;
 
 /// For counting alone.
 const UNLIMITED_DISK: study::Budget = study::Budget { memory_gb: 4.0, disk_gb: f64::INFINITY };
-
-fn text<T: serde::Serialize>(value: &T) -> PyResult<String> {
-    serde_json::to_string_pretty(value).map_err(|e| PyValueError::new_err(e.to_string()))
-}
 
 /// What a study runs: one or several products of lists, plants × conversions × excitations × noise × loops × delays × methods × trials.
 ///
@@ -202,7 +198,7 @@ impl Plan {
 
 /// The plans that ship with the program: name and what each is for.
 #[pyfunction]
-fn _plans<'py>(py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+pub(super) fn _plans<'py>(py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
     let all = PyDict::new(py);
     for (name, text) in PLANS {
         all.set_item(name, study::Plan::parse(name, text, Path::new(".")).or_raise(py)?.about)?;
@@ -212,7 +208,7 @@ fn _plans<'py>(py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
 
 /// The plants that plans name: name and what each is.
 #[pyfunction]
-fn _plants(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+pub(super) fn _plants(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
     let all = PyDict::new(py);
     PLANTS.iter().try_for_each(|p| all.set_item(p.name, p.summary))?;
     Ok(all)
@@ -220,7 +216,7 @@ fn _plants(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
 
 /// What a study found, as the crate holds it.
 #[pyclass(frozen, module = "deadtime._native", name = "StudyResult")]
-struct StudyResult(study::Study);
+pub(super) struct StudyResult(study::Study);
 
 #[pymethods]
 impl StudyResult {
@@ -323,7 +319,7 @@ fn warn(py: Python<'_>, damaged: &[study::Damaged]) -> PyResult<()> {
 
 /// Runs a plan on this machine and writes `study.json`, `estimates.csv`, `estimates.parquet`, `tables.md` and `report.html`; `progress` is called with (done, all).
 #[pyfunction]
-fn _study(
+pub(super) fn _study(
     py: Python<'_>,
     plan: &Bound<'_, Plan>,
     folder: PathBuf,
@@ -356,7 +352,7 @@ fn _study(
 
 /// The columns of files of estimates, one file after the other: an array, or for words a list of the different ones and an array of which one of them every line has.
 #[pyfunction]
-fn _estimates(py: Python<'_>, paths: Vec<PathBuf>) -> PyResult<Bound<'_, PyDict>> {
+pub(super) fn _estimates(py: Python<'_>, paths: Vec<PathBuf>) -> PyResult<Bound<'_, PyDict>> {
     let columns = long(py, None, move |stop| Ok(study::columns(&paths, stop)?))?;
     let all = PyDict::new(py);
     for (name, values) in columns {
@@ -371,7 +367,7 @@ fn _estimates(py: Python<'_>, paths: Vec<PathBuf>) -> PyResult<Bound<'_, PyDict>
 
 /// A plan made ready to run by blocks.
 #[pyclass(frozen, module = "deadtime._native", name = "Runner")]
-struct Runner(Arc<study::Runner>);
+pub(super) struct Runner(Arc<study::Runner>);
 
 #[pymethods]
 impl Runner {
@@ -472,7 +468,7 @@ impl Runner {
 
 /// Which blocks every task holds, and where their estimates are kept.
 #[pyclass(frozen, module = "deadtime._native", name = "Tasks")]
-struct Tasks(study::Tasks);
+pub(super) struct Tasks(study::Tasks);
 
 #[pymethods]
 impl Tasks {
@@ -547,7 +543,7 @@ impl Tasks {
 
 /// What a gate found, as the crate holds it.
 #[pyclass(frozen, module = "deadtime._native", name = "GateReport")]
-struct GateReport(study::GateReport);
+pub(super) struct GateReport(study::GateReport);
 
 #[pymethods]
 impl GateReport {
@@ -597,16 +593,4 @@ impl GateReport {
     fn lines(&self) -> Vec<String> {
         self.0.worse.iter().map(gate::line).collect()
     }
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_class::<Plan>()?;
-    m.add_class::<StudyResult>()?;
-    m.add_class::<Runner>()?;
-    m.add_class::<Tasks>()?;
-    m.add_class::<GateReport>()?;
-    m.add_function(wrap_pyfunction!(_plans, m)?)?;
-    m.add_function(wrap_pyfunction!(_plants, m)?)?;
-    m.add_function(wrap_pyfunction!(_study, m)?)?;
-    m.add_function(wrap_pyfunction!(_estimates, m)?)
 }

@@ -12,7 +12,7 @@ type Told =
 
 /// The tracker of a running machine, whose face is `deadtime.Tracker`.
 #[pyclass(name = "_Tracker", module = "deadtime._native")]
-struct Running(Tracker);
+pub(super) struct Running(Tracker);
 
 #[pymethods]
 impl Running {
@@ -47,8 +47,4 @@ impl Running {
         });
         Ok((told.time_s, told.delay_s, told.band_s, alarm))
     }
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_class::<Running>()
 }

@@ -86,7 +86,7 @@ pub(super) fn long_told<T: Send + 'static>(
 
 /// Works for so many seconds, looking for a wish to stop: for tests of interrupts.
 #[pyfunction]
-fn _busy(py: Python<'_>, seconds: f64) -> PyResult<()> {
+pub(super) fn _busy(py: Python<'_>, seconds: f64) -> PyResult<()> {
     long(py, None, move |stop| {
         let from = std::time::Instant::now();
         while from.elapsed().as_secs_f64() < seconds {
@@ -95,8 +95,4 @@ fn _busy(py: Python<'_>, seconds: f64) -> PyResult<()> {
         }
         Ok(())
     })
-}
-
-pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(_busy, m)?)
 }

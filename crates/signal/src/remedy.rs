@@ -19,6 +19,11 @@ pub enum Remedy {
         /// The channel, by the model's name.
         channel: String,
     },
+    /// Columns for channels of the model.
+    Columns {
+        /// Channel and column of each.
+        of: Vec<(String, String)>,
+    },
     /// The new names, as the cause of a conflict.
     NewNames,
     /// Two sequences of event times.
@@ -48,6 +53,15 @@ pub enum Remedy {
     Delay,
     /// The channels of a simulator's states.
     States,
+    /// A term that the model may lack.
+    Candidate {
+        /// The term, as `state += expression`.
+        term: String,
+    },
+    /// A fit of all parameters of a model in equations.
+    FitParameters,
+    /// The identification of a model from logs.
+    Identify,
     /// The time between two starts of a simulator.
     RestartEvery,
     /// The rows that are looked at.
@@ -75,7 +89,7 @@ impl fmt::Display for Remedy {
             Self::MaxDelay => "`max_delay`",
             Self::StepTime => "`step_time`",
             Self::Model => "`model`",
-            Self::Rename | Self::ColumnOf { .. } => "`rename`",
+            Self::Rename | Self::ColumnOf { .. } | Self::Columns { .. } => "`rename`",
             Self::NewNames => "the new names make",
             Self::Events => "two sequences of them",
             Self::Channels => "an input and an output",
@@ -89,6 +103,9 @@ impl fmt::Display for Remedy {
             Self::ClosedLoop => "the log is declared to be of a closed loop",
             Self::Delay => "`delay`",
             Self::States => "`states`",
+            Self::Candidate { term } => return write!(f, "the candidate `{term}`"),
+            Self::FitParameters => "`identify_structure`",
+            Self::Identify => "`identify`",
             Self::RestartEvery => "`restart_every`",
             Self::LookAt => "`look_at`",
             Self::ExportOption { name } => return write!(f, "the option {name}"),
@@ -132,6 +149,11 @@ impl Message {
         self.0.text += &more.0.text;
         self.0.remedies.extend(more.0.remedies.into_iter().map(|(at, remedy)| (from + at, remedy)));
         self
+    }
+
+    /// Puts the message into the words of a face.
+    pub fn word(&mut self, words: Words) {
+        *self = self.worded(words).into();
     }
 
     /// The text in the words of a face.

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
-use super::command::Common;
+use super::common::Common;
 use crate::cli::progress::Bar;
 use crate::cli::show::Out;
 use crate::cli::source::Needed;
+use crate::cli::words::delay_of;
 use crate::report::identify::Report;
 use crate::report::page;
 use deadtime_delay::{BehindDelays, TakenOut, identify_behind_delays};
@@ -70,27 +71,15 @@ impl Linear {
             bail!("--out FILE is missing: where the model is to be written")
         };
         let logs = self.read(common, to, &common.logs)?;
-        let all = Recordings::from_logs(&logs, &self.input, &self.output)?;
+        let of = |logs: &[Log]| Recordings::from_logs(logs, &self.input, &self.output);
+        let all = of(&logs)?;
         let (learnt, judged, held_out) = if common.holdout.is_empty() {
             let (learnt, judged) = all.split(LEARNT);
             (learnt, judged, format!("the last {:.0} % of each record", 100.0 * (1.0 - LEARNT)))
         } else {
-            let judged = Recordings::from_logs(
-                &self.read(common, to, &common.holdout)?,
-                &self.input,
-                &self.output,
-            )?;
+            let judged = of(&self.read(common, to, &common.holdout)?)?;
             all.sample_time.must_equal(judged.sample_time).context("--holdout")?;
-            (
-                all,
-                judged,
-                common
-                    .holdout
-                    .iter()
-                    .map(|p| p.display().to_string())
-                    .collect::<Vec<_>>()
-                    .join(", "),
-            )
+            (all, judged, names(&common.holdout).join(", "))
         };
         let bar = Bar::new(to);
         let found = identify_behind_delays(
@@ -102,16 +91,14 @@ impl Linear {
             (&Stop::default(), bar.far()),
         )?;
         let BehindDelays { model: identified, delays, notes: delay_notes } = found;
-        let file = identified.file(&name(out), &delays, self.continuous).map_err(|e| {
-            anyhow::Error::new(e).context(if self.continuous {
-                "--continuous: leave it out to write the sampled model"
-            } else {
-                "the model"
-            })
-        })?;
+        let what = match self.continuous {
+            true => "--continuous: leave it out to write the sampled model",
+            false => "the model",
+        };
+        let file = identified.file(&name(out), &delays, self.continuous).context(what)?;
         let judged = judged.behind_delays(&delays)?;
         let report = Report {
-            logs: common.logs.iter().map(|p| p.display().to_string()).collect(),
+            logs: names(&common.logs),
             model: &identified,
             delays: &delays,
             delay_notes,
@@ -176,17 +163,18 @@ impl Linear {
     }
 
     fn given(&self, text: &str) -> anyhow::Result<(String, f64)> {
-        let parts = text.split_once('=').and_then(|(name, s)| Some((name, s.parse::<f64>().ok()?)));
-        match parts.filter(|(name, _)| self.input.iter().any(|input| input == name)) {
-            Some((name, delay_s)) => Ok((name.to_owned(), delay_s)),
-            None => {
-                bail!(
-                    "--delay {text}: write it as INPUT=SECONDS with an input of the model ({}), or auto or none",
-                    self.input.join(", ")
-                )
-            }
-        }
+        let (input, delay_s) = delay_of(text, &self.input).with_context(|| {
+            format!(
+                "--delay {text}: write it as INPUT=SECONDS with an input of the model ({}), or auto or none",
+                self.input.join(", ")
+            )
+        })?;
+        Ok((input.to_owned(), delay_s))
     }
+}
+
+fn names(paths: &[PathBuf]) -> Vec<String> {
+    paths.iter().map(|p| p.display().to_string()).collect()
 }
 
 /// What a model is called: as its file.

@@ -4,13 +4,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
-use super::command::Common;
-use crate::cli::show::Out;
+use super::common::Common;
+use crate::cli::show::{Out, write};
 use crate::report::matching::text;
 use crate::report::page;
 use deadtime_identify::matching::{Matching, Target};
 use deadtime_model::ModelDocument;
-use deadtime_signal::file::write_atomic;
 
 /// The options of a match by frequency.
 #[derive(Debug, clap::Args)]
@@ -85,9 +84,7 @@ impl Matched {
         if let (Some(out), Some(model)) = (&common.out, &found.model) {
             model.write(out)?;
         }
-        if let Some(path) = &common.html {
-            write_atomic(path, |out| out.write_all(page::matching(&found).as_bytes()))?;
-        }
+        write(common.html.as_ref(), || page::matching(&found))?;
         say!(to, "{}", text(&found).trim_end());
         if let Some(out) = &common.out {
             say!(to, "\nWritten to {}.", out.display());

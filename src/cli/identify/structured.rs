@@ -4,16 +4,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
-use super::command::Common;
+use super::common::Common;
 use crate::cli::progress::Bar;
-use crate::cli::show::Out;
+use crate::cli::show::{Out, write};
 use crate::report::page;
 use crate::report::structured::{scores, text};
 use deadtime_identify::structured;
 use deadtime_identify::structured::{Balance, score};
 use deadtime_log::Log;
 use deadtime_model::{EquationsFile, ModelDocument};
-use deadtime_signal::file::write_atomic;
 
 /// The options of a fit of a model file's parameters.
 #[derive(Debug, clap::Args)]
@@ -101,9 +100,7 @@ impl Structured {
         if let (Some(out), Some(model)) = (&common.out, &found.model) {
             model.write(out)?;
         }
-        if let Some(path) = &common.html {
-            write_atomic(path, |out| out.write_all(page::structured(&found).as_bytes()))?;
-        }
+        write(common.html.as_ref(), || page::structured(&found))?;
         say!(to, "{}", text(&found).trim_end());
         if let Some(out) = &common.out {
             say!(to, "\nWritten to {}.", out.display());

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
-use super::frame::{Cell, figure, given, made_by, page, sorted};
+use super::frame::{Cell, figure, given, page, sorted};
 use crate::report::blind::{ends, headline, number, tables};
 use deadtime_study::blind::{BlindScore, SCORES, Score};
 
@@ -24,7 +24,6 @@ pub fn blind(scores: &BlindScore) -> String {
         h2 { "Tables" }
         // The first is drawn above.
         @for (title, table) in tables(scores).iter().skip(1) { details { summary { (title) } (given(title, table)) } }
-        (made_by())
     };
     page("Withheld effects", &body, &json!({ "kind": "blind", "figures": figures(scores) }))
 }

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use serde_json::json;
 
 use super::bars::{bar, stretch};
-use super::frame::{Cell, made_by, number, page, percent, quoted, sorted};
+use super::frame::{Cell, number, page, percent, quoted, sorted};
 use deadtime_gap::{Inspection, LogReport, Role};
 
 /// The page.
@@ -29,7 +29,6 @@ pub fn check(found: &Inspection) -> String {
         (checks(found))
         h2 { "Logs" }
         @for log in &found.logs { (channels(log)) }
-        (made_by())
     };
     page(&format!("Check of {}", found.model), &body, &json!({ "kind": "check" }))
 }
@@ -47,10 +46,7 @@ fn checks(found: &Inspection) -> Markup {
     let mut rows: Vec<Vec<Cell>> = Vec::new();
     for ok in [Some(false), None, Some(true)] {
         for check in found.checks.iter().filter(|c| c.ok == ok) {
-            let name = serde_json::to_value(check.check)
-                .ok()
-                .and_then(|v| v.as_str().map(|s| s.replace('_', " ")))
-                .unwrap_or_default();
+            let name = check.check.name().replace('_', " ");
             rows.push(vec![
                 Cell::Words(name),
                 mark(ok),

@@ -4,7 +4,8 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
-use super::frame::{Cell, figure, given, made_by, page, percent, quoted, table};
+use super::frame::{Cell, figure, given, page, percent, quoted, table};
+use super::series::picked;
 use crate::report::compare::{
     MEASURES, agreement, by_method, findings, part_text, shared_cells, value_text, values,
 };
@@ -33,7 +34,6 @@ pub fn compared_diagnoses(found: &Diagnoses) -> String {
             @for row in &found.parameters { (numbers(found, row)) }
             details { summary { "All numbers as a table" } @if let Some(table) = values(found) { (given("Numbers of the causes", &table)) } }
         }
-        (made_by())
     };
     page("Diagnoses side by side", &body, &json!({ "kind": "compare", "figures": matrix(found) }))
 }
@@ -171,7 +171,6 @@ pub fn compared_studies(found: &Studies) -> String {
             h2 { "Tables" }
             @for measure in &MEASURES { @if let Some(table) = by_method(found, measure) { details { summary { (measure.name) } (given(measure.name, &table)) } } }
         }
-        (made_by())
     };
     let views: Vec<Value> = MEASURES
         .iter()
@@ -190,10 +189,6 @@ pub fn compared_studies(found: &Studies) -> String {
             })
         })
         .collect();
-    let figures = if views.is_empty() {
-        Vec::new()
-    } else {
-        vec![json!({ "id": "methods", "pick": ["number"], "views": views })]
-    };
+    let figures: Vec<Value> = picked("methods", &["number"], views).into_iter().collect();
     page("Studies side by side", &body, &json!({ "kind": "compare", "figures": figures }))
 }

@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 
+use super::series::{brief, briefly};
 use deadtime_delay::report::Pair;
 use deadtime_delay::{Correlated, Evidence, Phase, Scan};
 
@@ -28,12 +29,8 @@ struct Draw<'a> {
     step_s: f64,
 }
 
-fn brief(v: f64) -> Option<f64> {
-    format!("{v:.5e}").parse::<f64>().ok().filter(|v| v.is_finite())
-}
-
 fn all(values: &[f64]) -> Vec<Option<f64>> {
-    values.iter().map(|v| brief(*v)).collect()
+    briefly(values.iter().copied())
 }
 
 impl Draw<'_> {

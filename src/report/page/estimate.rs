@@ -5,8 +5,8 @@ use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
 use super::curves;
-use super::frame::{Cell, figure, made_by, page, plots, quoted, table};
-use super::series::{Thinning, base64};
+use super::frame::{Cell, figure, page, plots, quoted, table};
+use super::series::{Thinning, base64, brief, picked};
 use crate::report::estimate::{preamble, single_events, warning};
 use crate::report::picture::{Shown, svg};
 use crate::report::terminal::axis::Axis;
@@ -52,7 +52,6 @@ pub fn estimate(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) ->
             p { "Lags count from the command's sample, hold and relative degree included: what the raw answers count. A point marks the answer of a method that looks at the curve." }
             (figure("evidence", "The curve"))
         }
-        (made_by())
     };
     page(&format!("Dead time in {}", report.log), &body, &data(report, logs, evidence))
 }
@@ -155,7 +154,6 @@ fn tracks(pair: &Pair, track: &Tracked) -> Vec<Value> {
         let at: Vec<usize> =
             (0..track.record.len()).filter(|&i| track.record[i] == record).collect();
         let parts: Vec<&[usize]> = at.chunks(at.len().div_ceil(POINTS).max(1)).collect();
-        let brief = |v: f64| format!("{v:.5e}").parse::<f64>().ok().filter(|v| v.is_finite());
         let of = |values: &[f64], fold: fn(&[f64]) -> f64| -> Vec<Option<f64>> {
             let part = |p: &&[usize]| {
                 brief(fold(&p.iter().filter_map(|&i| values.get(i).copied()).collect::<Vec<_>>()))
@@ -217,10 +215,10 @@ fn data(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> Value {
     let curves: Vec<Value> = pairs_and_curves
         .flat_map(|(pair, e)| curves::curves(pair, e, report.sample_time_s))
         .collect();
-    let filled = [("track", ["pair", "record"], tracks), ("evidence", ["pair", "curve"], curves)]
-        .into_iter()
-        .filter(|(.., views)| !views.is_empty());
-    let figures: Vec<Value> =
-        filled.map(|(id, pick, views)| json!({ "id": id, "pick": pick, "views": views })).collect();
+    let figures = [
+        picked("track", &["pair", "record"], tracks),
+        picked("evidence", &["pair", "curve"], curves),
+    ];
+    let figures: Vec<Value> = figures.into_iter().flatten().collect();
     json!({ "kind": "estimate", "figures": figures, "logs": logs.iter().take(shown).enumerate().map(record).collect::<Vec<Value>>(), "opens": 0 })
 }

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::laws::briefly;
+use super::series::briefly;
 use deadtime_gap::ForceProfile;
 
 /// The figure; `None` where nothing is told.

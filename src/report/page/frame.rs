@@ -37,7 +37,7 @@ pub(super) fn page(title: &str, body: &Markup, data: &Value) -> String {
                 style { (PreEscaped(UPLOT_STYLE)) (PreEscaped(STYLE)) }
             }
             body {
-                main { (body) }
+                main { (body) (made_by()) }
                 script #data type="application/json" { (PreEscaped(data)) }
                 script { (PreEscaped(UPLOT)) }
                 script { (PreEscaped(SCRIPT)) }
@@ -66,7 +66,7 @@ pub(super) fn figure(id: &str, what: &str) -> Markup {
 }
 
 /// What made the page.
-pub(super) fn made_by() -> Markup {
+fn made_by() -> Markup {
     html! { p .faint { "deadtime " (env!("CARGO_PKG_VERSION")) "; curves by uPlot 1.6.32 (MIT, Leon Sorokin)." } }
 }
 

@@ -4,13 +4,14 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
-use super::frame::{Cell, figure, made_by, number, page, percent, plots, quoted, table};
+use super::frame::{Cell, figure, number, page, percent, plots, quoted, table};
 use super::series::{Thinning, base64};
 use super::{force, laws, residual};
-use crate::report::diagnosis::{recalibrated, summary};
+use crate::report::diagnosis::{caveat_lines, lines};
+use crate::report::facts::{Ranked, recalibrated};
 use deadtime_gap::{
     CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, HorizonError, Mode,
-    RankingRow, Strength, Trace, proposed,
+    RankingRow, Share, Strength, Trace,
 };
 
 /// Logs that the page holds.
@@ -40,11 +41,9 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
     let body = html! {
         h1 { "Sim-to-real gap of " (d.model) }
         p .verdict { "Verdict: " strong { (verdict) } }
-        @for sentence in summary(diagnosed).lines() {
-            @let (what, rest) = sentence.split_once(": ").unwrap_or(("", sentence));
-            p { strong { (what) ":" } " " (quoted(rest)) }
+        @for line in lines(diagnosed).iter().chain(&caveat_lines(diagnosed)) {
+            p { strong { (line.label.word()) ":" } " " (quoted(&line.text)) }
         }
-        @for caveat in diagnosed.caveats.iter().filter(|c| !c.comes_first()) { p { strong { "Caveat:" } " " (quoted(&caveat.to_string())) "." } }
         (curves(diagnosed))
         (budget(d))
         (parameters(d))
@@ -127,13 +126,13 @@ fn sides(there: &std::collections::BTreeSet<&str>) -> Markup {
 
 /// The proposed experiment's commands, and the same as a CSV in a link.
 fn experiment(diagnosed: &Diagnosed) -> Option<(Value, String)> {
-    let sentence = diagnosed.diagnosis.cause.next_experiment.as_ref()?;
+    let proposed = diagnosed.next_experiment.as_ref()?;
     let count = logs(diagnosed).len();
     let inputs = diagnosed.commands.len().checked_div(count)?;
     let at = diagnosed.traces.iter().take(count).position(|t| t.train.is_some())?;
     let commands = diagnosed.commands.get(at * inputs..(at + 1) * inputs)?;
     let logged: Vec<Vec<f64>> = commands.iter().map(|c| c.values.clone()).collect();
-    let planned = proposed(sentence, &logged)?;
+    let planned = proposed.commands(&logged)?;
     let time_s: Vec<f64> =
         diagnosed.traces.get(at)?.time_s.iter().take(planned.first()?.len()).copied().collect();
     let cell = |name: &str| {
@@ -255,68 +254,58 @@ fn unit(unit: Option<&str>) -> &str {
     unit.filter(|u| *u != "1").unwrap_or("")
 }
 
-/// What takes how much of the gap, as a waterfall of squared errors: nominal, each contribution, what stays, noise.
+/// A row of the budget: what it is, its shares, its part of the squared error.
+fn takes(what: &str, [learnt, held]: [String; 2], label: &str, drawn: &Markup) -> Vec<Cell> {
+    vec![
+        Cell::Words(what.to_owned()),
+        Cell::Number(learnt),
+        Cell::Number(held),
+        Cell::Drawn(bar(label, drawn)),
+    ]
+}
+
+/// The waterfall of squared errors: nominal, each contribution, what stays, noise; `noise` is the floor's part of it.
+fn waterfall(d: &Diagnosis, noise: f64) -> Vec<Vec<Cell>> {
+    let shares = |share: &Share| [percent(share.learnt), percent(share.held_out)];
+    let mut top = 1.0;
+    let whole = stretch(0.0, 1.0, "before");
+    let shown = [percent(Some(1.0)), String::new()];
+    let mut rows = vec![takes("simulated as it came", shown, "all of the squared error", &whole)];
+    let block = recalibrated(d).map(|r| ("parameters recalibrated".to_owned(), r.share));
+    let causes =
+        d.cause.contributions.iter().map(|c| (format!("{} on {}", c.effect, c.channel), c.share));
+    for (name, share) in causes.chain(block) {
+        let part = share.learnt.unwrap_or(0.0) * (1.0 - noise);
+        let label = format!("{name} takes {} of the squared error", percent(Some(part)));
+        let drawn = stretch(top - part, top, "after");
+        rows.push(takes(&format!("− {name}"), shares(&share), &label, &drawn));
+        top -= part;
+    }
+    if let Some(rest) = &d.cause.remainder {
+        let label =
+            format!("what stays above the noise: {} of the gap", percent(rest.share.learnt));
+        let drawn = stretch(noise.min(top), top, "rest");
+        rows.push(takes("what stays", shares(&rest.share), &label, &drawn));
+    }
+    let dashes = ["–", "–"].map(str::to_owned);
+    let drawn = stretch(0.0, noise, "noise");
+    rows.push(takes("noise floor", dashes, "noise that no model can explain", &drawn));
+    rows
+}
+
+/// What takes how much of the gap.
 fn budget(d: &Diagnosis) -> Markup {
     let found = !d.cause.contributions.is_empty() || recalibrated(d).is_some();
     let (Some(before), Some(floor), true) = (d.gap.before, d.gap.floor, found) else {
         return html! {};
     };
     let noise = if before > 0.0 { (floor / before).powi(2).min(1.0) } else { 0.0 };
-    let mut top = 1.0;
-    let mut rows = vec![vec![
-        Cell::Words("simulated as it came".to_owned()),
-        Cell::Number(percent(Some(1.0))),
-        Cell::Number(String::new()),
-        Cell::Drawn(bar("all of the squared error", &stretch(0.0, 1.0, "before"))),
-    ]];
-    let block = recalibrated(d).map(|r| ("parameters recalibrated".to_owned(), r.share));
-    let causes = d
-        .cause
-        .contributions
-        .iter()
-        .map(|c| (format!("{} on {}", c.effect, c.channel), c.share))
-        .chain(block);
-    for (name, share) in causes {
-        let takes = share.learnt.unwrap_or(0.0) * (1.0 - noise);
-        let label = format!("{name} takes {} of the squared error", percent(Some(takes)));
-        let drawn = bar(&label, &stretch(top - takes, top, "after"));
-        rows.push(vec![
-            Cell::Words(format!("− {name}")),
-            Cell::Number(percent(share.learnt)),
-            Cell::Number(percent(share.held_out)),
-            Cell::Drawn(drawn),
-        ]);
-        top -= takes;
-    }
-    if let Some(rest) = &d.cause.remainder {
-        let label =
-            format!("what stays above the noise: {} of the gap", percent(rest.share.learnt));
-        let drawn = bar(&label, &stretch(noise.min(top), top, "rest"));
-        rows.push(vec![
-            Cell::Words("what stays".to_owned()),
-            Cell::Number(percent(rest.share.learnt)),
-            Cell::Number(percent(rest.share.held_out)),
-            Cell::Drawn(drawn),
-        ]);
-    }
-    let drawn = bar("noise that no model can explain", &stretch(0.0, noise, "noise"));
-    rows.push(vec![
-        Cell::Words("noise floor".to_owned()),
-        Cell::Number("–".to_owned()),
-        Cell::Number("–".to_owned()),
-        Cell::Drawn(drawn),
-    ]);
-    let remark = d
-        .cause
-        .remainder
-        .as_ref()
-        .and_then(|r| r.above_floor)
-        .map(|times| format!("What is left is {times:.1} times the noise floor."));
+    let left = d.cause.remainder.as_ref().and_then(|r| r.above_floor);
     html! {
         h2 { "Which: the budget of the gap" }
         p { "The error falls from " (percent(Some(before))) " of the spread; the noise floor is " (percent(Some(floor))) ". Shares are of the gap between the two, in squared error." }
-        (table("From the nominal model down to the noise", &["what", "share learnt", "held out", "squared error"], &rows))
-        @if let Some(remark) = remark { p { (remark) } }
+        (table("From the nominal model down to the noise", &["what", "share learnt", "held out", "squared error"], &waterfall(d, noise)))
+        @if let Some(times) = left { p { (format!("What is left is {times:.1} times the noise floor.")) } }
         @if d.shrink.decoded.is_some() {
             p {
                 "These shares are taken once it is known which commands were lost or late. A simulation, which cannot know it, gains "
@@ -324,6 +313,32 @@ fn budget(d: &Diagnosis) -> Markup {
             }
         }
     }
+}
+
+/// A row of the parameters; `acts` is the probability that the effect acts.
+fn parameter(
+    [effect, channel, clear]: [&str; 3],
+    acts: Option<f64>,
+    p: &FoundParameter,
+) -> Vec<Cell> {
+    let interval = match (p.value, p.ci95) {
+        (None, _) => "–".to_owned(),
+        (_, None) => "at a bound".to_owned(),
+        (_, Some(ends)) => ends.map(|v| number(Some(v))).join(" to "),
+    };
+    let value = if p.value.is_some() { number(p.value) } else { "no limit".to_owned() };
+    let label = format!("{value}, {interval}");
+    vec![
+        Cell::Words(effect.to_owned()),
+        Cell::Words(channel.to_owned()),
+        Cell::Words(p.name.clone()),
+        Cell::Number(value),
+        Cell::Number(interval),
+        Cell::Words(p.unit.clone()),
+        Cell::Drawn(bar(&label, &beside_zero(p))),
+        Cell::Words(clear.to_owned()),
+        Cell::Number(acts.map_or_else(|| "–".to_owned(), |p| percent(Some(p)))),
+    ]
 }
 
 /// Each parameter with its interval, beside zero.
@@ -336,37 +351,14 @@ fn parameters(d: &Diagnosis) -> Markup {
         (Strength::Clear, _) => "clear",
         (Strength::Weak, _) => "weak",
     };
-    let row = |(effect, channel, clear, acts): (&str, &str, &str, Option<f64>),
-               p: &FoundParameter| {
-        let interval = p.ci95.map_or_else(
-            || "at a bound".to_owned(),
-            |[l, u]| format!("{} to {}", number(Some(l)), number(Some(u))),
-        );
-        let (value, interval) = if p.value.is_some() {
-            (number(p.value), interval)
-        } else {
-            ("no limit".to_owned(), "–".to_owned())
-        };
-        let label = format!("{value}, {interval}");
-        vec![
-            Cell::Words(effect.to_owned()),
-            Cell::Words(channel.to_owned()),
-            Cell::Words(p.name.clone()),
-            Cell::Number(value),
-            Cell::Number(interval),
-            Cell::Words(p.unit.clone()),
-            Cell::Drawn(bar(&label, &beside_zero(p))),
-            Cell::Words(clear.to_owned()),
-            Cell::Number(acts.map_or_else(|| "–".to_owned(), |p| percent(Some(p)))),
-        ]
-    };
     let found = d.cause.contributions.iter().flat_map(|c| {
-        c.parameters.iter().map(move |p| row((&c.effect, &c.channel, clear(c), c.probability), p))
+        let about = [&c.effect, &c.channel, clear(c)];
+        c.parameters.iter().map(move |p| parameter(about, c.probability, p))
     });
     let block = recalibrated(d)
         .into_iter()
         .flat_map(|r| &r.parameters)
-        .map(|p| row(("recalibrated", "", "a part of a set", None), p));
+        .map(|p| parameter(["recalibrated", "", "a part of a set"], None, p));
     let rows: Vec<Vec<Cell>> = found.chain(block).collect();
     let caption = if d.cause.effects.is_empty() {
         "What contributes, though not all is explained"
@@ -410,27 +402,18 @@ fn names(all: &[String]) -> Markup {
 /// The ranking with bars, what cannot be told apart, what was not tried.
 fn candidates(d: &Diagnosis) -> Markup {
     let row = |row: &RankingRow| {
-        let (effect, channel, probability, after) = match row {
-            RankingRow::Single(r) => {
-                (r.effect.clone(), r.channel.clone().unwrap_or_default(), r.probability, r.after)
-            }
-            RankingRow::Pair(r) => {
-                let join = |i: usize| {
-                    r.effects.iter().map(|e| e[i].as_str()).collect::<Vec<_>>().join(" + ")
-                };
-                (join(0), join(1), r.probability, r.after)
-            }
-        };
+        let row = Ranked::of(row);
+        let [effect, channel] = row.cells();
         let drawn = bar(
-            &format!("probability {}", percent(Some(probability))),
-            &stretch(0.0, probability, "after"),
+            &format!("probability {}", percent(Some(row.probability))),
+            &stretch(0.0, row.probability, "after"),
         );
         vec![
             Cell::Words(effect),
             Cell::Words(channel),
-            Cell::Number(percent(Some(probability))),
+            Cell::Number(percent(Some(row.probability))),
             Cell::Drawn(drawn),
-            Cell::Number(percent(after)),
+            Cell::Number(percent(row.after)),
         ]
     };
     let rows: Vec<Vec<Cell>> = d.cause.ranking.iter().map(row).collect();
@@ -449,54 +432,44 @@ fn candidates(d: &Diagnosis) -> Markup {
     }
 }
 
-/// How big, and how far it shrinks, output by output.
-fn size(d: &Diagnosis) -> Markup {
-    let found = !d.cause.contributions.is_empty();
-    let after = |v: Option<f64>| if found { percent(v) } else { "–".to_owned() };
+/// Every output, and all together: the gap on what was learnt from, the error on held-out data before, after and as noise.
+fn outputs(d: &Diagnosis, after: &dyn Fn(Option<f64>) -> String) -> Vec<Vec<Cell>> {
     let s = &d.shrink;
-    let most = s
-        .outputs
-        .iter()
-        .flat_map(|o| [o.before, o.after])
-        .chain([s.before, s.after])
-        .flatten()
-        .filter(|v| v.is_finite())
-        .fold(1e-9, f64::max);
-    let drawn = |before: Option<f64>, rest: Option<f64>, floor: Option<f64>| {
-        let label = format!(
-            "held out: {} before, {} after, floor {}",
-            percent(before),
-            after(rest),
-            percent(floor)
-        );
-        let at = |v: Option<f64>| v.unwrap_or(0.0) / most;
-        let shown = html! {
+    let found = !d.cause.contributions.is_empty();
+    let errors = s.outputs.iter().flat_map(|o| [o.before, o.after]).chain([s.before, s.after]);
+    let most = errors.flatten().filter(|v| v.is_finite()).fold(1e-9, f64::max);
+    let at = |v: Option<f64>| v.unwrap_or(0.0) / most;
+    let row = |name: &str, share: Option<f64>, gap: [Option<f64>; 2], held: [Option<f64>; 3]| {
+        let [before, rest, floor] = held;
+        let shown = [percent(before), after(rest), percent(floor)];
+        let [b, a, f] = &shown;
+        let label = format!("held out: {b} before, {a} after, floor {f}");
+        let drawn = html! {
             (stretch(0.0, at(before), "before"))
             @if found { (stretch(0.0, at(rest), "after")) }
             (stretch(at(floor) - 0.003, at(floor) + 0.003, "noise"))
         };
-        Cell::Drawn(bar(&label, &shown))
-    };
-    let row = |name: &str,
-               share: Option<f64>,
-               gap: [Option<f64>; 2],
-               [before, rest, floor]: [Option<f64>; 3]| {
         let mut cells = vec![Cell::Words(name.to_owned()), Cell::Number(percent(share))];
         cells.extend(gap.map(|v| Cell::Number(percent(v))));
-        cells.extend([percent(before), after(rest), percent(floor)].map(Cell::Number));
-        cells.push(drawn(before, rest, floor));
+        cells.extend(shown.map(Cell::Number));
+        cells.push(Cell::Drawn(bar(&label, &drawn)));
         cells
     };
-    let mut rows: Vec<Vec<Cell>> = d
-        .gap
-        .outputs
-        .iter()
-        .zip(&s.outputs)
+    let each = d.gap.outputs.iter().zip(&s.outputs);
+    let mut rows: Vec<Vec<Cell>> = each
         .map(|(g, o)| row(&g.name, g.share, [g.before, g.floor], [o.before, o.after, o.floor]))
         .collect();
     if rows.len() > 1 {
         rows.push(row("together", None, [d.gap.before, d.gap.floor], [s.before, s.after, s.floor]));
     }
+    rows
+}
+
+/// How big, and how far it shrinks.
+fn size(d: &Diagnosis) -> Markup {
+    let found = !d.cause.contributions.is_empty();
+    let after = |v: Option<f64>| if found { percent(v) } else { "–".to_owned() };
+    let s = &d.shrink;
     let headings = [
         "output",
         "share of the gap",
@@ -509,7 +482,7 @@ fn size(d: &Diagnosis) -> Markup {
     ];
     html! {
         h2 { "How far: big before, small after" }
-        (table("Root mean square error in parts of the spread, of predictions and of the noise that stays", &headings, &rows))
+        (table("Root mean square error in parts of the spread, of predictions and of the noise that stays", &headings, &outputs(d, &after)))
         @if let (true, Some(_)) = (found, s.fraction) {
             p {
                 "Shrink on held-out data: " (percent(s.fraction))
@@ -572,12 +545,9 @@ fn checks(d: &Diagnosis) -> Markup {
         .checks
         .iter()
         .map(|check| {
-            let name = serde_json::to_value(check.check)
-                .ok()
-                .and_then(|v| v.as_str().map(|s| s.replace('_', " ")))
-                .unwrap_or_default();
+            let name = check.check.name().replace('_', " ");
             let passed = check.ok.map_or("cannot be tested", |ok| if ok { "yes" } else { "no" });
-            [name, check.channel.clone(), passed.to_owned(), check.finding.clone()]
+            [name, check.channel.clone(), passed.to_owned(), check.finding.to_string()]
                 .map(Cell::Words)
                 .into()
         })
@@ -605,6 +575,5 @@ fn origin(d: &Diagnosis) -> Markup {
         h2 { "Data" }
         p { "Learnt from: " (names(&d.logs)) ". Simulated means " (mode) ": " (d.prediction.why) "." }
         (table("What the shrink was measured on", &["log", "from (s)", "to (s)"], &rows))
-        (made_by())
     }
 }

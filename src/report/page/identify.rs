@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::bars::{bar, stretch};
 use super::bode;
 use super::bode::Curve;
-use super::frame::{Cell, figure, given, made_by, number, page, quoted, sorted};
+use super::frame::{Cell, figure, given, number, page, quoted, sorted};
 use crate::report::identify::{FREQUENCIES, Report, parameters, poles, seconds};
 use deadtime_identify::subspace::{Band, Response, Root};
 use deadtime_model::ModelError;
@@ -47,7 +47,6 @@ pub fn identify(report: &Report<'_>) -> Result<String, ModelError> {
         (plane(&roots, &zeros))
         (given("Poles in the z plane, standard deviations in brackets", &poles(&roots)))
         @if m.parametric.is_none() { (order(report)) }
-        (made_by())
     };
     let data = json!({ "kind": "identify", "figures": figures(&responses) });
     Ok(page(&format!("Model of {}", report.logs.join(", ")), &body, &data))

@@ -4,6 +4,7 @@
 
 use serde_json::{Value, json};
 
+use super::series::{brief, briefly, labelled, picked};
 use deadtime_gap::{Contribution, Diagnosed, FoundParameter};
 use deadtime_model::effect::{Applied, Chance};
 use deadtime_model::simulate::{Commands, Plan, System, Term};
@@ -16,7 +17,7 @@ const POINTS: usize = 401;
 pub(super) fn figure(d: &Diagnosed) -> Option<Value> {
     let views: Vec<Value> =
         d.diagnosis.cause.contributions.iter().filter_map(|c| drawn(c, d)).collect();
-    (!views.is_empty()).then(|| json!({ "id": "laws", "pick": ["effect"], "views": views }))
+    picked("laws", &["effect"], views)
 }
 
 fn drawn(c: &Contribution, d: &Diagnosed) -> Option<Value> {
@@ -49,14 +50,6 @@ fn parameter<'a>(c: &'a Contribution, name: &str) -> Option<&'a FoundParameter> 
     c.parameters.iter().find(|p| p.name == name)
 }
 
-fn brief(value: f64) -> Option<f64> {
-    format!("{value:.5e}").parse().ok().filter(|v: &f64| v.is_finite())
-}
-
-pub(super) fn briefly(values: impl IntoIterator<Item = f64>) -> Vec<Option<f64>> {
-    values.into_iter().map(brief).collect()
-}
-
 fn between(from: f64, to: f64) -> Vec<f64> {
     (0..POINTS).map(|i| from + (to - from) * i as f64 / (POINTS - 1) as f64).collect()
 }
@@ -83,12 +76,7 @@ fn over_time(c: &Contribution, d: &Diagnosed, what: &str) -> Option<Value> {
     let least = values.iter().copied().chain(interval.into_iter().flatten()).fold(0.0, f64::min);
     let most = values.iter().copied().chain(interval.into_iter().flatten()).fold(0.0, f64::max);
     let room = 0.1 * (most - least).max(1e-9);
-    let unit = c
-        .parameters
-        .first()
-        .map(|p| p.unit.as_str())
-        .filter(|unit| *unit != "1")
-        .map_or_else(String::new, |unit| format!(" ({unit})"));
+    let unit = c.parameters.first().map(|p| p.unit.as_str());
     let mut curve = json!({ "label": what, "y": briefly(values), "color": "after", "points": false, "width": 2.2 });
     if let Some([low, high]) = interval {
         (curve["low"], curve["high"]) =
@@ -96,7 +84,7 @@ fn over_time(c: &Contribution, d: &Diagnosed, what: &str) -> Option<Value> {
     }
     Some(json!({
         "x": { "label": "time (s)", "values": briefly(time_s), "tight": true },
-        "y": { "label": format!("{what}{unit}"), "range": [least - if least < 0.0 { room } else { 0.0 }, most + room] }, "curves": [curve],
+        "y": { "label": labelled(what, unit), "range": [least - if least < 0.0 { room } else { 0.0 }, most + room] }, "curves": [curve],
     }))
 }
 
@@ -148,8 +136,7 @@ fn out(system: &System, plan: &Plan, time_s: &[f64], u: Vec<f64>) -> Option<Vec<
 }
 
 fn label(name: &str, what: &str, unit: Option<&str>) -> String {
-    unit.filter(|u| *u != "1")
-        .map_or_else(|| format!("{name}, {what}"), |u| format!("{name}, {what} ({u})"))
+    labelled(&format!("{name}, {what}"), unit)
 }
 
 /// Slowly up and down again through the range that the logs have: what comes out, where the two ways differ in two curves.

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::bode;
 use super::bode::Curve;
-use super::frame::{figure, made_by, page, quoted};
+use super::frame::{figure, page, quoted};
 use super::structured::{Drawn, not_had, parameters};
 use crate::report::matching::{how, meanings, nearness};
 use deadtime_identify::matching::{Compared, ComparedPoint, Matched};
@@ -27,7 +27,6 @@ pub fn matching(found: &Matched) -> String {
         ul { @for line in nearness(found) { li { (quoted(&line)) } } }
         (figure("gain", "The gain"))
         (figure("phase", "The phase"))
-        (made_by())
     };
     page(&title, &body, &json!({ "kind": "identify", "figures": figures(&found.responses) }))
 }

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use serde_json::{Value, json};
 
-use super::series::base64;
+use super::series::{base64, brief, briefly, labelled, picked};
 use deadtime_gap::{CommandTrace, Diagnosed, Trace};
 use deadtime_signal::CrossSpectra;
 use deadtime_signal::stats;
@@ -41,39 +41,22 @@ pub(super) fn figures(d: &Diagnosed) -> Vec<Value> {
             .map(|j| (0..logs).filter_map(|at| d.commands.get(at * count + j)).collect())
             .collect()
     };
-    let all: [(&str, &[&str], Vec<Value>); 4] = [
-        (
-            "regimes",
-            &["output", "against"],
-            outputs.iter().flat_map(|o| regimes(o, &outputs, &inputs)).collect(),
-        ),
-        ("spectrum", &["output"], outputs.iter().filter_map(|o| spectrum(o)).collect()),
-        (
-            "coherence",
-            &["output", "command"],
-            outputs.iter().flat_map(|o| coherence(o, &inputs)).collect(),
-        ),
-        ("map", &["output", "log", "simulated"], outputs.iter().flat_map(|o| maps(o)).collect()),
+    let against = outputs.iter().flat_map(|o| regimes(o, &outputs, &inputs)).collect();
+    let spectra = outputs.iter().filter_map(|o| spectrum(o)).collect();
+    let beside = outputs.iter().flat_map(|o| coherence(o, &inputs)).collect();
+    let maps = outputs.iter().flat_map(|o| maps(o)).collect();
+    let all = [
+        picked("regimes", &["output", "against"], against),
+        picked("spectrum", &["output"], spectra),
+        picked("coherence", &["output", "command"], beside),
+        picked("map", &["output", "log", "simulated"], maps),
     ];
-    let filled = all.into_iter().filter(|(.., views)| !views.is_empty());
-    filled.map(|(id, pick, views)| json!({ "id": id, "pick": pick, "views": views })).collect()
+    all.into_iter().flatten().collect()
 }
 
 /// The figures that there are.
 pub(super) fn ids(figures: &[Value]) -> BTreeSet<&str> {
     figures.iter().filter_map(|f| f["id"].as_str()).collect()
-}
-
-fn brief(value: f64) -> Option<f64> {
-    format!("{value:.4e}").parse().ok().filter(|v: &f64| v.is_finite())
-}
-
-fn briefly(values: impl IntoIterator<Item = f64>) -> Vec<Option<f64>> {
-    values.into_iter().map(brief).collect()
-}
-
-fn labelled(name: &str, unit: Option<&str>) -> String {
-    unit.filter(|u| *u != "1").map_or_else(|| name.to_owned(), |u| format!("{name} ({u})"))
 }
 
 /// Measured less predicted, before and after; `None` where either is missing.
@@ -328,6 +311,22 @@ fn maps(output: &[Trace]) -> Vec<Value> {
     views
 }
 
+/// A column of a map: the strongest line of every row, and the strongest of all with its frequency, Hz. A row between two lines is the nearer one's.
+fn column(
+    spectrum: Option<&CrossSpectra>,
+    edges: &[f64],
+    size: usize,
+) -> (Option<Vec<f64>>, Option<(f64, f64)>) {
+    let (Some(s), Some(&lowest)) = (spectrum, edges.first()) else { return (None, None) };
+    let nearest = |hz: f64| ((hz / lowest).round() as usize).clamp(1, size / 2);
+    let row = |ends: &[f64]| {
+        let lines = nearest(ends[0])..=nearest(ends[1]);
+        lines.filter_map(|k| s.uu.get(k).copied()).fold(0.0, f64::max)
+    };
+    let line = (1..s.uu.len()).map(|k| (s.uu[k], k as f64 * lowest));
+    (Some(edges.windows(2).map(row).collect()), line.max_by(|a, b| a.0.total_cmp(&b.0)))
+}
+
 fn map(t: &Trace, after: bool, step_s: f64) -> Option<Value> {
     let samples = t.time_s.len();
     let size = (samples / COLUMNS)
@@ -342,28 +341,13 @@ fn map(t: &Trace, after: bool, step_s: f64) -> Option<Value> {
     let (lowest, highest) = (1.0 / (size as f64 * step_s), 0.5 / step_s);
     let edge = |r: usize| lowest * (highest / lowest).powf(r as f64 / ROWS as f64);
     let edges: Vec<f64> = (0..=ROWS).map(edge).collect();
-    // The strongest of a row's lines; a row between two lines is the nearer one's.
-    let nearest = |hz: f64| ((hz / lowest).round() as usize).clamp(1, size / 2);
-    let mut powers: Vec<Option<Vec<f64>>> = Vec::new();
-    let mut strongest: Vec<Option<(f64, f64)>> = Vec::new();
-    for c in 0..columns {
-        let part: Option<Vec<f64>> =
-            (c * size..(c + 1) * size).map(|at| left(t, after, at)).collect();
-        let spectrum =
-            part.map(|part| CrossSpectra::welch([(part.as_slice(), part.as_slice())], size));
-        let line = |s: &CrossSpectra| {
-            (1..s.uu.len()).map(|k| (s.uu[k], k as f64 * lowest)).max_by(|a, b| a.0.total_cmp(&b.0))
-        };
-        strongest.push(spectrum.as_ref().and_then(line));
-        powers.push(spectrum.map(|s| {
-            let row = |r: usize| {
-                (nearest(edges[r])..=nearest(edges[r + 1]))
-                    .filter_map(|k| s.uu.get(k).copied())
-                    .fold(0.0, f64::max)
-            };
-            (0..ROWS).map(row).collect()
-        }));
-    }
+    let part = |c: usize| -> Option<CrossSpectra> {
+        let part: Vec<f64> =
+            (c * size..(c + 1) * size).map(|at| left(t, after, at)).collect::<Option<_>>()?;
+        Some(CrossSpectra::welch([(part.as_slice(), part.as_slice())], size))
+    };
+    let (powers, strongest): (Vec<_>, Vec<_>) =
+        (0..columns).map(part).map(|s| column(s.as_ref(), &edges, size)).unzip();
     let most = powers.iter().flatten().flatten().copied().fold(0.0, f64::max);
     let level = if t.floor > 0.0 { t.floor.powi(2) } else { 1e-4 * most };
     if level <= 0.0 {

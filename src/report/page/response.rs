@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::bode;
 use super::bode::Curve;
-use super::frame::{figure, given, made_by, page, quoted};
+use super::frame::{figure, given, page, quoted};
 use crate::report::response::{Report, table};
 use deadtime_identify::response::Point;
 
@@ -32,7 +32,6 @@ pub fn response(report: &Report<'_>) -> String {
             h2 { (name(pair)) }
             (given(&format!("Some frequencies of {}", name(pair)), &table(&r.pair(pair.1, pair.0))))
         }
-        (made_by())
     };
     let all: Vec<Named> = report
         .pairs()

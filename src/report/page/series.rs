@@ -115,6 +115,26 @@ fn extremes(from: usize, to: usize, value: &impl Fn(usize) -> Option<f64>) -> [O
     }
 }
 
+/// Six digits: what a picture shows.
+pub(super) fn brief(value: f64) -> Option<f64> {
+    format!("{value:.5e}").parse().ok().filter(|v: &f64| v.is_finite())
+}
+
+/// The same of every value.
+pub(super) fn briefly(values: impl IntoIterator<Item = f64>) -> Vec<Option<f64>> {
+    values.into_iter().map(brief).collect()
+}
+
+/// A name with its unit, as the label of an axis; nothing where the unit is 1.
+pub(super) fn labelled(name: &str, unit: Option<&str>) -> String {
+    unit.filter(|u| *u != "1").map_or_else(|| name.to_owned(), |u| format!("{name} ({u})"))
+}
+
+/// A figure with pickers for the keys of its views; none without views.
+pub(super) fn picked(id: &str, pick: &[&str], views: Vec<Value>) -> Option<Value> {
+    (!views.is_empty()).then(|| json!({ "id": id, "pick": pick, "views": views }))
+}
+
 /// RFC 4648, section 4.
 pub(super) fn base64(bytes: impl Iterator<Item = u8>) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";

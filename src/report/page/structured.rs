@@ -4,7 +4,8 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
-use super::frame::{Cell, figure, made_by, page, quoted, sorted};
+use super::frame::{Cell, figure, page, quoted, sorted};
+use super::series::{briefly, picked};
 use crate::report::structured::{digits, fitted, how_unseen, meaning, standing};
 use crate::report::terminal::axis::Axis;
 use deadtime_identify::structured::{FreeParameter, GroupScore, Standing, StructuredFit, Unseen};
@@ -41,7 +42,6 @@ pub fn structured(found: &StructuredFit) -> String {
         (figure("errors", "The picture"))
         (errors("On the training logs", &found.training))
         @if let Some(held_out) = &found.held_out { (errors("On the logs held out", held_out)) }
-        (made_by())
     };
     page(
         &format!("Parameters of {}", found.name),
@@ -174,12 +174,7 @@ fn errors(caption: &str, [before, after]: &[Vec<GroupScore>; 2]) -> Markup {
 }
 
 fn figures(found: &StructuredFit) -> Vec<Value> {
-    let brief = |values: &[f64]| {
-        values
-            .iter()
-            .map(|v| format!("{v:.5e}").parse::<f64>().ok().filter(|v| v.is_finite()))
-            .collect::<Vec<_>>()
-    };
+    let brief = |values: &[f64]| briefly(values.iter().copied());
     let parts =
         [("training logs", Some(&found.training)), ("logs held out", found.held_out.as_ref())];
     let view = |which: &str, before: &GroupScore, after: &GroupScore| {
@@ -201,9 +196,5 @@ fn figures(found: &StructuredFit) -> Vec<Value> {
             before.iter().zip(after).map(|(b, a)| view(which, b, a)).collect::<Vec<_>>()
         })
         .collect();
-    if views.is_empty() {
-        Vec::new()
-    } else {
-        vec![json!({ "id": "errors", "pick": ["logs", "group"], "views": views })]
-    }
+    picked("errors", &["logs", "group"], views).into_iter().collect()
 }

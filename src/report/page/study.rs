@@ -4,7 +4,8 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
-use super::frame::{Cell as Shown, figure, given, made_by, number, page, percent, sorted};
+use super::frame::{Cell as Shown, figure, given, number, page, percent, sorted};
+use super::series::{brief, picked};
 use crate::report::study::{
     KEYS, KeyText, aims, groups, layouts, mean, median, over_bound, place, published, scores,
     standings, summary,
@@ -53,7 +54,6 @@ pub fn study(study: &Study, plan: Option<&Plan>) -> String {
         @if let Some(table) = scores(study) {
             details { summary { "The worst answers left out" } (given("Mean over the cells of the RMS error in samples, the worst answers left out", &table)) }
         }
-        (made_by())
     };
     page(
         &format!("Accuracy study {}", study.plan),
@@ -157,19 +157,18 @@ fn of_all(cells: &[&Cell], count: fn(&Cell) -> usize) -> Option<f64> {
     (trials > 0).then(|| cells.iter().map(|c| count(c)).sum::<usize>() as f64 / trials as f64)
 }
 
-/// Five digits: what a picture shows.
-fn brief(value: Option<f64>) -> Option<f64> {
-    value.filter(|v| v.is_finite()).and_then(|v| format!("{v:.4e}").parse().ok())
-}
-
 fn figures(parts: &[Part<'_>]) -> Vec<Value> {
-    let all: [(&str, &[&str], Vec<Value>); 3] = [
-        ("against", &["cells", "against", "number"], parts.iter().flat_map(against).collect()),
-        ("heat", &["cells", "condition", "number"], parts.iter().flat_map(heat).collect()),
-        ("pareto", &["cells"], parts.iter().filter_map(pareto).collect()),
+    let heat = parts.iter().flat_map(heat).collect();
+    let all = [
+        picked(
+            "against",
+            &["cells", "against", "number"],
+            parts.iter().flat_map(against).collect(),
+        ),
+        picked("heat", &["cells", "condition", "number"], heat),
+        picked("pareto", &["cells"], parts.iter().filter_map(pareto).collect()),
     ];
-    let filled = all.into_iter().filter(|(.., views)| !views.is_empty());
-    filled.map(|(id, pick, views)| json!({ "id": id, "pick": pick, "views": views })).collect()
+    all.into_iter().flatten().collect()
 }
 
 /// The keys that vary between the cells of a part, their values in order of appearance, rising where they are numbers.
@@ -201,67 +200,89 @@ fn called(value: &str) -> String {
     if value.is_empty() { "none".to_owned() } else { value.to_owned() }
 }
 
-/// Every number against every key that is a number.
-fn against(part: &Part<'_>) -> Vec<Value> {
-    let mut views = Vec::new();
-    for (heading, text, values) in varying(part) {
+/// A key that is a number, as the axis of pictures.
+struct Key<'a> {
+    heading: &'static str,
+    text: KeyText,
+    values: &'a [String],
+    /// The axis as the script has it.
+    axis: Value,
+}
+
+impl<'a> Key<'a> {
+    /// `None` where more than one value is no number.
+    fn of(heading: &'static str, text: KeyText, values: &'a [String]) -> Option<Self> {
         let numbers: Vec<f64> = values.iter().filter_map(|v| v.parse().ok()).collect();
-        if numbers.len() < 2 || numbers.len() + 1 < values.len() {
-            continue;
+        let (&low, [.., before, high]) = (numbers.first()?, numbers.as_slice()) else {
+            return None;
+        };
+        if numbers.len() + 1 < values.len() {
+            return None;
         }
-        let (Some(&low), Some(&high)) = (numbers.first(), numbers.last()) else { continue };
-        let log = low > 0.0 && high >= WIDE_RANGE * low;
-        let before = numbers[numbers.len() - 2];
+        let log = low > 0.0 && *high >= WIDE_RANGE * low;
         // What has no number, as a signal without noise, stands one step behind the last.
         let beyond = if log { high * (high / before) } else { high + (high - before) };
         let x: Vec<f64> = values.iter().map(|v| v.parse().unwrap_or(beyond)).collect();
-        let ticks: Vec<Value> = x.iter().zip(&values).map(|(x, v)| json!([x, called(v)])).collect();
-        for measure in &MEASURES {
-            let row = |cells: &[&Cell]| {
-                values.iter().map(|v| brief((measure.of)(&at(cells, text, v)))).collect::<Vec<_>>()
-            };
-            let rows: Vec<(&String, Vec<Option<f64>>)> =
-                part.methods.iter().map(|(name, cells)| (name, row(cells))).collect();
-            let rows: Vec<_> =
-                rows.into_iter().filter(|(_, y)| y.iter().flatten().count() > 0).collect();
-            if rows.is_empty() {
-                continue;
-            }
-            // The curves that lie best, in the order of the study.
-            let size = |y: &[Option<f64>]| {
-                let there: Vec<f64> =
-                    y.iter().flatten().map(|v| (v - measure.good.unwrap_or(0.0)).abs()).collect();
-                (values.len() - there.len(), there.iter().sum::<f64>() / there.len().max(1) as f64)
-            };
-            let mut sizes: Vec<(usize, f64)> = rows.iter().map(|(_, y)| size(y)).collect();
-            sizes.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
-            let open = |y: &[Option<f64>]| sizes.iter().take(OPEN_CURVES).any(|s| *s == size(y));
-            let mut curves: Vec<Value> =
-                rows.iter().map(|(name, y)| json!({ "label": name, "y": y, "hidden": rows.len() > OPEN_CURVES + 2 && !open(y) })).collect();
-            let all: Vec<&Cell> =
-                part.methods.iter().flat_map(|(_, cells)| cells).copied().collect();
-            let bound: Vec<Option<f64>> = values
-                .iter()
-                .map(|v| brief(median(&at(&all, text, v), |c| c.bound_rms_samples)))
-                .collect();
-            if measure.name == MEASURES[0].name && bound.iter().any(Option::is_some) {
-                curves.push(
-                    json!({ "label": "Cramér-Rao bound", "y": bound, "color": "ink", "dash": [10, 5], "width": 2.2, "points": false }),
-                );
-            }
-            let zeros = measure.log && rows.iter().any(|(_, y)| y.contains(&Some(0.0)));
-            views.push(json!({
-                "kind": "lines", "keys": [part.name, heading, measure.name],
-                "about": format!("{} of every method against {heading}", measure.name),
-                "says": zeros.then_some("An error of 0 has no place on a logarithmic axis and is left out; the heat map has it."),
-                "x": { "label": heading, "log": log, "values": x, "ticks": ticks },
-                "y": { "label": measure.name, "log": measure.log, "range": measure.share.then_some([-0.02, 1.02]) },
-                "curves": curves, "height": 400,
-                "marks": measure.good.filter(|g| *g > 0.0).map(|g| vec![json!({ "value": g, "color": "measured" })]),
-            }));
-        }
+        let ticks: Vec<Value> = x.iter().zip(values).map(|(x, v)| json!([x, called(v)])).collect();
+        let axis = json!({ "label": heading, "log": log, "values": x, "ticks": ticks });
+        Some(Self { heading, text, values, axis })
     }
-    views
+
+    /// A number of the cells at every value.
+    fn row(&self, cells: &[&Cell], of: fn(&[&Cell]) -> Option<f64>) -> Vec<Option<f64>> {
+        self.values.iter().map(|v| of(&at(cells, self.text, v)).and_then(brief)).collect()
+    }
+}
+
+/// Every number against every key that is a number.
+fn against(part: &Part<'_>) -> Vec<Value> {
+    let varying = varying(part);
+    let keys = varying.iter().filter_map(|(heading, text, values)| Key::of(heading, *text, values));
+    keys.flat_map(|key| {
+        MEASURES.iter().filter_map(|measure| plotted(part, &key, measure)).collect::<Vec<_>>()
+    })
+    .collect()
+}
+
+/// A number against a key, a curve per method; `None` where no method has it.
+fn plotted(part: &Part<'_>, key: &Key<'_>, measure: &Measure) -> Option<Value> {
+    let row = |(name, cells): &'_ (String, Vec<&Cell>)| (name.clone(), key.row(cells, measure.of));
+    let rows: Vec<(String, Vec<Option<f64>>)> =
+        part.methods.iter().map(row).filter(|(_, y)| y.iter().any(Option::is_some)).collect();
+    if rows.is_empty() {
+        return None;
+    }
+    // The curves that lie best, in the order of the study.
+    let size = |y: &[Option<f64>]| {
+        let there: Vec<f64> =
+            y.iter().flatten().map(|v| (v - measure.good.unwrap_or(0.0)).abs()).collect();
+        (y.len() - there.len(), there.iter().sum::<f64>() / there.len().max(1) as f64)
+    };
+    let mut sizes: Vec<(usize, f64)> = rows.iter().map(|(_, y)| size(y)).collect();
+    sizes.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let open = |y: &[Option<f64>]| sizes.iter().take(OPEN_CURVES).any(|s| *s == size(y));
+    let many = rows.len() > OPEN_CURVES + 2;
+    let mut curves: Vec<Value> = rows
+        .iter()
+        .map(|(name, y)| json!({ "label": name, "y": y, "hidden": many && !open(y) }))
+        .collect();
+    let all: Vec<&Cell> = part.methods.iter().flat_map(|(_, cells)| cells).copied().collect();
+    let bound = key.row(&all, |cells| median(cells, |c| c.bound_rms_samples));
+    if measure.name == MEASURES[0].name && bound.iter().any(Option::is_some) {
+        curves.push(
+            json!({ "label": "Cramér-Rao bound", "y": bound, "color": "ink", "dash": [10, 5], "width": 2.2, "points": false }),
+        );
+    }
+    let zeros = measure.log && rows.iter().any(|(_, y)| y.contains(&Some(0.0)));
+    Some(json!({
+        "kind": "lines", "keys": [part.name, key.heading, measure.name],
+        "about": format!("{} of every method against {}", measure.name, key.heading),
+        "says": zeros.then_some("An error of 0 has no place on a logarithmic axis and is left out; the heat map has it."),
+        "x": key.axis,
+        "y": { "label": measure.name, "log": measure.log, "range": measure.share.then_some([-0.02, 1.02]) },
+        "curves": curves, "height": 400,
+        "marks": measure.good.filter(|g| *g > 0.0).map(|g| vec![json!({ "value": g, "color": "measured" })]),
+    }))
 }
 
 /// Method by the values of every key that varies.
@@ -271,8 +292,10 @@ fn heat(part: &Part<'_>) -> Vec<Value> {
         let columns: Vec<String> = values.iter().map(|v| called(v)).collect();
         for measure in &MEASURES {
             let row = |(name, cells): &(String, Vec<&Cell>)| {
-                let numbers: Vec<Option<f64>> =
-                    values.iter().map(|v| brief((measure.of)(&at(cells, text, v)))).collect();
+                let numbers: Vec<Option<f64>> = values
+                    .iter()
+                    .map(|v| (measure.of)(&at(cells, text, v)).and_then(brief))
+                    .collect();
                 let shown = |v: &Option<f64>| if measure.share { percent(*v) } else { number(*v) };
                 let texts: Vec<String> = numbers.iter().map(shown).collect();
                 numbers
@@ -296,10 +319,10 @@ fn heat(part: &Part<'_>) -> Vec<Value> {
 fn pareto(part: &Part<'_>) -> Option<Value> {
     let point = |(name, cells): &(String, Vec<&Cell>)| {
         mostly(cells).then_some(())?;
-        let time = brief(mean(cells, |c| c.time_per_estimate_s)).filter(|t| *t > 0.0)?;
+        let time = mean(cells, |c| c.time_per_estimate_s).and_then(brief).filter(|t| *t > 0.0)?;
         Some((
             time,
-            brief(mean(cells, |c| c.rms_samples).map(settled)).filter(|e| *e > 0.0)?,
+            mean(cells, |c| c.rms_samples).map(settled).and_then(brief).filter(|e| *e > 0.0)?,
             name.clone(),
         ))
     };

@@ -157,6 +157,53 @@ fn rows(pair: &Pair) -> Vec<&Estimate> {
     if !counted.is_empty() { counted } else { all().filter(|e| e.delay_s.is_some()).collect() }
 }
 
+/// The columns of the table of methods: their widths, and the axis of the last.
+struct Columns {
+    name: usize,
+    value: usize,
+    interval: usize,
+    bar: usize,
+    axis: Option<Axis>,
+}
+
+impl Columns {
+    fn of(pair: &Pair, rows: &[&Estimate], stated: &[String; 2], step_s: f64) -> Self {
+        let widest = |heading: &str, least: &str, of: &dyn Fn(&Estimate) -> String| {
+            let texts = rows.iter().map(|e| columns(&of(e)));
+            texts.chain([columns(heading), columns(least)]).max().unwrap_or(0)
+        };
+        let answer = |e: &Estimate, at: usize| delay_cells(e.delay_s, e.ci95_s, step_s)[at].clone();
+        let name = widest("method", "believed", &|e| e.method.clone());
+        let value = widest("answer (s)", &stated[0], &|e| answer(e, 0));
+        let interval = widest("95 % interval (s)", &stated[1], &|e| answer(e, 1));
+        let counts = 6;
+        let taken = 2 + name + 2 + value + 2 + interval + 2 + 2 + counts;
+        let bar = WIDTH.saturating_sub(taken).clamp(BAR[0], BAR[1]);
+        let intervals = || rows.iter().filter(|e| e.counts()).filter_map(|e| e.ci95_s);
+        let axis = match (pair.verdict.delay_s, pair.verdict.ci95_s) {
+            (Some(delay), Some(ci)) => Axis::around(delay, ci, intervals(), bar),
+            _ => Axis::over(rows.iter().filter_map(|e| e.ci95_s), bar),
+        };
+        Self { name, value, interval, bar, axis }
+    }
+
+    /// The cells of a line but its drawing.
+    fn line(&self, [name, value, interval]: [&str; 3]) -> String {
+        let cells = [
+            cell(name, self.name, false),
+            cell(value, self.value, true),
+            cell(interval, self.interval, true),
+        ];
+        format!("  {}  ", cells.join("  "))
+    }
+}
+
+/// The ends of an axis above it.
+fn ends(axis: Axis, bar: usize, step_s: f64) -> String {
+    let [from, to] = axis.ends().map(|v| seconds(v, step_s));
+    format!("{from}{}", cell(&to, bar.saturating_sub(columns(&from)), true))
+}
+
 /// One line a method: its answer, the interval, both on the common axis, whether it counts; the verdict above.
 fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
     if rows.is_empty() {
@@ -164,50 +211,14 @@ fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
     }
     let (believed, verdict) = (pair.verdict.ci95_s, pair.verdict.delay_s);
     let stated = delay_cells(verdict, believed, step_s);
-    let answer = |e: &Estimate| delay_cells(e.delay_s, e.ci95_s, step_s);
-    let width = |heading: &str, least: &str, of: &dyn Fn(&Estimate) -> String| {
-        rows.iter()
-            .map(|e| columns(&of(e)))
-            .max()
-            .unwrap_or(0)
-            .max(columns(heading))
-            .max(columns(least))
-    };
-    let (name, value, interval) = (
-        width("method", "believed", &|e| e.method.clone()),
-        width("answer (s)", &stated[0], &|e| answer(e)[0].clone()),
-        width("95 % interval (s)", &stated[1], &|e| answer(e)[1].clone()),
-    );
-    let counts = 6;
-    let bar = WIDTH
-        .saturating_sub(2 + name + 2 + value + 2 + interval + 2 + 2 + counts)
-        .clamp(BAR[0], BAR[1]);
-    let intervals = || rows.iter().filter(|e| e.counts()).filter_map(|e| e.ci95_s);
-    let axis = match (verdict, believed) {
-        (Some(delay), Some(ci)) => Axis::around(delay, ci, intervals(), bar),
-        _ => Axis::over(rows.iter().filter_map(|e| e.ci95_s), bar),
-    };
-    let labels = axis.map_or_else(String::new, |axis| {
-        let [from, to] = axis.ends().map(|v| seconds(v, step_s));
-        format!("{from}{}", cell(&to, bar.saturating_sub(columns(&from)), true))
-    });
-    let heads = [
-        cell("method", name, false),
-        cell("answer (s)", value, true),
-        cell("95 % interval (s)", interval, true),
-        cell(&labels, bar, false),
-    ];
-    text.push(Role::Faint, format!("  {}  counts\n", heads.join("  ")));
+    let shape = Columns::of(pair, rows, &stated, step_s);
+    let labels = shape.axis.map_or_else(String::new, |axis| ends(axis, shape.bar, step_s));
+    let heads = shape.line(["method", "answer (s)", "95 % interval (s)"]);
+    text.push(Role::Faint, format!("{heads}{}  counts\n", cell(&labels, shape.bar, false)));
     if let (Some(delay), Some(ci)) = (verdict, believed) {
-        let drawn = axis.map_or_else(String::new, |a| a.bar(delay, Some(ci), None));
-        let cells = [
-            cell("believed", name, false),
-            cell(&stated[0], value, true),
-            cell(&stated[1], interval, true),
-            drawn,
-        ];
-        text.push(Role::Strong, format!("  {}", cells.join("  ").trim_end()))
-            .push(Role::Plain, "\n");
+        let drawn = shape.axis.map_or_else(String::new, |a| a.bar(delay, Some(ci), None));
+        let line = shape.line(["believed", &stated[0], &stated[1]]) + &drawn;
+        text.push(Role::Strong, line.trim_end()).push(Role::Plain, "\n");
     }
     for e in rows {
         let (role, counts) = match (e.outcome, e.counts()) {
@@ -215,16 +226,14 @@ fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
             (Outcome::Found, false) => (Role::Faint, "no"),
             _ => (Role::Faint, "–"),
         };
-        let drawn = match (axis, e.delay_s) {
+        let drawn = match (shape.axis, e.delay_s) {
             (Some(axis), Some(delay)) => axis.bar(delay, e.ci95_s, believed),
             _ => e.outcome.name().replace('_', " "),
         };
-        let [at, between] = answer(e);
-        let cells =
-            [cell(&e.method, name, false), cell(&at, value, true), cell(&between, interval, true)];
+        let [at, between] = delay_cells(e.delay_s, e.ci95_s, step_s);
         let plain = if role == Role::Faint { Role::Faint } else { Role::Plain };
-        text.push(plain, format!("  {}  ", cells.join("  ")))
-            .push(role, cell(&drawn, bar, false))
+        text.push(plain, shape.line([&e.method, &at, &between]))
+            .push(role, cell(&drawn, shape.bar, false))
             .push(plain, format!("  {counts}\n"));
     }
 }
@@ -303,10 +312,9 @@ fn against_time(text: &mut Styled, track: &Tracked, step_s: f64) {
     let band_width = at.iter().map(|&i| columns(&words(i)[1])).max().unwrap_or(0).max(13);
     let bar = WIDTH.saturating_sub(2 + 8 + 9 + 2 + 13 + 2 + band_width + 2).clamp(BAR[0], BAR[1]);
     let Some(axis) = Axis::over(at.iter().map(|&i| band(i)), bar) else { return };
-    let [from, to] = axis.ends().map(|v| seconds(v, step_s));
     let record =
         |text: &str| if several { format!("{}  ", cell(text, 6, true)) } else { String::new() };
-    let labels = format!("{from}{}", cell(&to, bar.saturating_sub(columns(&from)), true));
+    let labels = ends(axis, bar, step_s);
     text.push(
         Role::Faint,
         format!(

@@ -1,12 +1,15 @@
 //! A diagnosis for a terminal.
 
 use super::axis::share as bar;
-use crate::report::diagnosis::{
-    by_horizon, described, first, nuisances, percent, probability, shared,
+use crate::report::diagnosis::{Line, by_horizon, caveat_lines, lines, nuisances, percent};
+use crate::report::facts::{
+    Cause, Label, Place, Ranked, Rivals, Shrink, described, probability, recalibrated, shared,
 };
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns};
-use crate::report::text::estimate;
-use deadtime_gap::{Diagnosed, Diagnosis, FoundParameter, RankingRow, Share, Strength};
+use crate::report::text::{estimate, unit};
+use deadtime_gap::{
+    Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, Share, Strength,
+};
 use deadtime_signal::text::shown;
 
 /// A candidate less probable than this is only counted.
@@ -14,12 +17,17 @@ const PROBABLE: f64 = 0.005;
 /// Cells of a bar.
 const BAR: usize = 20;
 
+/// A sentence behind its label.
+fn line(text: &mut Styled, role: Role, label: Label, sentence: &str) {
+    text.sentence((role, &format!("{}: ", label.word())), sentence, WIDTH, 2);
+}
+
 /// The answer in two sentences: which effect causes the gap and how sure that is; what speaks against it.
 #[must_use]
 pub fn verdict(d: &Diagnosis) -> Styled {
     let mut text = Styled::default();
-    text.sentence((Role::Strong, "Cause: "), &cause(d), WIDTH, 2);
-    text.sentence((Role::Doubt, "Rivals: "), &rivals(d), WIDTH, 2);
+    line(&mut text, Role::Strong, Label::Cause, &cause(d));
+    line(&mut text, Role::Doubt, Label::Rivals, &rivals(d));
     text
 }
 
@@ -28,23 +36,23 @@ pub fn verdict(d: &Diagnosis) -> Styled {
 pub fn diagnosis(found: &Diagnosed, rows: usize) -> Styled {
     let d = &found.diagnosis;
     let mut text = verdict(d);
-    if let Some(first) = first(found) {
-        text.sentence((Role::Doubt, "First: "), first.trim_start_matches("First: "), WIDTH, 2);
+    for Line { label, text: first } in lines(found).iter().filter(|l| l.label == Label::First) {
+        line(&mut text, Role::Doubt, *label, first);
     }
-    text.sentence((Role::Label, "Gap: "), &size(d), WIDTH, 2);
-    text.sentence((Role::Label, "Place: "), &place(d), WIDTH, 2);
-    text.sentence((Role::Label, "Shrink: "), &shrink(d), WIDTH, 2);
+    line(&mut text, Role::Label, Label::Gap, &size(d));
+    line(&mut text, Role::Label, Label::Place, &place(d));
+    line(&mut text, Role::Label, Label::Shrink, &shrink(d));
     if let Some(horizons) = by_horizon(d) {
-        text.sentence((Role::Label, "Ahead: "), &horizons, WIDTH, 2);
+        line(&mut text, Role::Label, Label::Ahead, &horizons);
     }
     if let Some(rest) = described(d) {
-        text.sentence((Role::Doubt, "Rest: "), &format!("{rest}."), WIDTH, 2);
+        line(&mut text, Role::Doubt, Label::Rest, &format!("{rest}."));
     }
     if let Some(own) = nuisances(d) {
-        text.sentence((Role::Label, "Nuisances: "), &format!("{own}."), WIDTH, 2);
+        line(&mut text, Role::Label, Label::Nuisances, &format!("{own}."));
     }
-    for caveat in found.caveats.iter().filter(|c| !c.comes_first()) {
-        text.sentence((Role::Doubt, "Caveat: "), &format!("{caveat}."), WIDTH, 2);
+    for caveat in caveat_lines(found) {
+        line(&mut text, Role::Doubt, caveat.label, &caveat.text);
     }
     if shared(d) {
         text.push(Role::Plain, "\n");
@@ -53,13 +61,10 @@ pub fn diagnosis(found: &Diagnosed, rows: usize) -> Styled {
     text.push(Role::Plain, "\n");
     ranking(&mut text, d, rows);
     if let Some(next) = &d.cause.next_experiment {
-        text.push(Role::Plain, "\n").sentence((Role::Label, "Next: "), next, WIDTH, 2);
+        text.push(Role::Plain, "\n");
+        line(&mut text, Role::Label, Label::Next, next);
     }
     text
-}
-
-fn unit(p: &FoundParameter) -> String {
-    if p.unit == "1" { String::new() } else { format!(" {}", p.unit) }
 }
 
 /// `delay 0.12993 s (0.12961 to 0.13022)`.
@@ -67,76 +72,55 @@ fn parameter(p: &FoundParameter) -> String {
     let Some(value) = p.value else { return format!("no {} limit", p.name) };
     match estimate(value, p.ci95) {
         (value, Some([lower, upper])) => {
-            format!("{} {value}{} ({lower} to {upper})", p.name, unit(p))
+            format!("{} {value}{} ({lower} to {upper})", p.name, unit(&p.unit))
         }
-        (value, None) => format!("{} {value}{} (at a bound)", p.name, unit(p)),
+        (value, None) => format!("{} {value}{} (at a bound)", p.name, unit(&p.unit)),
     }
 }
 
 fn cause(d: &Diagnosis) -> String {
     let sure = format!("probability {}", percent(probability(d)));
-    match (d.cause.verdict.as_str(), d.cause.effects.as_slice()) {
-        ("none", _) if d.gap.before.is_none() => {
-            "none could be looked for, because no output moves.".to_owned()
-        }
-        ("none", _) => {
+    match Cause::of(d) {
+        Cause::NothingMoves => "none could be looked for, because no output moves.".to_owned(),
+        Cause::None => {
             format!("none; no effect of the catalogue helps and what is left is noise ({sure}).")
         }
-        ("unknown", _) if !d.cause.contributions.is_empty() => {
-            format!(
-                "unknown in part; what is listed below contributes, and more than noise stays ({sure})."
-            )
-        }
-        ("unknown", _) => format!(
+        Cause::UnknownInPart => format!(
+            "unknown in part; what is listed below contributes, and more than noise stays ({sure})."
+        ),
+        Cause::Unknown => format!(
             "unknown; more than noise stays that no effect of the catalogue explains ({sure})."
         ),
-        (_, [one]) => {
+        Cause::Effects([one]) => {
             let parameters: Vec<String> = one.parameters.iter().map(parameter).collect();
-            format!(
-                "{} on `{}`, {}, {sure}.",
-                one.effect,
-                shown(&one.channel),
-                parameters.join(", ")
-            )
+            let channel = shown(&one.channel);
+            format!("{} on `{channel}`, {}, {sure}.", one.effect, parameters.join(", "))
         }
         // Their numbers stand in the budget.
-        (_, several) => {
-            let names: Vec<String> = several
-                .iter()
-                .map(|e| format!("{} on `{}`", e.effect, shown(&e.channel)))
-                .collect();
+        Cause::Effects(several) => {
+            let name = |e: &FoundEffect| format!("{} on `{}`", e.effect, shown(&e.channel));
+            let names: Vec<String> = several.iter().map(name).collect();
             format!("{}, {sure}.", names.join(" and "))
         }
     }
 }
 
 fn rivals(d: &Diagnosis) -> String {
-    if let Some(class) = d.cause.indistinguishable.first() {
-        let others: Vec<String> =
-            class.iter().skip(usize::from(!d.cause.effects.is_empty())).map(|n| shown(n)).collect();
-        return format!("{} explain these logs as well.", others.join(", "));
-    }
-    let next = d.cause.ranking.iter().filter_map(|row| match row {
-        RankingRow::Single(r)
-            if (&r.effect, &r.channel) != (&d.cause.verdict, &d.cause.channel) =>
-        {
-            Some(r)
+    match Rivals::of(d) {
+        Rivals::Class(others) => {
+            let others: Vec<String> = others.into_iter().map(shown).collect();
+            format!("{} explain these logs as well.", others.join(", "))
         }
-        _ => None,
-    });
-    match next.max_by(|a, b| a.probability.total_cmp(&b.probability)) {
-        Some(r) if r.effect == "unknown" && d.cause.effects.len() > 1 && r.probability > 0.01 => {
-            format!(
-                "another list of causes, longer or of other laws, with probability {}.",
-                percent(r.probability)
-            )
-        }
-        Some(r) if r.probability > 0.01 => {
+        Rivals::AnotherList(p) => format!(
+            "another list of causes, longer or of other laws, with probability {}.",
+            percent(p)
+        ),
+        Rivals::Next(r) => {
             let channel =
                 r.channel.as_deref().map(|c| format!(" on `{}`", shown(c))).unwrap_or_default();
             format!("next comes {}{channel} with probability {}.", r.effect, percent(r.probability))
         }
-        _ => "none with a probability above 1 %.".to_owned(),
+        Rivals::Improbable => "none with a probability above 1 %.".to_owned(),
     }
 }
 
@@ -159,101 +143,102 @@ fn size(d: &Diagnosis) -> String {
 }
 
 fn place(d: &Diagnosis) -> String {
-    let Some(output) = d.place.outputs.first() else {
+    let Some(Place { output, time, band, regime }) = Place::of(d) else {
         return "nothing stands out above the noise.".to_owned();
     };
     let mut text = format!("{} of it in `{}`", percent(output.share), shown(&output.name));
-    if let Some(t) = d.place.times.iter().find(|t| t.output == output.name) {
+    if let Some(t) = time {
         text += &format!(", mostly {:.2} to {:.2} s of {}", t.from_s, t.to_s, shown(&t.log));
     }
-    if let Some(b) = d.place.bands.iter().find(|b| b.output == output.name) {
+    if let Some(b) = band {
         text += &format!(", {:.2} to {:.2} Hz", b.from_hz, b.to_hz);
     }
-    if let Some(r) = d.place.regimes.iter().find(|r| r.output == output.name) {
+    if let Some(r) = regime {
         text += &format!(", where {} is {:.4} to {:.4}", shown(&r.variable), r.from, r.to);
     }
     text + "."
 }
 
 fn shrink(d: &Diagnosis) -> String {
-    let s = &d.shrink;
-    match (s.before, s.after, s.floor, s.fraction) {
-        (Some(before), Some(after), Some(floor), Some(fraction))
-            if !d.cause.contributions.is_empty() =>
-        {
-            let decoded = s
-                .decoded
-                .map(|known| format!("; lost commands known, {}", percent(known)))
-                .unwrap_or_default();
-            let interval = s
-                .ci95
-                .map(|[l, u]| format!(" ({} to {})", percent(l), percent(u)))
-                .unwrap_or_default();
+    match Shrink::of(d) {
+        Shrink::Falls { before, after, floor, fraction } => {
+            let decoded = d.shrink.decoded.map(percent);
+            let decoded = decoded.map(|p| format!("; lost commands known, {p}"));
+            let interval = d.shrink.ci95.map(|ends| ends.map(percent));
+            let interval = interval.map(|[l, u]| format!(" ({l} to {u})"));
             let [before, after, fraction, floor] = [before, after, fraction, floor].map(percent);
             format!(
-                "on held-out data {before} becomes {after}, by {fraction}{interval}{decoded}; noise is {floor}."
+                "on held-out data {before} becomes {after}, by {fraction}{}{}; noise is {floor}.",
+                interval.unwrap_or_default(),
+                decoded.unwrap_or_default()
             )
         }
-        (Some(before), ..) => format!(
+        Shrink::NothingAdded { before } => format!(
             "nothing was added to the model; its error on held-out data is {}.",
             percent(before)
         ),
-        _ => "no held-out output moves, so nothing can be said.".to_owned(),
+        Shrink::NothingMoves => "no held-out output moves, so nothing can be said.".to_owned(),
     }
+}
+
+/// A line of the budget.
+struct Takes {
+    role: Role,
+    what: String,
+    share: Option<f64>,
+    notes: Vec<String>,
+}
+
+fn contribution(c: &Contribution) -> Takes {
+    let mut notes: Vec<String> = c.parameters.iter().map(parameter).collect();
+    notes.extend(c.probability.map(|p| format!("acts with probability {}", percent(p))));
+    if c.strength == Strength::Weak {
+        notes.push("weak".to_owned());
+    }
+    if c.surrogate {
+        notes.push("predicts, but is not the physics' value".to_owned());
+    }
+    if !c.class.is_empty() {
+        let class: Vec<String> = c.class.iter().map(|n| shown(n)).collect();
+        notes.push(format!("or {} in its place", class.join(" or ")));
+    }
+    let what = format!("{} {}", c.effect, shown(&c.channel));
+    Takes { role: Role::Counts, what, share: c.share.learnt, notes }
+}
+
+/// Everything that takes a share of the gap, and what stays.
+fn shares(d: &Diagnosis) -> Vec<Takes> {
+    let line =
+        |role, what: String, share: &Share, notes| Takes { role, what, share: share.learnt, notes };
+    let mut lines: Vec<Takes> = d.cause.contributions.iter().map(contribution).collect();
+    lines.extend(recalibrated(d).map(|r| {
+        let notes = r.parameters.iter().map(parameter).collect();
+        line(Role::Counts, "parameters recalibrated".to_owned(), &r.share, notes)
+    }));
+    lines.extend(d.cause.remainder.as_ref().map(|r| {
+        let times = r.above_floor.map(|t| format!(" ({t:.1} times the noise)")).unwrap_or_default();
+        line(Role::Doubt, format!("what stays{times}"), &r.share, Vec::new())
+    }));
+    if d.shrink.decoded.is_some() {
+        lines.extend(d.shrink.of_explainable.map(|gained| Takes {
+            role: Role::Counts,
+            what: "a simulation gains".to_owned(),
+            share: Some(gained),
+            notes: vec!["nobody knows the sequence of a run that is still to come".to_owned()],
+        }));
+    }
+    lines
 }
 
 /// What takes how much of the gap, and what stays.
 fn budget(text: &mut Styled, d: &Diagnosis) {
-    let of = |s: &Share| s.learnt;
-    let mut lines: Vec<(Role, String, Option<f64>, Vec<String>)> = Vec::new();
-    for c in &d.cause.contributions {
-        let mut notes: Vec<String> = c.parameters.iter().map(parameter).collect();
-        notes.extend(c.probability.map(|p| format!("acts with probability {}", percent(p))));
-        if c.strength == Strength::Weak {
-            notes.push("weak".to_owned());
-        }
-        if c.surrogate {
-            notes.push("predicts, but is not the physics' value".to_owned());
-        }
-        if !c.class.is_empty() {
-            notes.push(format!(
-                "or {} in its place",
-                c.class.iter().map(|n| shown(n)).collect::<Vec<_>>().join(" or ")
-            ));
-        }
-        lines.push((
-            Role::Counts,
-            format!("{} {}", c.effect, shown(&c.channel)),
-            of(&c.share),
-            notes,
-        ));
-    }
-    if let Some(r) = d.cause.recalibration.as_ref().filter(|r| r.accepted) {
-        let notes = r.parameters.iter().map(parameter).collect();
-        lines.push((Role::Counts, "parameters recalibrated".to_owned(), of(&r.share), notes));
-    }
-    if let Some(r) = &d.cause.remainder {
-        let times = r.above_floor.map(|t| format!(" ({t:.1} times the noise)")).unwrap_or_default();
-        lines.push((Role::Doubt, format!("what stays{times}"), of(&r.share), Vec::new()));
-    }
+    let lines = shares(d);
+    let longest = lines.iter().map(|l| columns(&l.what)).max().unwrap_or(0);
+    let name = longest.clamp(8, WIDTH - 2 - 2 - 5 - 2 - BAR);
     let known = d.shrink.decoded.is_some();
-    if let Some(gained) = d.shrink.of_explainable.filter(|_| known) {
-        lines.push((
-            Role::Counts,
-            "a simulation gains".to_owned(),
-            Some(gained),
-            vec!["nobody knows the sequence of a run that is still to come".to_owned()],
-        ));
-    }
-    let name = lines
-        .iter()
-        .map(|l| columns(&l.1))
-        .max()
-        .unwrap_or(0)
-        .clamp(8, WIDTH - 2 - 2 - 5 - 2 - BAR);
     let of_the_gap = if known { "of the gap, lost or late commands known" } else { "of the gap" };
     text.push(Role::Faint, format!("  {}  takes  {of_the_gap}\n", cell("cause", name, false)));
-    for (role, what, share, notes) in lines {
+    for Takes { role, what, share, notes } in lines {
         let percentage = share.map_or_else(|| "–".to_owned(), percent);
         text.push(
             Role::Plain,
@@ -268,60 +253,57 @@ fn budget(text: &mut Styled, d: &Diagnosis) {
 
 /// The leading candidates, and how many more there are.
 fn ranking(text: &mut Styled, d: &Diagnosis, rows: usize) {
-    let line = |row: &RankingRow| match row {
-        RankingRow::Single(r) => {
-            let channel =
-                r.channel.as_deref().map(|c| format!(" {}", shown(c))).unwrap_or_default();
-            (format!("{}{channel}", r.effect), r.probability, r.after)
-        }
-        RankingRow::Pair(r) => {
-            let names: Vec<String> =
-                r.effects.iter().map(|[e, c]| format!("{e} {}", shown(c))).collect();
-            (names.join(" + "), r.probability, r.after)
-        }
-    };
-    let all: Vec<(String, f64, Option<f64>)> = d.cause.ranking.iter().map(line).collect();
-    // Whatever is probable, and the next few of the others.
-    let listed = rows.min(all.len());
-    let name = all
-        .iter()
-        .take(listed)
-        .map(|(n, ..)| columns(n))
-        .max()
-        .unwrap_or(0)
-        .clamp(9, WIDTH - 2 - 2 - 11 - 2 - BAR - 2 - 11);
-    text.push(
-        Role::Faint,
-        format!(
-            "  {}  {}  {}  error alone\n",
-            cell("candidate", name, false),
-            "probability",
-            " ".repeat(BAR)
-        ),
-    );
-    for (candidate, probability, after) in all.iter().take(listed) {
-        let role = if *probability < PROBABLE { Role::Faint } else { Role::Plain };
-        let share = if *probability > 0.0 && *probability < PROBABLE {
-            "< 1 %".to_owned()
-        } else {
-            percent(*probability)
+    let candidate = |r: &Ranked<'_>| {
+        let one = |[effect, channel]: &[&str; 2]| match *channel {
+            "" => (*effect).to_owned(),
+            channel => format!("{effect} {}", shown(channel)),
         };
-        let error = after.map_or_else(|| "–".to_owned(), |v| format!("{:.1} %", 100.0 * v));
+        r.effects.iter().map(one).collect::<Vec<_>>().join(" + ")
+    };
+    let listed: Vec<(String, Ranked<'_>)> = d
+        .cause
+        .ranking
+        .iter()
+        .take(rows)
+        .map(Ranked::of)
+        .map(|row| (candidate(&row), row))
+        .collect();
+    let longest = listed.iter().map(|(name, _)| columns(name)).max().unwrap_or(0);
+    let name = longest.clamp(9, WIDTH - 2 - 2 - 11 - 2 - BAR - 2 - 11);
+    let (head, blank) = (cell("candidate", name, false), " ".repeat(BAR));
+    text.push(Role::Faint, format!("  {head}  probability  {blank}  error alone\n"));
+    for (candidate, row) in &listed {
+        let p = row.probability;
+        let role = if p < PROBABLE { Role::Faint } else { Role::Plain };
+        let share = if p > 0.0 && p < PROBABLE { "< 1 %".to_owned() } else { percent(p) };
+        let error = row.after.map_or_else(|| "–".to_owned(), |v| format!("{:.1} %", 100.0 * v));
         text.push(
             role,
             format!("  {}  {}  ", cell(candidate, name, false), cell(&share, 11, true)),
         );
-        text.push(Role::Counts, cell(&bar(*probability, BAR), BAR, false))
+        text.push(Role::Counts, cell(&bar(p, BAR), BAR, false))
             .push(role, format!("  {}\n", cell(&error, 11, true)));
     }
-    let mut rest = Vec::new();
-    if all.len() > listed {
-        let most = all.iter().skip(listed).map(|(_, p, _)| *p).fold(0.0, f64::max);
-        let bound = if most < 0.01 { "1 %".to_owned() } else { percent(most) };
-        let most =
-            if most < 0.01 { format!("each below {bound}") } else { format!("{bound} at most") };
-        rest.push(format!("{} more candidates, {most}", all.len() - listed));
+    let rest: Vec<String> = unlisted(d, listed.len()).into_iter().chain(not_tried(d)).collect();
+    if !rest.is_empty() {
+        text.sentence((Role::Faint, "  "), &format!("{}.", rest.join("; ")), WIDTH, 2);
     }
+}
+
+/// How many rows of the ranking are not listed, and how probable they are.
+fn unlisted(d: &Diagnosis, listed: usize) -> Option<String> {
+    let rest = d.cause.ranking.get(listed..).filter(|rest| !rest.is_empty())?;
+    let most = rest.iter().map(|row| Ranked::of(row).probability).fold(0.0, f64::max);
+    let most = if most < 0.01 {
+        "each below 1 %".to_owned()
+    } else {
+        format!("{} at most", percent(most))
+    };
+    Some(format!("{} more candidates, {most}", rest.len()))
+}
+
+/// How many candidates were not tried, by reason.
+fn not_tried(d: &Diagnosis) -> Vec<String> {
     let mut reasons: Vec<(&str, usize)> = Vec::new();
     for left in &d.cause.not_tried {
         match reasons.iter_mut().find(|(why, _)| *why == left.why) {
@@ -330,12 +312,12 @@ fn ranking(text: &mut Styled, d: &Diagnosis, rows: usize) {
         }
     }
     reasons.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
-    rest.extend(reasons.iter().take(3).map(|(why, count)| format!("{count} not tried: {why}")));
-    let others: usize = reasons.iter().skip(3).map(|(_, count)| count).sum();
+    let (named, others) = reasons.split_at(reasons.len().min(3));
+    let mut said: Vec<String> =
+        named.iter().map(|(why, count)| format!("{count} not tried: {why}")).collect();
+    let others: usize = others.iter().map(|(_, count)| count).sum();
     if others > 0 {
-        rest.push(format!("{others} not tried for other reasons"));
+        said.push(format!("{others} not tried for other reasons"));
     }
-    if !rest.is_empty() {
-        text.sentence((Role::Faint, "  "), &format!("{}.", rest.join("; ")), WIDTH, 2);
-    }
+    said
 }

@@ -11,6 +11,7 @@ use super::probabilities::Probabilities;
 use crate::causes::conclusion::ActiveCauses;
 use crate::format::diagnosis::{Cause, RankedPair, RankedSingle, RankingRow};
 use crate::format::found::FoundEffect;
+use crate::format::next_experiment::NextExperiment;
 use crate::hypothesis::effects::Hypothesis;
 use crate::hypothesis::penalised_gain::Penalties;
 use crate::judge::prior_sensitivity::PriorSensitivity;
@@ -23,7 +24,7 @@ use deadtime_model::effect::{Applied, Scales};
 /// How many pairs the ranking lists.
 const PAIRS: usize = 5;
 
-/// The section `cause`, without its budget; `after` gives a hypothesis's training nrmse.
+/// The section `cause`, without its budget, and the experiment that it proposes; `after` gives a hypothesis's training nrmse.
 pub(crate) fn cause(
     likelihood: &Likelihood<'_>,
     composed: &ActiveCauses,
@@ -31,7 +32,7 @@ pub(crate) fn cause(
     scales: &Scales,
     sensitivities: &[PriorSensitivity],
     after: impl Fn(&Hypothesis) -> Option<f64> + Sync,
-) -> Cause {
+) -> (Cause, Option<NextExperiment>) {
     let ActiveCauses { judged, aliases, estimate, .. } = composed;
     let estimate = estimate.as_ref();
     let named = composed.named();
@@ -78,7 +79,7 @@ pub(crate) fn cause(
     }
     start_classes(&mut indistinguishable, judged.found.as_ref(), sensitivities);
     let first = judged.found.as_ref().and_then(|e| e.effects.first());
-    Cause {
+    let cause = Cause {
         verdict: match judged.verdict {
             GapVerdict::None => "none".to_owned(),
             GapVerdict::Unknown => "unknown".to_owned(),
@@ -89,12 +90,13 @@ pub(crate) fn cause(
         ranking,
         indistinguishable,
         not_tried: Vec::new(),
-        next_experiment,
+        next_experiment: next_experiment.as_ref().map(ToString::to_string),
         explained: None,
         contributions: Vec::new(),
         recalibration: None,
         remainder: None,
-    }
+    };
+    (cause, next_experiment)
 }
 
 /// Every effect and the best pairs by probability, with `none` and `unknown`; `list`: how often what is found is the whole list of the causes, where it fits so

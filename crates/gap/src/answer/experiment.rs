@@ -7,24 +7,18 @@
 //! ahead without its controller, nor a simulator that the log starts again, and gets advice by the kinds of its rivals only.
 
 use nalgebra::DVector;
-use rand::RngExt;
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 
 use crate::format::diagnosis::Mode;
+use crate::format::next_experiment::{Advice, NextExperiment, Proposal, SAMPLES, Signal};
 use crate::judge::prior_sensitivity::PriorSensitivity;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::{Applied, Chance, Scales, Site, Telling};
 use deadtime_model::simulate::Commands;
-use deadtime_signal::stats;
 
-/// Samples of an experiment that is simulated.
-const SAMPLES: usize = 3000;
-
-/// One experiment: its name, its commands and where the state starts.
+/// One experiment: its commands and where the state starts.
 struct Trial {
-    words: &'static str,
+    signal: Signal,
     inputs: Vec<Vec<f64>>,
     start: Vec<f64>,
     /// The start is set by the experiment; otherwise it is a nuisance here too.
@@ -42,85 +36,30 @@ fn trials(likelihood: &Likelihood<'_>, scales: &Scales) -> Option<(Vec<f64>, Vec
         .enumerate()
         .map(|(j, x)| x + scales.states.get(j).map_or(0.0, |s| s.std))
         .collect();
-    let spread: Vec<f64> = scales.inputs.iter().map(|s| s.std).collect();
-    let trial = |(words, inputs, released): (&'static str, Vec<Vec<f64>>, bool)| {
-        let start = if released { moved.clone() } else { still.clone() };
-        Trial { words, inputs, released: start != still, start }
+    let std: Vec<f64> = scales.inputs.iter().map(|s| s.std).collect();
+    let trial = |signal: Signal| {
+        let start = if signal == Signal::Release { moved.clone() } else { still.clone() };
+        let inputs = signal.commands(&record.inputs, &std, count);
+        Trial { signal, inputs, released: start != still, start }
     };
-    Some((time_s, commands(&record.inputs, &spread, count).into_iter().map(trial).collect()))
+    Some((time_s, Signal::TRIED.map(trial).into()))
 }
 
-/// The commands of the experiments that are tried, `count` samples each: what it is called, a list per input, whether the state is to begin displaced.
-fn commands(
-    inputs: &[Vec<f64>],
-    spread: &[f64],
-    count: usize,
-) -> Vec<(&'static str, Vec<Vec<f64>>, bool)> {
-    let mean: Vec<f64> =
-        inputs.iter().map(|u| u.iter().sum::<f64>() / u.len().max(1) as f64).collect();
-    let each = |value: &mut dyn FnMut(usize, usize) -> f64| -> Vec<Vec<f64>> {
-        (0..inputs.len()).map(|j| (0..count).map(|k| value(j, k)).collect()).collect()
-    };
-    let logged = |scale: f64, shift: f64| {
-        each(&mut |j, k| mean[j] + scale * (inputs[j][k] - mean[j]) + shift * spread[j])
-    };
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let phase = |k: usize| (4 * k) as f64 / count as f64 % 1.0;
-    vec![
-        ("repeat the commands at twice the amplitude", logged(2.0, 0.0), false),
-        ("repeat the commands at a third of the amplitude", logged(1.0 / 3.0, 0.0), false),
-        ("repeat the commands about another operating point", logged(1.0, 2.0), false),
-        (
-            "excite with a signal that reverses at random at every sample",
-            each(&mut |j, _| mean[j] + if rng.random::<bool>() { spread[j] } else { -spread[j] }),
-            false,
-        ),
-        (
-            "move slowly to and fro, with reversals through zero",
-            each(&mut |j, k| mean[j] + 2.0 * spread[j] * (1.0 - 4.0 * (phase(k) - 0.5).abs())),
-            false,
-        ),
-        (
-            "command steps and hold them until everything has settled",
-            each(&mut |j, k| mean[j] + if phase(k) < 0.5 { 1.5 } else { -1.5 } * spread[j]),
-            false,
-        ),
-        ("record at rest, commands held", logged(0.0, 0.0), false),
-        (
-            "record motion that is not caused by the commands (a release from a displaced start, a push by hand), commands held",
-            logged(0.0, 0.0),
-            true,
-        ),
-    ]
-}
-
-/// The commands that a proposed experiment asks for, as long as the logged ones (one list per input, equally long): what is drawn of `next_experiment`. Amplitudes
-/// are in standard deviations of the commands given. `None` where the proposal is no signal, but words.
-#[must_use]
-pub fn proposed(next_experiment: &str, logged: &[Vec<f64>]) -> Option<Vec<Vec<f64>>> {
-    let count = logged.iter().map(Vec::len).min()?.min(SAMPLES);
-    let spread: Vec<f64> = logged.iter().map(|u| stats::deviation(u).unwrap_or(0.0)).collect();
-    commands(logged, &spread, count)
-        .into_iter()
-        .find(|(words, ..)| next_experiment.contains(words))
-        .map(|(_, inputs, _)| inputs)
-}
-
-/// What would tell two hypotheses apart, as a sentence about a class of effects; `own` and `rival` are all effects at work under each.
+/// What would separate two hypotheses of a class of effects; `own` and `rival` are all effects at work under each.
 pub(crate) fn experiment(
     likelihood: &Likelihood<'_>,
     scales: &Scales,
     class: &[Applied],
     own: &[Applied],
     rival: &[Applied],
-) -> String {
-    let names = names(class);
+) -> NextExperiment {
     let ahead =
         likelihood.predictor.mode == Mode::Simulation && likelihood.system.restart.is_none();
     let simulated = ahead.then(|| trials(likelihood, scales)).flatten();
     let Some((time_s, trials)) = simulated else { return by_kind(class) };
-    let expected =
-        |trial: &Trial| Some((apart(likelihood, scales, &time_s, trial, own, rival)?, trial.words));
+    let expected = |trial: &Trial| {
+        Some((apart(likelihood, scales, &time_s, trial, own, rival)?, trial.signal))
+    };
     let best = trials
         .par_iter()
         .filter_map(expected)
@@ -131,18 +70,17 @@ pub(crate) fn experiment(
     if best.is_none() && likelihood.system.is_black_box() {
         return by_kind(class);
     }
-    let duration_s = time_s.last().copied().unwrap_or(0.0);
-    match best {
-        Some((gain, words)) if gain > likelihood.criteria.selection_penalty => {
-            format!(
-                "To separate {names}: {words} (expected log Bayes factor of the first two {:.0} in {duration_s:.3} s).",
-                0.5 * gain
-            )
+    let proposal = match best {
+        Some((gain, signal)) if gain > likelihood.criteria.selection_penalty => {
+            Proposal::Commands {
+                signal,
+                log_bayes_factor: 0.5 * gain,
+                duration_s: time_s.last().copied().unwrap_or(0.0),
+            }
         }
-        _ => format!(
-            "To separate {names}: none of the experiments that were simulated does; measure at another place."
-        ),
-    }
+        _ => Proposal::NothingSeparates,
+    };
+    NextExperiment { separates: names(class), proposal }
 }
 
 /// Twice the expected log-Bayes-factor of one experiment: the squared distance of the two trajectories in units of the noise, less what the rival's
@@ -200,63 +138,36 @@ fn apart(
     Some(left.norm_squared()).filter(|d| d.is_finite())
 }
 
-fn names(class: &[Applied]) -> String {
-    class.iter().map(Applied::key).collect::<Vec<_>>().join(", ")
+fn names(class: &[Applied]) -> Vec<String> {
+    class.iter().map(Applied::key).collect()
 }
 
 /// As [`experiment`], by the kinds of a class' members, where nothing can be simulated ahead.
-pub(crate) fn by_kind(class: &[Applied]) -> String {
-    format!("To separate {}: {}.", names(class), advice(class))
+pub(crate) fn by_kind(class: &[Applied]) -> NextExperiment {
+    NextExperiment { separates: names(class), proposal: Proposal::Advice(advice(class)) }
 }
 
-fn advice(class: &[Applied]) -> &'static str {
+fn advice(class: &[Applied]) -> Advice {
     let sites = |site: Site| class.iter().any(|c| c.effect.site() == site);
     let told_by =
         |telling| class.iter().filter(|c| c.effect.facts().told_by == Some(telling)).count() > 1;
     if told_by(Telling::Amplitude) {
-        "repeat the experiment at two or more amplitudes, with slow reversals through zero"
+        Advice::Amplitudes
     } else if told_by(Telling::OperatingPoint) {
-        "step the operating point, and start from a known state"
+        Advice::OperatingPoint
     } else if told_by(Telling::Bandwidth) && !sites(Site::Output) {
-        "excite with a broadband signal that reaches well above one over the lag, at two amplitudes"
+        Advice::Bandwidth
     } else if sites(Site::Output) || sites(Site::Clock) {
-        "record motion that is not caused by the commands (a release from a displaced start, a push by hand), beside the same commands"
+        Advice::OtherMotion
     } else {
-        "excite with a multisine over the whole bandwidth, at two amplitudes and two operating points"
+        Advice::Multisine
     }
 }
 
-/// What would tell a start that is off from an effect.
-pub(crate) fn of_starts(sensitivities: &[PriorSensitivity]) -> String {
-    let states =
-        sensitivities.iter().map(|h| format!("`{}`", h.state)).collect::<Vec<_>>().join(", ");
-    format!(
-        "The verdict hangs on how far the start of {states} is trusted: begin from a known state (and say so with initial_std), or step the operating point."
-    )
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_proposal_that_is_a_signal_has_its_commands() {
-        let logged = vec![vec![1.0, 3.0, 1.0, 3.0], vec![0.0, 0.0, 1.0, 1.0]];
-        let twice = proposed(
-            "To separate a, b: repeat the commands at twice the amplitude (expected log Bayes factor 9 in 4 s).",
-            &logged,
-        );
-        assert_eq!(twice, Some(vec![vec![0.0, 4.0, 0.0, 4.0], vec![-0.5, -0.5, 1.5, 1.5]]));
-        let rest =
-            proposed("To separate a, b: record at rest, commands held (expected…).", &logged);
-        assert_eq!(rest, Some(vec![vec![2.0; 4], vec![0.5; 4]]));
-        assert_eq!(
-            proposed(
-                "To separate a, b: none of the experiments that were simulated does; measure at another place.",
-                &logged
-            ),
-            None
-        );
-        assert_eq!(proposed("repeat the commands at twice the amplitude", &[]), None);
+/// What would separate an initial state that is off from an effect.
+pub(crate) fn of_starts(sensitivities: &[PriorSensitivity]) -> NextExperiment {
+    NextExperiment {
+        separates: sensitivities.iter().map(|h| h.state.clone()).collect(),
+        proposal: Proposal::KnownStart,
     }
 }

@@ -405,7 +405,7 @@ fn classes(
                 members.iter().map(|&j| candidates[j].applied.clone()).collect();
             classes.push(Class {
                 members: class.iter().map(Applied::key).collect(),
-                next_experiment: experiment::by_kind(&class),
+                next_experiment: experiment::by_kind(&class).to_string(),
             });
         }
     }

@@ -25,6 +25,7 @@ use crate::likelihood::errors::Errors;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::Applied;
 use deadtime_model::simulate::System;
+use deadtime_signal::remedy::{Message, Remedy};
 
 /// Turns of the responses against what is left: what chance does. The largest of so many is passed once in 60 times.
 const TURNS: usize = 59;
@@ -172,10 +173,12 @@ impl Tried {
         let state = system.states[self.state].name.clone();
         let sentence = format!(
             "what is missing on the derivative of `{state}` goes with {goes_with}, {} times it: held-out R² {:.2}, by chance at most {chance:.2}; \
-             it describes and is no cause, which --candidate '{state} += k*{goes_with}' asks for",
+             it describes and is no cause, which ",
             three_digits(self.gain),
             self.r2
         );
+        let term = format!("{state} += k*{goes_with}");
+        let sentence = Message::from(sentence).and(Remedy::Candidate { term }).and(" asks for");
         Description { state, goes_with, held_out_r2: self.r2, sentence }
     }
 }

@@ -4,6 +4,7 @@ use super::evidence::{Evidence, result, short};
 use super::faults::{Fault, GOOD, SIZE, agreement};
 use super::view::Columns;
 use crate::format::diagnosis::{Check, CheckKind};
+use deadtime_signal::remedy::{Message, Remedy};
 
 /// Correlation of two outputs' models from which on they cannot be told apart: just below where a swap is no longer looked for.
 const ALIKE: f64 = 0.95 * GOOD;
@@ -14,11 +15,13 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
         if let Fault::Swap(p, q) = f.fault {
             let (p, q) = (p.name(&e.view), q.name(&e.view));
             let finding = format!(
-                "`{p}` and `{q}` have changed places: correlation {} as logged, {} exchanged{}; use --map {p}={q} --map {q}={p}",
+                "`{p}` and `{q}` have changed places: correlation {} as logged, {} exchanged{}; use ",
                 short(f.before),
                 short(f.correlation),
                 e.or_instead(f)
             );
+            let swapped = vec![(p.clone(), q.clone()), (q.clone(), p.clone())];
+            let finding = Message::from(finding).and(Remedy::Columns { of: swapped });
             found.push(result(CheckKind::Axes, &p, Some(false), finding));
         }
     }

@@ -6,6 +6,7 @@ use super::kinematics;
 use super::timing::Timing;
 use super::view::View;
 use crate::format::diagnosis::{Check, CheckKind};
+use deadtime_signal::remedy::{Message, Remedy};
 
 /// What all checks look at.
 pub(super) struct Evidence<'a> {
@@ -22,8 +23,19 @@ pub(super) struct Evidence<'a> {
 /// Every channel.
 pub(super) const ALL: &str = "*";
 
-pub(super) fn result(check: CheckKind, channel: &str, ok: Option<bool>, finding: String) -> Check {
-    Check { check, channel: channel.to_owned(), ok, finding }
+pub(super) fn result(
+    check: CheckKind,
+    channel: &str,
+    ok: Option<bool>,
+    finding: impl Into<Message>,
+) -> Check {
+    Check { check, channel: channel.to_owned(), ok, finding: finding.into() }
+}
+
+/// What cannot be told of an uneven log.
+pub(super) fn uneven(what: &str) -> Message {
+    Message::from(format!("cannot be told{what}: the time stamps are uneven; use "))
+        .and(Remedy::Resample)
 }
 
 /// A number with three digits, as short as it can be.

@@ -1,6 +1,6 @@
 //! Whether a model and logs fit at all, before anyone diagnoses: names, units, time stamps, missing samples, then all checks.
 
-use deadtime_signal::remedy::{Message, Remedied};
+use deadtime_signal::remedy::{Message, Remedied, Remedy, Words};
 use serde::{Deserialize, Serialize};
 
 use super::every;
@@ -51,6 +51,19 @@ pub struct Inspection {
     pub checks: Vec<Check>,
 }
 
+impl Inspection {
+    /// The inspection with its findings in the words of a face.
+    #[must_use]
+    pub fn worded(mut self, words: Words) -> Self {
+        let logs = self.logs.iter_mut().flat_map(|log| {
+            log.time.iter_mut().chain(log.channels.iter_mut().filter_map(|c| c.finding.as_mut()))
+        });
+        let checks = self.checks.iter_mut().map(|check| &mut check.finding);
+        logs.chain(checks).chain(&mut self.not_run).for_each(|text| text.word(words));
+        self
+    }
+}
+
 /// One log.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -64,7 +77,7 @@ pub struct LogReport {
     /// The sample time, s; missing where the time stamps are uneven.
     pub sample_time_s: Option<f64>,
     /// What is wrong with its time stamps, with the remedy.
-    pub time: Option<String>,
+    pub time: Option<Message>,
     /// The model's channels in it.
     pub channels: Vec<ChannelReport>,
 }
@@ -96,7 +109,7 @@ pub struct ChannelReport {
     /// Samples that are missing.
     pub missing: usize,
     /// What is wrong with it, with the remedy.
-    pub finding: Option<String>,
+    pub finding: Option<Message>,
 }
 
 /// What a log makes of one of the model's channels.
@@ -123,12 +136,13 @@ fn channel(log: &Log, name: &str, unit: Option<&str>, role: Role) -> ChannelRepo
                 },
                 |near| format!("`{near}` is near"),
             );
-            report.finding =
-                Some(format!("`{name}` is not in the log; {near}: use --map {name}={column}"));
+            let text = format!("`{name}` is not in the log; {near}: use ");
+            let of = vec![(name.to_owned(), column)];
+            report.finding = Some(Message::from(text).and(Remedy::Columns { of }));
             return report;
         }
         Err(other) => {
-            report.finding = Some(other.to_string());
+            report.finding = Some(other.message());
             return report;
         }
     }
@@ -136,7 +150,7 @@ fn channel(log: &Log, name: &str, unit: Option<&str>, role: Role) -> ChannelRepo
         Role::Input => log.input(name).err(),
         Role::Output => log.output(name).err(),
     };
-    report.finding = usable.map(|e| e.to_string());
+    report.finding = usable.map(|e| e.message());
     report.ok = report.finding.is_none();
     if log.check_unit(name, unit).is_err() {
         let (logged, modelled) =
@@ -147,8 +161,10 @@ fn channel(log: &Log, name: &str, unit: Option<&str>, role: Role) -> ChannelRepo
         let text = format!(
             "`{name}` is in {logged} in the log, in {modelled} in the model{factor}: convert the column or correct the header"
         );
-        report.finding =
-            Some(report.finding.map_or(text.clone(), |before| format!("{before}; {text}")));
+        report.finding = Some(match report.finding {
+            Some(before) => before.and("; ").and(text),
+            None => text.into(),
+        });
     }
     report
 }
@@ -163,7 +179,7 @@ fn report(log: &Log, subject: Subject<'_>) -> LogReport {
         samples: log.len(),
         duration_s: log.duration_s(),
         sample_time_s: grid.as_ref().ok().map(|ts| ts.seconds()),
-        time: grid.err().map(|e| e.to_string()),
+        time: grid.err().map(|e| e.message()),
         channels: inputs.chain(outputs).collect(),
     }
 }

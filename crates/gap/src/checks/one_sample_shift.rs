@@ -1,6 +1,6 @@
 //! A channel that is one sample late or early: an off-by-one in a logger.
 
-use super::evidence::{ALL, Evidence, result, short};
+use super::evidence::{ALL, Evidence, result, short, uneven};
 use super::timing::Timing;
 use crate::format::diagnosis::{Check, CheckKind};
 
@@ -78,12 +78,7 @@ impl Evidence<'_> {
         } else if self.search.is_none() {
             result(check, ALL, None, format!("cannot be told: {}", self.view.why_not))
         } else if !self.view.is_even() {
-            result(
-                check,
-                ALL,
-                None,
-                "cannot be told: the time stamps are uneven; use --resample".to_owned(),
-            )
+            result(check, ALL, None, uneven(""))
         } else {
             result(check, ALL, None, "cannot be told: no output goes with its model closely enough for its lag to be measured".to_owned())
         };

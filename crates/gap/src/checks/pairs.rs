@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Quaternion};
 use super::alike;
 use super::alike::{Alike, Known, Part};
 use super::clipped;
-use super::evidence::{ALL, Evidence, result, short};
+use super::evidence::{ALL, Evidence, result, short, uneven};
 use super::kinematics;
 use super::kinematics::{Relation, TOGETHER};
 use super::unit;
@@ -78,7 +78,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
         return Vec::new();
     }
     if !e.view.is_even() {
-        let finding = "cannot be told whether sensors go with each other: the time stamps are uneven; use --resample".to_owned();
+        let finding = uneven(" whether sensors go with each other");
         return vec![result(CheckKind::Unit, ALL, None, finding)];
     }
     let mut said = Said::default();

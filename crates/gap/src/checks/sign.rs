@@ -34,7 +34,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
             short(0.5 * (m.slope[0] + m.slope[1]))
         );
         match found.iter_mut().find(|c: &&mut Check| c.channel == of || c.channel == rate) {
-            Some(check) => check.finding += &format!("; {text}"),
+            Some(check) => check.finding = check.finding.clone().and(format!("; {text}")),
             None => found.push(result(
                 CheckKind::Sign,
                 rate,

@@ -4,6 +4,7 @@ use super::evidence::{ALL, Evidence, result, short};
 use super::moments::deviation;
 use super::runs::{Stretch, Trace};
 use crate::format::diagnosis::{Check, CheckKind};
+use deadtime_signal::remedy::{Message, Remedy};
 
 /// Shorter stretches are not looked at, samples.
 const SHORTEST: usize = 10;
@@ -111,10 +112,11 @@ fn finding(
         return result(CheckKind::Stuck, name, None, finding);
     }
     let finding = format!(
-        "`{name}` repeats {} exactly {} times, {place}, while the rest moves: a sensor or a logger that stopped; cut it out (--from, --to) or leave these cells empty",
+        "`{name}` repeats {} exactly {} times, {place}, while the rest moves: a sensor or a logger that stopped; cut it out (",
         short(value),
         run.len()
     );
+    let finding = Message::from(finding).and(Remedy::Window).and(") or leave these cells empty");
     result(CheckKind::Stuck, name, Some(false), finding)
 }
 

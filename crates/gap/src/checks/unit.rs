@@ -81,7 +81,7 @@ fn kinematic(e: &Evidence<'_>, found: &mut Vec<Check>) {
             e.output(rate)
         );
         match found.iter_mut().find(|c| c.channel == e.output(of) || c.channel == e.output(rate)) {
-            Some(check) => check.finding += &format!("; {text}"),
+            Some(check) => check.finding = check.finding.clone().and(format!("; {text}")),
             None => {
                 let finding = format!("{text}: {}", guesses.join(", or "));
                 found.push(result(CheckKind::Unit, e.output(rate), Some(false), finding));

@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use super::node::Node;
 use super::ranges::{Range, Ranges};
-use super::target::{Source, Target};
+use super::source::Source;
+use super::target::Target;
 use crate::error::Result;
 
 /// Ranges for any trainer.

@@ -12,7 +12,8 @@ use serde::{Deserialize, Serialize};
 
 use super::node::Node;
 use super::ranges::{Range, Ranges};
-use super::target::{ExportError, Source, Target};
+use super::source::{ExportError, Source};
+use super::target::Target;
 use crate::error::Result;
 
 /// Fields of mjModel.

@@ -4,7 +4,7 @@
 //! range is one number, which is said; and an effect that only stands in for another (`surrogate`) predicts, but its number is not the physics'.
 
 use super::node::Node;
-use super::target::{ExportError, Source};
+use super::source::{ExportError, Source};
 use crate::error::Result;
 use crate::format::diagnosis::Mode;
 use crate::format::found::FoundParameter;

@@ -5,7 +5,8 @@ use super::isaaclab::IsaacLab;
 use super::mujoco::MuJoCo;
 use super::node::Node;
 use super::ranges::Ranges;
-use super::target::{Source, Target};
+use super::source::Source;
+use super::target::Target;
 use super::transfer_function::Transfer;
 use crate::error::Result;
 use deadtime_signal::registry::{Entry, entry, find};
@@ -41,7 +42,7 @@ pub static TARGETS: [Entry<dyn Target>; 4] = [
 /// A diagnosis for the target called `to`, with its options as an object.
 ///
 /// # Errors
-/// [`deadtime_signal::registry::RegistryError`] for an unknown target or option, [`ExportError`](super::target::ExportError) for what cannot be handed over.
+/// [`deadtime_signal::registry::RegistryError`] for an unknown target or option, [`ExportError`](super::source::ExportError) for what cannot be handed over.
 pub fn export(source: &Source<'_>, to: &str, options: serde_json::Value) -> Result<Node> {
     let target = find(&TARGETS, "target", to)?.with(options)?;
     target.export(&Ranges::new(source)?, source)

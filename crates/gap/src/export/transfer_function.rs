@@ -11,7 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use super::node::Node;
 use super::ranges::{Range, Ranges};
-use super::target::{ExportError, Source, Target};
+use super::source::{ExportError, Source};
+use super::target::Target;
 use crate::error::Result;
 use deadtime_model::effect::{Applied, Chance};
 use deadtime_model::simulate::{Dynamics, Matrices, Plan, Source as From, System, Term};

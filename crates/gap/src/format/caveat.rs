@@ -1,7 +1,9 @@
 //! What a diagnosis can be made of, but a reader has to know.
 
+use deadtime_signal::remedy::{Message, Words};
+
 /// Something that weakens a diagnosis, as a sentence.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Caveat {
     /// A held-out log with the samples of a training log.
@@ -86,8 +88,8 @@ pub enum Caveat {
     OfTheNumbers {
         /// The effect, with its channel.
         effect: String,
-        /// What fits the numbers.
-        remedy: String,
+        /// What fits the parameters.
+        remedy: Message,
     },
     /// An angle that is logged within one turn, and not said to be one.
     #[error(
@@ -175,7 +177,7 @@ pub enum Caveat {
     /// A simulator whose free run is nowhere near the log, as one that fell over and came to rest.
     #[error(
         "the free run of the simulator has left the log: it misses `{output}` by {times} times what that moves and goes its own way{}. So does an unstable machine that fell over, \
-         and no effect that is named here can be believed; name the log's channels of its states, from which it is then started again and again (--states \"NAME=CHANNEL,…\"), \
+         and no effect that is named here can be believed; name the log's channels of its states, from which it is then started again and again ({states}), \
          or close the loop inside the simulator", grown.as_ref().map_or_else(String::new, |grown| format!(", and what a push at the start does grows {grown}-fold"))
     )]
     LeftTheLog {
@@ -185,6 +187,8 @@ pub enum Caveat {
         times: String,
         /// What a push on a start grows by, where one is named.
         grown: Option<String>,
+        /// What names the log's channels of its states.
+        states: Message,
     },
     /// A simulator that answers next to nothing with something.
     #[error(
@@ -305,6 +309,13 @@ impl Constancy {
 }
 
 impl Caveat {
+    /// The caveat with its remedy in the words of a face.
+    pub(crate) fn word(&mut self, words: Words) {
+        if let Self::OfTheNumbers { remedy, .. } | Self::LeftTheLog { states: remedy, .. } = self {
+            remedy.word(words);
+        }
+    }
+
     /// It has to be settled before anything else is believed.
     #[must_use]
     pub fn comes_first(&self) -> bool {

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::found::FoundParameter;
 use super::place::{Band, Regime, TimeSpan, WhereOutput};
+use deadtime_signal::remedy::Message;
 
 /// How much of a gap is explained.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -116,5 +117,5 @@ pub struct Description {
     /// The part of its variance that the variable predicts on held-out data.
     pub held_out_r2: f64,
     /// In words.
-    pub sentence: String,
+    pub sentence: Message,
 }

@@ -13,6 +13,7 @@ use super::nuisance::NuisanceEstimate;
 use super::place::Where;
 use crate::error::Result;
 use deadtime_signal::file::{read_text, write_atomic};
+use deadtime_signal::remedy::Message;
 
 /// A diagnosis file that cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -173,7 +174,7 @@ pub struct GapOutput {
 }
 
 /// A check that needs no dynamics.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Check {
     /// What was checked.
@@ -183,7 +184,7 @@ pub struct Check {
     /// Whether it passed; missing where it cannot be tested.
     pub ok: Option<bool>,
     /// What was found, as a sentence.
-    pub finding: String,
+    pub finding: Message,
 }
 
 /// The checks there are.
@@ -208,6 +209,24 @@ pub enum CheckKind {
     Clipped,
     /// A command too poor to tell anything.
     Excitation,
+}
+
+impl CheckKind {
+    /// Its name, as in a file.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sign => "sign",
+            Self::Axes => "axes",
+            Self::Unit => "unit",
+            Self::OneSampleShift => "one_sample_shift",
+            Self::ClockOffset => "clock_offset",
+            Self::ClockSkew => "clock_skew",
+            Self::Stuck => "stuck",
+            Self::Clipped => "clipped",
+            Self::Excitation => "excitation",
+        }
+    }
 }
 
 /// What causes the gap.

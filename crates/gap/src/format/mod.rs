@@ -5,6 +5,7 @@ pub(crate) mod contributions;
 pub(crate) mod diagnosis;
 pub(crate) mod error;
 pub(crate) mod found;
+pub(crate) mod next_experiment;
 pub(crate) mod nuisance;
 pub(crate) mod place;
 pub(crate) mod progress;

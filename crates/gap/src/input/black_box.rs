@@ -13,6 +13,7 @@ use crate::error::Result;
 use crate::format::caveat::Caveat;
 use crate::format::error::GapError;
 use deadtime_model::simulate::{Commands, Dynamics, Plan, Remembered, System};
+use deadtime_signal::remedy::Remedy;
 use deadtime_signal::stats;
 use deadtime_signal::stop::Stop;
 
@@ -296,7 +297,8 @@ pub(crate) fn probe(
             system.outputs[i].name.clone(),
             grown.filter(|g| *g > GROWS).map(|g| format!("{g:.0}")),
         );
-        found.caveats.push(Caveat::LeftTheLog { output, times: format!("{times:.1}"), grown });
+        let (times, states) = (format!("{times:.1}"), Remedy::States.into());
+        found.caveats.push(Caveat::LeftTheLog { output, times, grown, states });
     }
     for (at, port) in system.parameters.iter().enumerate() {
         let still =

@@ -1,0 +1,249 @@
+//! What a diagnosis states, line by line, as values. Each face writes its own words from them.
+
+use deadtime_gap::{
+    Band, CheckKind, Diagnosed, Diagnosis, FoundEffect, RankedPair, RankedSingle, RankingRow,
+    Recalibration, Regime, Strength, TimeSpan, WhereOutput,
+};
+
+/// A label of the summary.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Label {
+    /// What has to be settled before the rest.
+    First,
+    /// The size of the gap.
+    Gap,
+    /// Its place.
+    Place,
+    /// Its cause.
+    Cause,
+    /// The shares of several causes.
+    Budget,
+    /// A description of the remainder.
+    Rest,
+    /// What every log has of its own.
+    Nuisances,
+    /// Competing hypotheses.
+    Rivals,
+    /// The reduction on held-out data.
+    Shrink,
+    /// The error by horizon.
+    Ahead,
+    /// A caveat.
+    Caveat,
+    /// The next experiment.
+    Next,
+}
+
+impl Label {
+    /// The word that a face prints.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::First => "First",
+            Self::Gap => "Gap",
+            Self::Place => "Place",
+            Self::Cause => "Cause",
+            Self::Budget => "Budget",
+            Self::Rest => "Rest",
+            Self::Nuisances => "Nuisances",
+            Self::Rivals => "Rivals",
+            Self::Shrink => "Shrink",
+            Self::Ahead => "Ahead",
+            Self::Caveat => "Caveat",
+            Self::Next => "Next",
+        }
+    }
+}
+
+/// The verdict.
+pub(super) enum Cause<'a> {
+    NothingMoves,
+    None,
+    UnknownInPart,
+    Unknown,
+    Effects(&'a [FoundEffect]),
+}
+
+impl<'a> Cause<'a> {
+    pub(super) fn of(d: &'a Diagnosis) -> Self {
+        match d.cause.verdict.as_str() {
+            "none" if d.gap.before.is_none() => Self::NothingMoves,
+            "none" => Self::None,
+            "unknown" if !d.cause.contributions.is_empty() => Self::UnknownInPart,
+            "unknown" => Self::Unknown,
+            _ => Self::Effects(&d.cause.effects),
+        }
+    }
+}
+
+/// What competes with the verdict.
+pub(super) enum Rivals<'a> {
+    /// These logs do not separate it from those.
+    Class(Vec<&'a str>),
+    /// Another list of causes, with its probability.
+    AnotherList(f64),
+    /// The most probable other row of the ranking.
+    Next(&'a RankedSingle),
+    /// Nothing above 1 %.
+    Improbable,
+}
+
+impl<'a> Rivals<'a> {
+    pub(super) fn of(d: &'a Diagnosis) -> Self {
+        if let Some(class) = d.cause.indistinguishable.first() {
+            let own = usize::from(!d.cause.effects.is_empty());
+            return Self::Class(class.iter().skip(own).map(String::as_str).collect());
+        }
+        let others = d.cause.ranking.iter().filter_map(|row| match row {
+            RankingRow::Single(r)
+                if (&r.effect, &r.channel) != (&d.cause.verdict, &d.cause.channel) =>
+            {
+                Some(r)
+            }
+            _ => None,
+        });
+        let next = others.max_by(|a, b| a.probability.total_cmp(&b.probability));
+        match next.filter(|r| r.probability > 0.01) {
+            Some(r) if r.effect == "unknown" && d.cause.effects.len() > 1 => {
+                Self::AnotherList(r.probability)
+            }
+            Some(r) => Self::Next(r),
+            None => Self::Improbable,
+        }
+    }
+}
+
+/// The error on held-out data.
+pub(super) enum Shrink {
+    /// From `before` to `after`, a fraction of it.
+    Falls { before: f64, after: f64, floor: f64, fraction: f64 },
+    /// Nothing was added to the model.
+    NothingAdded { before: f64 },
+    /// No held-out output moves.
+    NothingMoves,
+}
+
+impl Shrink {
+    pub(super) fn of(d: &Diagnosis) -> Self {
+        let s = &d.shrink;
+        match (s.before, s.after, s.floor, s.fraction) {
+            (Some(before), Some(after), Some(floor), Some(fraction))
+                if !d.cause.contributions.is_empty() =>
+            {
+                Self::Falls { before, after, floor, fraction }
+            }
+            (Some(before), ..) => Self::NothingAdded { before },
+            _ => Self::NothingMoves,
+        }
+    }
+}
+
+/// The output with most of the gap, and where in it the gap is.
+pub(super) struct Place<'a> {
+    pub(super) output: &'a WhereOutput,
+    pub(super) time: Option<&'a TimeSpan>,
+    pub(super) band: Option<&'a Band>,
+    pub(super) regime: Option<&'a Regime>,
+}
+
+impl<'a> Place<'a> {
+    /// `None` where nothing is above the noise.
+    pub(super) fn of(d: &'a Diagnosis) -> Option<Self> {
+        let output = d.place.outputs.first()?;
+        Some(Self {
+            output,
+            time: d.place.times.iter().find(|t| t.output == output.name),
+            band: d.place.bands.iter().find(|b| b.output == output.name),
+            regime: d.place.regimes.iter().find(|r| r.output == output.name),
+        })
+    }
+}
+
+/// A row of the ranking.
+pub(super) struct Ranked<'a> {
+    /// Effect and channel of each; the channel is empty for `none` and `unknown`.
+    pub(super) effects: Vec<[&'a str; 2]>,
+    pub(super) probability: f64,
+    /// The training nrmse with it alone.
+    pub(super) after: Option<f64>,
+}
+
+impl<'a> Ranked<'a> {
+    pub(super) fn of(row: &'a RankingRow) -> Self {
+        match row {
+            RankingRow::Single(r) => Self {
+                effects: vec![[&r.effect, r.channel.as_deref().unwrap_or_default()]],
+                probability: r.probability,
+                after: r.after,
+            },
+            RankingRow::Pair(r) => Self {
+                effects: r.effects.iter().map(|[effect, channel]| [&**effect, channel]).collect(),
+                probability: r.probability,
+                after: r.after,
+            },
+        }
+    }
+
+    /// All effects, and all channels, as cells of a table.
+    pub(super) fn cells(&self) -> [String; 2] {
+        [0, 1].map(|i| self.effects.iter().map(|e| e[i]).collect::<Vec<_>>().join(" + "))
+    }
+}
+
+/// What has to be settled before the rest: the findings of checks that have a remedy, and what speaks against the model as it came.
+pub(super) fn first(found: &Diagnosed) -> Vec<String> {
+    use CheckKind::{Axes, ClockOffset, ClockSkew, Sign, Unit};
+    let failed = found.diagnosis.checks.iter().filter(|c| {
+        c.ok == Some(false) && matches!(c.check, Sign | Axes | Unit | ClockOffset | ClockSkew)
+    });
+    let of_model = found.caveats.iter().filter(|c| c.comes_first()).map(ToString::to_string);
+    failed.map(|c| c.finding.trim_end_matches('.').to_owned()).chain(of_model).collect()
+}
+
+/// The caveats that do not come first.
+pub(super) fn caveats(found: &Diagnosed) -> impl Iterator<Item = String> {
+    found.caveats.iter().filter(|c| !c.comes_first()).map(ToString::to_string)
+}
+
+/// Whether a row of the ranking is what was found, in either order.
+fn same_pair(row: &RankedPair, found: &[FoundEffect]) -> bool {
+    let holds = |e: &FoundEffect| {
+        row.effects.iter().any(|[effect, channel]| *effect == e.effect && *channel == e.channel)
+    };
+    row.effects.len() == found.len() && found.iter().all(holds)
+}
+
+/// The probability of the verdict.
+pub(super) fn probability(d: &Diagnosis) -> f64 {
+    let of = |row: &RankingRow| match row {
+        RankingRow::Single(r)
+            if d.cause.effects.len() < 2
+                && r.effect == d.cause.verdict
+                && r.channel == d.cause.channel =>
+        {
+            Some(r.probability)
+        }
+        RankingRow::Pair(r) if same_pair(r, &d.cause.effects) => Some(r.probability),
+        _ => None,
+    };
+    d.cause.ranking.iter().find_map(of).unwrap_or(0.0)
+}
+
+/// Several share the gap, or something stays: a single effect that explains all needs no budget.
+pub(super) fn shared(d: &Diagnosis) -> bool {
+    let contributions = &d.cause.contributions;
+    let weak = contributions.iter().any(|c| c.strength == Strength::Weak);
+    let block = recalibrated(d).is_some();
+    let alone = contributions.len() == 1 && !d.cause.effects.is_empty() && !weak;
+    block || (!contributions.is_empty() && !alone)
+}
+
+/// The recalibration of the model's own parameters, where it is part of the answer.
+pub(super) fn recalibrated(d: &Diagnosis) -> Option<&Recalibration> {
+    d.cause.recalibration.as_ref().filter(|r| r.accepted)
+}
+
+/// The remainder as a missing force.
+pub(super) fn described(d: &Diagnosis) -> Option<&str> {
+    Some(&d.cause.remainder.as_ref()?.description.as_ref()?.sentence)
+}
