@@ -15,7 +15,7 @@ import os
 import sys
 from pathlib import Path
 
-from . import answers, sets, tables
+from . import answers, check, sets, tables
 from .judge import SCORES
 
 LOG = sets.ROOT / "scripts" / "bank_log.md"
@@ -67,6 +67,7 @@ def _arguments() -> argparse.Namespace:
     compare = command("compare", "paired differences of two programs' answers")
     compare.add_argument("old", type=Path)
     compare.add_argument("new", type=Path)
+    commands.add_parser("check", help="checks of the scores themselves")
     for made in (score, compare):
         made.add_argument("--by", choices=("group", "trait"), default="group", help="trait: linear, equations, sampled, predictor, closed loop")
         made.add_argument("--cases", type=int, help="so many of each group at most, the first ones")
@@ -101,6 +102,8 @@ def _locked(options: argparse.Namespace) -> int:
 
 def main() -> int:
     options = _arguments()
+    if options.command == "check":
+        return check.main()
     if options.command == "draw":
         return sets.draw(options.set, options.folder / options.set, options.group, options.cases, options.jobs, options.stamp)
     if options.command == "run":

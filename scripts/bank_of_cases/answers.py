@@ -5,6 +5,7 @@ import hashlib
 import json
 import os
 import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -85,7 +86,7 @@ def ask(program: Path, case: Path, limit: float) -> dict:
         file = Path(out) / "diagnosis.json"
         if process.returncode == 0 and file.exists():
             return answer | distilled(json.loads(file.read_text()))
-        late = seconds >= limit or answer["wall_s"] >= WALL * limit
+        late = process.returncode == -signal.SIGXCPU or answer["wall_s"] >= WALL * limit
         return answer | {"failure": "time" if late else f"exit {process.returncode}: {words[-1][:200] if words else ''}"}
 
 
