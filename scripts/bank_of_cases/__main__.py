@@ -94,7 +94,7 @@ def _locked(options: argparse.Namespace) -> int:
     if options.final not in (known := _entries()) and len(known) >= MOST_LOCKED and not options.force:
         sys.exit(f"the locked set was run {len(known)} times ({', '.join(known)}): what is chosen by it is no longer tested by it (--force)")
     _log(options.final, "begun")
-    code = answers.run("locked", options.folder / "locked", options.program, options.out, options.group, options.cases, options.limit, options.final)
+    code = answers.run("locked", options.folder / "locked", options.program.resolve(), options.out, options.group, options.cases, options.limit, options.final)
     found = answers.read(options.out)
     _log(options.final, f"{len(found)} cases: {tables.summary(found, options.folder / 'locked')}")
     return code

@@ -1,5 +1,6 @@
 """``scripts/bank check``: scores of answers whose values follow by hand, and programs that answer, crash and never end; exit 1 on a failure."""
 
+import argparse
 import contextlib
 import io
 import json
@@ -119,6 +120,25 @@ def programs_answer_crash_and_run_too_long():
             sets.sums = stored
 
 
+def the_locked_set_is_refused_after_three_commits():
+    from . import __main__ as program
+
+    with tempfile.TemporaryDirectory() as place:
+        kept = program.LOG, answers.run, answers.read, tables.summary
+        program.LOG, answers.run, answers.read, tables.summary = Path(place) / "log.md", lambda *_: 0, lambda _: {}, lambda *_: "scores"
+        try:
+            for commit, force, passes in ((None, False, False), ("a", False, True), ("b", False, True), ("a", False, True), ("c", False, True), ("d", False, False), ("d", True, True)):
+                options = argparse.Namespace(final=commit, force=force, folder=Path(), program=Path(), out=Path(), group=None, cases=None, limit=1.0)
+                try:
+                    passed = program._locked(options) == 0
+                except SystemExit:
+                    passed = False
+                assert passed == passes, f"commit {commit}, force {force}"
+            assert list(program._entries()) == ["a", "b", "c", "d"] and "scores" in program.LOG.read_text()
+        finally:
+            program.LOG, answers.run, answers.read, tables.summary = kept
+
+
 def differences_are_paired():
     judged, names = tables.judged, [f"none-{n:02}" for n in range(20)]
     tables.judged = lambda found, _: {n: (_truth("none"), judge(a, _truth("none"))) for n, a in found.items()}
@@ -134,7 +154,7 @@ def differences_are_paired():
 
 CHECKS = [
     mixtures_are_scored_by_share, recalibrations_are_claims, false_alarms_are_what_is_not_there, sets_are_fixed_and_begin_with_every_group,
-    programs_answer_crash_and_run_too_long, differences_are_paired,
+    programs_answer_crash_and_run_too_long, the_locked_set_is_refused_after_three_commits, differences_are_paired,
 ]
 
 
