@@ -16,7 +16,7 @@ from pathlib import Path
 from . import sets
 
 LIMIT_S = 600.0
-WALL = 20  # a diagnosis that waits this many times its limit is ended, too
+WALL, LEAST_WALL_S = 20, 3600.0  # a diagnosis that waits this many times its limit, and an hour, is ended, too
 
 
 def identity(program: Path) -> str:
@@ -68,13 +68,14 @@ def distilled(diagnosis: dict) -> dict:
 def ask(program: Path, case: Path, limit: float) -> dict:
     """The program's answer to one case with its processor seconds; or why there is none."""
     logs = [word for name in ("train_1", "train_2") for word in ("--log", case / f"{name}.csv")]
+    longest = max(WALL * limit, LEAST_WALL_S)
     with tempfile.TemporaryDirectory() as out:
         command = [program, "gap", "--model", case / "model.toml", *logs, "--holdout", case / "holdout_1.csv", "--out", out, "--quiet"]
         began = time.perf_counter()
         with tempfile.TemporaryFile() as said:
             process = subprocess.Popen([str(word) for word in command], stdin=subprocess.DEVNULL, stdout=said, stderr=said)
             resource.prlimit(process.pid, resource.RLIMIT_CPU, (int(limit), int(limit) + 5))
-            guard = threading.Timer(WALL * limit, process.kill)
+            guard = threading.Timer(longest, process.kill)
             guard.start()
             _, status, usage = os.wait4(process.pid, 0)
             guard.cancel()
@@ -86,7 +87,7 @@ def ask(program: Path, case: Path, limit: float) -> dict:
         file = Path(out) / "diagnosis.json"
         if process.returncode == 0 and file.exists():
             return answer | distilled(json.loads(file.read_text()))
-        late = process.returncode == -signal.SIGXCPU or answer["wall_s"] >= WALL * limit
+        late = process.returncode == -signal.SIGXCPU or answer["wall_s"] >= longest
         return answer | {"failure": "time" if late else f"exit {process.returncode}: {words[-1][:200] if words else ''}"}
 
 

@@ -75,7 +75,7 @@ def recalibrations_are_claims():
 
 def false_alarms_are_what_is_not_there():
     delay, outside, off = _claim("input_delay:u", 0.5), {"outside": True}, {"off": {"A[x,x]": -1.01}}
-    block = {"share": 0.4, "parameters": {"A[x,x]": [-1.1, -1.2, -1.05]}}
+    block = {"share": 0.4, "parameters": {"A[x,x]": [-1.1, -1.2, -1.05], "B[x,u]": [2.1, 2.0, 2.2]}}
     for answer, truth, verdict, alarm in (
         (_answer("none"), {}, 1, 0), (_answer("unknown"), {}, 0, 1), (_answer("input_delay:u", delay), {}, 0, 1), (_answer("unknown", delay), {}, 0, 1),
         (_answer("unknown"), outside, 1, 0), (_answer("unknown", delay), outside, 1, 1), (_answer("none"), outside, 1, 0),

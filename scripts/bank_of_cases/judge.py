@@ -32,7 +32,8 @@ SCORES = {
     "f1": ("ratio", 1, "harmonic mean of recall and precision of a case, 0 where nothing is claimed or nothing is true; mean over cases with effects"),
     "false_complete": ("ratio", -1, "answers called complete (explained: all) that claim something false"),
     "complete_outside": ("ratio", -1, "cases with something outside the catalogue whose answer is called complete"),
-    "false_alarm": ("ratio", -1, "none, parameters off, gusts: a claim or the verdict's effect is false; or the verdict is unknown without gusts"),
+    "false_alarm": ("ratio", -1, "none, parameters off, gusts: a contribution or the verdict's effect is false; parameters are recalibrated though none is off; "
+                                 "or the verdict is unknown without gusts"),
     "of_oracle": ("ratio", 1, f"(1 - (after/before)^2)/(1 - (oracle_after/before)^2) on held-out data, each with its own before, clipped to {CLIP[0]:g} ... {CLIP[1]:g}; mean"),
     "of_oracle_median": ("median", 1, "its median, not clipped"),
     "worse": ("ratio", -1, f"the written model's held-out error is more than {100 * (WORSE - 1):.1g} % above the nominal one's"),
@@ -189,7 +190,8 @@ def judge(answer: dict, truth: Truth) -> dict[str, list[float]]:
         result["complete_outside"] = [float(complete), 1.0]
     if truth.kind == "none":
         named = answer["verdict"] != "none" and not _verdict_is_right(answer, truth)
-        result["false_alarm"] = [float(named or not all(right)), 1.0]
+        redundant = any(c.block for c in found) and not truth.parameters
+        result["false_alarm"] = [float(named or redundant or not all(r for c, r in zip(found, right) if not c.block)), 1.0]
     before, after = answer["before"], answer["after"]
     if before and after is not None:
         result["worse"] = [float(after > WORSE * before), 1.0]
