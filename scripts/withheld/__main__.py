@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from .generate import SHARES, generate, summary
+from .generate import BESIDE, SHARES, generate, summary
 
 
 def main() -> int:
@@ -18,6 +18,8 @@ def main() -> int:
     parser.add_argument("--seed", type=int, help="default: from the operating system")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--weak", type=float, default=0.0, metavar="SHARE", help="share of singles between 5 and 10 dB above the noise")
+    beside = sorted({name for names in BESIDE.values() for name in names})
+    parser.add_argument("--beside", choices=beside, help="what acts on machines without effects (parameters, gusts) and beside mixtures (nothing, parameters, outside)")
     options = parser.parse_args()
     if options.out.exists() and any(options.out.iterdir()):
         parser.error(f"{options.out} is not empty")
@@ -30,7 +32,7 @@ def main() -> int:
     seed = secrets.randbits(64) if options.seed is None else options.seed
     print(f"seed {seed}", flush=True)
     began = time.perf_counter()
-    results = generate(options.out, counts, seed, options.jobs, options.weak)
+    results = generate(options.out, counts, seed, options.jobs, options.weak, options.beside)
     print(summary(results))
     print(f"{time.perf_counter() - began:.0f} s in all")
     return 0 if all(r["id"] for r in results) else 1

@@ -20,6 +20,7 @@ from .fit import Problem, Record, fit
 from .outside import Outside
 from .plants import PLANTS
 from .signals import is_rich
+from .structure import same_by_construction
 
 STRONG, WEAK = (12.0, 30.0), (5.5, 10.0)  # strengths drawn, dB
 MOST_SNR = 46.0  # dB, of the best sensors
@@ -30,6 +31,9 @@ MIXED, MIXED_PARAMETERS = (6.0, 28.0), (8.0, 20.0)  # strengths of a mixture's p
 MIXED_OUTSIDE = ("hysteresis", "slosh", "gusts")
 ALONE = ("dropped_commands", "sensor_quantisation")  # what chance decides sample by sample is no part of a sum
 SEARCHED = 0.05  # of the gap: what takes less of a mixture is not worth a search for what could stand in for it
+OFF = 0.01  # standard deviation of the relative errors of all parameters, where nothing else differs
+OFF_DB = (-3.0, 15.0)  # how far above the noise they are to be, as far as sensors can be that good
+GUSTS = (3.0, 15.0)  # strengths of gusts that act on a machine without any other difference, dB
 HIDDEN_DB = 6.0  # wrong nominal parameters stay at least this far below the noise
 
 
@@ -38,6 +42,7 @@ class Wanted:
     group: str  # single, none, unknown, pair, mixture
     effect: str | None  # a single's effect, an unknown's kind
     weak: bool
+    beside: str | None = None  # of a mixture "nothing", "parameters" or "outside" (None: drawn), of none "parameters" or "gusts"
 
 
 def _decibel(gaps: list[tuple[float, int]]) -> float:
@@ -267,7 +272,8 @@ class Case:
         ex, rng = self.experiment, self.rng
         possible = [e for e in EFFECTS if e not in ALONE and real_channels(ex.nominal, e, ex.plant)]
         count = int(rng.integers(2, 6))
-        beside = rng.choice(["nothing", "parameters", "outside"])
+        beside = str(rng.choice(["nothing", "parameters", "outside"]))
+        beside = self.wanted.beside or beside
         parts: list[list[dict]] = []
         for effect in rng.choice(possible, min(count, len(possible)), replace=False):
             one = self._draw_one(str(effect))
@@ -351,8 +357,23 @@ class Case:
         return sum(float(np.sum(residual**2 / moves)) for residual in left)
 
     def _draw_none(self) -> None:
+        ex, rng = self.experiment, self.rng
+        if self.wanted.beside == "parameters":
+            errors = {c: np.clip(OFF * rng.normal(), -3 * OFF, 3 * OFF) for c in real_channels(ex.model, "parameter_error", ex.plant)}
+            self.hidden = [
+                {"effect": "parameter_error", "channel": c, "parameters": {"value": float(nominal_value(ex.model, c) * (1 + e))}} for c, e in errors.items()
+            ]
+        elif self.wanted.beside == "gusts":
+            self.hidden, self.effects = [], []
+            self.outside = Outside(rng, "gusts", ex.model, ex.scales, ex.plant)
+            self._sized(self._outside_of, rng.uniform(*GUSTS))
         self.effects = self.hidden
         self.remake()
+        lacking = rng.uniform(*OFF_DB) - self.gap_db() if self.wanted.beside == "parameters" else 0.0
+        if lacking > 0:
+            self._quieten(lacking)
+            self._noise_level()
+            self.remake()
         self.effects = []
 
     def _draw_unknown(self) -> None:
@@ -392,6 +413,13 @@ class Case:
         classes = alias_classes(short, full, self.experiment.scales, self.effects)
         return classes if len(classes) > 1 else classes[0]
 
+    def _with_same(self, classes: list) -> list:
+        """The classes with what does the same by construction as one of their members."""
+        same = same_by_construction(self.experiment.nominal)
+        if any(isinstance(c, list) for c in classes):
+            return [self._with_same(c) for c in classes]
+        return sorted(set(classes).union(*(same.get(name, ()) for name in classes)))
+
     def _needs_unknown(self) -> None:
         """No effect of the catalogue explains the fault, nor two; a larger fault is tried where they do."""
         if not self._is_explained():
@@ -423,12 +451,13 @@ class Case:
 
     def label(self) -> dict:
         self.check()
-        aliases = self._aliases()
+        aliases = self._with_same(self._aliases())
         holdout, training = self.problem((2,), True), self.problem((0, 1), True)
         before = after = self.nrmse(0, [], holdout)
-        if self.effects:
-            training.linearise(self.effects)
-            fitted, _ = fit(training, self.effects, parameter_scales(self.experiment.scales, self.effects))
+        acting = self.hidden if self.wanted.group == "none" and self.wanted.beside == "parameters" else self.effects
+        if acting:
+            training.linearise(acting)
+            fitted, _ = fit(training, acting, parameter_scales(self.experiment.scales, acting))
             after = self.nrmse(0, fitted, holdout)
         elif self.wanted.group == "unknown":
             clean = self.problem((2,), False)
@@ -436,6 +465,8 @@ class Case:
             after = float(np.sqrt(np.mean(np.mean(floor**2, axis=0) / np.nanvar(holdout.records[0].y, axis=0))))
         verdict = self.effects[0]["effect"] if self.effects else self.wanted.group
         mixed = {} if self.shares is None else {"shares": self.shares, "outside": self.outside.kind if self.outside else None}
+        if self.wanted.group == "none" and self.wanted.beside:
+            mixed = {"parameter_errors": self.hidden, "outside": self.outside.kind if self.outside else None}
         return {
             "group": "single" if self.wanted.group == "stepping" else self.wanted.group, "verdict": verdict, "effects": self.effects, "alias_class": aliases, **self._where(),
             "before": before, "oracle_after": after, **mixed,
@@ -444,7 +475,7 @@ class Case:
     def _where(self) -> dict:
         """Outputs, span (of train_1, s) and band (10 % to 90 % of the energy, Hz) of the noise-free gap, and its strength."""
         nothing = {"outputs": [], "from_s": None, "to_s": None, "from_hz": None, "to_hz": None, "strength_db": None}
-        if self.wanted.group == "none":
+        if self.wanted.group == "none" and not self.wanted.beside:
             return nothing
         ex, problem = self.experiment, self.problem((0, 1), False)
         record = problem.records[0]

@@ -17,9 +17,10 @@ from .system import MOVING, STEPPING
 
 SHARES = {"single": 0.55, "none": 0.15, "unknown": 0.15, "pair": 0.15, "mixture": 0.0, "moving": 0.0, "stepping": 0.0}
 ATTEMPTS = 60
+BESIDE = {"none": ("parameters", "gusts"), "mixture": ("nothing", "parameters", "outside")}  # what may be asked to act beside the effects
 
 
-def plan(counts: dict[str, int], weak_share: float, rng) -> list[Wanted]:
+def plan(counts: dict[str, int], weak_share: float, rng, beside: str | None = None) -> list[Wanted]:
     """Every effect as often as any other, likewise the unknown kinds; in random order."""
     def turns(items, count):
         found: list[str] = []
@@ -31,7 +32,7 @@ def plan(counts: dict[str, int], weak_share: float, rng) -> list[Wanted]:
     wanted += [Wanted("moving", effect, False) for effect in turns(sorted(MOVING), counts.get("moving", 0))]
     wanted += [Wanted("stepping", effect, False) for effect in turns(sorted(STEPPING), counts.get("stepping", 0))]
     wanted += [Wanted("unknown", kind, False) for kind in turns(KINDS, counts["unknown"])]
-    wanted += [Wanted(group, None, False) for group in ("none", "pair", "mixture") for _ in range(counts.get(group, 0))]
+    wanted += [Wanted(group, None, False, beside if beside in BESIDE.get(group, ()) else None) for group in ("none", "pair", "mixture") for _ in range(counts.get(group, 0))]
     return [wanted[i] for i in rng.permutation(len(wanted))]
 
 
@@ -56,15 +57,15 @@ def make(job: tuple[Wanted, np.random.SeedSequence, Path]) -> dict:
         experiment = case.experiment
         return {
             "id": identity, "wanted": wanted, "discarded": discarded, "seconds": time.perf_counter() - began, "plant": experiment.model["name"],
-            "loop": "closed" if experiment.closed else "open", "label": label, "traits": experiment.traits(),
+            "loop": "closed" if experiment.closed else "open", "label": label, "traits": experiment.traits(), "hidden": case.hidden,
         }
     return {"id": None, "wanted": wanted, "discarded": discarded, "seconds": time.perf_counter() - began}
 
 
-def generate(folder: Path, counts: dict[str, int], seed: int, jobs: int, weak_share: float = 0.0) -> list[dict]:
+def generate(folder: Path, counts: dict[str, int], seed: int, jobs: int, weak_share: float = 0.0, beside: str | None = None) -> list[dict]:
     root = np.random.SeedSequence(seed)
     order, *seeds = root.spawn(1 + sum(counts.values()))
-    work = [(w, s, folder) for w, s in zip(plan(counts, weak_share, np.random.default_rng(order)), seeds)]
+    work = [(w, s, folder) for w, s in zip(plan(counts, weak_share, np.random.default_rng(order), beside), seeds)]
     if jobs == 1:
         return [make(job) for job in work]
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:

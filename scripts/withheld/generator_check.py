@@ -8,11 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
+from .cases import GUSTS
+from .catalogue import nominal_value
 from .files import commitment
-from .generate import generate
+from .generate import BESIDE, generate
+from .plants import PLANTS
 from .simulate import simulate
+from .structure import same_by_construction
+from .system import Names
 
 SEED = 8
+PLANTS_BY_NAME = {plant.model["name"]: plant for plant in PLANTS.values()}
 KEYS = [
     "format", "id", "salt", "group", "verdict", "effects", "alias_class", "outputs", "from_s", "to_s", "from_hz", "to_hz", "strength_db", "before", "oracle_after",
 ]
@@ -92,4 +98,56 @@ def drawn_cases_are_whole():
         assert again == twice and len(again) == 6, "same seed, same files"
 
 
-CHECKS = [drawn_cases_are_whole]
+def machines_without_effects_differ_as_asked():
+    """All parameters off by some per cent, or gusts: the label says so, names no effect, and the parameters explain what the files hold."""
+    with tempfile.TemporaryDirectory() as place:
+        for beside in BESIDE["none"]:
+            folder = Path(place) / beside
+            (result,) = generate(folder, {"single": 0, "none": 1, "unknown": 0, "pair": 0}, SEED, 1, beside=beside)
+            label = json.loads((folder / "labels" / f"{result['id']}.json").read_text())
+            errors = label.pop("parameter_errors")
+            assert label.pop("outside") == (None if beside == "parameters" else "gusts")
+            assert list(label) == KEYS and label["group"] == label["verdict"] == "none" and not label["effects"]
+            if beside == "gusts":
+                assert not errors and GUSTS[0] - 6 < label["strength_db"] < GUSTS[1] + 6, f"gusts of {label['strength_db']} dB"
+                continue
+            model = tomllib.loads((folder / "cases" / result["id"] / "model.toml").read_text())
+            share = [e["parameters"]["value"] / nominal_value(PLANTS_BY_NAME[model["name"]].model, e["channel"]) - 1 for e in errors]
+            assert len(share) > 1 and all(0 < abs(s) <= 0.031 for s in share), f"parameters off by {share}"
+            assert label["oracle_after"] < 0.95 * label["before"], "with the true parameters less is left"
+
+
+def what_is_the_same_by_construction_is():
+    """Two effects that are called the same leave the same simulated outputs, at another number; a gain of the whole command is not the same about a working point."""
+    rng, found = np.random.default_rng(SEED), 0
+    for name, plant in PLANTS.items():
+        model, names = plant.model, Names(plant.model)
+        time = np.arange(120) * plant.sample_time
+        u = np.array(plant.trim or [0.0] * len(names.inputs)) + np.repeat(rng.normal(size=(12, len(names.inputs))), 10, axis=0) * np.array(plant.levels)
+        for one, others in same_by_construction(model).items():
+            for other in others:
+                found += 1
+                outputs = []
+                for text in (one, other):
+                    effect, channel = text.split(":")
+                    outputs.append(lambda value, e=effect, c=channel: simulate(model, time, u, [{"effect": e, "channel": c, "parameters": _numbers(model, e, c, value)}]))
+                plain, target = simulate(model, time, u, []), outputs[0](0.02)
+                tried = outputs[1](0.01) - plain  # scaled to the target: both act in proportion when small, whatever is the same meets it exactly
+                scale = float(np.vdot(tried, target - plain) / np.vdot(tried, tried))
+                for _ in range(20):
+                    moved = outputs[1](0.01 * scale) - plain
+                    scale *= float(np.vdot(moved, target - plain) / np.vdot(moved, moved))
+                left = np.abs(outputs[1](0.01 * scale) - target).max() / np.abs(target - plain).max()
+                assert left < 1e-5, f"{name}: {one} and {other} differ by {left:.2g}"
+    assert found >= 20, f"{found} pairs"
+    assert "input_gain:heater" not in same_by_construction(PLANTS["thermal"].model), "a gain moves the working point, an entry of B does not"
+
+
+def _numbers(model: dict, effect: str, channel: str, size: float) -> dict[str, float]:
+    if effect == "parameter_error":
+        return {"value": nominal_value(model, channel) * (1 + size)}
+    name = {"input_gain": "gain", "input_offset": "offset", "constant_disturbance": "level", "quadratic_drag": "coefficient"}[effect]
+    return {name: 1 + size if name == "gain" else size}
+
+
+CHECKS = [drawn_cases_are_whole, machines_without_effects_differ_as_asked, what_is_the_same_by_construction_is]
