@@ -12,7 +12,7 @@ SECTIONS = ("Equation", "Inputs", "Assumes", "Resolution and cost", "Interval", 
 STRUCT = re.compile(r"((?:^[ \t]*///.*\n)+)(?:^#\[.*\n)*^[ \t]*pub(?:\(crate\))? struct (\w+)", re.MULTILINE)
 # The line of a method: its name, its summary and its options; those of the process models share one struct.
 NAMED = re.compile(r'(?:entry!|method_line!|: |as )\(\s*"(\w+)",\s*"[^"]*",\s*(\w+)|^    \w+, P\w+, "(\w+)"', re.MULTILINE)
-EFFECT = re.compile(r'fn name\(&self\) -> &\'static str \{\s*"(\w+)"')
+EFFECT = re.compile(r'Facts::of\(\s*"(\w+)"')
 
 
 @dataclass
