@@ -4,6 +4,7 @@ A case is a folder SET/GROUP-NN: `model.toml`, `train_1.csv`, `train_2.csv`, `ho
 errors, and the effects of this model that do the same by construction. The repository stores one SHA-256 over these files per case, golden/bank/SET.sha256.
 """
 
+import contextlib
 import hashlib
 import json
 import multiprocessing
@@ -134,8 +135,8 @@ def draw(set_name: str, folder: Path, groups: list[str] | None, cases: int | Non
     folder.mkdir(parents=True, exist_ok=True)
     work = [(set_name, name, folder) for name in names(groups, cases) if not (folder / name).is_dir()]
     failed = 0
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        for n, (name, seconds, remark) in enumerate(pool.imap(draw_one, work), start=1):
+    with multiprocessing.get_context("spawn").Pool(jobs) if jobs > 1 else contextlib.nullcontext() as pool:
+        for n, (name, seconds, remark) in enumerate((pool.imap if pool else map)(draw_one, work), start=1):
             failed += remark.startswith("NOTHING")
             print(f"{n}/{len(work)} {name} {seconds:.1f} s {remark}", file=sys.stderr, flush=True)
     differing = check(set_name, folder, stamp)
