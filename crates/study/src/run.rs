@@ -17,6 +17,7 @@ use super::cell::{Resolved, Slot};
 use super::error::{Error, Result, StudyError};
 use super::estimates::{CsvSink, Field, Row, Sink, key_fields, made, of_record, value_fields};
 use super::keys::Delay;
+#[cfg(feature = "tables")]
 use super::parquet::ParquetSink;
 use super::plan::{PLAIN, Plan};
 use super::results::{Cell, FORMAT, Kept, Score, Study};
