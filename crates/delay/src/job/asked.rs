@@ -44,11 +44,11 @@ pub struct Job {
     pub inputs: Vec<String>,
     /// Output channels; every pair with an input is estimated.
     pub outputs: Vec<String>,
-    /// The methods, as [`Ready::all`] or [`chosen`] makes them; those that look at states wait for a model.
+    /// The methods, as [`Ready::all`] or `chosen` makes them; those that look at states wait for a model.
     pub methods: Vec<Ready>,
     /// The plant: its relative degrees, and A and B for the methods that look at states.
     pub model: Option<ModelFile>,
-    /// Longest delay to search, s; `None`: that of [`Search`], of records shorter than four times that a quarter of the longest.
+    /// Longest delay to search, s; `None`: that of `Search`, of records shorter than four times that a quarter of the longest.
     pub max_delay_s: Option<f64>,
     /// Samples that the plant needs to respond without any dead time; `None`: the model's, or 1.
     pub degree_bias: Option<usize>,
@@ -65,7 +65,7 @@ pub struct Job {
 }
 
 impl Job {
-    /// Every method on every pair of these inputs and outputs of one or several records, with the defaults of [`Search`], means taken off, and feedback looked for;
+    /// Every method on every pair of these inputs and outputs of one or several records, with the defaults of `Search`, means taken off, and feedback looked for;
     /// called as its first record is.
     pub fn new<I: Into<String>, O: Into<String>>(
         logs: Vec<Log>,

@@ -19,7 +19,7 @@ impl Job {
     /// Estimates every pair by every method.
     ///
     /// # Errors
-    /// What the channels, the model or a typed option cannot be used for; [`super::error::Error::Stopped`]. What a method cannot do with the data is its answer.
+    /// What the channels, the model or a typed option cannot be used for; [`crate::error::Error::Stopped`]. What a method cannot do with the data is its answer.
     pub fn run(&self) -> Result<Report> {
         let (logged, search, bias) = self.prepared()?;
         let ts = logged.sample_time();

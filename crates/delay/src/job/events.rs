@@ -24,9 +24,9 @@ pub struct EventsJob {
     pub channels: [String; 2],
     /// When the events were seen at the first place, and at the second.
     pub events: [EventTimes; 2],
-    /// The methods, as [`chosen`] makes them.
+    /// The methods, as `chosen` makes them.
     pub methods: Vec<Ready>,
-    /// Longest delay to search, s; `None`: as many typical intervals as [`Search`] has samples.
+    /// Longest delay to search, s; `None`: as many typical intervals as `Search` has samples.
     pub max_delay_s: Option<f64>,
     /// Looked at between methods.
     pub stop: Stop,
@@ -36,7 +36,7 @@ pub struct EventsJob {
 const PARTS: u8 = 100;
 
 impl EventsJob {
-    /// Every method that looks at events, between two sequences that are called so, with the defaults of [`Search`].
+    /// Every method that looks at events, between two sequences that are called so, with the defaults of `Search`.
     pub fn new(name: impl Into<String>, channels: [&str; 2], events: [EventTimes; 2]) -> Self {
         Self {
             name: name.into(),
@@ -51,7 +51,7 @@ impl EventsJob {
     /// Estimates the delay by every method.
     ///
     /// # Errors
-    /// [`DelayError::OneEvent`], [`DelayError::Intervals`], [`DelayError::NoWindow`], [`deadtime_signal::time::TimeError`]; [`super::error::Error::Stopped`]. What a method cannot do with the
+    /// [`DelayError::OneEvent`], [`DelayError::Intervals`], [`DelayError::NoWindow`], [`deadtime_signal::time::TimeError`]; [`crate::error::Error::Stopped`]. What a method cannot do with the
     /// events is its answer.
     pub fn run(&self) -> Result<Report> {
         let Self { name, channels: [a, b], events: [first, second], methods, stop, .. } = self;

@@ -52,7 +52,7 @@ impl ResponseJob {
     /// Estimates by every method asked for.
     ///
     /// # Errors
-    /// [`RegistryError`] for a name or an option that there is not; [`DelayError::Turns`] for a search beyond what the frequencies tell apart; [`crate::error::Error::Stopped`].
+    /// `RegistryError` for a name or an option that there is not; [`DelayError::Turns`] for a search beyond what the frequencies tell apart; [`crate::error::Error::Stopped`].
     pub fn run(&self) -> Result<Report> {
         let response = &self.response;
         let (first, last) = ends(response);

@@ -134,7 +134,7 @@ impl Integrator {
         self.broken.map(|t| (t, self.broken_x.as_slice()))
     }
 
-    /// After [`SimulateError::Stiff`]: the state that asks for the shortest steps, and its time constant there, s.
+    /// After `SimulateError::Stiff`: the state that asks for the shortest steps, and its time constant there, s.
     #[must_use]
     pub fn fastest(&self) -> Option<(usize, f64)> {
         self.fastest
