@@ -1,4 +1,4 @@
-//! What acts: the best set of the search with its shares, intervals and aliases, and the verdict on it.
+//! The active effects: the best set of the search with its shares, intervals and aliases, and the verdict on it.
 //!
 //! How it can be wrong: a sequence of lost or late commands that is decoded from the outputs takes a little of everything, so it must beat the best set of
 //! deterministic effects under the same score; a lattice lowers no error, so the trace in the raw values decides on it alone.
@@ -32,7 +32,7 @@ const SETTLED: f64 = 1.02;
 /// Single effects from which the search begins: their own fit had more first guesses.
 const ALONE: usize = 10;
 
-/// What acts.
+/// The active effects.
 pub(crate) struct ActiveCauses {
     /// The verdict, with all that was found.
     pub(crate) judged: Judged,
@@ -117,7 +117,7 @@ pub(crate) struct Conclusion<'c, 'a> {
 }
 
 impl Conclusion<'_, '_> {
-    /// What acts, in place of what was judged from single effects and pairs; `None` where the model cannot be simulated.
+    /// The active effects, in place of what was judged from single effects and pairs; `None` where the model cannot be simulated.
     pub(crate) fn from(&self, judged: Judged, progress: &dyn Fn(Stage)) -> Option<ActiveCauses> {
         let begin = judged.best.clone().filter(|_| judged.verdict != GapVerdict::None);
         let lattice = |e: &Hypothesis| e.effects.iter().any(|a| a.effect.leaves_residual());
