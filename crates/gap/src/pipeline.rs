@@ -12,9 +12,11 @@ use nalgebra::DMatrix;
 use super::answer::isolability as isolability_of;
 use super::error::Result;
 use crate::answer::cause::cause;
+use crate::answer::classes::classes;
 use crate::answer::contributions::{GapBudget, explained, share_classes};
 use crate::answer::force_profile::ForceProfile;
 use crate::answer::handed::in_a_form_that_helps;
+use crate::answer::held_out::HeldOut;
 use crate::answer::improvement::improvement;
 use crate::answer::isolability::{Isolability, Names};
 use crate::answer::later_rows::later_rows;
@@ -30,6 +32,7 @@ use crate::baseline::runaway::must_not_explode;
 use crate::causes::conclusion::{ActiveCauses, Conclusion};
 use crate::checks::every::checks;
 use crate::format::caveat::Caveat;
+use crate::format::class::CauseClass;
 use crate::format::contributions::Description;
 use crate::format::diagnosis::{
     Cause, Check, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, Mode, NotTried,
@@ -293,14 +296,8 @@ impl Judgement {
         progress: &dyn Fn(Stage),
     ) -> Option<Self> {
         let judged = judge(likelihood, found, candidates, scales)?;
-        let conclusion = Conclusion {
-            likelihood,
-            catalogue: candidates,
-            singles: &found.singles,
-            remedies,
-            scales,
-            smallest,
-        };
+        let conclusion =
+            Conclusion { likelihood, catalogue: candidates, found, remedies, scales, smallest };
         let composed = conclusion.from(judged, progress)?;
         let judged = &composed.judged;
         let searched = judged.found.as_ref().is_none_or(|e| e.effects.len() < 3);
@@ -416,7 +413,9 @@ impl Answer<'_> {
         let (system, records, likelihood) =
             (&self.simulator.system, &self.inputs.records, self.likelihood);
         let composed = &judgement.composed;
-        let handed = in_a_form_that_helps(likelihood, composed.hypothesis.as_ref(), self.scales);
+        let held = &HeldOut::new(self.inputs.held.clone());
+        let handed =
+            in_a_form_that_helps(likelihood, held, composed.hypothesis.as_ref(), self.scales);
         let active = ActiveEffects::from(&handed.effects);
         let before = residuals(likelihood, NO_EFFECT)?;
         let after = residuals(likelihood, active)?;
@@ -434,6 +433,7 @@ impl Answer<'_> {
         let explained_by = decoded.as_deref().unwrap_or(&after);
         let budget = GapBudget {
             likelihood,
+            held,
             composed,
             before: &before,
             after: explained_by,
@@ -442,24 +442,25 @@ impl Answer<'_> {
         };
         let (mut contributions, recalibration, mut remainder) =
             budget.sections(composed.estimate.as_ref());
-        let (cause, next_experiment) = self.cause(&judgement);
+        let classes = classes(likelihood, composed, &mut contributions, &recalibration, &remainder);
+        let (cause, next_experiment) = self.cause(&judgement, classes);
         share_classes(&mut contributions, &cause.indistinguishable);
         let mut missing_force = None;
         if composed.judged.verdict != GapVerdict::Effects {
             // Effects that are none of the causes bend what they leave: the force that predicts more of what it is fitted to is reported.
-            let of_all = describe(likelihood, &[], &before, seed);
+            let of_all = describe(likelihood, held, &[], &before, seed);
             let of_rest = (!handed.effects.is_empty())
-                .then(|| describe(likelihood, &handed.effects, &after, seed))
+                .then(|| describe(likelihood, held, &handed.effects, &after, seed))
                 .flatten();
             let r2 = |found: &(Description, _)| found.0.held_out_r2;
             let more = of_rest.into_iter().chain(of_all).max_by(|a, b| r2(a).total_cmp(&r2(b)));
             (remainder.description, missing_force) = more.unzip();
         }
         let diagnosis = Diagnosis {
-            format: DiagnosisFormat::V2,
+            format: DiagnosisFormat::V3,
             model: self.subject.name().to_owned(),
             logs: logs.iter().map(|l| l.source().to_owned()).collect(),
-            holdout: self.inputs.holdouts.clone(),
+            holdout: held.listed(records),
             prediction: predictor.told(),
             gap,
             place: locate(system, records, &before, floor, &shares, &likelihood.memory()),
@@ -473,6 +474,7 @@ impl Answer<'_> {
             },
             shrink: improvement(
                 likelihood,
+                held,
                 [&run_before, &run_after],
                 decoded.as_deref(),
                 &floor.floor,
@@ -482,7 +484,8 @@ impl Answer<'_> {
         };
         let effects: Vec<Applied> =
             composed.hypothesis.iter().flat_map(|e| e.effects.clone()).collect();
-        let traces = traces(likelihood, Some(active).filter(|_| !effects.is_empty()), &floor.floor);
+        let traces =
+            traces(likelihood, held, Some(active).filter(|_| !effects.is_empty()), &floor.floor);
         let mut caveats = match self.with_nuisances() {
             Some(predicted) => nominal_caveats(system, records, &predicted, &diagnosis),
             None => nominal_caveats(system, records, &self.motion.predicted, &diagnosis),
@@ -522,21 +525,31 @@ impl Answer<'_> {
         likelihood.records.iter().enumerate().map(predicted).collect()
     }
 
-    fn cause(&self, judgement: &Judgement) -> (Cause, Option<NextExperiment>) {
+    fn cause(
+        &self,
+        judgement: &Judgement,
+        classes: Vec<CauseClass>,
+    ) -> (Cause, Option<NextExperiment>) {
         let after = |e: &_| {
             let residuals = trained(self.likelihood, e)?;
-            overall(&Errors::of(self.likelihood.records, &residuals, |r| r.train).nrmse())
+            overall(&Errors::trained(self.likelihood.records, &residuals).nrmse())
         };
         let Judgement { composed, sensitivities } = judgement;
-        let (mut cause, next) =
-            cause(self.likelihood, composed, self.found, self.scales, sensitivities, after);
+        let (mut cause, next) = cause(
+            self.likelihood,
+            (composed, classes),
+            self.found,
+            self.scales,
+            sensitivities,
+            after,
+        );
         cause.not_tried.clone_from(&self.left_out);
         (cause, next)
     }
 
     fn caveats(&self, judged: &Judged) -> Vec<Caveat> {
         let system = &self.simulator.system;
-        let mut caveats = log_caveats(system, &self.inputs.records);
+        let mut caveats = log_caveats(system, &self.inputs.records, &self.inputs.held);
         caveats.extend(self.inputs.probed.iter().flat_map(|p| p.caveats.clone()));
         let remedy = match system.dynamics {
             Dynamics::Equations(..) => Message::from(Remedy::FitParameters).and(" fits them"),
@@ -567,7 +580,7 @@ impl Answer<'_> {
 
 /// The section `gap`, from the residuals of the model as it came and every output's floor.
 fn gap(likelihood: &Likelihood<'_>, before: &[DMatrix<f64>], floor: &[f64]) -> Gap {
-    let nothing = Errors::of(likelihood.records, before, |r| r.train);
+    let nothing = Errors::trained(likelihood.records, before);
     let (each, each_floor) = (nothing.nrmse(), nothing.relative(floor));
     let shares = output_shares(&each, &each_floor);
     let names = likelihood.system.outputs.iter().map(|o| o.name.clone());

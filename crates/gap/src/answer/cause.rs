@@ -2,18 +2,16 @@
 
 use rayon::prelude::*;
 
-use super::acts;
-use super::alternatives::classes;
 use super::experiment;
 use super::experiment::experiment;
 use super::found_effects::found_effects;
-use super::probabilities::Probabilities;
+use crate::causes::class::EffectClass;
 use crate::causes::conclusion::ActiveCauses;
+use crate::format::class::CauseClass;
 use crate::format::diagnosis::{Cause, RankedPair, RankedSingle, RankingRow};
 use crate::format::found::FoundEffect;
 use crate::format::next_experiment::NextExperiment;
 use crate::hypothesis::effects::Hypothesis;
-use crate::hypothesis::penalised_gain::Penalties;
 use crate::judge::prior_sensitivity::PriorSensitivity;
 use crate::judge::rule::GapVerdict;
 use crate::judge::verdict::Judged;
@@ -27,14 +25,13 @@ const PAIRS: usize = 5;
 /// The section `cause`, without its budget, and the experiment that it proposes; `after` gives a hypothesis's training nrmse.
 pub(crate) fn cause(
     likelihood: &Likelihood<'_>,
-    composed: &ActiveCauses,
+    (composed, classes): (&ActiveCauses, Vec<CauseClass>),
     found: &SearchResult,
     scales: &Scales,
     sensitivities: &[PriorSensitivity],
     after: impl Fn(&Hypothesis) -> Option<f64> + Sync,
 ) -> (Cause, Option<NextExperiment>) {
-    let ActiveCauses { judged, aliases, estimate, .. } = composed;
-    let estimate = estimate.as_ref();
+    let ActiveCauses { judged, estimate, .. } = composed;
     let named = composed.named();
     let is_named = |e: &FoundEffect| {
         named
@@ -45,38 +42,31 @@ pub(crate) fn cause(
     let effects: Vec<FoundEffect> = judged
         .found
         .iter()
-        .flat_map(|e| found_effects(likelihood, e, estimate))
+        .flat_map(|e| found_effects(likelihood, e, estimate.as_ref()))
         .filter(is_named)
         .collect();
-    let list = acts::list(named.as_ref().map_or(&[], |e| &e.effects), &effects);
-    let ranking = ranking(
-        judged,
-        (found, named.as_ref()),
-        &Probabilities::new(judged, found, Penalties::of(likelihood)),
-        list,
-        after,
-    );
-    let classes = judged
-        .found
-        .as_ref()
-        .and(judged.best.as_ref())
-        .map(|leader| classes(likelihood, leader, found, judged.inexact))
-        .unwrap_or_default();
-    let next_experiment = match (classes.iter().find(|class| class.len() > 1), judged.best.as_ref())
-    {
+    let ranking = ranking(composed, (found, named.as_ref()), &classes, after);
+    let alike: Vec<&EffectClass> = composed
+        .classes
+        .iter()
+        .filter(|class| judged.found.is_some() && class.aliases().next().is_some())
+        .collect();
+    let next_experiment = match (alike.first(), judged.best.as_ref()) {
         (Some(class), Some(best)) => {
-            let replaced =
-                |a: &Applied| if a.key() == class[0].key() { class[1].clone() } else { a.clone() };
+            let members: Vec<Applied> =
+                std::iter::once(&class.effect).chain(class.aliases()).cloned().collect();
+            let replaced = |a: &Applied| {
+                if a.key() == members[0].key() { members[1].clone() } else { a.clone() }
+            };
             let rival: Vec<Applied> = best.effects.iter().map(replaced).collect();
-            Some(experiment(likelihood, scales, class, &best.effects, &rival))
+            Some(experiment(likelihood, scales, &members, &best.effects, &rival))
         }
         _ => (!sensitivities.is_empty()).then(|| experiment::of_starts(sensitivities)),
     };
-    let mut indistinguishable: Vec<Vec<String>> =
-        classes.iter().map(|class| class.iter().map(Applied::key).collect()).collect();
-    for (effect, instead) in judged.found.iter().flat_map(|e| e.effects.iter().zip(aliases)) {
-        stand_in_class(&mut indistinguishable, effect, instead);
-    }
+    let keys = |class: &&EffectClass| {
+        std::iter::once(&class.effect).chain(class.aliases()).map(Applied::key).collect()
+    };
+    let mut indistinguishable: Vec<Vec<String>> = alike.iter().map(keys).collect();
     start_classes(&mut indistinguishable, judged.found.as_ref(), sensitivities);
     let first = judged.found.as_ref().and_then(|e| e.effects.first());
     let cause = Cause {
@@ -87,6 +77,7 @@ pub(crate) fn cause(
         },
         channel: first.map(|a| a.channel.clone()),
         effects,
+        classes,
         ranking,
         indistinguishable,
         not_tried: Vec::new(),
@@ -99,30 +90,68 @@ pub(crate) fn cause(
     (cause, next_experiment)
 }
 
-/// Every effect and the best pairs by probability, with `none` and `unknown`; `list`: how often what is found is the whole list of the causes, where it fits so
-/// well. `after` gives a hypothesis's training nrmse.
-fn ranking(
-    judged: &Judged,
-    (found, named): (&SearchResult, Option<&Hypothesis>),
-    scale: &Probabilities,
+/// What the rows of the ranking get of the probability.
+struct Odds<'o> {
+    none: f64,
+    unknown: f64,
+    /// What the answer names, all of it together.
     list: f64,
+    /// The effects that share that of a single effect, and its keys.
+    alike: Vec<String>,
+    named: Option<&'o Hypothesis>,
+}
+
+impl<'o> Odds<'o> {
+    /// A list is right where each of its classes is; another list is none of the rows, and counts as unknown.
+    fn of(composed: &ActiveCauses, named: Option<&'o Hypothesis>, classes: &[CauseClass]) -> Self {
+        let Judged { verdict, unknown, .. } = &composed.judged;
+        let all: f64 = classes.iter().map(|class| class.probability).product();
+        let (none, unknown, list) = match verdict {
+            GapVerdict::None => (1.0 - unknown, *unknown, 0.0),
+            GapVerdict::Unknown => (0.0, *unknown, 1.0 - unknown),
+            GapVerdict::Effects => (0.0, 1.0 - all, all),
+        };
+        let alike = match named.map(|e| e.effects.as_slice()) {
+            Some([one]) => {
+                let key = one.key();
+                std::iter::once(key.clone()).chain(composed.aliases(&key)).collect()
+            }
+            _ => Vec::new(),
+        };
+        Self { none, unknown, list, alike, named }
+    }
+
+    fn given(&self, row: &Hypothesis) -> f64 {
+        match row.effects.as_slice() {
+            [one] if self.alike.contains(&one.key()) => self.list / self.alike.len() as f64,
+            _ if self.leads(row) => self.list / self.alike.len().max(1) as f64,
+            _ => 0.0,
+        }
+    }
+
+    fn leads(&self, row: &Hypothesis) -> bool {
+        self.named.is_some_and(|named| named.key() == row.key())
+    }
+}
+
+/// Every effect and the best pairs, with `none` and `unknown`, by probability, then by the error that they leave. `after` gives a hypothesis's training nrmse.
+fn ranking(
+    composed: &ActiveCauses,
+    (found, named): (&SearchResult, Option<&Hypothesis>),
+    classes: &[CauseClass],
     after: impl Fn(&Hypothesis) -> Option<f64> + Sync,
 ) -> Vec<RankingRow> {
-    let several = named.into_iter().filter(|e| {
-        e.effects.len() > 1 && found.pairs.iter().take(PAIRS).all(|p| p.key() != e.key())
-    });
-    let listed: Vec<&Hypothesis> =
-        found.singles.iter().chain(found.pairs.iter().take(PAIRS)).chain(several).collect();
-    let sum: f64 = listed.iter().map(|e| scale.of(e)).sum::<f64>() + scale.share(scale.none);
-    let rest = 1.0 - judged.unknown;
-    let leading = named.map(Hypothesis::key);
-    let leads = |e: &Hypothesis| leading.as_ref().is_some_and(|key| *key == e.key());
-    let given = |e: &Hypothesis| rest * scale.of(e) / sum * if leads(e) { list } else { 1.0 };
-    // What a list may lack or have too much is another list, and that is none of the rows.
-    let unknown = judged.unknown
-        + listed.iter().filter(|e| leads(e)).map(|e| given(e) / list - given(e)).sum::<f64>();
-    let mut rows: Vec<(f64, bool, RankingRow)> =
-        listed.par_iter().map(|e| (given(e), leads(e), row(e, given(e), after(e)))).collect();
+    let named = named.or(composed.judged.best.as_ref());
+    let listed = || found.singles.iter().chain(found.pairs.iter().take(PAIRS));
+    let missing = named.filter(|named| listed().all(|e| e.key() != named.key()));
+    let listed: Vec<&Hypothesis> = listed().chain(missing).collect();
+    let mut odds = Odds::of(composed, named, classes);
+    let sum: f64 = listed.iter().map(|e| odds.given(e)).sum();
+    odds.unknown += (odds.list - sum).max(0.0);
+    let mut rows: Vec<(f64, bool, RankingRow)> = listed
+        .par_iter()
+        .map(|e| (odds.given(e), odds.leads(e), row(e, odds.given(e), after(e))))
+        .collect();
     let plain = |effect: &str, probability: f64| {
         RankingRow::Single(RankedSingle {
             effect: effect.to_owned(),
@@ -131,29 +160,20 @@ fn ranking(
             after: None,
         })
     };
-    let none = rest * scale.share(scale.none) / sum;
-    rows.push((none, judged.verdict == GapVerdict::None, plain("none", none)));
-    rows.push((unknown, judged.verdict == GapVerdict::Unknown, plain("unknown", unknown)));
+    let verdict = composed.judged.verdict;
+    rows.iter_mut().for_each(|row| row.1 &= verdict == GapVerdict::Effects);
+    rows.push((odds.none, verdict == GapVerdict::None, plain("none", odds.none)));
+    rows.push((odds.unknown, verdict == GapVerdict::Unknown, plain("unknown", odds.unknown)));
+    let error = |row: &RankingRow| match row {
+        RankingRow::Single(r) => r.after,
+        RankingRow::Pair(r) => r.after,
+    };
     // The verdict leads its equals.
-    rows.sort_by(|a, b| b.1.cmp(&a.1).then(b.0.total_cmp(&a.0)));
-    rows.into_iter().map(|r| r.2).collect()
-}
-
-/// Adds what could stand in an effect's place to the effect's class.
-fn stand_in_class(classes: &mut Vec<Vec<String>>, effect: &Applied, instead: &[Applied]) {
-    if instead.is_empty() {
-        return;
-    }
-    let own = effect.key();
-    let at = classes.iter().position(|class| class.contains(&own)).unwrap_or_else(|| {
-        classes.push(vec![own]);
-        classes.len() - 1
+    rows.sort_by(|a, b| {
+        let errors = [a, b].map(|row| error(&row.2).unwrap_or(f64::INFINITY));
+        b.1.cmp(&a.1).then(b.0.total_cmp(&a.0)).then(errors[0].total_cmp(&errors[1]))
     });
-    for name in instead.iter().map(Applied::key) {
-        if !classes[at].contains(&name) {
-            classes[at].push(name);
-        }
-    }
+    rows.into_iter().map(|r| r.2).collect()
 }
 
 /// Adds the starts on which the verdict hangs to the class of its first effect, with what would lead instead.

@@ -6,8 +6,8 @@
 
 use nalgebra::DMatrix;
 
-use super::acts::probability;
 use super::found_effects::found_effects;
+use super::held_out::HeldOut;
 use super::improvement::{bootstrap, held_out_blocks};
 use super::location::{locate, output_shares};
 use crate::causes::conclusion::ActiveCauses;
@@ -21,13 +21,13 @@ use crate::judge::rule::GapVerdict;
 use crate::likelihood::errors::{Errors, overall};
 use crate::likelihood::gaussian::Likelihood;
 use crate::likelihood::residuals::residuals;
-use deadtime_model::effect::{Applied, Scales};
+use deadtime_model::effect::Scales;
 
 /// A nominal value that is further off than this factor is no value of the physics.
 const FAR: f64 = 10.0;
 
 /// A weak effect that takes a smaller part of the gap stays in the model and is not named as a cause.
-const NAMED: f64 = 0.01;
+pub(super) const NAMED: f64 = 0.01;
 
 /// Two numbers whose changes act alike by more than this correlation are hardly told apart: each alone is known 1/√(1 − r²) = 3.2 times worse.
 const TRADE: f64 = 0.95;
@@ -35,6 +35,7 @@ const TRADE: f64 = 0.95;
 /// What the budget is made of.
 pub(crate) struct GapBudget<'b, 'a> {
     pub(crate) likelihood: &'b Likelihood<'a>,
+    pub(crate) held: &'b HeldOut,
     pub(crate) composed: &'b ActiveCauses,
     /// Residuals of the model as it came, and of the model as it is handed over; of a hidden sequence those once it is known.
     pub(crate) before: &'b [DMatrix<f64>],
@@ -98,7 +99,8 @@ impl GapBudget<'_, '_> {
         let floor = &self.composed.judged.floor.floor;
         let squares = |held: bool| {
             let errors = |r: &[DMatrix<f64>]| {
-                Errors::of(self.likelihood.records, r, |r| if held { r.held } else { r.train })
+                let records = self.likelihood.records;
+                if held { self.held.errors(records, r) } else { Errors::trained(records, r) }
             };
             let square = |each: &[Option<f64>]| overall(each).unwrap_or(0.0).powi(2);
             let mut sums: Vec<f64> = all.iter().map(|r| square(&errors(r).nrmse())).collect();
@@ -106,7 +108,7 @@ impl GapBudget<'_, '_> {
             Squares::of(&sums)
         };
         let (learnt, held) = (squares(false), squares(true));
-        let blocks = held_out_blocks(self.likelihood, &all, floor);
+        let blocks = held_out_blocks(self.likelihood, self.held, &all, floor);
         let interval = |number: &dyn Fn(&Squares) -> Option<f64>| {
             bootstrap(&blocks, self.seed, |sums| number(&Squares::of(sums)).unwrap_or(f64::NAN))
         };
@@ -125,17 +127,13 @@ impl GapBudget<'_, '_> {
             effect: found[at].effect.clone(),
             channel: found[at].channel.clone(),
             parameters: found[at].parameters.clone(),
-            probability: self
-                .composed
-                .hypothesis
-                .as_ref()
-                .map(|e| probability(&e.effects[at], &found[at])),
+            probability: None,
             strength: self.strength(without[part].as_deref().unwrap_or(self.before)),
             share: share(&|s: &Squares| s.share(part)),
-            without_it: without[part].as_ref().and_then(|r| {
-                overall(&Errors::of(self.likelihood.records, r, |r| r.train).nrmse())
-            }),
-            class: self.composed.aliases[at].iter().map(Applied::key).collect(),
+            without_it: without[part]
+                .as_ref()
+                .and_then(|r| overall(&Errors::trained(self.likelihood.records, r).nrmse())),
+            class: self.composed.aliases(&format!("{}:{}", found[at].effect, found[at].channel)),
             surrogate: self.composed.hypothesis.as_ref().is_some_and(|e| self.is_surrogate(e, at)),
         };
         let contributions: Vec<Contribution> =
@@ -205,7 +203,7 @@ impl GapBudget<'_, '_> {
 
     /// Weak: without it, no output's error is larger by the factor that an effect is asked for.
     fn strength(&self, without: &[DMatrix<f64>]) -> Strength {
-        let rms = |r: &[DMatrix<f64>]| Errors::of(self.likelihood.records, r, |r| r.train).rms();
+        let rms = |r: &[DMatrix<f64>]| Errors::trained(self.likelihood.records, r).rms();
         let (with, without) = (rms(self.after), rms(without));
         let clear = with
             .iter()
@@ -232,7 +230,7 @@ impl GapBudget<'_, '_> {
 
     fn remainder(&self, share: Share, learnt: &Squares) -> Remainder {
         let (likelihood, floor) = (self.likelihood, &self.composed.judged.floor);
-        let errors = Errors::of(likelihood.records, self.after, |r| r.train);
+        let errors = Errors::trained(likelihood.records, self.after);
         let shares = output_shares(&errors.nrmse(), &errors.relative(&floor.floor));
         let place = locate(
             likelihood.system,

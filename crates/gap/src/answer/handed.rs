@@ -9,6 +9,7 @@
 
 use rayon::prelude::*;
 
+use super::held_out::HeldOut;
 use crate::format::caveat::Caveat;
 use crate::hypothesis::direction::with;
 use crate::hypothesis::effects::Hypothesis;
@@ -31,36 +32,34 @@ pub(crate) struct HandedOver {
 }
 
 /// Errors of runs with effects, without anything decoded: learnt and held out; `None` where they cannot be simulated.
-fn errors(likelihood: &Likelihood<'_>, effects: &[Applied]) -> Option<[f64; 2]> {
+fn errors(likelihood: &Likelihood<'_>, held: &HeldOut, effects: &[Applied]) -> Option<[f64; 2]> {
     let residuals = if effects.is_empty() {
         simulated(likelihood, NO_EFFECT)?
     } else {
         simulated(likelihood, effects)?
     };
-    let of = |held: bool| {
-        overall(
-            &Errors::of(likelihood.records, &residuals, |r| if held { r.held } else { r.train })
-                .nrmse(),
-        )
-    };
-    Some([of(false).unwrap_or(0.0), of(true).unwrap_or(0.0)])
+    let learnt = Errors::trained(likelihood.records, &residuals);
+    let held = held.errors(likelihood.records, &residuals);
+    Some([learnt, held].map(|errors| overall(&errors.nrmse()).unwrap_or(0.0)))
 }
 
 /// The form of what was found that helps a simulation.
 pub(crate) fn in_a_form_that_helps(
     likelihood: &Likelihood<'_>,
+    held_out: &HeldOut,
     found: Option<&Hypothesis>,
     scales: &Scales,
 ) -> HandedOver {
     let as_found = |effects: Vec<Applied>| HandedOver { effects, caveat: None };
     let Some(found) = found.filter(|e| !e.effects.is_empty()) else { return as_found(Vec::new()) };
-    let Some([nominal, nominal_held]) = errors(likelihood, &[]) else {
+    let Some([nominal, nominal_held]) = errors(likelihood, held_out, &[]) else {
         return as_found(found.effects.clone());
     };
     let names =
         |effects: &[Applied]| effects.iter().map(Applied::key).collect::<Vec<_>>().join(" and ");
     if !found.loses_commands() {
-        let worse = errors(likelihood, &found.effects).is_some_and(|[_, held]| held > nominal_held);
+        let worse = errors(likelihood, held_out, &found.effects)
+            .is_none_or(|[_, held]| held > nominal_held);
         return match worse {
             true => HandedOver {
                 effects: Vec::new(),
@@ -75,7 +74,7 @@ pub(crate) fn in_a_form_that_helps(
     forms.push((1.0, plain));
     let known: Vec<([f64; 2], Vec<Applied>)> = (forms.into_iter())
         .filter_map(|(factor, effects)| {
-            let [learnt, held] = errors(likelihood, &effects)?;
+            let [learnt, held] = errors(likelihood, held_out, &effects)?;
             // What is left out needs no excuse; what stands in has to help.
             (held <= nominal_held).then_some(([learnt / factor, held], effects))
         })

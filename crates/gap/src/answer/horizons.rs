@@ -4,18 +4,20 @@ use std::num::NonZeroUsize;
 
 use nalgebra::DMatrix;
 
+use super::held_out::HeldOut;
 use crate::format::diagnosis::HorizonError;
-use crate::likelihood::errors::{Errors, overall};
+use crate::likelihood::errors::overall;
 use crate::likelihood::gaussian::Likelihood;
 
 /// The nrmse of the model as it came and as it is handed over, of samples so many steps behind their prediction's start; the first prediction of a record, which
 /// begins with the model's own start, is left out. Empty where predictions have no horizon.
 pub(super) fn horizon_errors(
     likelihood: &Likelihood<'_>,
+    held: &HeldOut,
     [before, after]: [&[DMatrix<f64>]; 2],
 ) -> Vec<HorizonError> {
     let Some(horizon) = likelihood.predictor.horizon else { return Vec::new() };
-    let deviations = Errors::of(likelihood.records, before, |r| r.held);
+    let deviations = held.errors(likelihood.records, before);
     // The variance of every measured output; none where it stands still.
     let variances: Vec<f64> = deviations
         .relative(&vec![1.0; deviations.deviations.len()])
@@ -24,15 +26,17 @@ pub(super) fn horizon_errors(
         .collect();
     let nrmse = |residuals: &[DMatrix<f64>], steps: usize| {
         let of_output = |i: usize| {
-            let samples =
-                likelihood.records.iter().zip(residuals).flat_map(|(record, residual)| {
+            let samples = likelihood.records.iter().zip(residuals).enumerate().flat_map(
+                |(at, (record, residual))| {
+                    let span = held.span(at);
                     let so_far =
                         move |k: &usize| *k > horizon.get() && (k - 1) % horizon.get() + 1 == steps;
                     let measured = move |k: usize| {
-                        record.measured_in(record.held, i, k).map(|_| residual[(k, i)].powi(2))
+                        record.measured_in(span, i, k).map(|_| residual[(k, i)].powi(2))
                     };
                     (0..record.time_s.len()).filter(so_far).filter_map(measured)
-                });
+                },
+            );
             let (sum, count) =
                 samples.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
             (count > 0.0 && variances[i] > 0.0).then(|| (sum / count / variances[i]).sqrt())

@@ -7,9 +7,10 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
+use super::held_out::HeldOut;
 use super::horizons::horizon_errors;
 use crate::format::diagnosis::{Shrink, ShrinkOutput};
-use crate::likelihood::errors::{Errors, explained, overall};
+use crate::likelihood::errors::{explained, overall};
 use crate::likelihood::gaussian::Likelihood;
 
 /// Draws of the bootstrap.
@@ -21,22 +22,23 @@ const FEWEST: usize = 4;
 /// Per block of held-out time, Σ over outputs of squared errors over the output's spread: of each list of residuals, and of the floor last.
 pub(super) fn held_out_blocks(
     likelihood: &Likelihood<'_>,
+    held: &HeldOut,
     of: &[&[DMatrix<f64>]],
     floor_std: &[f64],
 ) -> Vec<Vec<f64>> {
     let (records, block_s) = (likelihood.records, likelihood.predictor.settling_s);
     let Some(first) = of.first() else { return Vec::new() };
-    let deviations = Errors::of(records, first, |r| r.held).deviations;
+    let deviations = held.errors(records, first).deviations;
     let mut blocks = Vec::new();
     for (at, record) in records.iter().enumerate() {
-        let Some(span) = record.held else { continue };
+        let Some(span) = held.span(at) else { continue };
         // Shorter stretches of the residual are not independent.
         let length =
             block_s.min((span.to_s - span.from_s) / BLOCKS as f64).max(record.sample_time_s);
         let mut sums: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
         for k in 0..record.time_s.len() {
             for i in (0..deviations.len())
-                .filter(|&i| deviations[i] > 0.0 && record.measured_in(record.held, i, k).is_some())
+                .filter(|&i| deviations[i] > 0.0 && record.measured_in(Some(span), i, k).is_some())
             {
                 let block = ((record.time_s[k] - span.from_s) / length) as usize;
                 let sum = sums.entry(block).or_insert_with(|| vec![0.0; of.len() + 1]);
@@ -80,12 +82,13 @@ pub(super) fn bootstrap(
 /// The section `shrink`: of the model as it came and as it is handed over, and with a hidden sequence decoded where there is one.
 pub(crate) fn improvement(
     likelihood: &Likelihood<'_>,
+    held_out: &HeldOut,
     [before, after]: [&[DMatrix<f64>]; 2],
     decoded: Option<&[DMatrix<f64>]>,
     floor_std: &[f64],
     seed: u64,
 ) -> Shrink {
-    let held = |residuals: &[DMatrix<f64>]| Errors::of(likelihood.records, residuals, |r| r.held);
+    let held = |residuals: &[DMatrix<f64>]| held_out.errors(likelihood.records, residuals);
     let (b, a) = (held(before), held(after));
     let floor = b.relative(floor_std);
     let (each_before, each_after) = (b.nrmse(), a.nrmse());
@@ -105,11 +108,11 @@ pub(crate) fn improvement(
             floor: floor[i],
         })
         .collect();
-    let blocks = held_out_blocks(likelihood, &[before, after], floor_std);
+    let blocks = held_out_blocks(likelihood, held_out, &[before, after], floor_std);
     let ci95 =
         fraction.and_then(|_| bootstrap(&blocks, seed, |sum| 1.0 - (sum[1] / sum[0]).sqrt()));
     let decoded = decoded.and_then(|d| overall(&held(d).nrmse()));
-    let horizons = horizon_errors(likelihood, [before, after]);
+    let horizons = horizon_errors(likelihood, held_out, [before, after]);
     Shrink {
         before: all_before,
         after: all_after,

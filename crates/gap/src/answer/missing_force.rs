@@ -19,6 +19,7 @@ use rayon::prelude::*;
 use super::along_the_run::{Run, runs};
 use super::force_profile::{ForceProfile, profile};
 use super::forms::{Form, Part};
+use super::held_out::HeldOut;
 use crate::format::contributions::Description;
 use crate::input::record::Span;
 use crate::likelihood::errors::Errors;
@@ -56,6 +57,7 @@ fn predicted(trained: Sums, held: Sums, left: f64) -> (f64, f64) {
 /// What is left, told as a missing force, and its curve where that can be had; `None` where chance does as much, and for a simulator without differential equations at hand.
 pub(crate) fn describe(
     likelihood: &Likelihood<'_>,
+    held_out: &HeldOut,
     effects: &[Applied],
     left: &[DMatrix<f64>],
     seed: u64,
@@ -67,14 +69,14 @@ pub(crate) fn describe(
     }
     let every = records.iter().map(|r| r.time_s.len()).sum::<usize>().div_ceil(SAMPLES).max(1);
     let runs = runs(likelihood, effects)?;
-    let spread = Errors::of(records, left, |r| r.train.or(r.held));
+    let spread = Errors::trained(records, left);
     let weights: Vec<f64> =
         spread.deviations.iter().map(|d| if *d > 0.0 { d.sqrt().recip() } else { 0.0 }).collect();
     let parts: Vec<Part> = (0..records.len())
         .flat_map(|at| [(at, false), (at, true)])
         .filter_map(|(at, held)| {
             let record = &records[at];
-            let span = if held { record.held } else { record.train }?;
+            let span = if held { held_out.span(at) } else { record.train }?;
             Some(part(likelihood, (at, held, span), &runs[at], &left[at], &weights, every))
         })
         .collect();

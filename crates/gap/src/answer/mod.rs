@@ -1,15 +1,16 @@
 //! The sections of a diagnosis.
 
-mod acts;
 mod along_the_run;
-pub(crate) mod alternatives;
 pub(crate) mod cause;
+mod class_probability;
+pub(crate) mod classes;
 pub(crate) mod contributions;
 pub(crate) mod experiment;
 pub(crate) mod force_profile;
 mod forms;
 pub(crate) mod found_effects;
 pub(crate) mod handed;
+pub(crate) mod held_out;
 mod horizons;
 pub(crate) mod improvement;
 pub(crate) mod isolability;
@@ -19,6 +20,5 @@ mod log_by_log;
 pub(crate) mod missing_force;
 pub(crate) mod nominal;
 pub(crate) mod nuisances;
-pub(crate) mod probabilities;
 pub(crate) mod traces;
 pub(crate) mod trims;

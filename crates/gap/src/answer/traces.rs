@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 
+use super::held_out::HeldOut;
 use crate::input::record::{LogRecord, Span};
 use crate::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::likelihood::gaussian::Likelihood;
@@ -63,6 +64,7 @@ pub(crate) fn command_traces(likelihood: &Likelihood<'_>) -> Vec<CommandTrace> {
 /// All outputs of all logs, by output and then by log; `floor` holds one standard deviation per output. Empty where a simulation fails.
 pub(crate) fn traces(
     likelihood: &Likelihood<'_>,
+    held_out: &HeldOut,
     found: Option<ActiveEffects<'_>>,
     floor: &[f64],
 ) -> Vec<Trace> {
@@ -89,7 +91,7 @@ pub(crate) fn traces(
             before: column(&before[at], i),
             after: after.as_ref().map(|y| column(&y[at], i)),
             train: span(record.train),
-            held: span(record.held),
+            held: span(held_out.span(at)),
             floor: floor.get(i).copied().unwrap_or(0.0),
         }
     };

@@ -75,7 +75,7 @@ impl Trims<'_, '_> {
     fn values(&self, logs: &[usize], smallest: &[f64]) -> Option<(DVector<f64>, DMatrix<f64>)> {
         let common = *self.found.effects[self.place].values.first()?;
         let left = self.left(&vec![common; self.likelihood.records.len()])?;
-        let rms = Errors::of(self.likelihood.records, &left, |r| r.train).rms();
+        let rms = Errors::trained(self.likelihood.records, &left).rms();
         let std: Vec<f64> = rms.iter().zip(smallest).map(|(r, s)| r.max(*s)).collect();
         let white =
             self.likelihood.with_noise(vec![Noise::white(&std); self.likelihood.records.len()]);

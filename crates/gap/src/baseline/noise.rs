@@ -264,7 +264,6 @@ mod tests {
                 context: Vec::new(),
                 train: Some(Span { from_s, to_s: 30.0 }),
                 anew: None,
-                held: None,
             };
             let mut all_there = record.clone();
             for measured in &mut all_there.measured {

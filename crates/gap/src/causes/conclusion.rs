@@ -6,6 +6,8 @@
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
+use super::alternatives::classes;
+use super::class::EffectClass;
 use super::search::{Found, Search};
 use super::set::{CauseSet, in_order};
 use super::training::Training;
@@ -23,7 +25,7 @@ use crate::likelihood::errors::{Errors, overall};
 use crate::likelihood::gaussian::Likelihood;
 use crate::likelihood::residuals::residuals;
 use crate::search::catalogue::numbers;
-use crate::search::catalogue_search::noise_of;
+use crate::search::catalogue_search::{SearchResult, noise_of};
 use deadtime_model::effect::{Applied, Scales};
 
 /// A refit under coloured noise may raise the training error by this factor; by more, the colour is that of another effect.
@@ -38,8 +40,8 @@ pub(crate) struct ActiveCauses {
     pub(crate) judged: Judged,
     /// Everything that was found to act, whatever the verdict; `None`: nothing.
     pub(crate) hypothesis: Option<Hypothesis>,
-    /// Per effect of the hypothesis, its aliases.
-    pub(crate) aliases: Vec<Vec<Applied>>,
+    /// The classes of its effects, those that have a share of their own first; the joint recalibration is one.
+    pub(crate) classes: Vec<EffectClass>,
     /// Per effect, all the others as they are without it; the joint recalibration comes last, and goes as one.
     pub(crate) taken_out: Vec<Hypothesis>,
     /// The same with all the others refitted. `None`: cannot be simulated.
@@ -56,7 +58,7 @@ impl ActiveCauses {
         Self {
             judged,
             hypothesis: None,
-            aliases: Vec::new(),
+            classes: Vec::new(),
             taken_out: Vec::new(),
             without: Vec::new(),
             recalibration: None,
@@ -78,6 +80,12 @@ impl ActiveCauses {
             free: found.free.iter().filter_map(place).collect(),
             ..found.clone()
         })
+    }
+
+    /// What replaces an effect alone, by the effect's key.
+    pub(crate) fn aliases(&self, key: &str) -> Vec<String> {
+        let class = self.classes.iter().find(|class| class.effect.key() == key);
+        class.into_iter().flat_map(EffectClass::aliases).map(Applied::key).collect()
     }
 
     /// Places of the effects that have a share of their own.
@@ -107,8 +115,8 @@ pub(crate) struct Conclusion<'c, 'a> {
     /// As the search of single effects left it.
     pub(crate) likelihood: &'c Likelihood<'a>,
     pub(crate) catalogue: &'c [Applied],
-    /// Single effects as they were fitted alone, the best first.
-    pub(crate) singles: &'c [Hypothesis],
+    /// What the search of single effects found.
+    pub(crate) found: &'c SearchResult,
     /// What the checks of the logs ask for.
     pub(crate) remedies: &'c [Applied],
     pub(crate) scales: &'c Scales,
@@ -137,7 +145,7 @@ impl Conclusion<'_, '_> {
         let begun = |e: &Hypothesis| CauseSet::begun(e.effects.clone(), None, e.lost.clone());
         let asked = (!self.remedies.is_empty())
             .then(|| CauseSet::begun(in_order(self.remedies.iter().cloned()), None, None));
-        let alone = self.singles.iter().filter(|e| e.fitted && !lattice(e)).take(ALONE);
+        let alone = self.found.singles.iter().filter(|e| e.fitted && !lattice(e)).take(ALONE);
         let starts = begin.iter().map(begun).chain(asked).chain(alone.map(begun));
         let found = search.from(starts.collect())?;
         let (_, best) = found.sets.first()?;
@@ -153,11 +161,12 @@ impl Conclusion<'_, '_> {
         let (hypothesis, taken_out) = self.by_share(begin, None);
         let without = self.refitted(&hypothesis, &taken_out);
         let estimate = intervals::estimate(self.likelihood, &hypothesis, self.scales);
+        let classes = classes(self.likelihood, &hypothesis, self.found, judged.inexact);
         let judged =
             Judged { found: Some(hypothesis.clone()), best: Some(hypothesis.clone()), ..judged };
         Some(ActiveCauses {
             judged,
-            aliases: vec![Vec::new(); hypothesis.effects.len()],
+            classes,
             hypothesis: Some(hypothesis),
             taken_out,
             without,
@@ -192,11 +201,6 @@ impl Conclusion<'_, '_> {
         let (hypothesis, taken_out) = shrunk.by_share(settled, best.recalibration);
         let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
         let without = shrunk.refitted(&hypothesis, &taken_out);
-        let alias = found.aliases();
-        let aliases_of = |a: &Applied| {
-            let at = best.effects.iter().position(|own| own.key() == a.key());
-            at.and_then(|at| alias.get(at).cloned()).unwrap_or_default()
-        };
         let (nothing, with_all) =
             (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
         reached.push(with_all.noise(self.likelihood));
@@ -228,7 +232,7 @@ impl Conclusion<'_, '_> {
         };
         Some(ActiveCauses {
             judged,
-            aliases: hypothesis.effects.iter().map(aliases_of).collect(),
+            classes: found.classes(),
             hypothesis: Some(hypothesis),
             taken_out,
             without,
@@ -244,7 +248,7 @@ impl Conclusion<'_, '_> {
         reached: &[(Errors, Vec<DMatrix<f64>>)],
     ) -> (Floor, Ruling) {
         let beaten = levels[1].hypothesis.is_some();
-        ruled(self.likelihood, levels, reached, self.catalogue, self.scales, [beaten, false])
+        ruled(self.likelihood, levels, reached, self.catalogue, self.scales, beaten)
     }
 
     /// In the order of what each effect explains beside the others, the block of the model's numbers last; and all the others without each.
@@ -300,7 +304,7 @@ impl Conclusion<'_, '_> {
         let Some(left) = residuals(self.likelihood, hypothesis) else {
             return vec![None; without.len()];
         };
-        let rms = Errors::of(self.likelihood.records, &left, |r| r.train)
+        let rms = Errors::trained(self.likelihood.records, &left)
             .times(hypothesis.noise_over_left(self.likelihood))
             .rms();
         let std: Vec<f64> = rms.iter().zip(self.smallest).map(|(r, s)| r.max(*s)).collect();

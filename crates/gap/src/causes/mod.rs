@@ -1,5 +1,7 @@
 //! The active effects: one score for every set of effects, and one search over sets.
 
+mod alternatives;
+pub(crate) mod class;
 pub(crate) mod conclusion;
 mod fit;
 mod gram;

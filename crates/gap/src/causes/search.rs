@@ -7,6 +7,7 @@ use std::collections::HashMap;
 
 use rayon::prelude::*;
 
+use super::class::EffectClass;
 use super::fit::Fit;
 use super::proposals::Proposal;
 use super::score::Score;
@@ -48,30 +49,62 @@ pub(crate) struct Found {
 }
 
 impl Found {
-    /// Per effect of the best set, the effects that replace it alone in a set as good as the best, or in one whose additional misfit is within what any simulator is
-    /// inexact by.
-    pub(crate) fn aliases(&self) -> Vec<Vec<Applied>> {
-        let Some((_, best)) = self.sets.first() else { return Vec::new() };
+    /// Per effect of the best set, its class: the effects that replace it in a set as good as the best, or in one whose additional misfit is within what any
+    /// simulator is inexact by. The joint recalibration is one effect.
+    pub(crate) fn classes(&self) -> Vec<EffectClass> {
+        let Some((score, best)) = self.sets.first() else { return Vec::new() };
         let least = self.sets.iter().map(|(score, _)| *score).fold(f64::INFINITY, f64::min);
+        let block = best.effects.iter().find(|a| best.recalibrates(a));
+        let evidence_without = |lacks: &dyn Fn(&CauseSet) -> bool| {
+            let lacking = self.sets.iter().filter(|(_, set)| lacks(set)).map(|(score, _)| *score);
+            (lacking.fold(f64::INFINITY, f64::min) - score).max(0.0)
+        };
+        let of = |out: &Applied| {
+            let instead = self.replacing(best, out, least);
+            let holds = |set: &CauseSet, members: &[Applied]| {
+                members.iter().all(|m| set.singly().any(|a| a.key() == m.key()))
+            };
+            let lacks = |set: &CauseSet| {
+                !holds(set, std::slice::from_ref(out)) && !instead.iter().any(|m| holds(set, m))
+            };
+            let evidence = evidence_without(&lacks);
+            EffectClass { effect: out.clone(), instead, evidence }
+        };
+        let recalibrated = block.map(|first| EffectClass {
+            effect: first.clone(),
+            instead: Vec::new(),
+            evidence: evidence_without(&|set| {
+                set.recalibration.is_none()
+                    && set.effects.iter().all(|a| !a.effect.corrects_model())
+            }),
+        });
+        best.singly().map(of).chain(recalibrated).collect()
+    }
+
+    /// What replaces an effect of the best set: one effect, or two where no set with one of them alone does.
+    fn replacing(&self, best: &CauseSet, out: &Applied, least: f64) -> Vec<Vec<Applied>> {
         let energy =
             |set: &CauseSet| -> f64 { set.squares.iter().zip(&self.variances).map(relative).sum() };
-        let of = |out: &Applied| -> Vec<Applied> {
-            if best.recalibrates(out) {
-                return Vec::new();
-            }
-            let key = best.without(out).key();
-            let without = self.sets.iter().find(|(_, set)| set.key() == key);
-            let own = without.map_or(0.0, |(_, set)| energy(set) - energy(best));
-            let others = self.sets.iter().skip(1);
-            let replacing = others.filter_map(|(score, other)| {
-                let instead = replaces(best, out, other)?;
-                let alike =
-                    *score <= least + AS_GOOD || energy(other) - energy(best) <= self.inexact * own;
-                alike.then_some(instead)
-            });
-            replacing.collect()
+        let key = best.without(out).key();
+        let without = self.sets.iter().find(|(_, set)| set.key() == key);
+        let own = without.map_or(0.0, |(_, set)| energy(set) - energy(best));
+        let alike = |score: f64, other: &CauseSet| {
+            score <= least + AS_GOOD || energy(other) - energy(best) <= self.inexact * own
         };
-        best.effects.iter().map(of).collect()
+        let mut found: Vec<Vec<Applied>> = Vec::new();
+        for count in 1..=2 {
+            for (score, other) in self.sets.iter().skip(1).filter(|(s, set)| alike(*s, set)) {
+                let Some(members) = replaces(best, out, other, count) else { continue };
+                let known = found
+                    .iter()
+                    .any(|f| f.iter().all(|m| members.iter().any(|own| own.key() == m.key())));
+                // Two effects replace one only where the score does not tell them from it.
+                if !known && (count == 1 || *score <= least + AS_GOOD) {
+                    found.push(members);
+                }
+            }
+        }
+        found
     }
 }
 
@@ -311,24 +344,30 @@ fn dropped(set: &CauseSet) -> impl Iterator<Item = CauseSet> {
     set.singly().map(|out| set.without(out)).chain(alone)
 }
 
-/// Of the sets that replace one effect of the best and that no evidence separates from it, the one with the fewest parameters, then the first in the table of effects.
+/// Of the best set, of those that lack one of its members and of those that replace one, as far as no evidence separates them: the one with the fewest
+/// parameters, then the first in the table of effects.
 fn leader(sets: &[(f64, CauseSet)]) -> Option<usize> {
     let (least, best) = sets.first()?;
     let near = sets.iter().enumerate().take_while(|(_, (score, _))| *score <= least + NO_EVIDENCE);
+    let lacking: Vec<SetKey> = dropped(best).map(|set| set.key()).collect();
     let alike = near.filter(|(_, (_, set))| {
-        set.key() == best.key() || best.singly().any(|out| replaces(best, out, set).is_some())
+        set.key() == best.key()
+            || lacking.contains(&set.key())
+            || best.singly().any(|out| replaces(best, out, set, 1).is_some())
     });
     let rows = |set: &CauseSet| set.singly().map(|a| row(a.effect)).collect::<Vec<_>>();
-    alike.min_by_key(|(_, (_, set))| (set.acting, rows(set))).map(|(at, _)| at)
+    let block = |set: &CauseSet| set.effects.iter().filter(|a| set.recalibrates(a)).count();
+    alike.min_by_key(|(_, (_, set))| (set.acting + block(set), rows(set))).map(|(at, _)| at)
 }
 
-/// The effect by which another set replaces one of a set's, all others being the same.
-fn replaces(set: &CauseSet, out: &Applied, other: &CauseSet) -> Option<Applied> {
+/// The effects, so many, by which another set replaces one of a set's, all others being the same.
+fn replaces(set: &CauseSet, out: &Applied, other: &CauseSet, count: usize) -> Option<Vec<Applied>> {
     let same = other.recalibration.is_some() == set.recalibration.is_some()
-        && other.singly().count() == set.singly().count();
-    let mut fresh = other.singly().filter(|a| set.singly().all(|own| own.key() != a.key()));
-    let first = fresh.next().filter(|_| same && fresh.next().is_none())?;
-    other.singly().all(|a| a.key() != out.key()).then(|| first.clone())
+        && other.singly().count() + 1 == set.singly().count() + count
+        && other.singly().all(|a| a.key() != out.key());
+    let is_new = |a: &&Applied| set.singly().all(|own| own.key() != a.key());
+    let fresh: Vec<Applied> = other.singly().filter(is_new).cloned().collect();
+    (same && fresh.len() == count).then_some(fresh)
 }
 
 /// The relative size of the parameters' errors as the fitted ones have it.

@@ -51,7 +51,7 @@ pub struct Contribution {
     pub channel: String,
     /// Its parameters.
     pub parameters: Vec<FoundParameter>,
-    /// The probability that it, or what could stand in its place, acts on the machine; missing in files of earlier programs.
+    /// The probability of its class; missing in files of earlier programs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub probability: Option<f64>,
     /// How clearly it shows.

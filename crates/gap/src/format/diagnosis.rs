@@ -1,4 +1,4 @@
-//! The diagnosis file, `deadtime/diagnosis@2`, as plain data; files of `@1` are read too.
+//! The diagnosis file, `deadtime/diagnosis@3`, as plain data; files of `@1` and `@2` are read too.
 //!
 //! A number that may be missing is an `Option` and `null` in the file. NaN and infinities are written as `null` too; where a number must be, such a
 //! diagnosis is refused when it is written, so that whatever was written can be read.
@@ -7,6 +7,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::class::CauseClass;
 use super::contributions::{Contribution, Explained, Recalibration, Remainder};
 use super::found::FoundEffect;
 use super::nuisance::NuisanceEstimate;
@@ -20,7 +21,7 @@ use deadtime_signal::remedy::Message;
 #[non_exhaustive]
 pub enum DiagnosisError {
     /// Not a diagnosis of this format.
-    #[error("{file}: not a deadtime/diagnosis@1 or @2: {source}")]
+    #[error("{file}: not a deadtime/diagnosis@1, @2 or @3: {source}")]
     Unreadable {
         /// The file.
         file: String,
@@ -46,9 +47,12 @@ pub enum DiagnosisFormat {
     #[serde(rename = "deadtime/diagnosis@1")]
     V1,
     /// With all that contributes, and what stays.
-    #[default]
     #[serde(rename = "deadtime/diagnosis@2")]
     V2,
+    /// With classes and their probabilities.
+    #[default]
+    #[serde(rename = "deadtime/diagnosis@3")]
+    V3,
 }
 
 /// What was found out about the gap between one model and its logs.
@@ -239,6 +243,9 @@ pub struct Cause {
     pub channel: Option<String>,
     /// All effects found to act, in order of what they contribute.
     pub effects: Vec<FoundEffect>,
+    /// What the logs cannot tell apart, as classes with the probability that a member acts, the most probable first; empty in `@1` and `@2`.
+    #[serde(default)]
+    pub classes: Vec<CauseClass>,
     /// Every candidate, and one row each for `none` and `unknown`; probabilities add up to 1.
     pub ranking: Vec<RankingRow>,
     /// Classes of `effect:channel` that the data cannot tell apart.

@@ -1,6 +1,7 @@
 //! The diagnosis as data, and what is said beside it: caveats, errors, progress.
 
 pub(crate) mod caveat;
+pub(crate) mod class;
 pub(crate) mod contributions;
 pub(crate) mod diagnosis;
 pub(crate) mod error;

@@ -1,10 +1,9 @@
-//! What a hypothesis leaves: its residuals and how large they are, on what was learnt from and on held-out data.
+//! What a hypothesis leaves of the training logs: its residuals and how large they are.
 
 use nalgebra::DMatrix;
 
 use super::effects::Hypothesis;
 use super::penalised_gain::Penalties;
-use crate::input::record::{LogRecord, Span};
 use crate::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::likelihood::errors::Errors;
 use crate::likelihood::gaussian::Likelihood;
@@ -16,21 +15,16 @@ pub(crate) struct Level {
     pub(crate) hypothesis: Option<Hypothesis>,
     pub(crate) residuals: Vec<DMatrix<f64>>,
     pub(crate) train: Errors,
-    pub(crate) held: Errors,
-    /// Mean squares of the whitened residuals, on the training and on the held-out data: the error beside noise of its colour.
-    pub(crate) white: [f64; 2],
+    /// Mean square of the whitened residuals: the error under noise of its colour.
+    pub(crate) white: f64,
 }
 
 impl Level {
     pub(crate) fn of(likelihood: &Likelihood<'_>, hypothesis: Option<&Hypothesis>) -> Option<Self> {
         let residuals = residuals(likelihood, hypothesis.map_or(NO_EFFECT, ActiveEffects::from))?;
-        let errors = |span: &dyn Fn(&LogRecord) -> Option<Span>| {
-            Errors::of(likelihood.records, &residuals, span)
-        };
-        let (train, held) = (errors(&|r| r.train), errors(&|r| r.held));
-        let white =
-            [white(likelihood, &residuals, |r| r.train), white(likelihood, &residuals, |r| r.held)];
-        Some(Self { hypothesis: hypothesis.cloned(), residuals, train, held, white })
+        let train = Errors::trained(likelihood.records, &residuals);
+        let white = white(likelihood, &residuals);
+        Some(Self { hypothesis: hypothesis.cloned(), residuals, train, white })
     }
 
     /// Training errors and residuals as large as they would be had no noise been followed.
@@ -62,7 +56,7 @@ impl Level {
         let effects: Vec<Applied> =
             hypothesis.effects.iter().filter(|a| !a.effect.leaves_residual()).cloned().collect();
         let active = ActiveEffects::from(hypothesis).with(&effects);
-        Some(Errors::of(likelihood.records, &residuals(likelihood, active)?, |r| r.train))
+        Some(Errors::trained(likelihood.records, &residuals(likelihood, active)?))
     }
 
     pub(crate) fn size(&self) -> usize {
@@ -70,15 +64,11 @@ impl Level {
     }
 }
 
-/// Mean square of the whitened residuals inside a span.
-fn white(
-    likelihood: &Likelihood<'_>,
-    residuals: &[DMatrix<f64>],
-    span: impl Fn(&LogRecord) -> Option<Span>,
-) -> f64 {
+/// Mean square of the whitened training residuals.
+fn white(likelihood: &Likelihood<'_>, residuals: &[DMatrix<f64>]) -> f64 {
     let (mut sum, mut count) = (0.0, 0_usize);
     for ((at, record), residual) in likelihood.records.iter().enumerate().zip(residuals) {
-        let Some(inside) = span(record) else { continue };
+        let Some(inside) = record.train else { continue };
         sum += likelihood.whiten_in(at, residual, inside).norm_squared();
         let there = |i: usize| {
             (0..record.time_s.len())

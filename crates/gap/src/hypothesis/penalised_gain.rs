@@ -31,11 +31,6 @@ impl Penalties {
         self.criteria.equals.max(self.criteria.inexact * gain)
     }
 
-    /// The same in units of what tells nothing where little is gained.
-    pub(crate) fn temper(&self, gain: f64) -> f64 {
-        self.slack(gain) / self.criteria.equals
-    }
-
     /// The best fitted hypothesis; of near equals the one with the fewest parameters, of equals the first in the table.
     pub(crate) fn leader<'h>(&self, hypotheses: &'h [Hypothesis]) -> Option<&'h Hypothesis> {
         let fitted = || hypotheses.iter().filter(|e| e.fitted);

@@ -34,16 +34,10 @@ pub struct Criteria {
     /// From this probability of `unknown` on that is the verdict; 1. Formula: by its own definition the probability is 0.5 at the limit above the floor, and
     /// grows with every further multiple of the floor.
     pub unknown_from: f64,
-    /// The probability of `unknown` where what explains best fails on held-out data; 1. Chosen.
-    pub fails_held_out: f64,
     /// The share of the explainable that one effect must explain; 1. Chosen.
     pub one_explains: f64,
     /// The share that two must explain; 1. Chosen.
     pub two_explain: f64,
-    /// The share of the explainable that one effect must explain on held-out data: less, and it describes the training logs and no cause; 1. Chosen.
-    pub one_generalises: f64,
-    /// The same of two; 1. Chosen.
-    pub two_generalise: f64,
     /// Where nothing is named, an effect that a start trusted more or less would bring to light must promise so many selection penalties to be told; 1.
     /// Chosen: what was just below one penalty and now is just above it is no other verdict.
     pub newly_visible: f64,
@@ -98,16 +92,6 @@ pub struct Criteria {
     pub inexact_gap: f64,
     /// A delay explains much where it gains this part of what the best effect gains, or takes this part of the squared error; 1. Chosen.
     pub much: f64,
-    /// The part of the gap's original square that it must take, learnt and held out: a simulator's own inexactness is certain on a precise machine; 1. Chosen.
-    /// An elaborate form of a plain effect must take as much beyond it, or lower the rms by `clear`.
-    pub added_matters: f64,
-    /// The error may rise by this factor when parameters are fitted beside the noise's colour, or when laws without chance take a sequence's place; 1. Chosen.
-    pub settled: f64,
-    /// A number of a block that moved by less stays where it was, in standard deviations of what the data leave open. Chosen.
-    pub moved: f64,
-    /// Held-out data are quiet beside a plain effect where its squared error there is so many times the noise at most: nothing is there for its elaborate form to
-    /// explain. Chosen: well above what the chance of some hundred samples does to a mean square.
-    pub quiet: f64,
 }
 
 impl Default for Criteria {
@@ -124,11 +108,8 @@ impl Default for Criteria {
             flexible: 1.1,
             clear: 2.0,
             unknown_from: 0.5,
-            fails_held_out: 0.9,
             one_explains: 0.93,
             two_explain: 0.97,
-            one_generalises: 0.5,
-            two_generalise: 0.75,
             slowest_noise: 60.0,
             window_memories: 4.0,
             newly_visible: 2.0,
@@ -154,10 +135,6 @@ impl Default for Criteria {
             longer_than_moved: 1.5,
             inexact_gap: 0.05,
             much: 0.25,
-            added_matters: 0.01,
-            settled: 1.02,
-            moved: 1.0,
-            quiet: 1.1,
         }
     }
 }

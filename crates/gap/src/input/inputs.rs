@@ -7,12 +7,12 @@ use super::black_box::{Probed, probe, remembering};
 use super::nuisance::{Nuisance, nuisances};
 use super::options::GapOptions;
 use super::poles::Poles;
-use super::record::LogRecord;
+use super::record::{LogRecord, Span};
 use super::restart::restart;
 use super::spans::{Divide, longest_delay};
 use super::subject::Subject;
 use crate::error::Result;
-use crate::format::diagnosis::{Holdout, Mode};
+use crate::format::diagnosis::Mode;
 use crate::format::error::GapError;
 use deadtime_log::Log;
 use deadtime_model::effect::Applied;
@@ -47,7 +47,8 @@ pub(crate) struct Inputs {
     /// What was found out about a simulator that can only be called.
     pub(crate) probed: Option<Probed>,
     pub(crate) poles: Poles,
-    pub(crate) holdouts: Vec<Holdout>,
+    /// Per record, the held-out span: for the report alone.
+    pub(crate) held: Vec<Option<Span>>,
     pub(crate) longest_delay_s: f64,
     /// No delay as long as this can be looked for.
     pub(crate) limit_s: f64,
@@ -101,14 +102,14 @@ impl Inputs {
             settling_s: poles.settling_s,
             black_box: system.is_black_box(),
         };
-        let holdouts = divide.set_spans(&mut records, logs.len());
+        let held = divide.set_spans(&mut records, logs.len());
         Ok(Self {
             model_effects,
             nuisances,
             records,
             probed,
             poles,
-            holdouts,
+            held,
             longest_delay_s,
             limit_s,
             horizon,

@@ -18,7 +18,11 @@ pub(crate) fn whole_turns(subject: Subject<'_>, logs: &[Log]) -> Vec<Caveat> {
 }
 
 /// All caveats of these logs.
-pub(crate) fn log_caveats(system: &System, records: &[LogRecord]) -> Vec<Caveat> {
+pub(crate) fn log_caveats(
+    system: &System,
+    records: &[LogRecord],
+    held: &[Option<Span>],
+) -> Vec<Caveat> {
     let mut found = Vec::new();
     let same = |a: &LogRecord, b: &LogRecord| {
         a.time_s == b.time_s && a.inputs == b.inputs && a.measured == b.measured
@@ -48,15 +52,13 @@ pub(crate) fn log_caveats(system: &System, records: &[LogRecord]) -> Vec<Caveat>
         }
     }
     for (i, output) in system.outputs.iter().enumerate() {
-        let none = |span: &dyn Fn(&LogRecord) -> Option<Span>| {
-            records
-                .iter()
-                .all(|r| inside(span(r), r).into_iter().all(|k| r.measured[i].get(k).is_none()))
+        let nothing = |(r, span): (&LogRecord, Option<Span>)| {
+            inside(span, r).into_iter().all(|k| r.measured[i].get(k).is_none())
         };
-        if none(&|r| r.train) {
+        if records.iter().map(|r| (r, r.train)).all(nothing) {
             found.push(Caveat::NothingToLearn { output: output.name.clone() });
         }
-        if none(&|r| r.held) {
+        if records.iter().zip(held.iter().copied()).all(nothing) {
             found.push(Caveat::NothingHeldOut { output: output.name.clone() });
         }
     }

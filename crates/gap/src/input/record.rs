@@ -36,10 +36,8 @@ pub(crate) struct LogRecord {
     pub(crate) context: Vec<(String, Vec<f64>)>,
     /// What parameters are fitted to.
     pub(crate) train: Option<Span>,
-    /// Of a held-out log, what its start and its nuisances are estimated from, where that is not what the shrink is measured on.
+    /// Of a held-out log, what its start and its nuisances are estimated from.
     pub(crate) anew: Option<Span>,
-    /// What the shrink is measured on.
-    pub(crate) held: Option<Span>,
 }
 
 impl LogRecord {
@@ -102,7 +100,6 @@ impl LogRecord {
             context: log.channels().filter(|c| !known(c.name())).map(further).collect(),
             train: None,
             anew: None,
-            held: None,
         })
     }
 
@@ -124,7 +121,7 @@ impl LogRecord {
 
     /// What its start and its nuisances are estimated from.
     pub(crate) fn estimated_from(&self) -> Option<Span> {
-        self.train.or(self.anew).or(self.held)
+        self.train.or(self.anew)
     }
 
     /// Samples up to the end of the training span.

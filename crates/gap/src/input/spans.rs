@@ -1,7 +1,6 @@
 //! What of every log is learnt from, what is held back, and what carries no weight.
 
 use super::record::{LogRecord, Span};
-use crate::format::diagnosis::Holdout;
 
 /// The part of each log that is held back where no log is held out.
 const HELD_BACK: f64 = 0.3;
@@ -31,38 +30,37 @@ pub(crate) struct Divide {
 }
 
 impl Divide {
-    /// Sets what is trained on and what is held back; the held-out parts by name. The first so many records are to be learnt from.
+    /// Sets the training spans and returns the held-out ones, per record. The first so many records are to be learnt from.
     ///
     /// What a black box does after the last sample is not known, and a clock that is ahead would show it: so much of its end carries no weight either.
-    pub(crate) fn set_spans(&self, records: &mut [LogRecord], training: usize) -> Vec<Holdout> {
-        let mut holdouts = Vec::new();
+    pub(crate) fn set_spans(
+        &self,
+        records: &mut [LogRecord],
+        training: usize,
+    ) -> Vec<Option<Span>> {
+        let mut held = Vec::with_capacity(records.len());
         for (at, record) in records.iter_mut().enumerate() {
             let end = record.duration_s() - if self.black_box { self.start_s } else { 0.0 };
             let whole = Span { from_s: self.start_s, to_s: end };
             if at >= training && self.anew {
                 let cut = self.start_s + ESTIMATED_ANEW * (end - self.start_s);
                 record.anew = Some(Span { from_s: self.start_s, to_s: cut });
-                record.held = Some(Span { from_s: cut + record.sample_time_s, to_s: end });
+                held.push(Some(Span { from_s: cut + record.sample_time_s, to_s: end }));
             } else if at >= training {
-                record.held = Some(whole);
+                record.anew = Some(whole);
+                held.push(Some(whole));
             } else if self.held_out {
                 record.train = Some(whole);
+                held.push(None);
             } else {
                 let cut = (1.0 - HELD_BACK) * end;
                 record.train = Some(Span { from_s: self.start_s, to_s: cut });
-                record.held = Some(Span {
+                held.push(Some(Span {
                     from_s: (cut + self.settling_s).min(0.5 * (cut + end)),
                     to_s: end,
-                });
-            }
-            if let Some(span) = record.held {
-                holdouts.push(Holdout {
-                    log: record.name.clone(),
-                    from_s: span.from_s,
-                    to_s: span.to_s,
-                });
+                }));
             }
         }
-        holdouts
+        held
     }
 }

@@ -38,7 +38,7 @@ pub(crate) fn prior_sensitivities(
         _ => &found.singles,
     }
     .iter()
-    .filter(|e| e.fitted && !found.held_back.contains(&e.key()))
+    .filter(|e| e.fitted)
     .take(likelihood.budget.rivals)
     .cloned()
     .collect();

@@ -1,7 +1,6 @@
 //! The rule of the verdict: from how large errors are, before and after what explains best, to an effect, none, or something that is in no catalogue.
 
 use crate::input::criteria::Criteria;
-use crate::likelihood::errors::overall;
 
 /// What the verdict is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,10 +25,6 @@ pub(super) struct Sizes {
 pub(super) struct Levels {
     /// On what was learnt from.
     pub(super) train: Sizes,
-    /// On held-out data.
-    pub(super) held: Sizes,
-    /// What explains best matters only beside noise of its colour: the held-out whitened error before and after, and the noise's.
-    pub(super) whitened: Option<[f64; 3]>,
     /// How many effects explain best; 0: the model as it came.
     pub(super) effects: usize,
     /// Noise decides what one of them does to single samples.
@@ -74,9 +69,6 @@ pub(super) fn rule(levels: &Levels, criteria: &Criteria) -> Ruling {
             unknown = 1.0 - 0.5 * (limit - above).exp();
         }
     }
-    if *effects > 0 && !chance && !generalises(levels, decisive, criteria) {
-        unknown = f64::max(unknown, criteria.fails_held_out);
-    }
     let verdict = match (unknown > criteria.unknown_from, effects) {
         (true, _) => GapVerdict::Unknown,
         (false, 0) => GapVerdict::None,
@@ -93,23 +85,6 @@ fn decisive(train: &Sizes, effects: usize) -> Option<usize> {
     (0..train.before.len()).max_by(|&a, &b| key(a).total_cmp(&key(b)))
 }
 
-/// What does not hold on data that it was not fitted to explains nothing. A single effect answers for the decisive output, a pair for all of them; what
-/// matters only beside noise of its colour is asked by that measure.
-fn generalises(levels: &Levels, decisive: Option<usize>, criteria: &Criteria) -> bool {
-    let held = |each: &[Option<f64>]| {
-        if levels.effects == 1 { decisive.and_then(|i| each[i]) } else { overall(each) }
-            .unwrap_or(0.0)
-    };
-    let Sizes { before, after, floor } = &levels.held;
-    let [before, after, floor] =
-        levels.whitened.unwrap_or_else(|| [held(before), held(after), held(floor)]);
-    let needed =
-        [criteria.one_generalises, criteria.two_generalise][levels.effects.clamp(1, 2) - 1];
-    let missed =
-        before * before - after * after < needed * (before * before - floor * floor).max(0.0);
-    !missed
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -118,8 +93,8 @@ mod tests {
         Sizes { before: vec![Some(before)], after: vec![Some(after)], floor: vec![Some(floor)] }
     }
 
-    fn one_effect(train: Sizes, held: Sizes) -> Levels {
-        Levels { train, held, effects: 1, beaten: true, ..Levels::default() }
+    fn one_effect(train: Sizes) -> Levels {
+        Levels { train, effects: 1, beaten: true, ..Levels::default() }
     }
 
     fn verdict(levels: &Levels) -> GapVerdict {
@@ -128,16 +103,14 @@ mod tests {
 
     #[test]
     fn an_effect_that_reaches_the_floor_is_the_verdict() {
-        let ruling =
-            rule(&one_effect(sizes(0.5, 0.1, 0.1), sizes(0.5, 0.12, 0.1)), &Criteria::default());
+        let ruling = rule(&one_effect(sizes(0.5, 0.1, 0.1)), &Criteria::default());
         assert_eq!(ruling, Ruling { verdict: GapVerdict::Effects, unknown: 0.0, left_over: None });
     }
 
     /// 0.2 is twice the floor; of 0.25 − 0.01 it leaves 0.03, which is 87.5 % explained: less than 93 %.
     #[test]
     fn an_effect_that_leaves_twice_the_floor_and_explains_too_little_is_unknown() {
-        let ruling =
-            rule(&one_effect(sizes(0.5, 0.2, 0.1), sizes(0.5, 0.2, 0.1)), &Criteria::default());
+        let ruling = rule(&one_effect(sizes(0.5, 0.2, 0.1)), &Criteria::default());
         assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Unknown, Some((0, 2.0))));
         assert!((ruling.unknown - (1.0 - 0.5 * (-0.5_f64).exp())).abs() < 1e-12);
     }
@@ -145,57 +118,25 @@ mod tests {
     /// The same twice the floor of a ten times larger gap: 99.9 % explained. It is named, and what is left is told.
     #[test]
     fn an_effect_that_explains_nearly_all_of_a_large_gap_is_named_whatever_is_left() {
-        let ruling =
-            rule(&one_effect(sizes(5.0, 0.2, 0.1), sizes(5.0, 0.2, 0.1)), &Criteria::default());
+        let ruling = rule(&one_effect(sizes(5.0, 0.2, 0.1)), &Criteria::default());
         assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Effects, Some((0, 2.0))));
     }
 
     /// 1.6 times the floor: between the limits for a gap that nothing beats and for one that something beats.
     #[test]
     fn without_an_effect_the_limit_depends_on_whether_anything_beats_the_search() {
-        let levels = |beaten| Levels {
-            train: sizes(0.16, 0.16, 0.1),
-            held: sizes(0.16, 0.16, 0.1),
-            beaten,
-            ..Levels::default()
-        };
+        let levels = |beaten| Levels { train: sizes(0.16, 0.16, 0.1), beaten, ..Levels::default() };
         assert_eq!(verdict(&levels(false)), GapVerdict::None);
         assert_eq!(verdict(&levels(true)), GapVerdict::Unknown);
     }
 
     #[test]
-    fn an_effect_that_fails_on_held_out_data_is_unknown_even_at_the_floor() {
-        let ruling =
-            rule(&one_effect(sizes(0.5, 0.1, 0.1), sizes(0.5, 0.4, 0.1)), &Criteria::default());
-        assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Unknown, None));
-        assert!((ruling.unknown - 0.9).abs() < 1e-12);
-    }
-
-    /// Held out 0.25 − 0.09 of 0.24 is 67 %: enough for one effect, not for two.
-    #[test]
-    fn a_pair_must_generalise_better_than_a_single_effect() {
-        let one = one_effect(sizes(0.5, 0.1, 0.1), sizes(0.5, 0.3, 0.1));
-        assert_eq!(verdict(&one), GapVerdict::Effects);
-        assert_eq!(verdict(&Levels { effects: 2, ..one }), GapVerdict::Unknown);
-    }
-
-    #[test]
     fn what_noise_decides_sample_by_sample_is_excused() {
-        let lattice =
-            Levels { chance: true, ..one_effect(sizes(0.5, 0.4, 0.1), sizes(0.5, 0.5, 0.1)) };
+        let lattice = Levels { chance: true, ..one_effect(sizes(0.5, 0.4, 0.1)) };
         assert_eq!(
             rule(&lattice, &Criteria::default()),
             Ruling { verdict: GapVerdict::Effects, unknown: 0.0, left_over: None }
         );
-    }
-
-    /// A single effect answers for the output that gains most, not for another that was off before.
-    #[test]
-    fn a_single_effect_answers_for_the_output_that_gains_most() {
-        let two = |a: [f64; 2]| a.map(Some).to_vec();
-        let of = |held| Sizes { before: two([0.5, 0.3]), after: two(held), floor: two([0.1, 0.1]) };
-        let levels = one_effect(of([0.1, 0.3]), of([0.1, 0.3]));
-        assert_eq!(verdict(&levels), GapVerdict::Effects);
     }
 
     #[test]

@@ -37,10 +37,9 @@ pub(crate) struct Judged {
     pub(crate) of_the_numbers: Option<String>,
 }
 
-/// `after` lowers the whitened error by more than a factor, on data that it was not fitted to as well: what noise with a long memory hides from the rms.
+/// `after` lowers the whitened error by more than a factor: what noise with a long memory hides from the rms.
 fn stands_out(before: &Level, after: &Level, factor: f64) -> bool {
-    !after.is_chance()
-        && before.white.iter().zip(after.white).all(|(b, a)| *b > factor * factor * a)
+    !after.is_chance() && before.white > factor * factor * after.white
 }
 
 /// The factor by which a hypothesis must lower the error of the one before it.
@@ -69,10 +68,10 @@ pub(crate) fn judge(
     let (criteria, penalties) = (likelihood.criteria, Penalties::of(likelihood));
     let nothing = Level::of(likelihood, None)?;
     let mut best = Level::of(likelihood, None)?;
-    // Something beats no effect, by whatever measure; the best matters only beside noise of its colour; what a further effect would gain that does not matter.
-    let (mut beaten, mut hidden, mut inexact) = (false, false, 0.0);
+    // Something beats no effect, by whatever measure; what a further effect would gain that does not matter.
+    let (mut beaten, mut inexact) = (false, 0.0);
     let mut reached = vec![nothing.noise(likelihood)];
-    for (size, hypotheses) in [&found.singles, &found.pairs].into_iter().enumerate() {
+    for hypotheses in [&found.singles, &found.pairs] {
         let Some(next) = penalties.leader(hypotheses).and_then(|e| Level::of(likelihood, Some(e)))
         else {
             continue;
@@ -82,10 +81,9 @@ pub(crate) fn judge(
         // A lattice needs not lower the error to be seen.
         let lattice = next.is_chance() && !best.is_chance();
         let factor = needed(&best, &next, &criteria);
-        let held = (size > 0).then_some([&best.held, &next.held]);
         let (before, after) = (best.smooth(likelihood)?, next.smooth(likelihood)?);
-        let clear = before.largest_fall(&after, held) > factor.max(criteria.clear);
-        let matters = lattice || before.largest_fall(&after, held) > factor;
+        let clear = before.largest_fall(&after) > factor.max(criteria.clear);
+        let matters = lattice || before.largest_fall(&after) > factor;
         // Two effects that do not matter clearly are named only where each is more than a nominal model that is a little off.
         let established = |e: &Hypothesis| {
             e.effects.len() < 2 || clear || intervals::established(likelihood, e, scales)
@@ -95,14 +93,13 @@ pub(crate) fn judge(
             && (matters || stands_out(&best, &next, factor))
             && next.hypothesis.as_ref().is_none_or(established)
         {
-            hidden = !matters;
             best = next;
         } else if better && best.size() > 0 {
             inexact = next.gain() - best.gain();
         }
     }
     let (floor, Ruling { verdict, unknown, left_over }) =
-        ruled(likelihood, [&nothing, &best], &reached, catalogue, scales, [beaten, hidden]);
+        ruled(likelihood, [&nothing, &best], &reached, catalogue, scales, beaten);
     // What one of several explains alone orders them.
     let alone = |a: &Applied| {
         found
@@ -125,15 +122,14 @@ pub(crate) fn judge(
     })
 }
 
-/// The floor beside what explains best, and what follows from it. `reached`: as in [`Judged`]. `beaten`: something beats no effect, by whatever measure;
-/// `hidden`: the best matters only beside noise of its colour.
+/// The floor beside what explains best, and what follows from it. `reached`: as in [`Judged`]. `beaten`: something beats no effect, by whatever measure.
 pub(crate) fn ruled(
     likelihood: &Likelihood<'_>,
     [nothing, best]: [&Level; 2],
     reached: &[(Errors, Vec<DMatrix<f64>>)],
     catalogue: &[Applied],
     scales: &Scales,
-    [beaten, hidden]: [bool; 2],
+    beaten: bool,
 ) -> (Floor, Ruling) {
     let active = best.hypothesis.as_ref().map_or(NO_EFFECT, ActiveEffects::from);
     let explainable = explainable::shares(likelihood, active, &best.residuals, catalogue, scales);
@@ -145,9 +141,6 @@ pub(crate) fn ruled(
     };
     let levels = Levels {
         train: sizes(&nothing.train, &best.train),
-        held: sizes(&nothing.held, &best.held),
-        whitened: hidden
-            .then(|| [nothing.white[1].sqrt(), best.white[1].sqrt(), best.white[0].sqrt()]),
         effects: best.size(),
         chance: best.is_chance(),
         beaten,

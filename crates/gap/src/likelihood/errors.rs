@@ -15,11 +15,17 @@ pub(crate) struct Errors {
 }
 
 impl Errors {
-    /// Of residuals inside the spans.
-    pub(crate) fn of(
+    /// Of residuals on the training spans.
+    pub(crate) fn trained(records: &[LogRecord], residuals: &[DMatrix<f64>]) -> Self {
+        let spans: Vec<Option<Span>> = records.iter().map(|r| r.train).collect();
+        Self::inside(records, residuals, &spans)
+    }
+
+    /// Of residuals inside the spans, one per record.
+    pub(crate) fn inside(
         records: &[LogRecord],
         residuals: &[DMatrix<f64>],
-        span: impl Fn(&LogRecord) -> Option<Span>,
+        spans: &[Option<Span>],
     ) -> Self {
         let outputs = records.first().map_or(0, |r| r.measured.len());
         let mut errors = Self {
@@ -28,11 +34,9 @@ impl Errors {
             count: vec![0.0; outputs],
         };
         for i in 0..outputs {
-            for (record, residual) in records.iter().zip(residuals) {
+            for ((record, residual), span) in records.iter().zip(residuals).zip(spans) {
                 let inside: Vec<(f64, f64)> = (0..record.time_s.len())
-                    .filter_map(|k| {
-                        Some((record.measured_in(span(record), i, k)?, residual[(k, i)]))
-                    })
+                    .filter_map(|k| Some((record.measured_in(*span, i, k)?, residual[(k, i)])))
                     .collect();
                 let count = inside.len() as f64;
                 let mean = stats::mean(inside.iter().map(|v| v.0)).unwrap_or(0.0);
@@ -67,27 +71,10 @@ impl Errors {
         parts.iter().sum::<f64>() / parts.len().max(1) as f64
     }
 
-    /// The largest factor by which the rms of an output falls from these to others. `held`, the same two on held-out data: the geometric mean of both factors.
-    pub(crate) fn largest_fall(&self, after: &Self, held: Option<[&Self; 2]>) -> f64 {
-        let falls = |before: &Self, after: &Self| -> Vec<Option<f64>> {
-            before
-                .nrmse()
-                .iter()
-                .zip(after.nrmse())
-                .map(|(b, a)| b.zip(a).map(|(b, a)| b / a))
-                .collect()
-        };
-        let elsewhere = held.map(|[before, after]| falls(before, after));
-        // An output without a held-out sample has only the one.
-        let together = |(i, fall): (usize, f64)| {
-            elsewhere.as_ref().and_then(|e| e[i]).map_or(fall, |there| (fall * there).sqrt())
-        };
-        falls(self, after)
-            .into_iter()
-            .enumerate()
-            .filter_map(|(i, fall)| Some((i, fall?)))
-            .map(together)
-            .fold(0.0, f64::max)
+    /// The largest factor by which the rms of an output falls from these to others.
+    pub(crate) fn largest_fall(&self, after: &Self) -> f64 {
+        let each = self.nrmse().into_iter().zip(after.nrmse());
+        each.filter_map(|(before, after)| Some(before? / after?)).fold(0.0, f64::max)
     }
 
     /// Per output; `None` where it stands still.

@@ -3,8 +3,8 @@
 use crate::format::diagnosis::NotTried;
 use crate::input::black_box::Probed;
 use crate::input::nuisance::Nuisance;
-use deadtime_model::effect::{Applied, EFFECTS, Effect, OnChannel, Scales, Site};
-use deadtime_model::simulate::System;
+use deadtime_model::effect::{Applied, EFFECTS, Effect, OnChannel, Scales, Site, find};
+use deadtime_model::simulate::{Dynamics, System};
 
 /// What is tried, in the order of the effects' table, and what cannot act.
 pub(crate) struct Catalogue {
@@ -20,6 +20,7 @@ pub(crate) fn catalogue(
     scales: &Scales,
 ) -> Catalogue {
     let (mut all, mut left_out) = (Vec::new(), Vec::new());
+    let kinematic = kinematic(system);
     for effect in EFFECTS {
         if effect.facts().is_declared && effect.channels(system).is_empty() {
             continue;
@@ -64,6 +65,12 @@ pub(crate) fn catalogue(
                 format!("no output of the simulator depends on the {what} `{channel}`"),
             ));
         }
+        for channel in channels.extract_if(.., |c| changes_model(effect) && kinematic.contains(c)) {
+            left_out.push(not_tried(
+                effect,
+                format!("`{channel}` says that one state is the derivative of another"),
+            ));
+        }
         for nuisance in nuisances {
             left_out.extend(
                 channels
@@ -81,8 +88,10 @@ pub(crate) fn catalogue(
 
 /// Every number of a model as it came, also where a law that acts in continuous time could not be tried; none of a simulator that can only be called.
 pub(crate) fn numbers(system: &System) -> Vec<Applied> {
+    let kinematic = &kinematic(system);
     let of = |effect: &'static dyn Effect| {
-        effect.channels(system).into_iter().filter_map(move |channel| {
+        let channels = effect.channels(system).into_iter().filter(|c| !kinematic.contains(c));
+        channels.filter_map(move |channel| {
             let parameters =
                 effect.parameters(OnChannel { effect, system, channel: &channel }).ok()?;
             let values = parameters.iter().map(|p| p.nominal).collect();
@@ -94,6 +103,28 @@ pub(crate) fn numbers(system: &System) -> Vec<Applied> {
         .filter(|e| e.corrects_model() && !system.is_black_box())
         .flat_map(of)
         .collect()
+}
+
+/// Whether an effect changes a number that the model has, for good or from a time on.
+fn changes_model(effect: &dyn Effect) -> bool {
+    let plain = effect.elaborates().and_then(|plain| find(plain).ok());
+    effect.corrects_model() || plain.is_some_and(Effect::corrects_model)
+}
+
+/// Entries of A by which one state is the derivative of another: a row whose only entry is 1. No machine has another value there.
+#[allow(clippy::float_cmp)]
+fn kinematic(system: &System) -> Vec<String> {
+    let Dynamics::Linear(matrices) = &system.dynamics else { return Vec::new() };
+    let name = |at: usize| &system.states[at].name;
+    let entry = |row: usize| {
+        let entries = matrices.a.row(row);
+        let column = entries.iter().position(|v| *v != 0.0)?;
+        let alone = entries.iter().filter(|v| **v != 0.0).count() == 1
+            && matrices.b.row(row).iter().all(|v| *v == 0.0);
+        let is_one = entries[column] == 1.0 && column != row && alone;
+        is_one.then(|| format!("A[{},{}]", name(row), name(column)))
+    };
+    (0..matrices.a.nrows()).filter_map(entry).collect()
 }
 
 fn not_tried(effect: &dyn Effect, why: String) -> NotTried {

@@ -3,7 +3,6 @@
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use super::elaborations::held_back;
 use super::late::beside_lost;
 use super::screen::screen;
 use super::several::pairs;
@@ -23,8 +22,6 @@ pub(crate) struct SearchResult {
     /// Single effects: those fitted, then the rest of the catalogue as screened.
     pub(crate) singles: Vec<Hypothesis>,
     pub(crate) pairs: Vec<Hypothesis>,
-    /// Keys of elaborate forms of a plain effect that do no more than it: they count as gaining as much.
-    pub(crate) held_back: Vec<String>,
 }
 
 /// A search's result, and the likelihood under the noise of the largest hypothesis in play.
@@ -50,7 +47,6 @@ pub(crate) fn search<'a>(
     let mut found = SearchResult {
         singles: fit_first(&likelihood, &pool, scales, &nominal),
         pairs: Vec::new(),
-        held_back: Vec::new(),
     };
     // The search over sets finds what acts together, but would call a simulator too often.
     if likelihood.system.is_black_box() {
@@ -118,7 +114,6 @@ pub(crate) fn search<'a>(
     }
     beside_lost(&likelihood, &mut found.singles);
     beside_lost(&likelihood, &mut found.pairs);
-    found.held_back = held_back(&likelihood, &mut found.singles, &mut found.pairs);
     Some(Searched { likelihood, found })
 }
 

@@ -1,0 +1,87 @@
+//! The classes of causes as an answer reports them.
+
+use super::class_probability::{deviations, probability};
+use super::contributions::NAMED;
+use super::found_effects::found_effects;
+use crate::causes::class::EffectClass;
+use crate::causes::conclusion::ActiveCauses;
+use crate::format::class::{CauseClass, Grounds, Member, RECALIBRATION, in_words, listed};
+use crate::format::contributions::{Contribution, Recalibration, Remainder, Strength};
+use crate::likelihood::gaussian::Likelihood;
+use deadtime_model::effect::Applied;
+
+/// The classes, the most probable first; every contribution gets the probability of its class.
+pub(crate) fn classes(
+    likelihood: &Likelihood<'_>,
+    composed: &ActiveCauses,
+    contributions: &mut [Contribution],
+    recalibration: &Recalibration,
+    remainder: &Remainder,
+) -> Vec<CauseClass> {
+    let Some(hypothesis) = &composed.hypothesis else { return Vec::new() };
+    let found = found_effects(likelihood, hypothesis, composed.estimate.as_ref());
+    let above_floor = remainder.above_floor.unwrap_or(1.0);
+    let place = |key: &str| hypothesis.effects.iter().position(|a| a.key() == key);
+    let mut classes = Vec::new();
+    for class in &composed.classes {
+        let key = class.effect.key();
+        let own = contributions.iter_mut().find(|c| format!("{}:{}", c.effect, c.channel) == key);
+        let (evidence, at) = (class.evidence, place(&key));
+        if let (Some(own), Some(at)) = (own, at) {
+            let deviations = deviations(&hypothesis.effects[at], &found[at]);
+            let grounds = Grounds { evidence, deviations, above_floor };
+            let probability = probability(&grounds);
+            own.probability = Some(probability);
+            classes.push(CauseClass {
+                probability,
+                name: in_words(&own.effect, &own.channel),
+                members: members(class),
+                representative: key,
+                share: own.share,
+                strength: own.strength,
+                grounds,
+            });
+        } else if at.is_some_and(|at| composed.block().contains(&at)) {
+            let each = composed.block().into_iter();
+            let each = each.map(|at| deviations(&hypothesis.effects[at], &found[at]));
+            let deviations = each.fold(0.0, f64::max);
+            let grounds = Grounds { evidence, deviations, above_floor };
+            classes.extend(recalibrated(composed, recalibration, grounds));
+        }
+    }
+    let share = |c: &CauseClass| c.share.learnt.unwrap_or(0.0);
+    classes.sort_by(|a, b| {
+        b.probability.total_cmp(&a.probability).then_with(|| share(b).total_cmp(&share(a)))
+    });
+    classes
+}
+
+/// The class of the joint recalibration.
+fn recalibrated(
+    composed: &ActiveCauses,
+    recalibration: &Recalibration,
+    grounds: Grounds,
+) -> Option<CauseClass> {
+    let hypothesis = composed.hypothesis.as_ref()?;
+    recalibration.share.learnt.is_none_or(|share| share >= NAMED).then_some(())?;
+    let keys = composed.block().into_iter().map(|at| hypothesis.effects[at].key()).collect();
+    let names: Vec<String> =
+        recalibration.parameters.iter().map(|p| format!("`{}`", p.name)).collect();
+    Some(CauseClass {
+        probability: probability(&grounds),
+        name: format!("other values of the parameters {}", listed(&names)),
+        members: vec![Member::Several(keys)],
+        representative: RECALIBRATION.to_owned(),
+        share: recalibration.share,
+        strength: Strength::Clear,
+        grounds,
+    })
+}
+
+fn members(class: &EffectClass) -> Vec<Member> {
+    let one = |effects: &Vec<Applied>| match effects.as_slice() {
+        [one] => Member::One(one.key()),
+        several => Member::Several(several.iter().map(Applied::key).collect()),
+    };
+    std::iter::once(Member::One(class.effect.key())).chain(class.instead.iter().map(one)).collect()
+}

@@ -1,0 +1,70 @@
+//! Classes of causes: what the logs cannot tell apart, with the probability that one of its members acts.
+
+use serde::{Deserialize, Serialize};
+
+use super::contributions::{Share, Strength};
+
+/// Effects of which these logs cannot tell which one acts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CauseClass {
+    /// The calibrated probability that a member acts on the machine.
+    pub probability: f64,
+    /// The representative in words.
+    pub name: String,
+    /// The representative first, then what explains the training logs as well in its place.
+    pub members: Vec<Member>,
+    /// The member that the written model carries, as `effect:channel`; `recalibration` for the model's own parameters together.
+    pub representative: String,
+    /// Its share of the gap.
+    pub share: Share,
+    /// How clearly it shows.
+    pub strength: Strength,
+    /// What the probability follows from.
+    pub grounds: Grounds,
+}
+
+/// What the probability of a class follows from.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Grounds {
+    /// By how much the score of the best set rises without any member, in units of twice the log-likelihood.
+    pub evidence: f64,
+    /// How many standard deviations the parameter of the representative that is known worst is from nominal.
+    pub deviations: f64,
+    /// What stays of the gap, over the noise floor.
+    pub above_floor: f64,
+}
+
+/// A member of a class.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Member {
+    /// An effect, as `effect:channel`.
+    One(String),
+    /// Several effects that together do the same.
+    Several(Vec<String>),
+}
+
+/// The representative of a class that recalibrates the model's own parameters together.
+pub(crate) const RECALIBRATION: &str = "recalibration";
+
+/// An effect on a channel in words.
+#[must_use]
+pub fn in_words(effect: &str, channel: &str) -> String {
+    let words = effect.replace('_', " ");
+    match channel {
+        "*" => format!("{words} of all outputs"),
+        channel => format!("{words} of `{channel}`"),
+    }
+}
+
+/// Several effects as a list in words.
+#[must_use]
+pub fn listed(names: &[String]) -> String {
+    match names {
+        [] => String::new(),
+        [one] => one.clone(),
+        [others @ .., last] => format!("{} and {last}", others.join(", ")),
+    }
+}
