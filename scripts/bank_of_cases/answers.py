@@ -58,7 +58,7 @@ def distilled(diagnosis: dict) -> dict:
             for c in cause["contributions"]
         ],
         "recalibration": {"share": block["share"]["learnt"], "size": block["size"], "parameters": _parameters(block["parameters"])} if block["accepted"] else None,
-        "classes": [{"representative": c["representative"], "probability": c["probability"], "share": c["share"]["learnt"], **c["grounds"]} for c in cause.get("classes", ())],
+        "classes": [{"representative": c["representative"], "probability": c["probability"], "members": c["members"], **c["grounds"]} for c in cause.get("classes", ())],
         "indistinguishable": cause["indistinguishable"],
         "ranking": [[["".join([e, ":", c]) for e, c in row["effects"]] if "effects" in row else [f"{row['effect']}:{row['channel'] or ''}"], row["probability"]] for row in rows],
         "remainder": {"share": left["share"]["learnt"], "above_floor": left["above_floor"]},

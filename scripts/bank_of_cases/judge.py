@@ -1,7 +1,7 @@
 """What is judged of one answer, as the sums from which every score follows; the definitions are `SCORES`.
 
-A *claim* is a contribution of the answer, or a parameter of its recalibration with an equal part of the block's share. It is true where it, or something in its `class` or in its
-class of `indistinguishable`, is in the alias class of a true effect. True effects are the label's, all parameters that are off, and hidden parameter errors
+A *claim* is a contribution of the answer, or a parameter of its recalibration with an equal part of the block's share. It is true where it, or something in its `class`, in its
+class of `indistinguishable` or among the members of its class, is in the alias class of a true effect. True effects are the label's, all parameters that are off, and hidden parameter errors
 below the noise; the last two count for precision and never for recall.
 """
 
@@ -117,6 +117,9 @@ def claims(answer: dict, truth: Truth) -> list[Claim]:
         name = truth.name(f"{c['effect']}:{c['channel']}")
         lists = [{truth.name(n) for n in row} for row in answer["indistinguishable"]]
         names = {name, *(truth.name(n) for n in c["class"])}.union(*(row for row in lists if name in row))
+        for own in answer.get("classes", ()):  # an alias may be several effects that together do the same
+            if truth.name(own["representative"]) == name:
+                names.update(truth.name(n) for m in own["members"] for n in ([m] if isinstance(m, str) else m))
         found.append(Claim(name, names, max(c["share"] or 0.0, 0.0), c["probability"], c["parameters"]))
     block = answer["recalibration"]
     for name, estimate in block["parameters"].items() if block else ():

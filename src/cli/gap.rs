@@ -73,14 +73,14 @@ pub(super) struct Gap {
     /// Every sentence of the diagnosis in full, and the ranking with four digits
     #[arg(long)]
     full: bool,
-    /// Rows of the ranking to print
+    /// With --full: rows of the ranking to print
     #[arg(long, value_name = "N", default_value_t = 8)]
     rows: usize,
     /// Only say which effects these logs can tell apart at all; nothing is diagnosed
     #[arg(long)]
     isolability: bool,
-    /// Folder to write diagnosis.json, report.html and model_with_effects.toml to
-    #[arg(long, value_name = "DIR", required_unless_present = "isolability")]
+    /// Folder to write diagnosis.json, report.html and model_with_effects.toml to; without it the answer is printed alone
+    #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
 
@@ -118,7 +118,7 @@ impl Gap {
             criteria: self.thresholds.criteria()?,
             ..GapOptions::default()
         };
-        let Some(out) = self.out.as_deref().filter(|_| !self.isolability) else {
+        if self.isolability {
             let bar = Bar::new(to);
             let found =
                 isolability(&subject, &logs, &options, bar.far()).map_err(|e| self.in_file(e))?;
@@ -126,14 +126,14 @@ impl Gap {
             to.json(&found)?;
             say!(to, "{}", isolability_text(&found).trim_end());
             return Ok(());
-        };
+        }
         let bar = Bar::new(to);
         let found = diagnose(&subject, &logs, &holdout, &options, &|stage| {
             bar.far().at(stage.begins_at(), &stage)
         });
         drop(bar);
         let found = found.map_err(|e| self.in_file(e))?.worded(option);
-        let written = save(&found, out)?;
+        let written = self.out.as_deref().map(|out| save(&found, out)).transpose()?;
         to.json(&found.diagnosis)?;
         if self.brief {
             return to.styled(&terminal::verdict(&found.diagnosis));
@@ -145,9 +145,11 @@ impl Gap {
             }
             say!(to, "\n{}", ranking(&found.diagnosis, self.rows).to_string().trim_end());
         } else {
-            to.styled(&terminal::diagnosis(&found, self.rows))?;
+            to.styled(&terminal::diagnosis(&found))?;
         }
-        say!(to, "\nWritten to {}: {}.", out.display(), written.join(", "));
+        if let Some((out, written)) = self.out.as_deref().zip(written) {
+            say!(to, "\nWritten to {}: {}.", out.display(), written.join(", "));
+        }
         Ok(())
     }
     /// An error with the file that it stands in.

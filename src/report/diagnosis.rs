@@ -1,15 +1,17 @@
-//! The diagnosis in plain sentences.
+//! The answer of a diagnosis in sentences, in the order in which a person asks. Every face prints these.
 
-use super::facts::{
-    Cause, Label, Place, Ranked, Rivals, Shrink, caveats, described, first, probability,
-    recalibrated, shared,
-};
+use super::facts::{Cause, Label, Place, Ranked, Shrink, caveats, described, first, probability};
 use super::text::{Table, estimate, unit};
 use deadtime_gap::{
-    Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, HorizonError, Mode,
-    NuisanceEstimate, Recalibration, Share, Strength,
+    CauseClass, Diagnosed, Diagnosis, FoundEffect, FoundParameter, HorizonError, Member,
+    NuisanceEstimate, in_words, listed,
 };
-use deadtime_signal::text::plus_minus;
+use deadtime_signal::text::{plus_minus, shown};
+
+/// Aliases that a sentence names; the others are counted.
+const NAMED: usize = 3;
+/// What stays is noise up to so many times its level, as in the verdict.
+const NOISE: f64 = 1.5;
 
 /// A line of the summary.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -20,27 +22,30 @@ pub struct Line {
     pub text: String,
 }
 
-/// First, the findings of checks of signs, axes, units and clocks that failed: their remedy at the log or the model changes all that follows.
-/// Then the size of the gap, its place, its cause with its probability, competing hypotheses, and the reduction on held-out data.
-/// Several causes have a budget of shares, a remainder its description, nuisances of the model file their values.
+/// What to fix first, the cause, the reduction on held-out data, what stays, the next experiment; then size and place of the gap and nuisances of the model.
 #[must_use]
 pub fn lines(found: &Diagnosed) -> Vec<Line> {
     let d = &found.diagnosis;
     let before = first(found);
     let before = (!before.is_empty())
-        .then(|| format!("{}. Mend that before the rest is believed.", before.join("; ")));
+        .then(|| format!("fix this first; the rest may be wrong: {}.", before.join("; ")));
     let all = [
         (Label::First, before),
+        (Label::Cause, Some(cause(d))),
+        (Label::Shrink, Some(shrink(d))),
+        (Label::Left, left(d)),
+        (Label::Next, d.cause.next_experiment.clone()),
         (Label::Gap, Some(size(d))),
         (Label::Place, Some(place(d))),
-        (Label::Cause, Some(cause(d))),
-        (Label::Budget, shared(d).then(|| budget(d))),
-        (Label::Rest, described(d).map(|sentence| format!("{sentence}."))),
         (Label::Nuisances, nuisances(d).map(|each| format!("{each}."))),
-        (Label::Rivals, Some(rivals(d))),
-        (Label::Shrink, Some(shrink(d))),
     ];
     all.into_iter().filter_map(|(label, text)| Some(Line { label, text: text? })).collect()
+}
+
+/// The answer alone: the cause and the reduction on held-out data.
+#[must_use]
+pub fn verdict(d: &Diagnosis) -> [Line; 2] {
+    [Line { label: Label::Cause, text: cause(d) }, Line { label: Label::Shrink, text: shrink(d) }]
 }
 
 /// The caveats, a line each.
@@ -61,26 +66,39 @@ impl std::fmt::Display for Line {
     }
 }
 
+/// A share in percent, with two digits below 10 %.
 pub(super) fn percent(share: f64) -> String {
-    format!("{:.0} %", 100.0 * share)
+    let value = 100.0 * share;
+    match value.abs() {
+        v if v >= 9.95 || v == 0.0 => format!("{value:.0} %"),
+        v if v >= 0.995 => format!("{value:.1} %"),
+        v if v >= 0.005 => format!("{value:.2} %"),
+        _ => "0 %".to_owned(),
+    }
+}
+
+/// How sure, in percent: a probability is never 0 or 100 %.
+pub(super) fn sure(probability: f64) -> String {
+    match 100.0 * probability {
+        p if p < 1.0 => "below 1 %".to_owned(),
+        p if p > 99.0 => "over 99 %".to_owned(),
+        p => format!("{p:.0} %"),
+    }
 }
 
 fn size(d: &Diagnosis) -> String {
-    let mode = match d.prediction.mode {
-        Mode::Simulation | Mode::Horizon => d.prediction.words(),
-        Mode::Predictor => "predicted one step ahead by a fixed observer",
-    };
+    let mode = d.prediction.words();
     match (d.gap.before, d.gap.floor) {
         (Some(before), Some(floor)) => format!(
-            "the model {} ({mode}: {}) misses the logs by {} of their spread; the noise floor is {}.",
-            d.model,
+            "{}, {mode} ({}), misses the training logs by {} of their standard deviation; noise is {}.",
+            shown(&d.model),
             d.prediction.why,
             percent(before),
             percent(floor)
         ),
         _ => format!(
             "every output of {} stands still in the logs, so there is nothing to compare.",
-            d.model
+            shown(&d.model)
         ),
     }
 }
@@ -89,99 +107,182 @@ fn place(d: &Diagnosis) -> String {
     let Some(Place { output, time, band, regime }) = Place::of(d) else {
         return "nothing stands out above the noise.".to_owned();
     };
-    let mut text = format!("{} of it is in `{}`", percent(output.share), output.name);
+    let mut text = format!("{} of it in `{}`", percent(output.share), shown(&output.name));
     if let Some(t) = time {
-        text += &format!(", mostly between {:.3} s and {:.3} s of {}", t.from_s, t.to_s, t.log);
+        text += &format!(", mostly {:.2} to {:.2} s of {}", t.from_s, t.to_s, shown(&t.log));
     }
     if let Some(b) = band {
-        text += &format!(", from {:.3} Hz to {:.3} Hz", b.from_hz, b.to_hz);
+        text += &format!(", {}", frequencies(b.from_hz, b.to_hz));
     }
     if let Some(r) = regime {
-        text += &format!(", where {} lies between {:.4} and {:.4}", r.variable, r.from, r.to);
+        text += &format!(", where {} is {:.4} to {:.4}", shown(&r.variable), r.from, r.to);
     }
     text + "."
 }
 
-fn parameter(p: &FoundParameter) -> String {
-    let unit = unit(&p.unit);
-    let Some(value) = p.value else { return format!("no {} limit", p.name) };
-    match estimate(value, p.ci95) {
-        (value, Some([lower, upper])) => {
-            format!("{} = {value}{unit} (95 %: {lower} to {upper})", p.name)
+/// A band of frequencies; of slow plants as periods, the longest first.
+fn frequencies(from_hz: f64, to_hz: f64) -> String {
+    const SLOW_HZ: f64 = 0.01;
+    if to_hz >= SLOW_HZ || from_hz <= 0.0 {
+        return format!("{from_hz:.2} to {to_hz:.2} Hz");
+    }
+    let period = |hz: f64| {
+        let seconds = 1.0 / hz;
+        match seconds {
+            s if s >= 2.0 * 86_400.0 => format!("{:.1} days", s / 86_400.0),
+            s if s >= 2.0 * 3600.0 => format!("{:.1} h", s / 3600.0),
+            s => format!("{:.1} min", s / 60.0),
         }
-        (value, None) => format!("{} = {value}{unit} (at a bound)", p.name),
-    }
-}
-
-fn effect(effect: &str, channel: &str, parameters: &[FoundParameter]) -> String {
-    let parameters: Vec<String> = parameters.iter().map(parameter).collect();
-    format!("{effect} on `{channel}` with {}", parameters.join(", "))
-}
-
-/// The share of the gap that a cause takes, on both parts of the data.
-fn takes(share: &Share) -> String {
-    let each = [(share.learnt, "of what was learnt from"), (share.held_out, "of held-out data")];
-    let each: Vec<String> =
-        each.into_iter().filter_map(|(s, of)| Some(format!("{} {of}", percent(s?)))).collect();
-    if each.is_empty() { "a part that cannot be told".to_owned() } else { each.join(" and ") }
-}
-
-/// One effect of several.
-fn contribution(c: &Contribution) -> String {
-    let mut text = effect(&c.effect, &c.channel, &c.parameters);
-    if !c.class.is_empty() {
-        text += &format!(", or {} in its place", c.class.join(" or "));
-    }
-    if c.surrogate {
-        text += ", whose value predicts but is not the physics'";
-    }
-    if c.strength == Strength::Weak {
-        text += ", weak";
-    }
-    if let Some(p) = c.probability {
-        text += &format!(", acts with probability {} and", percent(p));
-    }
-    format!("{text} takes {}", takes(&c.share))
-}
-
-/// The model's own parameters together.
-fn recalibration(r: &Recalibration) -> String {
-    let value = |p: &FoundParameter| {
-        let value = p.value.map_or_else(|| "–".to_owned(), |v| estimate(v, p.ci95).0);
-        format!("{} = {value}", p.name)
     };
-    let mut each = r.parameters.iter().map(value).collect::<Vec<_>>().join(", ");
-    if !r.directions.is_empty() {
-        each += &format!(", {}", r.directions.join(", "));
-    }
-    format!("the model's own numbers ({each}) take {}", takes(&r.share))
+    format!("periods of {} to {}", period(from_hz), period(to_hz))
 }
 
-/// How much each contribution takes, and the remainder.
-fn budget(d: &Diagnosis) -> String {
-    let causes = d.cause.contributions.iter().map(contribution);
-    let all: Vec<String> = causes.chain(recalibrated(d).map(recalibration)).collect();
-    let mut text = all.join("; ");
-    if let Some(r) = d.cause.remainder.as_ref().filter(|r| r.share.learnt.is_some()) {
-        text += &format!("; {} stays", takes(&r.share));
-        if let Some(times) = r.above_floor {
-            text += &format!(", {times:.1} times the noise floor");
+/// `0.12993 s (0.12961 to 0.13022)`; of several parameters each with its name.
+pub(super) fn values(parameters: &[FoundParameter]) -> String {
+    let one = |p: &FoundParameter| {
+        let name = if parameters.len() > 1 { format!("{} ", p.name) } else { String::new() };
+        let Some(value) = p.value else { return format!("no {} limit", p.name) };
+        match estimate(value, p.ci95) {
+            (value, Some([lower, upper])) => {
+                format!("{name}{value}{} ({lower} to {upper})", unit(&p.unit))
+            }
+            (value, None) => format!("{name}{value}{} (at a bound)", unit(&p.unit)),
+        }
+    };
+    parameters.iter().map(one).collect::<Vec<_>>().join(", ")
+}
+
+/// An effect in words.
+fn worded(effect: &FoundEffect) -> String {
+    in_words(&effect.effect, &shown(&effect.channel))
+}
+
+/// A member of a class in words, from its code.
+fn member(member: &Member) -> String {
+    let one = |code: &String| match code.split_once(':') {
+        Some((effect, channel)) => in_words(effect, &shown(channel)),
+        None => shown(code),
+    };
+    match member {
+        Member::One(code) => one(code),
+        Member::Several(codes) => {
+            format!("{} together", listed(&codes.iter().map(one).collect::<Vec<_>>()))
         }
     }
-    if d.shrink.decoded.is_none() {
-        return text + ".";
+}
+
+/// What else a class holds; `None` for a class of one.
+pub(super) fn aliases(class: &CauseClass) -> Option<String> {
+    let others: Vec<String> = class.members.iter().skip(1).map(member).collect();
+    let more = others.len().saturating_sub(NAMED);
+    let mut names: Vec<String> = others.iter().take(NAMED).cloned().collect();
+    names.extend((more > 0).then(|| format!("{more} more")));
+    (!names.is_empty()).then(|| listed(&names))
+}
+
+/// The part of the gap that the contributions and the recalibration explain together.
+fn explained(d: &Diagnosis) -> Option<f64> {
+    Some(1.0 - d.cause.remainder.as_ref()?.share.learnt?)
+}
+
+fn cause(d: &Diagnosis) -> String {
+    let names =
+        || listed(&d.cause.classes.iter().map(|class| class.name.clone()).collect::<Vec<_>>());
+    match Cause::of(d) {
+        Cause::NothingMoves => "none could be looked for, because no output moves.".to_owned(),
+        Cause::None => format!(
+            "none; no effect of the catalogue explains more than noise; {} sure.",
+            sure(probability(d))
+        ),
+        Cause::Mostly => {
+            let stays = explained(d).map(|e| percent(1.0 - e)).unwrap_or_default();
+            format!("mostly {}; {stays} of the gap stays unexplained.", names())
+        }
+        Cause::Part => {
+            let stays = explained(d).map(|e| percent(1.0 - e)).unwrap_or_default();
+            format!(
+                "unknown for the most part; {} explain some of the gap, {stays} of it stays unexplained.",
+                names()
+            )
+        }
+        Cause::Unknown => format!(
+            "unknown; more than noise stays that no effect of the catalogue explains; {} sure.",
+            sure(probability(d))
+        ),
+        Cause::Effects([one]) => single(d, one),
+        Cause::Effects(several) => {
+            let all = listed(&several.iter().map(worded).collect::<Vec<_>>());
+            let share =
+                explained(d).map(|e| format!(" Together they explain {} of the gap.", percent(e)));
+            format!("{all}.{}", share.unwrap_or_default())
+        }
     }
-    if let Some(gained) = d.shrink.of_explainable {
-        text += &format!(
-            "; a simulation, which cannot know it, gains {} of held-out data",
-            percent(gained)
-        );
+}
+
+/// One effect that explains all.
+fn single(d: &Diagnosis, effect: &FoundEffect) -> String {
+    let class = d
+        .cause
+        .classes
+        .iter()
+        .find(|class| class.representative == format!("{}:{}", effect.effect, effect.channel));
+    let likely = class.map(|class| {
+        let most = if class.probability < 0.5 { "most likely of several, " } else { "" };
+        format!("; {most}{} sure", sure(class.probability))
+    });
+    let share = explained(d).map(|e| format!(" It explains {} of the gap.", percent(e)));
+    let alike =
+        class.and_then(aliases).map(|others| format!(" These logs cannot tell it from {others}."));
+    format!(
+        "{}, {}{}.{}{}",
+        worded(effect),
+        values(&effect.parameters),
+        likely.unwrap_or_default(),
+        share.unwrap_or_default(),
+        alike.unwrap_or_default()
+    )
+}
+
+/// What stays, in multiples of the noise; `None` where nothing was found to act.
+fn left(d: &Diagnosis) -> Option<String> {
+    let times = d.cause.remainder.as_ref().and_then(|r| r.above_floor);
+    let rest = described(d).map(|sentence| format!(" It looks like {sentence}."));
+    let stays = match times.filter(|_| !d.cause.contributions.is_empty()) {
+        Some(times) if times > NOISE => {
+            Some(format!("{times:.1} times the noise: something else differs, too."))
+        }
+        Some(_) => Some("noise.".to_owned()),
+        None => rest.is_some().then(|| "the whole gap.".to_owned()),
+    };
+    Some(stays? + &rest.unwrap_or_default())
+}
+
+fn shrink(d: &Diagnosis) -> String {
+    match Shrink::of(d) {
+        Shrink::Falls { before, after, floor, fraction } => {
+            let decoded = d.shrink.decoded.map(percent);
+            let decoded = decoded.map(|p| format!("; once the lost commands are known, to {p}"));
+            let interval = d.shrink.ci95.map(|ends| ends.map(percent));
+            let interval = interval.map(|[l, u]| format!(", {l} to {u}"));
+            let [before, after, fraction, floor] = [before, after, fraction, floor].map(percent);
+            let ahead = by_horizon(d).map(|text| format!(" By horizon: {text}"));
+            format!(
+                "on held-out data the error falls from {before} to {after} (by {fraction}{}){}; noise is {floor}.{}",
+                interval.unwrap_or_default(),
+                decoded.unwrap_or_default(),
+                ahead.unwrap_or_default()
+            )
+        }
+        Shrink::NothingAdded { before } => format!(
+            "nothing was added to the model; its error on held-out data is {}.",
+            percent(before)
+        ),
+        Shrink::NothingMoves => "no held-out output moves, so nothing can be said.".to_owned(),
     }
-    format!("once it is known which commands were lost or late, {text}.")
 }
 
 /// What every log has of its own, as `input_offset:u = 1.30 ± 0.21 V in a.csv, …`; `None` without nuisances.
-pub(super) fn nuisances(d: &Diagnosis) -> Option<String> {
+fn nuisances(d: &Diagnosis) -> Option<String> {
     let one = |(at, n): (usize, &NuisanceEstimate)| {
         let same =
             |before: &NuisanceEstimate| before.effect == n.effect && before.channel == n.channel;
@@ -199,98 +300,19 @@ pub(super) fn nuisances(d: &Diagnosis) -> Option<String> {
     (!d.nuisances.is_empty()).then(|| d.nuisances.iter().enumerate().map(one).collect())
 }
 
-fn cause(d: &Diagnosis) -> String {
-    let sure = percent(probability(d));
-    let all = |effects: &[FoundEffect]| {
-        let each: Vec<String> =
-            effects.iter().map(|e| effect(&e.effect, &e.channel, &e.parameters)).collect();
-        each.join(" and ")
-    };
-    match Cause::of(d) {
-        Cause::NothingMoves => "none could be looked for, because no output moves.".to_owned(),
-        Cause::None => format!(
-            "none; no effect of the catalogue helps and what is left is noise (probability {sure})."
-        ),
-        Cause::UnknownInPart => format!(
-            "unknown in part; what is listed next contributes, and a gap above the noise stays that no effect of the catalogue explains \
-             (probability {sure})."
-        ),
-        Cause::Unknown => format!(
-            "unknown; a gap above the noise stays that no effect of the catalogue explains (probability {sure})."
-        ),
-        Cause::Effects(effects) => format!("{} (probability {sure}).", all(effects)),
-    }
-}
-
-fn rivals(d: &Diagnosis) -> String {
-    match Rivals::of(d) {
-        Rivals::Class(others) => {
-            let next = d.cause.next_experiment.as_deref();
-            let next = next.map(|n| format!(" {n}")).unwrap_or_default();
-            format!("this data cannot tell it from {}.{next}", others.join(", "))
-        }
-        Rivals::AnotherList(p) => format!(
-            "another list of causes, longer or of other laws, with probability {}.",
-            percent(p)
-        ),
-        Rivals::Next(r) => {
-            let channel = r.channel.as_deref().map(|c| format!(" on `{c}`")).unwrap_or_default();
-            format!("next comes {}{channel} with probability {}.", r.effect, percent(r.probability))
-        }
-        Rivals::Improbable => "none with a probability above 1 %.".to_owned(),
-    }
-}
-
-fn shrink(d: &Diagnosis) -> String {
-    match Shrink::of(d) {
-        Shrink::Falls { before, after, floor, fraction } => {
-            let decoded = d.shrink.decoded.map(|known| {
-                format!(
-                    "; once it is known which commands were lost or late, to {}",
-                    percent(known)
-                )
-            });
-            let interval = d
-                .shrink
-                .ci95
-                .map(|[l, u]| format!(" (95 %: {} to {})", percent(l), percent(u)))
-                .unwrap_or_default();
-            format!(
-                "on held-out data the error falls from {} to {} of the spread, by {}{interval}{}; the floor there is {}.{}",
-                percent(before),
-                percent(after),
-                percent(fraction),
-                decoded.unwrap_or_default(),
-                percent(floor),
-                by_horizon(d).map(|text| format!(" By horizon: {text}")).unwrap_or_default()
-            )
-        }
-        Shrink::NothingAdded { before } => format!(
-            "nothing was added to the model; on held-out data its error is {} of the spread.",
-            percent(before)
-        ),
-        Shrink::NothingMoves => "no held-out output moves, so nothing can be said.".to_owned(),
-    }
-}
-
 /// How the error grows ahead, before and after; `None` where predictions have no horizon.
-pub(super) fn by_horizon(d: &Diagnosis) -> Option<String> {
+fn by_horizon(d: &Diagnosis) -> Option<String> {
     let one = |h: &HorizonError| {
         Some(format!(
             "{} sample{} ahead from {} to {}",
             h.samples,
             if h.samples == 1 { "" } else { "s" },
-            part(h.before?),
-            part(h.after?)
+            percent(h.before?),
+            percent(h.after?)
         ))
     };
     let all: Vec<String> = d.shrink.horizons.iter().filter_map(one).collect();
     (!all.is_empty()).then(|| format!("{}.", all.join(", ")))
-}
-
-/// A share of a few percent needs a digit more.
-fn part(share: f64) -> String {
-    if share < 0.1 { format!("{:.1} %", 100.0 * share) } else { percent(share) }
 }
 
 /// The leading rows of the ranking.

@@ -1,8 +1,8 @@
 //! What a diagnosis states, line by line, as values. Each face writes its own words from them.
 
 use deadtime_gap::{
-    Band, CheckKind, Diagnosed, Diagnosis, FoundEffect, RankedPair, RankedSingle, RankingRow,
-    Recalibration, Regime, Strength, TimeSpan, WhereOutput,
+    Band, CheckKind, Diagnosed, Diagnosis, Explained, FoundEffect, RankedPair, RankingRow,
+    Recalibration, Regime, TimeSpan, WhereOutput,
 };
 
 /// A label of the summary.
@@ -16,18 +16,12 @@ pub enum Label {
     Place,
     /// Its cause.
     Cause,
-    /// The shares of several causes.
-    Budget,
-    /// A description of the remainder.
-    Rest,
-    /// What every log has of its own.
-    Nuisances,
-    /// Competing hypotheses.
-    Rivals,
     /// The reduction on held-out data.
     Shrink,
-    /// The error by horizon.
-    Ahead,
+    /// What stays.
+    Left,
+    /// What every log has of its own.
+    Nuisances,
     /// A caveat.
     Caveat,
     /// The next experiment.
@@ -43,12 +37,9 @@ impl Label {
             Self::Gap => "Gap",
             Self::Place => "Place",
             Self::Cause => "Cause",
-            Self::Budget => "Budget",
-            Self::Rest => "Rest",
+            Self::Left => "Left",
             Self::Nuisances => "Nuisances",
-            Self::Rivals => "Rivals",
             Self::Shrink => "Shrink",
-            Self::Ahead => "Ahead",
             Self::Caveat => "Caveat",
             Self::Next => "Next",
         }
@@ -59,7 +50,8 @@ impl Label {
 pub(super) enum Cause<'a> {
     NothingMoves,
     None,
-    UnknownInPart,
+    Mostly,
+    Part,
     Unknown,
     Effects(&'a [FoundEffect]),
 }
@@ -69,46 +61,10 @@ impl<'a> Cause<'a> {
         match d.cause.verdict.as_str() {
             "none" if d.gap.before.is_none() => Self::NothingMoves,
             "none" => Self::None,
-            "unknown" if !d.cause.contributions.is_empty() => Self::UnknownInPart,
+            "unknown" if d.cause.explained == Some(Explained::Mostly) => Self::Mostly,
+            "unknown" if !d.cause.contributions.is_empty() => Self::Part,
             "unknown" => Self::Unknown,
             _ => Self::Effects(&d.cause.effects),
-        }
-    }
-}
-
-/// What competes with the verdict.
-pub(super) enum Rivals<'a> {
-    /// These logs do not separate it from those.
-    Class(Vec<&'a str>),
-    /// Another list of causes, with its probability.
-    AnotherList(f64),
-    /// The most probable other row of the ranking.
-    Next(&'a RankedSingle),
-    /// Nothing above 1 %.
-    Improbable,
-}
-
-impl<'a> Rivals<'a> {
-    pub(super) fn of(d: &'a Diagnosis) -> Self {
-        if let Some(class) = d.cause.indistinguishable.first() {
-            let own = usize::from(!d.cause.effects.is_empty());
-            return Self::Class(class.iter().skip(own).map(String::as_str).collect());
-        }
-        let others = d.cause.ranking.iter().filter_map(|row| match row {
-            RankingRow::Single(r)
-                if (&r.effect, &r.channel) != (&d.cause.verdict, &d.cause.channel) =>
-            {
-                Some(r)
-            }
-            _ => None,
-        });
-        let next = others.max_by(|a, b| a.probability.total_cmp(&b.probability));
-        match next.filter(|r| r.probability > 0.01) {
-            Some(r) if r.effect == "unknown" && d.cause.effects.len() > 1 => {
-                Self::AnotherList(r.probability)
-            }
-            Some(r) => Self::Next(r),
-            None => Self::Improbable,
         }
     }
 }
@@ -227,15 +183,6 @@ pub(super) fn probability(d: &Diagnosis) -> f64 {
         _ => None,
     };
     d.cause.ranking.iter().find_map(of).unwrap_or(0.0)
-}
-
-/// Several share the gap, or something stays: a single effect that explains all needs no budget.
-pub(super) fn shared(d: &Diagnosis) -> bool {
-    let contributions = &d.cause.contributions;
-    let weak = contributions.iter().any(|c| c.strength == Strength::Weak);
-    let block = recalibrated(d).is_some();
-    let alone = contributions.len() == 1 && !d.cause.effects.is_empty() && !weak;
-    block || (!contributions.is_empty() && !alone)
 }
 
 /// The recalibration of the model's own parameters, where it is part of the answer.

@@ -48,6 +48,7 @@ pub use crate::format::diagnosis::{
     ShrinkOutput,
 };
 pub use crate::format::error::GapError;
+pub use crate::format::errors_by_mode::{BeforeAfter, ErrorsByMode, OverHorizon};
 pub use crate::format::found::{FoundEffect, FoundParameter};
 pub use crate::format::next_experiment::{Advice, NextExperiment, Proposal, Signal};
 pub use crate::format::nuisance::NuisanceEstimate;

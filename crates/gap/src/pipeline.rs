@@ -11,6 +11,7 @@ use nalgebra::DMatrix;
 
 use super::answer::isolability as isolability_of;
 use super::error::Result;
+use crate::answer::by_mode::ByMode;
 use crate::answer::cause::cause;
 use crate::answer::classes::classes;
 use crate::answer::contributions::{GapBudget, explained, share_classes};
@@ -59,7 +60,7 @@ use crate::search::longer::shift_beyond;
 use crate::search::moving::{scanned, typical};
 use deadtime_log::Log;
 use deadtime_model::ModelDocument;
-use deadtime_model::effect::{Applied, Scales};
+use deadtime_model::effect::{Applied, Scales, row};
 use deadtime_model::simulate::Dynamics;
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::remedy::{Message, Remedy, Words};
@@ -421,22 +422,23 @@ impl Answer<'_> {
         let after = residuals(likelihood, active)?;
         let (run_before, run_after) =
             (simulated(likelihood, NO_EFFECT)?, simulated(likelihood, active)?);
-        let decoded = match composed.hypothesis.as_ref().filter(|e| e.lost.is_some()) {
-            Some(sequences) => Some(residuals(likelihood, sequences)?),
-            None => None,
+        let with_all = match &composed.hypothesis {
+            Some(hypothesis) => residuals(likelihood, hypothesis)?,
+            None => before.clone(),
         };
+        let is_decoded = composed.hypothesis.as_ref().is_some_and(|e| e.lost.is_some());
+        let decoded = is_decoded.then_some(with_all.as_slice());
         let floor = &composed.judged.floor;
         let gap = gap(likelihood, &before, &floor.floor);
         let shares: Vec<Option<f64>> = gap.outputs.iter().map(|o| o.share).collect();
         let predictor = likelihood.predictor;
-        // A hidden sequence takes its share once it is known: what it is handed over as is another model.
-        let explained_by = decoded.as_deref().unwrap_or(&after);
         let budget = GapBudget {
             likelihood,
             held,
             composed,
             before: &before,
-            after: explained_by,
+            // What was found, and not what is written: held-out data decide on that, and a hidden sequence takes its share once it is known.
+            after: &with_all,
             scales: self.scales,
             seed,
         };
@@ -456,6 +458,13 @@ impl Answer<'_> {
             let more = of_rest.into_iter().chain(of_all).max_by(|a, b| r2(a).total_cmp(&r2(b)));
             (remainder.description, missing_force) = more.unzip();
         }
+        let by_mode = ByMode {
+            likelihood,
+            inputs: self.inputs,
+            held,
+            written: &handed.effects,
+            floor: &floor.floor,
+        };
         let diagnosis = Diagnosis {
             format: DiagnosisFormat::V3,
             model: self.subject.name().to_owned(),
@@ -466,8 +475,9 @@ impl Answer<'_> {
             place: locate(system, records, &before, floor, &shares, &likelihood.memory()),
             checks: self.checks.clone(),
             cause: Cause {
-                explained: Some(explained(composed)),
+                explained: Some(explained(composed, remainder.share.learnt)),
                 contributions,
+                order: acting(&handed.effects),
                 recalibration: Some(recalibration),
                 remainder: Some(remainder),
                 ..cause
@@ -476,10 +486,11 @@ impl Answer<'_> {
                 likelihood,
                 held,
                 [&run_before, &run_after],
-                decoded.as_deref(),
+                decoded,
                 &floor.floor,
                 seed,
             ),
+            errors: Some(by_mode.errors([&run_before, &run_after])),
             nuisances: nuisance_estimates(likelihood, composed.hypothesis.as_ref(), self.scales),
         };
         let effects: Vec<Applied> =
@@ -576,6 +587,13 @@ impl Answer<'_> {
         }
         caveats
     }
+}
+
+/// Effects in the order in which they act.
+fn acting(effects: &[Applied]) -> Vec<String> {
+    let mut effects: Vec<&Applied> = effects.iter().collect();
+    effects.sort_by_key(|a| row(a.effect));
+    effects.into_iter().map(Applied::key).collect()
 }
 
 /// The section `gap`, from the residuals of the model as it came and every output's floor.

@@ -7,11 +7,11 @@ use super::bars::{bar, dot, stretch};
 use super::frame::{Cell, figure, number, page, percent, plots, quoted, table};
 use super::series::{Thinning, base64};
 use super::{force, laws, residual};
-use crate::report::diagnosis::{caveat_lines, lines};
-use crate::report::facts::{Ranked, recalibrated};
+use crate::report::diagnosis::{Line, aliases, caveat_lines, lines, sure};
+use crate::report::facts::{Label, Ranked, probability, recalibrated};
 use deadtime_gap::{
-    CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, HorizonError, Mode,
-    RankingRow, Share, Strength, Trace,
+    CauseClass, CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, HorizonError,
+    Mode, RankingRow, Share, Strength, Trace,
 };
 
 /// Logs that the page holds.
@@ -40,11 +40,14 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
     figures.extend(next.iter().map(|(figure, _)| figure.clone()));
     let body = html! {
         h1 { "Sim-to-real gap of " (d.model) }
-        p .verdict { "Verdict: " strong { (verdict) } }
-        @for line in lines(diagnosed).iter().chain(&caveat_lines(diagnosed)) {
-            p { strong { (line.label.word()) ":" } " " (quoted(&line.text)) }
-        }
+        @for line in lines(diagnosed).iter().filter(|line| line.label == Label::First) { (sentence(line)) }
+        (tiles(d))
+        @for line in lines(diagnosed).iter().filter(|line| line.label == Label::Cause) { (sentence(line)) }
         (curves(diagnosed))
+        details {
+            summary { "All sentences" }
+            @for line in lines(diagnosed).iter().chain(&caveat_lines(diagnosed)) { (sentence(line)) }
+        }
         (budget(d))
         (parameters(d))
         @if laws.is_some() {
@@ -73,6 +76,44 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
         (origin(d))
     };
     page(&format!("Gap of {}: {verdict}", d.model), &body, &data(diagnosed, &figures))
+}
+
+fn sentence(line: &Line) -> Markup {
+    html! { p { strong { (line.label.word()) ":" } " " (quoted(&line.text)) } }
+}
+
+/// The answer at a glance: the error before and after, the cause, how sure it is, what stays.
+fn tiles(d: &Diagnosis) -> Markup {
+    let tile = |title: &str, value: &str, about: &str| {
+        html! { div .tile { span .faint { (title) } strong { (value) } span { (about) } } }
+    };
+    let error =
+        match (d.shrink.before, d.shrink.after.filter(|_| !d.cause.contributions.is_empty())) {
+            (Some(before), Some(after)) => {
+                format!("{} → {}", percent(Some(before)), percent(Some(after)))
+            }
+            (before, _) => percent(before),
+        };
+    let first = d.cause.classes.first();
+    let (cause, about) = match (d.cause.effects.as_slice(), first) {
+        (_, Some(class)) => {
+            let more = d.cause.classes.len() - 1;
+            let more = if more > 0 { format!("and {more} more") } else { String::new() };
+            (class.name.replace('`', ""), more)
+        }
+        _ => (d.cause.verdict.clone(), String::new()),
+    };
+    let sure_of = sure(first.map_or_else(|| probability(d), |class| class.probability));
+    let left = d.cause.remainder.as_ref().and_then(|r| r.above_floor);
+    let left = left.map_or_else(|| "–".to_owned(), |times| format!("{times:.1} × noise"));
+    html! {
+        div .tiles {
+            (tile("Error on held-out data", &error, "of the standard deviation"))
+            (tile("Cause", &cause, &about))
+            (tile("Sure", &sure_of, "that it or an alias acts"))
+            (tile("Left", &left, "on the training logs"))
+        }
+    }
 }
 
 /// The plots' place, and what their colours mean.
@@ -315,12 +356,8 @@ fn budget(d: &Diagnosis) -> Markup {
     }
 }
 
-/// A row of the parameters; `acts` is the probability that the effect acts.
-fn parameter(
-    [effect, channel, clear]: [&str; 3],
-    acts: Option<f64>,
-    p: &FoundParameter,
-) -> Vec<Cell> {
+/// A row of the parameters.
+fn parameter([effect, channel, clear]: [&str; 3], p: &FoundParameter) -> Vec<Cell> {
     let interval = match (p.value, p.ci95) {
         (None, _) => "–".to_owned(),
         (_, None) => "at a bound".to_owned(),
@@ -337,7 +374,6 @@ fn parameter(
         Cell::Words(p.unit.clone()),
         Cell::Drawn(bar(&label, &beside_zero(p))),
         Cell::Words(clear.to_owned()),
-        Cell::Number(acts.map_or_else(|| "–".to_owned(), |p| percent(Some(p)))),
     ]
 }
 
@@ -353,12 +389,12 @@ fn parameters(d: &Diagnosis) -> Markup {
     };
     let found = d.cause.contributions.iter().flat_map(|c| {
         let about = [&c.effect, &c.channel, clear(c)];
-        c.parameters.iter().map(move |p| parameter(about, c.probability, p))
+        c.parameters.iter().map(move |p| parameter(about, p))
     });
     let block = recalibrated(d)
         .into_iter()
         .flat_map(|r| &r.parameters)
-        .map(|p| parameter(["recalibrated", "", "a part of a set"], None, p));
+        .map(|p| parameter(["recalibrated", "", "a part of a set"], p));
     let rows: Vec<Vec<Cell>> = found.chain(block).collect();
     let caption = if d.cause.effects.is_empty() {
         "What contributes, though not all is explained"
@@ -374,15 +410,11 @@ fn parameters(d: &Diagnosis) -> Markup {
         "unit",
         "from zero",
         "how clear",
-        "acts",
     ];
     html! {
         h2 { "Parameters" }
         (table(caption, &headings, &rows))
-        @for c in d.cause.contributions.iter().filter(|c| !c.class.is_empty()) {
-            p { "In the place of " (c.effect) " on " code { (c.channel) } " could stand: " (names(&c.class)) "." }
-        }
-        @for direction in recalibrated(d).iter().flat_map(|r| &r.directions) { p { "Told apart: " (direction) "." } }
+        @for direction in recalibrated(d).iter().flat_map(|r| &r.directions) { p { (direction) "." } }
     }
 }
 
@@ -395,36 +427,52 @@ fn beside_zero(p: &FoundParameter) -> Markup {
     html! { (stretch(at(0.0) - 0.002, at(0.0) + 0.002, "noise")) (stretch(at(low), at(high), "range")) (dot(at(value), "")) }
 }
 
+/// Base names of files.
 fn names(all: &[String]) -> Markup {
-    html! { @for (at, name) in all.iter().enumerate() { @if at > 0 { ", " } code { (name) } } }
+    let base = |name: &String| {
+        let path = std::path::Path::new(name);
+        path.file_name().map_or_else(|| name.clone(), |n| n.to_string_lossy().into_owned())
+    };
+    html! { @for (at, name) in all.iter().enumerate() { @if at > 0 { ", " } code { (base(name)) } } }
 }
 
-/// The ranking with bars, what cannot be told apart, what was not tried.
+/// The classes of causes, then every candidate with the error that it leaves alone, and what was not tried.
 fn candidates(d: &Diagnosis) -> Markup {
-    let row = |row: &RankingRow| {
-        let row = Ranked::of(row);
-        let [effect, channel] = row.cells();
-        let drawn = bar(
-            &format!("probability {}", percent(Some(row.probability))),
-            &stretch(0.0, row.probability, "after"),
-        );
+    let class = |class: &CauseClass| {
+        let label = format!("{} sure", sure(class.probability));
         vec![
-            Cell::Words(effect),
-            Cell::Words(channel),
-            Cell::Number(percent(Some(row.probability))),
-            Cell::Drawn(drawn),
-            Cell::Number(percent(row.after)),
+            Cell::Words(class.name.replace('`', "")),
+            Cell::Number(percent(class.share.learnt)),
+            Cell::Number(sure(class.probability)),
+            Cell::Drawn(bar(&label, &stretch(0.0, class.probability, "after"))),
+            Cell::Words(aliases(class).unwrap_or_default().replace('`', "")),
         ]
     };
-    let rows: Vec<Vec<Cell>> = d.cause.ranking.iter().map(row).collect();
+    let classes: Vec<Vec<Cell>> = d.cause.classes.iter().map(class).collect();
+    let candidate = |row: &RankingRow| {
+        let row = Ranked::of(row);
+        let [effect, channel] = row.cells();
+        row.after?;
+        Some(vec![Cell::Words(effect), Cell::Words(channel), Cell::Number(percent(row.after))])
+    };
+    let mut rows: Vec<(f64, Vec<Cell>)> = d
+        .cause
+        .ranking
+        .iter()
+        .filter_map(|row| Some((Ranked::of(row).after?, candidate(row)?)))
+        .collect();
+    rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let rows: Vec<Vec<Cell>> = rows.into_iter().map(|row| row.1).collect();
     let (open, rest) = rows.split_at(rows.len().min(OPEN_ROWS));
-    let headings = ["effect", "channel", "probability", "", "error with it alone"];
+    let headings = ["effect", "channel", "error with it alone"];
     html! {
         h2 { "Candidates" }
-        @for class in &d.cause.indistinguishable { p { "This data cannot tell apart: " (names(class)) "." } }
-        (table("Ranking; the error is in parts of the spread, on what was learnt from", &headings, open))
+        @if !classes.is_empty() {
+            (table("Causes; the probability is that the effect or one of its aliases acts", &["cause", "explains", "sure", "", "or"], &classes))
+        }
+        (table("Each candidate alone; the error is in parts of the standard deviation, on the training logs", &headings, open))
         @if !rest.is_empty() {
-            details { summary { (rest.len()) " more candidates" } (table("Ranking, continued", &headings, rest)) }
+            details { summary { (rest.len()) " more candidates" } (table("Each candidate alone, continued", &headings, rest)) }
         }
         @if !d.cause.not_tried.is_empty() {
             p .faint { "Not tried: " @for (at, n) in d.cause.not_tried.iter().enumerate() { @if at > 0 { ", " } code { (n.effect) } " (" (n.why) ")" } "." }

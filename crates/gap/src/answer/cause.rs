@@ -78,6 +78,7 @@ pub(crate) fn cause(
         channel: first.map(|a| a.channel.clone()),
         effects,
         classes,
+        order: Vec::new(),
         ranking,
         indistinguishable,
         not_tried: Vec::new(),

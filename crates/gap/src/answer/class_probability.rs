@@ -1,8 +1,8 @@
 //! The probability that a member of a class acts on the machine, calibrated on drawn machines.
 //!
 //! A posterior over sets alone is no such probability: beside hundreds of samples every member of the best set is certain, and what is wrong is the catalogue.
-//! So a logistic law (Platt 1999) maps what an answer shows of a class to how often such classes are right on drawn machines. It has four numbers:
-//! a constant, the evidence for the class, how well its parameters are known, and what stays above the noise.
+//! So a logistic law (Platt 1999) maps what an answer shows of a class to how often such classes are right on drawn machines. Its
+//! grounds are the evidence for the class, how well its parameters are known, what stays above the noise, and the class's share of the gap.
 //!
 //! How it can be wrong: a machine unlike the drawn ones.
 
@@ -10,20 +10,23 @@ use crate::format::class::Grounds;
 use crate::format::found::{FoundEffect, FoundParameter};
 use deadtime_model::effect::{Applied, Parameter};
 
-/// The constant, and the weights of the logarithms to base 10 of evidence, knowledge and what stays; `scripts/bank law` fits them to the development bank.
-const LAW: [f64; 4] = [-0.5, 0.5, 1.0, -1.0];
+/// The constant, and the weights of the logarithms to base 10 of evidence, deviations, what stays and the share; `scripts/bank law` fits them to the
+/// development bank.
+const LAW: [f64; 5] = [1.33, 0.467, 0.779, -1.178, 0.973];
 /// Beyond these the logarithms stay.
 const EVIDENCE: [f64; 2] = [1.0, 1e4];
 const DEVIATIONS: [f64; 2] = [1.0, 1e3];
 const ABOVE: [f64; 2] = [1.0, 1e2];
+const SHARE: [f64; 2] = [1e-3, 1.0];
 
 /// The calibrated probability of a class.
 pub(super) fn probability(grounds: &Grounds) -> f64 {
-    let of = |value: f64, [least, most]: [f64; 2]| value.clamp(least, most).log10();
-    let sum = LAW[0]
-        + LAW[1] * of(grounds.evidence, EVIDENCE)
-        + LAW[2] * of(grounds.deviations, DEVIATIONS)
-        + LAW[3] * of(grounds.above_floor, ABOVE);
+    let Grounds { evidence, deviations, above_floor, share } = *grounds;
+    let shown =
+        [(evidence, EVIDENCE), (deviations, DEVIATIONS), (above_floor, ABOVE), (share, SHARE)];
+    let of = |(value, [least, most]): (f64, [f64; 2])| value.clamp(least, most).log10();
+    let weighted = LAW[1..].iter().zip(shown).map(|(weight, one)| weight * of(one));
+    let sum = LAW[0] + weighted.sum::<f64>();
     1.0 / (1.0 + (-sum).exp())
 }
 
@@ -114,13 +117,19 @@ mod tests {
             evidence in 0.0..1e5,
             deviations in 0.0..1e5,
             above_floor in 0.0..1e3,
+            share in 0.0..1.0,
             more in 1.0..100.0,
         ) {
-            let grounds = Grounds { evidence, deviations, above_floor };
+            let grounds = Grounds { evidence, deviations, above_floor, share };
             let p = probability(&grounds);
-            prop_assert!(probability(&Grounds { evidence: evidence * more, ..grounds }) >= p);
-            prop_assert!(probability(&Grounds { deviations: deviations * more, ..grounds }) >= p);
-            prop_assert!(probability(&Grounds { above_floor: above_floor * more, ..grounds }) <= p);
+            let of = |grounds: Grounds| probability(&grounds);
+            let [evident, known, left, large] = [
+                of(Grounds { evidence: evidence * more, ..grounds }),
+                of(Grounds { deviations: deviations * more, ..grounds }),
+                of(Grounds { above_floor: above_floor * more, ..grounds }),
+                of(Grounds { share: share * more, ..grounds }),
+            ];
+            prop_assert!(evident >= p && known >= p && left <= p && large >= p);
         }
     }
 }

@@ -10,7 +10,7 @@ use crate::format::contributions::{Contribution, Recalibration, Remainder, Stren
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::Applied;
 
-/// The classes, the most probable first; every contribution gets the probability of its class.
+/// The classes: that of the verdict, then by probability; every contribution gets the probability of its class.
 pub(crate) fn classes(
     likelihood: &Likelihood<'_>,
     composed: &ActiveCauses,
@@ -29,7 +29,8 @@ pub(crate) fn classes(
         let (evidence, at) = (class.evidence, place(&key));
         if let (Some(own), Some(at)) = (own, at) {
             let deviations = deviations(&hypothesis.effects[at], &found[at]);
-            let grounds = Grounds { evidence, deviations, above_floor };
+            let share = own.share.learnt.unwrap_or(0.0);
+            let grounds = Grounds { evidence, deviations, above_floor, share };
             let probability = probability(&grounds);
             own.probability = Some(probability);
             classes.push(CauseClass {
@@ -45,13 +46,20 @@ pub(crate) fn classes(
             let each = composed.block().into_iter();
             let each = each.map(|at| deviations(&hypothesis.effects[at], &found[at]));
             let deviations = each.fold(0.0, f64::max);
-            let grounds = Grounds { evidence, deviations, above_floor };
+            let share = recalibration.share.learnt.unwrap_or(0.0);
+            let grounds = Grounds { evidence, deviations, above_floor, share };
             classes.extend(recalibrated(composed, recalibration, grounds));
         }
     }
     let share = |c: &CauseClass| c.share.learnt.unwrap_or(0.0);
+    let leads = |c: &CauseClass| {
+        let first = composed.named().and_then(|named| named.effects.first().map(Applied::key));
+        first.is_some_and(|first| first == c.representative)
+    };
     classes.sort_by(|a, b| {
-        b.probability.total_cmp(&a.probability).then_with(|| share(b).total_cmp(&share(a)))
+        (leads(b).cmp(&leads(a)))
+            .then(b.probability.total_cmp(&a.probability))
+            .then(share(b).total_cmp(&share(a)))
     });
     classes
 }

@@ -29,6 +29,9 @@ const FAR: f64 = 10.0;
 /// A weak effect that takes a smaller part of the gap stays in the model and is not named as a cause.
 pub(super) const NAMED: f64 = 0.01;
 
+/// A gap of which no more than this part stays is mostly explained.
+const MOST: f64 = 0.5;
+
 /// Two numbers whose changes act alike by more than this correlation are hardly told apart: each alone is known 1/√(1 − r²) = 3.2 times worse.
 const TRADE: f64 = 0.95;
 
@@ -156,13 +159,14 @@ impl GapBudget<'_, '_> {
             }
         };
         let left = share(&|s: &Squares| Some(1.0 - s.together()?));
+        let complete = self.composed.judged.verdict == GapVerdict::Effects;
         let named = |c: &Contribution| {
             c.strength == Strength::Clear || c.share.learnt.is_none_or(|share| share >= NAMED)
         };
         let contributions = contributions
             .into_iter()
             .enumerate()
-            .filter_map(|(at, c)| (at == 0 || named(&c)).then_some(c))
+            .filter_map(|(at, c)| ((at == 0 && complete) || named(&c)).then_some(c))
             .collect();
         (contributions, recalibration, self.remainder(left, &learnt))
     }
@@ -264,10 +268,11 @@ pub(crate) fn share_classes(contributions: &mut [Contribution], indistinguishabl
     }
 }
 
-/// Whether what was found explains the gap.
-pub(crate) fn explained(composed: &ActiveCauses) -> Explained {
+/// How much of the gap the causes explain; `left`: the share that stays of the training logs.
+pub(crate) fn explained(composed: &ActiveCauses, left: Option<f64>) -> Explained {
     match (composed.judged.verdict, &composed.hypothesis) {
         (GapVerdict::Effects, _) => Explained::All,
+        (_, Some(_)) if left.is_some_and(|left| left <= MOST) => Explained::Mostly,
         (_, Some(_)) => Explained::Part,
         (_, None) => Explained::Nothing,
     }

@@ -1,6 +1,7 @@
 //! The sections of a diagnosis.
 
 mod along_the_run;
+pub(crate) mod by_mode;
 pub(crate) mod cause;
 mod class_probability;
 pub(crate) mod classes;

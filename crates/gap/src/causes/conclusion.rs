@@ -15,6 +15,7 @@ use crate::baseline::noise::Noise;
 use crate::format::progress::Stage;
 use crate::hypothesis::effects::Hypothesis;
 use crate::hypothesis::level::Level;
+use crate::hypothesis::slopes::information;
 use crate::judge::floor::Floor;
 use crate::judge::intervals;
 use crate::judge::intervals::Estimate;
@@ -200,6 +201,10 @@ impl Conclusion<'_, '_> {
         let settled = shrunk.settled(&beside, begin)?;
         let (hypothesis, taken_out) = shrunk.by_share(settled, best.recalibration);
         let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
+        let unsure = shrunk.within_noise(&beside, found, best, &hypothesis);
+        if let Some(fewer) = unsure.and_then(|out| found.without(best, out)) {
+            return self.concluded(judged, found, fewer);
+        }
         let without = shrunk.refitted(&hypothesis, &taken_out);
         let (nothing, with_all) =
             (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
@@ -232,7 +237,7 @@ impl Conclusion<'_, '_> {
         };
         Some(ActiveCauses {
             judged,
-            classes: found.classes(),
+            classes: found.classes(best),
             hypothesis: Some(hypothesis),
             taken_out,
             without,
@@ -292,6 +297,47 @@ impl Conclusion<'_, '_> {
         // Compared with all others under their likelihood.
         settled.rescore(self.likelihood, cost(self.likelihood)?);
         Some(settled)
+    }
+
+    /// The effect that lowers the cost under the coloured noise of what is left by less than its price, if any: the score counts effective samples alike at all
+    /// frequencies, so a slow effect can take slow noise. Only effects whose linearised gain (Wald 1943, doi:10.1090/S0002-9947-1943-0012401-3) is that
+    /// small are taken out and the others refitted.
+    fn within_noise<'e>(
+        &self,
+        beside: &Likelihood<'_>,
+        found: &Found,
+        best: &CauseSet,
+        hypothesis: &'e Hypothesis,
+    ) -> Option<&'e Applied> {
+        let slopes = hypothesis.slopes(beside, self.scales)?;
+        let prior = hypothesis.prior(beside);
+        let covariance = information(beside, &slopes.columns, &prior).cholesky()?.inverse();
+        let own = beside.inner(&slopes.residual, &slopes.residual);
+        let lacks = |(e, a): (usize, &'e Applied)| {
+            let places = hypothesis.free.iter().enumerate().filter(|(_, free)| free.0 == e);
+            let size = |(at, &(_, i)): (usize, &(usize, usize))| {
+                let p = &a.parameters[i];
+                let away = p.departure(a.values[i]);
+                (!p.role.is_shape() && away.is_finite()).then(|| away * away / covariance[(at, at)])
+            };
+            let price = found.price(places.clone().count());
+            places.filter_map(size).reduce(f64::max).filter(|gain| *gain < price)?;
+            let others = Self::taken_out(hypothesis, &[vec![e]]).pop()?;
+            let steps = beside.budget.steps;
+            let others = match others.effects.is_empty() {
+                true => others,
+                false => Hypothesis::refit(beside, others, self.scales, own, steps)?,
+            };
+            let left = beside.whitened(&others)?;
+            let gain = beside.inner(&left, &left) - own;
+            (gain < price).then_some((price - gain, a))
+        };
+        let effects = hypothesis.effects.iter().enumerate();
+        let singly = effects.filter(|(_, a)| {
+            !best.recalibrates(a) && !a.effect.loses_commands() && !a.effect.leaves_residual()
+        });
+        let all: Vec<(f64, &Applied)> = singly.filter_map(lacks).collect();
+        all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, a)| a)
     }
 
     /// The training nrmse of all outputs.

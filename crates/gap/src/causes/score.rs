@@ -83,9 +83,14 @@ impl Score {
             + 2.0 * effects as f64 * (self.candidates.max(1) as f64).ln()
     }
 
+    /// The score of a set without its price.
+    pub(crate) fn explained(&self, set: &CauseSet) -> f64 {
+        self.misfit(&set.squares) + set.priors
+    }
+
     /// The score of a set.
     pub(crate) fn total(&self, set: &CauseSet) -> f64 {
-        self.misfit(&set.squares) + set.priors + self.price(set.acting, set.singly().count())
+        self.explained(set) + self.price(set.acting, set.singly().count())
     }
 }
 

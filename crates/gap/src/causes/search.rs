@@ -42,6 +42,7 @@ pub(crate) struct Found {
     /// Every set that was fitted with its score, the best first; of those that no evidence separates from the best and that differ in one effect, the one with the
     /// fewest parameters, then the first in the table of effects, leads.
     pub(crate) sets: Vec<(f64, CauseSet)>,
+    score: Score,
     /// Per output, the variance of what was measured.
     variances: Vec<f64>,
     /// The part of the energy that an effect explains within which every simulator is inexact.
@@ -49,10 +50,11 @@ pub(crate) struct Found {
 }
 
 impl Found {
-    /// Per effect of the best set, its class: the effects that replace it in a set as good as the best, or in one whose additional misfit is within what any
+    /// Per effect of a set, its class: the effects that replace it in a set as good as the best, or in one whose additional misfit is within what any
     /// simulator is inexact by. The joint recalibration is one effect.
-    pub(crate) fn classes(&self) -> Vec<EffectClass> {
-        let Some((score, best)) = self.sets.first() else { return Vec::new() };
+    pub(crate) fn classes(&self, best: &CauseSet) -> Vec<EffectClass> {
+        let own = self.sets.iter().find(|(_, set)| set.key() == best.key());
+        let score = own.map_or(f64::INFINITY, |(score, _)| *score);
         let least = self.sets.iter().map(|(score, _)| *score).fold(f64::INFINITY, f64::min);
         let block = best.effects.iter().find(|a| best.recalibrates(a));
         let evidence_without = |lacks: &dyn Fn(&CauseSet) -> bool| {
@@ -81,6 +83,17 @@ impl Found {
         best.singly().map(of).chain(recalibrated).collect()
     }
 
+    /// The visited set without one effect of a set.
+    pub(crate) fn without(&self, best: &CauseSet, out: &Applied) -> Option<&CauseSet> {
+        let key = best.without(out).key();
+        self.sets.iter().find(|(_, set)| set.key() == key).map(|(_, set)| set)
+    }
+
+    /// What one effect with so many parameters costs.
+    pub(crate) fn price(&self, parameters: usize) -> f64 {
+        self.score.price(parameters, 1)
+    }
+
     /// What replaces an effect of the best set: one effect, or two where no set with one of them alone does.
     fn replacing(&self, best: &CauseSet, out: &Applied, least: f64) -> Vec<Vec<Applied>> {
         let energy =
@@ -93,13 +106,15 @@ impl Found {
         };
         let mut found: Vec<Vec<Applied>> = Vec::new();
         for count in 1..=2 {
-            for (score, other) in self.sets.iter().skip(1).filter(|(s, set)| alike(*s, set)) {
+            let own_cost = self.score.explained(best);
+            for (_, other) in self.sets.iter().filter(|(s, set)| count == 2 || alike(*s, set)) {
                 let Some(members) = replaces(best, out, other, count) else { continue };
                 let known = found
                     .iter()
                     .any(|f| f.iter().all(|m| members.iter().any(|own| own.key() == m.key())));
-                // Two effects replace one only where the score does not tell them from it.
-                if !known && (count == 1 || *score <= least + AS_GOOD) {
+                // Two effects that explain as much replace one, though they cost more.
+                let explains = || self.score.explained(other) <= own_cost + AS_GOOD;
+                if !known && (count == 1 || explains()) {
                     found.push(members);
                 }
             }
@@ -167,7 +182,12 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         let leader = leader(&sets)?;
         sets[..=leader].rotate_right(1);
         let variances = self.training.variances.clone();
-        Some(Found { sets, variances, inexact: self.training.likelihood.criteria.inexact })
+        Some(Found {
+            sets,
+            score: self.score.clone(),
+            variances,
+            inexact: self.training.likelihood.criteria.inexact,
+        })
     }
 
     fn fit(&self) -> Fit<'_, 'l, 'a> {

@@ -34,6 +34,8 @@ pub struct Grounds {
     pub deviations: f64,
     /// What stays of the gap, over the noise floor.
     pub above_floor: f64,
+    /// Its share of the gap on the training logs.
+    pub share: f64,
 }
 
 /// A member of a class.

@@ -12,7 +12,9 @@ use deadtime_signal::remedy::Message;
 pub enum Explained {
     /// What is left is noise, or nearly nothing of the gap.
     All,
-    /// Something acts, and something else is left.
+    /// Half of the gap or more is explained, and more than noise stays.
+    Mostly,
+    /// Less than half of the gap is explained.
     Part,
     /// Nothing was found to act.
     Nothing,

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::class::CauseClass;
 use super::contributions::{Contribution, Explained, Recalibration, Remainder};
+use super::errors_by_mode::ErrorsByMode;
 use super::found::FoundEffect;
 use super::nuisance::NuisanceEstimate;
 use super::place::Where;
@@ -80,6 +81,9 @@ pub struct Diagnosis {
     pub cause: Cause,
     /// How far the gap shrinks on the held-out data.
     pub shrink: Shrink,
+    /// The held-out error by how far ahead it is predicted; missing in `@1` and `@2`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub errors: Option<ErrorsByMode>,
     /// The nuisances of the model file in every log; empty where it has none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub nuisances: Vec<NuisanceEstimate>,
@@ -246,6 +250,9 @@ pub struct Cause {
     /// What the logs cannot tell apart, as classes with the probability that a member acts, the most probable first; empty in `@1` and `@2`.
     #[serde(default)]
     pub classes: Vec<CauseClass>,
+    /// In which order the effects of the written model act, as `effect:channel`; empty in `@1` and `@2`.
+    #[serde(default)]
+    pub order: Vec<String>,
     /// Every candidate, and one row each for `none` and `unknown`; probabilities add up to 1.
     pub ranking: Vec<RankingRow>,
     /// Classes of `effect:channel` that the data cannot tell apart.

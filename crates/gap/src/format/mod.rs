@@ -5,6 +5,7 @@ pub(crate) mod class;
 pub(crate) mod contributions;
 pub(crate) mod diagnosis;
 pub(crate) mod error;
+pub(crate) mod errors_by_mode;
 pub(crate) mod found;
 pub(crate) mod next_experiment;
 pub(crate) mod nuisance;

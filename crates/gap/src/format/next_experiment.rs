@@ -6,7 +6,11 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
+use super::class::{in_words, listed};
 use deadtime_signal::stats;
+
+/// Effects that a sentence names; the others are counted.
+const LISTED: usize = 3;
 
 /// Samples of an experiment at most.
 pub(crate) const SAMPLES: usize = 3000;
@@ -143,22 +147,28 @@ impl NextExperiment {
 
 impl fmt::Display for NextExperiment {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let names = self.separates.join(", ");
+        let worded = |code: &String| match code.split_once(':') {
+            Some((effect, channel)) => in_words(effect, channel),
+            None => code.clone(),
+        };
+        let few = self.separates.iter().take(LISTED).map(worded);
+        let more = self.separates.len().saturating_sub(LISTED);
+        let names = few.chain((more > 0).then(|| format!("{more} more"))).collect::<Vec<_>>();
+        let names = listed(&names);
         match self.proposal {
-            Proposal::Commands { signal, log_bayes_factor, duration_s } => write!(
-                f,
-                "To separate {names}: {signal} (expected log Bayes factor of the first two {log_bayes_factor:.0} in {duration_s:.3} s)."
-            ),
+            Proposal::Commands { signal, duration_s, .. } => {
+                write!(f, "to separate {names}, {signal}, for {duration_s:.1} s.")
+            }
             Proposal::NothingSeparates => write!(
                 f,
-                "To separate {names}: none of the experiments that were simulated does; measure at another place."
+                "log a signal between command and response; no experiment with the logged signals separates {names}."
             ),
-            Proposal::Advice(advice) => write!(f, "To separate {names}: {advice}."),
+            Proposal::Advice(advice) => write!(f, "to separate {names}, {advice}."),
             Proposal::KnownStart => {
                 let states: Vec<String> = self.separates.iter().map(|s| format!("`{s}`")).collect();
                 write!(
                     f,
-                    "The verdict hangs on how far the start of {} is trusted: begin from a known state (and say so with initial_std), or step the operating point.",
+                    "begin from a known state and give it as initial_std, or step the operating point; the verdict depends on the start of {}.",
                     states.join(", ")
                 )
             }
@@ -229,7 +239,7 @@ mod tests {
         let twice = proposed(Signal::Logged { scale: 2.0, shift: 0.0 });
         assert_eq!(
             twice.to_string(),
-            "To separate a, b: repeat the commands at twice the amplitude (expected log Bayes factor of the first two 9 in 4.000 s)."
+            "to separate a and b, repeat the commands at twice the amplitude, for 4.0 s."
         );
         assert_eq!(
             twice.commands(&logged),

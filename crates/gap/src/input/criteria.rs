@@ -34,10 +34,6 @@ pub struct Criteria {
     /// From this probability of `unknown` on that is the verdict; 1. Formula: by its own definition the probability is 0.5 at the limit above the floor, and
     /// grows with every further multiple of the floor.
     pub unknown_from: f64,
-    /// The share of the explainable that one effect must explain; 1. Chosen.
-    pub one_explains: f64,
-    /// The share that two must explain; 1. Chosen.
-    pub two_explain: f64,
     /// Where nothing is named, an effect that a start trusted more or less would bring to light must promise so many selection penalties to be told; 1.
     /// Chosen: what was just below one penalty and now is just above it is no other verdict.
     pub newly_visible: f64,
@@ -108,8 +104,6 @@ impl Default for Criteria {
             flexible: 1.1,
             clear: 2.0,
             unknown_from: 0.5,
-            one_explains: 0.93,
-            two_explain: 0.97,
             slowest_noise: 60.0,
             window_memories: 4.0,
             newly_visible: 2.0,

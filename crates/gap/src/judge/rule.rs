@@ -54,18 +54,12 @@ pub(super) fn rule(levels: &Levels, criteria: &Criteria) -> Ruling {
             (train.before[i], train.after[i], train.floor[i])
     {
         let above = after / floor.max(1e-9);
-        let share = if before > floor {
-            (before * before - after * after) / (before * before - floor * floor)
-        } else {
-            1.0
-        };
-        let limit =
+        let noise =
             if *effects > 0 || *beaten { criteria.above_floor } else { criteria.above_floor_alone };
-        left_over = Some((i, above)).filter(|(_, above)| *above > limit && !chance);
-        if above > limit
-            && share < [criteria.one_explains, criteria.two_explain][(*effects).clamp(1, 2) - 1]
-            && !chance
-        {
+        // Noise, and what every simulator is inexact by, add up as independent errors.
+        let limit = noise.hypot(criteria.inexact_gap * before / floor.max(1e-9));
+        left_over = Some((i, above)).filter(|(_, above)| *above > noise && !chance);
+        if above > limit && !chance {
             unknown = 1.0 - 0.5 * (limit - above).exp();
         }
     }
@@ -107,15 +101,15 @@ mod tests {
         assert_eq!(ruling, Ruling { verdict: GapVerdict::Effects, unknown: 0.0, left_over: None });
     }
 
-    /// 0.2 is twice the floor; of 0.25 − 0.01 it leaves 0.03, which is 87.5 % explained: less than 93 %.
+    /// 0.2 is twice the floor; the limit is √(1.5² + (0.05 · 0.5/0.1)²) = 1.5207 times.
     #[test]
-    fn an_effect_that_leaves_twice_the_floor_and_explains_too_little_is_unknown() {
+    fn an_effect_that_leaves_more_than_noise_and_inexactness_is_unknown() {
         let ruling = rule(&one_effect(sizes(0.5, 0.2, 0.1)), &Criteria::default());
         assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Unknown, Some((0, 2.0))));
-        assert!((ruling.unknown - (1.0 - 0.5 * (-0.5_f64).exp())).abs() < 1e-12);
+        assert!((ruling.unknown - (1.0 - 0.5 * (2.3125_f64.sqrt() - 2.0).exp())).abs() < 1e-12);
     }
 
-    /// The same twice the floor of a ten times larger gap: 99.9 % explained. It is named, and what is left is told.
+    /// The same twice the floor of a ten times larger gap: the limit is √(1.5² + 2.5²) = 2.9 times.
     #[test]
     fn an_effect_that_explains_nearly_all_of_a_large_gap_is_named_whatever_is_left() {
         let ruling = rule(&one_effect(sizes(5.0, 0.2, 0.1)), &Criteria::default());

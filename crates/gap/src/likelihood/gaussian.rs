@@ -203,6 +203,32 @@ impl<'a> Likelihood<'a> {
         Ok(likelihood)
     }
 
+    /// The same logs under another predictor and white noise.
+    ///
+    /// # Errors
+    /// As [`Likelihood::new`].
+    pub(crate) fn predicting<'b>(
+        &self,
+        predictor: &'b Predictor,
+        noise_std: &'b [f64],
+    ) -> crate::error::Result<Likelihood<'b>>
+    where
+        'a: 'b,
+    {
+        Likelihood::new(Terms {
+            system: self.system,
+            records: self.records,
+            predictor,
+            model_effects: self.model_effects.clone(),
+            nuisances: self.declared,
+            prior: self.prior.clone(),
+            noise_std,
+            resolution: self.resolution.clone(),
+            criteria: self.criteria,
+            stop: self.stop.clone(),
+        })
+    }
+
     /// Under another noise model; one per record.
     pub(crate) fn with_noise(&self, noise: Vec<Noise>) -> Self {
         let whitened = self.nuisances.iter().zip(self.records).zip(&noise);
