@@ -124,7 +124,7 @@ class Trace(TypedDict):
 
 
 class Diagnosis(Result):
-    """What was found out about a simulator and its logs: `deadtime/diagnosis@2`, and the curves behind it."""
+    """What was found out about a simulator and its logs: `deadtime/diagnosis@3`, and the curves behind it."""
 
     def __init__(self, native: _native._Diagnosed) -> None:
         self._native = native
@@ -152,14 +152,26 @@ class Diagnosis(Result):
         return effects
 
     @property
-    def explained(self) -> Literal["all", "part", "nothing"]:
-        """Whether what was found explains the gap."""
-        explained: Literal["all", "part", "nothing"] = self._data["cause"]["explained"]
+    def explained(self) -> Literal["all", "mostly", "part", "nothing"]:
+        """How much of the gap the causes explain."""
+        explained: Literal["all", "mostly", "part", "nothing"] = self._data["cause"]["explained"]
         return explained
 
     @property
+    def classes(self) -> list[dict[str, Any]]:
+        """What the logs cannot tell apart: the `members` of each class, its `name`, share, and the calibrated `probability` that a member acts."""
+        classes: list[dict[str, Any]] = self._data["cause"]["classes"]
+        return classes
+
+    @property
+    def errors(self) -> dict[str, Any]:
+        """Held-out errors before and after, nrmse: `one_step` ahead, over `horizons`, in `free_run`; None where a free run leaves all bounds."""
+        errors: dict[str, Any] = self._data["errors"]
+        return errors
+
+    @property
     def contributions(self) -> list[dict[str, Any]]:
-        """Everything that was found to act, whatever the verdict, each with its share of the gap and the `probability` that it acts, most first."""
+        """Everything that was found to act, whatever the verdict, each with its share of the gap and the `probability` of its class, most first."""
         contributions: list[dict[str, Any]] = self._data["cause"]["contributions"]
         return contributions
 
@@ -241,7 +253,7 @@ class Diagnosis(Result):
 
     @property
     def summary(self) -> str:
-        """Five sentences: size, place, cause, rivals, shrink."""
+        """Sentences: cause, shrink, what is left, next experiment, size and place."""
         return self._native.summary
 
     @property
@@ -323,21 +335,19 @@ class Diagnosis(Result):
             what, _, rest = line.partition(": ")
             return f"<p><b>{escape(what)}:</b> {escape(rest)}</p>"
 
+        def percent(share: float | None) -> str:
+            return "–" if share is None else f"{100 * share:.3g} %"
+
         rows = []
-        for row in self.ranking[:8]:
-            if "effects" in row:
-                effect, channel = (" + ".join(e[i] for e in row["effects"]) for i in (0, 1))
-            else:
-                effect, channel = row["effect"], row["channel"] or ""
-            after = "–" if row["after"] is None else f"{row['after']:.4f}"
-            cells = (effect, channel, f"{row['probability']:.4f}", after)
+        for one in self.classes:
+            cells = (one["name"].replace("`", ""), percent(one["share"]["learnt"]), percent(one["probability"]))
             rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
-        head = "".join(f"<th>{h}</th>" for h in ("effect", "channel", "probability", "nrmse alone"))
+        head = "".join(f"<th>{h}</th>" for h in ("cause", "explains", "sure"))
         table = f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
         lines = repr(self).splitlines()
         picture = plotting.image(self.plot, lines[0]) if self.traces else ""
         # Where there is a picture, the cause stands above it and the other sentences fold away.
-        said = next((line for line in lines if line.startswith(("Which", "Cause"))), lines[0])
+        said = next((line for line in lines if line.startswith("Cause")), lines[0])
         return (sentence(said) if picture else "") + plotting.folded(picture, "".join(map(sentence, lines)) + table)
 
 

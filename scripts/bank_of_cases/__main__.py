@@ -3,6 +3,7 @@
   scripts/bank draw SET      draws the cases that are not there yet (SET: development, locked) and checks all by golden/bank/SET.sha256
   scripts/bank run SET --program P --out FOLDER     answers of a program; what it has answered is kept
   scripts/bank score FOLDER  the scores by group
+  scripts/bank law FOLDER    the law of class probabilities, fitted to answers of the development set, and its reliability
   scripts/bank compare OLD NEW   paired differences; FOLDER or a file of answers, such as golden/bank/development-a2c844c.jsonl.gz
 
 Changes are tried on the development set. The locked set is for the last word on a change: `run locked` demands --final COMMIT, appends to scripts/bank_log.md,
@@ -15,7 +16,7 @@ import os
 import sys
 from pathlib import Path
 
-from . import answers, check, sets, tables
+from . import answers, check, law, sets, tables
 from .judge import SCORES
 
 LOG = sets.ROOT / "scripts" / "bank_log.md"
@@ -64,6 +65,8 @@ def _arguments() -> argparse.Namespace:
     run.add_argument("--force", action="store_true", help=f"of the locked set: even after {MOST_LOCKED} commits")
     score = command("score", "scores of a program's answers")
     score.add_argument("answers", type=Path)
+    fitted = command("law", "the law of class probabilities")
+    fitted.add_argument("answers", type=Path)
     compare = command("compare", "paired differences of two programs' answers")
     compare.add_argument("old", type=Path)
     compare.add_argument("new", type=Path)
@@ -112,7 +115,9 @@ def main() -> int:
         if options.set == "locked":
             return _locked(options)
         return answers.run(options.set, options.folder / options.set, options.program.resolve(), options.out, options.group, options.cases, options.limit, options.name)
-    if options.command == "score":
+    if options.command == "law":
+        print(law.report(options.answers, options.folder / "development"))
+    elif options.command == "score":
         found = _read(options.answers, options.cases)
         print(tables.scores(found, _drawn(options.folder, found), options.by))
     else:

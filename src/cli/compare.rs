@@ -154,7 +154,7 @@ fn kind(path: &Path) -> anyhow::Result<(Kind, PathBuf)> {
             Ok((Kind::Diagnosis, path.to_owned()))
         }
         Some(format) => bail!(
-            "{}: {}: only deadtime/diagnosis@1 or @2 and deadtime/study@1 can be compared",
+            "{}: {}: only deadtime/diagnosis@1 to @3 and deadtime/study@1 can be compared",
             path.display(),
             deadtime_signal::text::shown(format)
         ),

@@ -171,9 +171,14 @@ fn member(member: &Member) -> String {
     }
 }
 
-/// What else a class holds; `None` for a class of one.
+/// What else a class holds, in words.
+pub(super) fn others(class: &CauseClass) -> Vec<String> {
+    class.members.iter().skip(1).map(member).collect()
+}
+
+/// What else a class holds, as a list with a few names; `None` for a class of one.
 pub(super) fn aliases(class: &CauseClass) -> Option<String> {
-    let others: Vec<String> = class.members.iter().skip(1).map(member).collect();
+    let others = others(class);
     let more = others.len().saturating_sub(NAMED);
     let mut names: Vec<String> = others.iter().take(NAMED).cloned().collect();
     names.extend((more > 0).then(|| format!("{more} more")));

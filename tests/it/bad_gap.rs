@@ -202,7 +202,7 @@ fn a_model_that_explodes() {
     run.refused(&["a.csv", "cannot be simulated"]);
     // A wrong unit is not an explosion, but a finding.
     let milli = MODEL.replace("C = [[1.0], [0.5]]", "C = [[1000.0], [0.5]]");
-    assert!(one(&milli, &ordinary).done().contains("sensor_gain"));
+    assert!(one(&milli, &ordinary).done().contains("sensor gain of"));
 }
 
 #[test]
@@ -301,8 +301,8 @@ fn other_thresholds_change_the_verdict_and_must_be_known_and_positive() {
             text(&file),
         ])
     };
-    assert!(with("").done().contains("Cause: input_gain on `u`"));
-    assert!(!with("inexact_gap = 1e3").done().contains("Cause: input_gain"));
+    assert!(with("").done().contains("Cause: input gain of `u`"));
+    assert!(!with("inexact_gap = 1e3").done().contains("Cause: input gain"));
     with("selection = 3.0").refused(&["thresholds.toml", "selection", "selection_penalty"]);
     with("equals = -1.0").refused(&["thresholds.toml", "equals is -1", "above 0"]);
     with("windows = [20, 60]").refused(&["thresholds.toml", "windows"]);

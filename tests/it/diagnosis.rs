@@ -34,16 +34,22 @@ fn example_survives_reading_and_writing() {
 }
 
 #[test]
-fn the_first_format_is_read_too() {
+fn the_earlier_formats_are_read_too() {
     let earlier = include_str!("../corpus/diagnosis/diagnosis.json");
     assert!(earlier.contains("diagnosis@1"));
     let diagnosis: Diagnosis = serde_json::from_str(earlier).unwrap();
     assert_eq!((diagnosis.format, diagnosis.cause.contributions.len()), (DiagnosisFormat::V1, 0));
     assert!(diagnosis.cause.explained.is_none() && diagnosis.cause.remainder.is_none());
     assert!(schema().is_valid(&serde_json::from_str(earlier).unwrap()));
-    // What belongs to the second must be there in the second.
-    let without = earlier.replace("diagnosis@1", "diagnosis@2");
-    assert!(!schema().is_valid(&serde_json::from_str(&without).unwrap()));
+    // What belongs to a later format must be there.
+    let second = include_str!("../corpus/diagnosis/diagnosis-2.json");
+    let read: Diagnosis = serde_json::from_str(second).unwrap();
+    assert_eq!((read.format, read.cause.classes.len()), (DiagnosisFormat::V2, 0));
+    assert!(schema().is_valid(&serde_json::from_str(second).unwrap()));
+    for (file, earlier, later) in [(earlier, "@1", "@2"), (second, "@2", "@3")] {
+        let without = file.replace(&format!("diagnosis{earlier}"), &format!("diagnosis{later}"));
+        assert!(!schema().is_valid(&serde_json::from_str(&without).unwrap()));
+    }
 }
 
 #[test]
@@ -74,7 +80,7 @@ fn wrong_documents_are_refused_by_the_schema() {
         schema.iter_errors(&example()).map(|e| e.to_string()).collect::<Vec<_>>()
     );
     let changes: [(&str, Value); 12] = [
-        ("/format", json!("deadtime/diagnosis@3")),
+        ("/format", json!("deadtime/diagnosis@4")),
         ("/model", json!(null)),
         ("/gap/before", json!("0.49")),
         ("/gap/before", json!(-0.1)),
@@ -124,7 +130,7 @@ fn unreadable_diagnosis_names_file_and_line() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("diagnosis.json");
     for text in [
-        EXAMPLE.replace("diagnosis@2", "diagnosis@7"),
+        EXAMPLE.replace("diagnosis@3", "diagnosis@7"),
         EXAMPLE.replacen("\"logs\"", "\"lags\"", 1),
         EXAMPLE[..200].to_owned(),
     ] {

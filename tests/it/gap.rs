@@ -252,7 +252,8 @@ fn a_diagnosis_is_what_the_schema_says_and_the_same_for_any_number_of_threads() 
         System::new(&document(&folder, MODEL), |_| Ok(0.0)).unwrap()
     };
     let all: usize = deadtime::effect::EFFECTS.iter().map(|e| e.channels(&system).len()).sum();
-    assert_eq!(names.len(), all + 2);
+    let exact = one.cause.not_tried.iter().filter(|n| n.why.contains("derivative of")).count();
+    assert_eq!(names.len(), all - exact + 2);
 }
 
 fn write(folder: &Folder, name: &str, log: &Log) -> String {
@@ -272,7 +273,8 @@ fn the_command_writes_a_diagnosis_and_a_model_that_needs_no_further_effect() {
     let said =
         deadtime(&["gap", "--model", text(&model), "--log", &a, "--log", &b, "--out", text(&out)])
             .done();
-    for part in ["Gap:", "Place:", "Cause: deadband on `u`", "Rivals:", "Shrink:", "diagnosis.json"]
+    for part in
+        ["Cause: deadband of `u`", "Shrink:", "Left: noise", "Gap:", "Place:", "diagnosis.json"]
     {
         assert!(said.contains(part), "`{part}` is not in: {said}");
     }

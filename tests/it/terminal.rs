@@ -93,17 +93,17 @@ fn no_line_of_a_gap_is_wider_than_80_columns_and_the_cause_comes_first() {
     let folder = Folder::new();
     let said = gap(&folder, &[]);
     assert!(
-        said.starts_with("Cause: input_delay on `r`, delay 0.129")
-            && said.lines().take(3).any(|l| l.starts_with("Rivals: ")),
+        said.starts_with("Cause: input delay of `r`, 0.129")
+            && said.lines().take(4).any(|l| l.starts_with("Shrink: ")),
         "{said}"
     );
     // The folder's name is a test's and may be long.
     let printed = said.replace(text(&folder.path("out")), "out");
     assert!(widest(&printed) <= 80, "{said}");
     let brief = gap(&folder, &["--brief"]);
-    assert!(said.starts_with(&brief) && brief.lines().count() <= 4, "{brief}");
+    assert!(said.starts_with(&brief) && brief.lines().count() <= 5, "{brief}");
     let full = gap(&folder, &["--full"]);
-    assert!(full.starts_with("Gap: the model ") && full.contains("nrmse alone"), "{full}");
+    assert!(full.starts_with("Cause: input delay") && full.contains("nrmse alone"), "{full}");
     let (log, model) = (example("uav_flight.csv"), example("uav_lateral_stabilised.toml"));
     assert!(
         widest(&deadtime(&["gap", "--model", &model, "--log", &log, "--isolability"]).done()) <= 80

@@ -28,6 +28,7 @@ mod pipeline;
 
 mod watch;
 
+pub use crate::answer::diagnosed::Diagnosed;
 pub use crate::answer::force_profile::ForceProfile;
 pub use crate::answer::isolability::{
     Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size,
@@ -58,5 +59,5 @@ pub use crate::input::criteria::Criteria;
 pub use crate::input::options::GapOptions;
 pub use crate::input::subject::Subject;
 pub use error::{Error, Result};
-pub use pipeline::{Diagnosed, diagnose, diagnose_files, isolability};
+pub use pipeline::{diagnose, diagnose_files, isolability};
 pub use watch::{ActingEffect, GapTold, GapWatch};

@@ -7,101 +7,41 @@
 
 use std::path::Path;
 
-use nalgebra::DMatrix;
-
 use super::answer::isolability as isolability_of;
 use super::error::Result;
-use crate::answer::by_mode::ByMode;
-use crate::answer::cause::cause;
-use crate::answer::classes::classes;
-use crate::answer::contributions::{GapBudget, explained, share_classes};
-use crate::answer::force_profile::ForceProfile;
-use crate::answer::handed::in_a_form_that_helps;
-use crate::answer::held_out::HeldOut;
-use crate::answer::improvement::improvement;
+use crate::answer::diagnosed::Diagnosed;
 use crate::answer::isolability::{Isolability, Names};
 use crate::answer::later_rows::later_rows;
-use crate::answer::location::{locate, output_shares};
-use crate::answer::missing_force::describe;
-use crate::answer::nominal::nominal_caveats;
-use crate::answer::nuisances::{nuisance_caveats, nuisance_estimates};
-use crate::answer::traces::{CommandTrace, Trace, command_traces, traces};
-use crate::answer::trims::constant_caveats;
+use crate::answer::sections::Answer;
 use crate::baseline::motion::Motion;
 use crate::baseline::predictor::Predictor;
 use crate::baseline::runaway::must_not_explode;
 use crate::causes::conclusion::{ActiveCauses, Conclusion};
 use crate::checks::every::checks;
 use crate::format::caveat::Caveat;
-use crate::format::class::CauseClass;
-use crate::format::contributions::Description;
-use crate::format::diagnosis::{
-    Cause, Check, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, Mode, NotTried,
-};
+use crate::format::diagnosis::Mode;
 use crate::format::error::GapError;
-use crate::format::next_experiment::NextExperiment;
 use crate::format::progress::Stage;
 use crate::input::first_part::Parts;
 use crate::input::inputs::{Inputs, Simulator};
-use crate::input::log_caveats::{log_caveats, whole_turns};
+use crate::input::log_caveats::whole_turns;
 use crate::input::options::GapOptions;
 use crate::input::record::LogRecord;
 use crate::input::subject::Subject;
 use crate::judge::prior_sensitivity::{PriorSensitivity, prior_sensitivities};
 use crate::judge::rule::GapVerdict;
-use crate::judge::verdict::{Judged, judge};
-use crate::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
-use crate::likelihood::errors::{Errors, overall};
+use crate::judge::verdict::judge;
+use crate::likelihood::active_effects::NO_EFFECT;
 use crate::likelihood::gaussian::{Likelihood, Terms};
-use crate::likelihood::residuals::{residuals, simulated, trained};
+use crate::likelihood::residuals::residuals;
 use crate::search::catalogue::{Catalogue, catalogue};
 use crate::search::catalogue_search::{SearchResult, Searched, search};
 use crate::search::longer::shift_beyond;
 use crate::search::moving::{scanned, typical};
 use deadtime_log::Log;
 use deadtime_model::ModelDocument;
-use deadtime_model::effect::{Applied, Scales, row};
-use deadtime_model::simulate::Dynamics;
+use deadtime_model::effect::{Applied, Scales};
 use deadtime_signal::progress::HowFar;
-use deadtime_signal::remedy::{Message, Remedy, Words};
-
-/// A diagnosis, and the model with the effects that it found.
-#[derive(Debug, Clone)]
-pub struct Diagnosed {
-    /// The diagnosis.
-    pub diagnosis: Diagnosis,
-    /// The model with what was found added to its effects, in the form that helps a simulation; `None` for a simulator without a model file.
-    pub model: Option<ModelDocument>,
-    /// What was found to act.
-    pub effects: Vec<Applied>,
-    /// The same in the form that the model carries: nothing that is random, nothing that makes held-out data worse.
-    pub handed_over: Vec<Applied>,
-    /// What was measured and predicted, by output and then by log.
-    pub traces: Vec<Trace>,
-    /// What was commanded, by log and then by input.
-    pub commands: Vec<CommandTrace>,
-    /// The experiment that `next_experiment` of the diagnosis is about.
-    pub next_experiment: Option<NextExperiment>,
-    /// What stays, as a force over what it goes with; `None` where nothing is told.
-    pub missing_force: Option<ForceProfile>,
-    /// What a reader has to know of the data.
-    pub caveats: Vec<Caveat>,
-    /// How often a simulator that can only be called was called; `None` for a model file.
-    pub calls: Option<usize>,
-}
-
-impl Diagnosed {
-    /// The diagnosis with its findings and caveats in the words of a face.
-    #[must_use]
-    pub fn worded(mut self, words: Words) -> Self {
-        let checks = self.diagnosis.checks.iter_mut().map(|check| &mut check.finding);
-        let remainder = &mut self.diagnosis.cause.remainder;
-        let described = remainder.iter_mut().filter_map(|r| r.description.as_mut());
-        checks.chain(described.map(|d| &mut d.sentence)).for_each(|text| text.word(words));
-        self.caveats.iter_mut().for_each(|caveat| caveat.word(words));
-        self
-    }
-}
 
 /// As [`diagnose`], from files.
 ///
@@ -391,227 +331,11 @@ fn in_stages(
         motion: &baseline.motion,
         checks: checked.checks,
         left_out,
+        composed: &judgement.composed,
+        sensitivities: &judgement.sensitivities,
+        seed: options.seed,
     };
-    answer.sections(judgement, logs, options.seed).ok_or_else(|| not_finite(&inputs.records))
-}
-
-/// What the sections of a diagnosis are made of, beside the judgement.
-struct Answer<'a> {
-    subject: Subject<'a>,
-    simulator: &'a Simulator,
-    inputs: &'a Inputs,
-    likelihood: &'a Likelihood<'a>,
-    found: &'a SearchResult,
-    scales: &'a Scales,
-    motion: &'a Motion,
-    checks: Vec<Check>,
-    left_out: Vec<NotTried>,
-}
-
-impl Answer<'_> {
-    /// `None` where the model cannot be simulated.
-    fn sections(self, judgement: Judgement, logs: &[Log], seed: u64) -> Option<Diagnosed> {
-        let (system, records, likelihood) =
-            (&self.simulator.system, &self.inputs.records, self.likelihood);
-        let composed = &judgement.composed;
-        let held = &HeldOut::new(self.inputs.held.clone());
-        let handed =
-            in_a_form_that_helps(likelihood, held, composed.hypothesis.as_ref(), self.scales);
-        let active = ActiveEffects::from(&handed.effects);
-        let before = residuals(likelihood, NO_EFFECT)?;
-        let after = residuals(likelihood, active)?;
-        let (run_before, run_after) =
-            (simulated(likelihood, NO_EFFECT)?, simulated(likelihood, active)?);
-        let with_all = match &composed.hypothesis {
-            Some(hypothesis) => residuals(likelihood, hypothesis)?,
-            None => before.clone(),
-        };
-        let is_decoded = composed.hypothesis.as_ref().is_some_and(|e| e.lost.is_some());
-        let decoded = is_decoded.then_some(with_all.as_slice());
-        let floor = &composed.judged.floor;
-        let gap = gap(likelihood, &before, &floor.floor);
-        let shares: Vec<Option<f64>> = gap.outputs.iter().map(|o| o.share).collect();
-        let predictor = likelihood.predictor;
-        let budget = GapBudget {
-            likelihood,
-            held,
-            composed,
-            before: &before,
-            // What was found, and not what is written: held-out data decide on that, and a hidden sequence takes its share once it is known.
-            after: &with_all,
-            scales: self.scales,
-            seed,
-        };
-        let (mut contributions, recalibration, mut remainder) =
-            budget.sections(composed.estimate.as_ref());
-        let classes = classes(likelihood, composed, &mut contributions, &recalibration, &remainder);
-        let (cause, next_experiment) = self.cause(&judgement, classes);
-        share_classes(&mut contributions, &cause.indistinguishable);
-        let mut missing_force = None;
-        if composed.judged.verdict != GapVerdict::Effects {
-            // Effects that are none of the causes bend what they leave: the force that predicts more of what it is fitted to is reported.
-            let of_all = describe(likelihood, held, &[], &before, seed);
-            let of_rest = (!handed.effects.is_empty())
-                .then(|| describe(likelihood, held, &handed.effects, &after, seed))
-                .flatten();
-            let r2 = |found: &(Description, _)| found.0.held_out_r2;
-            let more = of_rest.into_iter().chain(of_all).max_by(|a, b| r2(a).total_cmp(&r2(b)));
-            (remainder.description, missing_force) = more.unzip();
-        }
-        let by_mode = ByMode {
-            likelihood,
-            inputs: self.inputs,
-            held,
-            written: &handed.effects,
-            floor: &floor.floor,
-        };
-        let diagnosis = Diagnosis {
-            format: DiagnosisFormat::V3,
-            model: self.subject.name().to_owned(),
-            logs: logs.iter().map(|l| l.source().to_owned()).collect(),
-            holdout: held.listed(records),
-            prediction: predictor.told(),
-            gap,
-            place: locate(system, records, &before, floor, &shares, &likelihood.memory()),
-            checks: self.checks.clone(),
-            cause: Cause {
-                explained: Some(explained(composed, remainder.share.learnt)),
-                contributions,
-                order: acting(&handed.effects),
-                recalibration: Some(recalibration),
-                remainder: Some(remainder),
-                ..cause
-            },
-            shrink: improvement(
-                likelihood,
-                held,
-                [&run_before, &run_after],
-                decoded,
-                &floor.floor,
-                seed,
-            ),
-            errors: Some(by_mode.errors([&run_before, &run_after])),
-            nuisances: nuisance_estimates(likelihood, composed.hypothesis.as_ref(), self.scales),
-        };
-        let effects: Vec<Applied> =
-            composed.hypothesis.iter().flat_map(|e| e.effects.clone()).collect();
-        let traces =
-            traces(likelihood, held, Some(active).filter(|_| !effects.is_empty()), &floor.floor);
-        let mut caveats = match self.with_nuisances() {
-            Some(predicted) => nominal_caveats(system, records, &predicted, &diagnosis),
-            None => nominal_caveats(system, records, &self.motion.predicted, &diagnosis),
-        };
-        caveats.extend(self.caveats(&composed.judged));
-        caveats.extend(nuisance_caveats(likelihood, &diagnosis.nuisances));
-        caveats.extend(constant_caveats(
-            likelihood,
-            composed.hypothesis.as_ref(),
-            self.scales,
-            &self.motion.smallest,
-        ));
-        caveats.extend(handed.caveat);
-        let model = self.subject.with(handed.effects.iter().map(Applied::to_entry), logs);
-        let commands = command_traces(likelihood);
-        Some(Diagnosed {
-            diagnosis,
-            model,
-            effects,
-            handed_over: handed.effects,
-            traces,
-            commands,
-            next_experiment,
-            missing_force: missing_force.flatten(),
-            caveats,
-            calls: None,
-        })
-    }
-
-    /// What the model as it came predicts with what every log has of its own; `None` without nuisances of the model file.
-    fn with_nuisances(&self) -> Option<Vec<DMatrix<f64>>> {
-        let likelihood = self.likelihood;
-        let predicted = |(at, record): (usize, &LogRecord)| {
-            likelihood.predict_from_posterior(at, NO_EFFECT, record.estimated_from()?)
-        };
-        likelihood.declared.first()?;
-        likelihood.records.iter().enumerate().map(predicted).collect()
-    }
-
-    fn cause(
-        &self,
-        judgement: &Judgement,
-        classes: Vec<CauseClass>,
-    ) -> (Cause, Option<NextExperiment>) {
-        let after = |e: &_| {
-            let residuals = trained(self.likelihood, e)?;
-            overall(&Errors::trained(self.likelihood.records, &residuals).nrmse())
-        };
-        let Judgement { composed, sensitivities } = judgement;
-        let (mut cause, next) = cause(
-            self.likelihood,
-            (composed, classes),
-            self.found,
-            self.scales,
-            sensitivities,
-            after,
-        );
-        cause.not_tried.clone_from(&self.left_out);
-        (cause, next)
-    }
-
-    fn caveats(&self, judged: &Judged) -> Vec<Caveat> {
-        let system = &self.simulator.system;
-        let mut caveats = log_caveats(system, &self.inputs.records, &self.inputs.held);
-        caveats.extend(self.inputs.probed.iter().flat_map(|p| p.caveats.clone()));
-        let remedy = match system.dynamics {
-            Dynamics::Equations(..) => Message::from(Remedy::FitParameters).and(" fits them"),
-            Dynamics::Linear(_) | Dynamics::BlackBox(..) => {
-                Message::from("written as equations, the model's numbers are fitted by ")
-                    .and(Remedy::FitParameters)
-            }
-            Dynamics::Sampled(..) => {
-                Message::from(Remedy::Identify).and(" fits a sampled model to the logs")
-            }
-        };
-        let of_the_numbers = |effect: &String| Caveat::OfTheNumbers {
-            effect: effect.clone(),
-            remedy: remedy.clone(),
-        };
-        caveats.extend(judged.of_the_numbers.iter().map(of_the_numbers));
-        let named = judged.found.as_ref().is_some_and(|found| !found.effects.is_empty());
-        if let Some((output, times)) = judged.left_over.filter(|_| named) {
-            let times = format!("{times:.1}");
-            caveats.push(match system.is_black_box() {
-                true => Caveat::Incomplete { times },
-                false => Caveat::Rest { times, output: system.outputs[output].name.clone() },
-            });
-        }
-        caveats
-    }
-}
-
-/// Effects in the order in which they act.
-fn acting(effects: &[Applied]) -> Vec<String> {
-    let mut effects: Vec<&Applied> = effects.iter().collect();
-    effects.sort_by_key(|a| row(a.effect));
-    effects.into_iter().map(Applied::key).collect()
-}
-
-/// The section `gap`, from the residuals of the model as it came and every output's floor.
-fn gap(likelihood: &Likelihood<'_>, before: &[DMatrix<f64>], floor: &[f64]) -> Gap {
-    let nothing = Errors::trained(likelihood.records, before);
-    let (each, each_floor) = (nothing.nrmse(), nothing.relative(floor));
-    let shares = output_shares(&each, &each_floor);
-    let names = likelihood.system.outputs.iter().map(|o| o.name.clone());
-    let outputs = names
-        .enumerate()
-        .map(|(i, name)| GapOutput {
-            name,
-            before: each[i],
-            floor: each_floor[i],
-            share: shares[i],
-        })
-        .collect();
-    Gap { metric: Metric::Nrmse, before: overall(&each), floor: overall(&each_floor), outputs }
+    answer.sections(logs).ok_or_else(|| not_finite(&inputs.records))
 }
 
 fn not_finite(records: &[LogRecord]) -> super::error::Error {

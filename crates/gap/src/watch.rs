@@ -7,9 +7,10 @@ use deadtime_signal::remedy::{Message, Remedied};
 use serde::Serialize;
 
 use super::error::Result;
-use super::pipeline::{Diagnosed, diagnose};
+use crate::answer::diagnosed::Diagnosed;
 use crate::format::found::FoundParameter;
 use crate::input::options::GapOptions;
+use crate::pipeline::diagnose;
 use deadtime_log::{Channel, Log};
 use deadtime_model::ModelDocument;
 use deadtime_signal::time::SampleTime;

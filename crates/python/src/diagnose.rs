@@ -551,7 +551,7 @@ pub(super) struct PyDiagnosed {
 
 #[pymethods]
 impl PyDiagnosed {
-    /// deadtime/diagnosis@2.
+    /// deadtime/diagnosis@3.
     fn to_json(&self) -> PyResult<String> {
         text(&self.found.diagnosis)
     }

@@ -7,11 +7,11 @@ use super::bars::{bar, dot, stretch};
 use super::frame::{Cell, figure, number, page, percent, plots, quoted, table};
 use super::series::{Thinning, base64};
 use super::{force, laws, residual};
-use crate::report::diagnosis::{Line, aliases, caveat_lines, lines, sure};
+use crate::report::diagnosis::{Line, caveat_lines, lines, others, sure};
 use crate::report::facts::{Label, Ranked, probability, recalibrated};
 use deadtime_gap::{
-    CauseClass, CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, HorizonError,
-    Mode, RankingRow, Share, Strength, Trace,
+    CauseClass, CommandTrace, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter,
+    HorizonError, Mode, RankingRow, Share, Strength, Trace, in_words, listed,
 };
 
 /// Logs that the page holds.
@@ -27,11 +27,10 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
     let d = &diagnosed.diagnosis;
     let verdict = match d.cause.effects.as_slice() {
         [] => d.cause.verdict.clone(),
-        found => found
-            .iter()
-            .map(|e| format!("{} on {}", e.effect, e.channel))
-            .collect::<Vec<_>>()
-            .join(" and "),
+        found => {
+            let name = |e: &FoundEffect| in_words(&e.effect, &e.channel).replace('`', "");
+            listed(&found.iter().map(name).collect::<Vec<_>>())
+        }
     };
     let (mut figures, laws, next) =
         (residual::figures(diagnosed), laws::figure(diagnosed), experiment(diagnosed));
@@ -445,7 +444,7 @@ fn candidates(d: &Diagnosis) -> Markup {
             Cell::Number(percent(class.share.learnt)),
             Cell::Number(sure(class.probability)),
             Cell::Drawn(bar(&label, &stretch(0.0, class.probability, "after"))),
-            Cell::Words(aliases(class).unwrap_or_default().replace('`', "")),
+            Cell::Words(others(class).join(", ").replace('`', "")),
         ]
     };
     let classes: Vec<Vec<Cell>> = d.cause.classes.iter().map(class).collect();

@@ -45,7 +45,7 @@ pub(super) fn deviations(effect: &Applied, found: &FoundEffect) -> f64 {
     let all: Vec<(bool, f64)> =
         effect.parameters.iter().zip(&found.parameters).filter_map(known).collect();
     let of = |ratio: bool| all.iter().filter(move |k| k.0 == ratio).map(|k| k.1);
-    of(true).reduce(f64::max).into_iter().chain(of(false)).fold(f64::INFINITY, f64::min)
+    of(true).reduce(f64::max).into_iter().chain(of(false)).fold(DEVIATIONS[1], f64::min)
 }
 
 #[cfg(test)]

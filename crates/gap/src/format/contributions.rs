@@ -1,4 +1,4 @@
-//! What contributes to a gap, and what stays of it: the part of a diagnosis that `deadtime/diagnosis@2` adds.
+//! What contributes to a gap, and what stays of it: the part of a diagnosis that `deadtime/diagnosis@2` added.
 
 use serde::{Deserialize, Serialize};
 

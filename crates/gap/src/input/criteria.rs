@@ -34,6 +34,12 @@ pub struct Criteria {
     /// From this probability of `unknown` on that is the verdict; 1. Formula: by its own definition the probability is 0.5 at the limit above the floor, and
     /// grows with every further multiple of the floor.
     pub unknown_from: f64,
+    /// The share of the explainable that one effect must explain; 1. Chosen.
+    pub one_explains: f64,
+    /// The share that two must explain; 1. Chosen.
+    pub two_explain: f64,
+    /// Whatever is explained, a residual this many times its floor has a further cause; 1. Formula: √10, where nine tenths of its energy are no noise.
+    pub further: f64,
     /// Where nothing is named, an effect that a start trusted more or less would bring to light must promise so many selection penalties to be told; 1.
     /// Chosen: what was just below one penalty and now is just above it is no other verdict.
     pub newly_visible: f64,
@@ -104,6 +110,9 @@ impl Default for Criteria {
             flexible: 1.1,
             clear: 2.0,
             unknown_from: 0.5,
+            one_explains: 0.93,
+            two_explain: 0.97,
+            further: 3.162_277_660_168_379_5,
             slowest_noise: 60.0,
             window_memories: 4.0,
             newly_visible: 2.0,

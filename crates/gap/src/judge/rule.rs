@@ -54,12 +54,19 @@ pub(super) fn rule(levels: &Levels, criteria: &Criteria) -> Ruling {
             (train.before[i], train.after[i], train.floor[i])
     {
         let above = after / floor.max(1e-9);
-        let noise =
+        let limit =
             if *effects > 0 || *beaten { criteria.above_floor } else { criteria.above_floor_alone };
+        left_over = Some((i, above)).filter(|(_, above)| *above > limit && !chance);
+        let share = if before > floor {
+            (before * before - after * after) / (before * before - floor * floor)
+        } else {
+            1.0
+        };
+        let explains =
+            share >= [criteria.one_explains, criteria.two_explain][(*effects).clamp(1, 2) - 1];
         // Noise, and what every simulator is inexact by, add up as independent errors.
-        let limit = noise.hypot(criteria.inexact_gap * before / floor.max(1e-9));
-        left_over = Some((i, above)).filter(|(_, above)| *above > noise && !chance);
-        if above > limit && !chance {
+        let further = criteria.further.hypot(criteria.inexact_gap * before / floor.max(1e-9));
+        if above > limit && (!explains || above > further) && !chance {
             unknown = 1.0 - 0.5 * (limit - above).exp();
         }
     }
@@ -101,19 +108,27 @@ mod tests {
         assert_eq!(ruling, Ruling { verdict: GapVerdict::Effects, unknown: 0.0, left_over: None });
     }
 
-    /// 0.2 is twice the floor; the limit is √(1.5² + (0.05 · 0.5/0.1)²) = 1.5207 times.
+    /// 0.2 is twice the floor; of 0.25 − 0.01 it leaves 0.03, which is 87.5 % explained: less than 93 %.
     #[test]
-    fn an_effect_that_leaves_more_than_noise_and_inexactness_is_unknown() {
+    fn an_effect_that_leaves_twice_the_floor_and_explains_too_little_is_unknown() {
         let ruling = rule(&one_effect(sizes(0.5, 0.2, 0.1)), &Criteria::default());
         assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Unknown, Some((0, 2.0))));
-        assert!((ruling.unknown - (1.0 - 0.5 * (2.3125_f64.sqrt() - 2.0).exp())).abs() < 1e-12);
+        assert!((ruling.unknown - (1.0 - 0.5 * (-0.5_f64).exp())).abs() < 1e-12);
     }
 
-    /// The same twice the floor of a ten times larger gap: the limit is √(1.5² + 2.5²) = 2.9 times.
+    /// The same twice the floor of a ten times larger gap: 99.9 % explained. It is named, and what is left is reported.
     #[test]
-    fn an_effect_that_explains_nearly_all_of_a_large_gap_is_named_whatever_is_left() {
+    fn an_effect_that_explains_nearly_all_of_a_large_gap_is_named_beside_a_little_more_than_noise()
+    {
         let ruling = rule(&one_effect(sizes(5.0, 0.2, 0.1)), &Criteria::default());
         assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Effects, Some((0, 2.0))));
+    }
+
+    /// 0.5 is five times the floor, 99 % explained: the limit is √(10 + (0.05 · 5/0.1)²) = 4.03 times. Of a gap of 10 the limit is 5.9 times.
+    #[test]
+    fn what_is_far_above_noise_and_inexactness_has_a_further_cause() {
+        assert_eq!(verdict(&one_effect(sizes(5.0, 0.5, 0.1))), GapVerdict::Unknown);
+        assert_eq!(verdict(&one_effect(sizes(10.0, 0.5, 0.1))), GapVerdict::Effects);
     }
 
     /// 1.6 times the floor: between the limits for a gap that nothing beats and for one that something beats.

@@ -1,0 +1,48 @@
+//! A diagnosis with the curves and the model behind it.
+
+use super::force_profile::ForceProfile;
+use super::traces::{CommandTrace, Trace};
+use crate::format::caveat::Caveat;
+use crate::format::diagnosis::Diagnosis;
+use crate::format::next_experiment::NextExperiment;
+use deadtime_model::ModelDocument;
+use deadtime_model::effect::Applied;
+use deadtime_signal::remedy::Words;
+
+/// A diagnosis, and the model with the effects that it found.
+#[derive(Debug, Clone)]
+pub struct Diagnosed {
+    /// The diagnosis.
+    pub diagnosis: Diagnosis,
+    /// The model with what was found added to its effects, in the form that helps a simulation; `None` for a simulator without a model file.
+    pub model: Option<ModelDocument>,
+    /// What was found to act.
+    pub effects: Vec<Applied>,
+    /// The same in the form that the model carries: nothing that is random, nothing that makes held-out data worse.
+    pub handed_over: Vec<Applied>,
+    /// What was measured and predicted, by output and then by log.
+    pub traces: Vec<Trace>,
+    /// What was commanded, by log and then by input.
+    pub commands: Vec<CommandTrace>,
+    /// The experiment that `next_experiment` of the diagnosis is about.
+    pub next_experiment: Option<NextExperiment>,
+    /// What stays, as a force over what it goes with; `None` where nothing is told.
+    pub missing_force: Option<ForceProfile>,
+    /// What a reader has to know of the data.
+    pub caveats: Vec<Caveat>,
+    /// How often a simulator that can only be called was called; `None` for a model file.
+    pub calls: Option<usize>,
+}
+
+impl Diagnosed {
+    /// The diagnosis with its findings and caveats in the words of a face.
+    #[must_use]
+    pub fn worded(mut self, words: Words) -> Self {
+        let checks = self.diagnosis.checks.iter_mut().map(|check| &mut check.finding);
+        let remainder = &mut self.diagnosis.cause.remainder;
+        let described = remainder.iter_mut().filter_map(|r| r.description.as_mut());
+        checks.chain(described.map(|d| &mut d.sentence)).for_each(|text| text.word(words));
+        self.caveats.iter_mut().for_each(|caveat| caveat.word(words));
+        self
+    }
+}
