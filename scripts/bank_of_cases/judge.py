@@ -119,7 +119,7 @@ def claims(answer: dict, truth: Truth) -> list[Claim]:
         names = {name, *(truth.name(n) for n in c["class"])}.union(*(row for row in lists if name in row))
         for own in answer.get("classes", ()):  # an alias may be several effects that together do the same
             if truth.name(own["representative"]) == name:
-                names.update(truth.name(n) for m in own["members"] for n in ([m] if isinstance(m, str) else m))
+                names.update(truth.name(n) for m in own.get("members", ()) for n in ([m] if isinstance(m, str) else m))
         found.append(Claim(name, names, max(c["share"] or 0.0, 0.0), c["probability"], c["parameters"]))
     block = answer["recalibration"]
     for name, estimate in block["parameters"].items() if block else ():

@@ -13,13 +13,13 @@ from . import answers
 from .judge import BINS, claims, load
 
 # ground: least and most; the limits of the Rust source
-LIMITS = {"evidence": (1.0, 1e4), "deviations": (1.0, 1e3), "above_floor": (1.0, 1e2), "share": (1e-3, 1.0)}
+LIMITS = {"evidence": (1.0, 1e4), "deviations": (1.0, 1e3), "share": (1e-3, 1.0)}
 RIDGE = 0.3  # precision of each weight's prior
 STEPS = 50
 
 
 def rows(found: dict[str, dict], drawn: Path) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Per class of single effects: its case, its grounds as regressors (n, 1 + 4), and whether it is true (n)."""
+    """Per class of single effects: its case, its grounds as regressors (n, 1 + 3), and whether it is true (n)."""
     cases, regressors, true = [], [], []
     for case, answer in found.items():
         if answer["failure"]:

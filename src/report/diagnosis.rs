@@ -109,7 +109,7 @@ fn place(d: &Diagnosis) -> String {
     };
     let mut text = format!("{} of it in `{}`", percent(output.share), shown(&output.name));
     if let Some(t) = time {
-        text += &format!(", mostly {:.2} to {:.2} s of {}", t.from_s, t.to_s, shown(&t.log));
+        text += &format!(", mostly {:.2} to {:.2} s of {}", t.from_s, t.to_s, shown(base(&t.log)));
     }
     if let Some(b) = band {
         text += &format!(", {}", frequencies(b.from_hz, b.to_hz));
@@ -118,6 +118,11 @@ fn place(d: &Diagnosis) -> String {
         text += &format!(", where {} is {:.4} to {:.4}", shown(&r.variable), r.from, r.to);
     }
     text + "."
+}
+
+/// The base name of a file.
+fn base(name: &str) -> &str {
+    std::path::Path::new(name).file_name().and_then(|n| n.to_str()).unwrap_or(name)
 }
 
 /// A band of frequencies; of slow plants as periods, the longest first.

@@ -7,7 +7,7 @@ use super::bars::{bar, dot, stretch};
 use super::frame::{Cell, figure, number, page, percent, plots, quoted, table};
 use super::series::{Thinning, base64};
 use super::{force, laws, residual};
-use crate::report::diagnosis::{Line, caveat_lines, lines, others, sure};
+use crate::report::diagnosis::{Line, caveat_lines, lines, others, sure, values};
 use crate::report::facts::{Label, Ranked, probability, recalibrated};
 use deadtime_gap::{
     CauseClass, CommandTrace, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter,
@@ -97,7 +97,13 @@ fn tiles(d: &Diagnosis) -> Markup {
     let (cause, about) = match (d.cause.effects.as_slice(), first) {
         (_, Some(class)) => {
             let more = d.cause.classes.len() - 1;
-            let more = if more > 0 { format!("and {more} more") } else { String::new() };
+            let own =
+                |c: &&Contribution| class.representative == format!("{}:{}", c.effect, c.channel);
+            let more = match d.cause.contributions.iter().find(own) {
+                _ if more > 0 => format!("and {more} more"),
+                Some(one) => values(&one.parameters),
+                None => String::new(),
+            };
             (class.name.replace('`', ""), more)
         }
         _ => (d.cause.verdict.clone(), String::new()),

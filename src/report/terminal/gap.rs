@@ -78,8 +78,10 @@ fn causes(text: &mut Styled, d: &Diagnosis) {
     let mut row = |role, what: &str, share: Option<f64>, sure: &str, notes: &[String]| {
         let explains = share.map_or_else(|| "–".to_owned(), percent);
         let cells = [cell(what, name, false), cell(&explains, 8, true), cell(sure, 9, true)];
-        text.push(Role::Plain, format!("  {}  ", cells.join("  ")));
-        text.push(role, share.map(|s| bar(s, BAR)).unwrap_or_default()).push(Role::Plain, "\n");
+        let drawn = share.map(|s| bar(s, BAR)).unwrap_or_default();
+        let row = format!("  {}  ", cells.join("  "));
+        text.push(Role::Plain, if drawn.is_empty() { row.trim_end() } else { &row });
+        text.push(role, drawn).push(Role::Plain, "\n");
         if !notes.is_empty() {
             text.sentence((Role::Plain, "    "), &notes.join("; "), WIDTH, 4);
         }

@@ -6,7 +6,7 @@ use super::found_effects::found_effects;
 use crate::causes::class::EffectClass;
 use crate::causes::conclusion::ActiveCauses;
 use crate::format::class::{CauseClass, Grounds, Member, RECALIBRATION, in_words, listed};
-use crate::format::contributions::{Contribution, Recalibration, Remainder, Strength};
+use crate::format::contributions::{Contribution, Recalibration, Strength};
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::Applied;
 
@@ -16,11 +16,9 @@ pub(crate) fn classes(
     composed: &ActiveCauses,
     contributions: &mut [Contribution],
     recalibration: &Recalibration,
-    remainder: &Remainder,
 ) -> Vec<CauseClass> {
     let Some(hypothesis) = &composed.hypothesis else { return Vec::new() };
     let found = found_effects(likelihood, hypothesis, composed.estimate.as_ref());
-    let above_floor = remainder.above_floor.unwrap_or(1.0);
     let place = |key: &str| hypothesis.effects.iter().position(|a| a.key() == key);
     let mut classes = Vec::new();
     for class in &composed.classes {
@@ -30,7 +28,7 @@ pub(crate) fn classes(
         if let (Some(own), Some(at)) = (own, at) {
             let deviations = deviations(&hypothesis.effects[at], &found[at]);
             let share = own.share.learnt.unwrap_or(0.0);
-            let grounds = Grounds { evidence, deviations, above_floor, share };
+            let grounds = Grounds { evidence, deviations, share };
             let probability = probability(&grounds);
             own.probability = Some(probability);
             classes.push(CauseClass {
@@ -47,7 +45,7 @@ pub(crate) fn classes(
             let each = each.map(|at| deviations(&hypothesis.effects[at], &found[at]));
             let deviations = each.fold(0.0, f64::max);
             let share = recalibration.share.learnt.unwrap_or(0.0);
-            let grounds = Grounds { evidence, deviations, above_floor, share };
+            let grounds = Grounds { evidence, deviations, share };
             classes.extend(recalibrated(composed, recalibration, grounds));
         }
     }

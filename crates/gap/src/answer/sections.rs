@@ -167,7 +167,7 @@ impl Answer<'_> {
         };
         let (mut contributions, recalibration, mut remainder) =
             budget.sections(composed.estimate.as_ref());
-        let classes = classes(likelihood, composed, &mut contributions, &recalibration, &remainder);
+        let classes = classes(likelihood, composed, &mut contributions, &recalibration);
         let (mut cause, next_experiment) = self.verdict(classes);
         share_classes(&mut contributions, &cause.indistinguishable);
         let (description, missing_force) = self.described(runs).unzip();

@@ -32,8 +32,6 @@ pub struct Grounds {
     pub evidence: f64,
     /// How many standard deviations the parameter of the representative that is known worst is from nominal.
     pub deviations: f64,
-    /// What stays of the gap, over the noise floor.
-    pub above_floor: f64,
     /// Its share of the gap on the training logs.
     pub share: f64,
 }
