@@ -360,3 +360,43 @@ pub(super) fn bounded(
     }
     steps
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A positive definite form of three parameters, the residual last, and their bounds.
+    fn problem() -> impl Strategy<Value = (DMatrix<f64>, Vec<f64>, Vec<f64>)> {
+        let numbers = prop::collection::vec(-1.0..1.0, 16);
+        let ends = prop::collection::vec((-2.0..0.0, 0.0..2.0), 3);
+        (numbers, ends).prop_map(|(numbers, ends)| {
+            let root = DMatrix::from_vec(4, 4, numbers) + DMatrix::identity(4, 4) * 1.5;
+            let (lower, upper) = ends.into_iter().unzip();
+            (root.tr_mul(&root), lower, upper)
+        })
+    }
+
+    proptest! {
+        /// The derivative of ½xᵀHx − gᵀx is 0 inside the bounds and points outwards at them (Karush 1939), where one parameter at most leaves them.
+        #[test]
+        fn a_bounded_minimum_fulfils_the_conditions_of_karush((normal, lower, upper) in problem()) {
+            let steps = bounded(&normal, 0.0, &lower, &upper);
+            let free = normal.view((0, 0), (3, 3)).into_owned();
+            let towards = normal.view((0, 3), (3, 1)).column(0).into_owned();
+            let slope = &free * &steps - towards;
+            for i in 0..3 {
+                prop_assert!(steps[i] >= lower[i] && steps[i] <= upper[i]);
+                let inside = steps[i] > lower[i] && steps[i] < upper[i];
+                prop_assert!(!inside || slope[i].abs() < 1e-9, "{slope}");
+            }
+        }
+
+        #[test]
+        fn what_has_no_influence_stays((mut normal, lower, upper) in problem()) {
+            normal.row_mut(1).fill(0.0);
+            normal.column_mut(1).fill(0.0);
+            prop_assert_eq!(bounded(&normal, 0.0, &lower, &upper)[1], 0.0);
+        }
+    }
+}

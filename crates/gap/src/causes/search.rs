@@ -406,3 +406,66 @@ fn size(set: &CauseSet) -> Option<f64> {
 fn relative((square, variance): (&f64, &f64)) -> f64 {
     if *variance > 0.0 { square / variance } else { 0.0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use deadtime_model::effect::find;
+
+    fn applied(effect: &str) -> Applied {
+        let parameters = Vec::new();
+        Applied {
+            effect: find(effect).unwrap(),
+            channel: "u".to_owned(),
+            parameters,
+            values: Vec::new(),
+        }
+    }
+
+    /// A fitted set with so many parameters that act.
+    fn set(effects: &[&str], acting: usize) -> CauseSet {
+        let effects = in_order(effects.iter().map(|e| applied(e)));
+        CauseSet { acting, ..CauseSet::begun(effects, None, None) }
+    }
+
+    fn led(sets: Vec<(f64, CauseSet)>) -> String {
+        let at = leader(&sets).unwrap();
+        sets[at].1.key()
+    }
+
+    #[test]
+    fn of_sets_that_no_evidence_separates_the_plainest_leads() {
+        let best = || (0.0, set(&["deadband", "delay_drift"], 3));
+        // A replacement with fewer parameters leads within 2 of the best, and not beyond.
+        assert_eq!(
+            led(vec![best(), (1.9, set(&["deadband", "input_delay"], 2))]),
+            "deadband:u + input_delay:u"
+        );
+        assert_eq!(
+            led(vec![best(), (2.1, set(&["deadband", "input_delay"], 2))]),
+            "deadband:u + delay_drift:u"
+        );
+        // So does the best set without a member that no evidence asks for.
+        assert_eq!(led(vec![best(), (1.5, set(&["deadband"], 1))]), "deadband:u");
+        // A set that shares nothing with the best is another answer, however plain.
+        assert_eq!(
+            led(vec![best(), (0.5, set(&["input_gain", "rate_limit"], 2))]),
+            "deadband:u + delay_drift:u"
+        );
+    }
+
+    #[test]
+    fn one_effect_is_replaced_by_one_or_by_two_with_all_others_the_same() {
+        let best = set(&["deadband", "delay_drift"], 3);
+        let out = applied("delay_drift");
+        let by = |effects: &[&str], count| {
+            let members = replaces(&best, &out, &set(effects, 0), count)?;
+            Some(members.iter().map(Applied::key).collect::<Vec<_>>())
+        };
+        assert_eq!(by(&["deadband", "input_delay"], 1).unwrap(), ["input_delay:u"]);
+        assert_eq!(by(&["deadband", "input_delay", "input_gain"], 2).unwrap().len(), 2);
+        assert_eq!(by(&["deadband", "input_delay", "input_gain"], 1), None);
+        assert_eq!(by(&["input_gain", "input_delay"], 1), None);
+        assert_eq!(by(&["deadband", "delay_drift", "input_gain"], 2), None);
+    }
+}
