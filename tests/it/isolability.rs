@@ -208,7 +208,11 @@ fn the_command_needs_no_folder_and_says_what_it_cannot_tell_apart() {
     let read: Isolability = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
     assert_eq!(read.effects.len(), read.cosines.len());
     assert!(!folder.names().iter().any(|n| n.contains("diagnosis")), "nothing is diagnosed");
-    deadtime(&["gap", "--model", text(&model), "--log", text(&csv)]).refused(&["--out"]);
+    // A diagnosis without a folder is printed and leaves no file.
+    let before = folder.names();
+    let said = deadtime(&["gap", "--model", text(&model), "--log", text(&csv)]).done();
+    assert!(said.contains("Cause: ") && !said.contains("Written"), "{said}");
+    assert_eq!(folder.names(), before);
 }
 
 #[test]

@@ -124,11 +124,11 @@ mod tests {
         assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Effects, Some((0, 2.0))));
     }
 
-    /// 0.5 is five times the floor, 99 % explained: the limit is √(10 + (0.05 · 5/0.1)²) = 4.03 times. Of a gap of 10 the limit is 5.9 times.
+    /// 0.6 is six times the floor, 98.6 % explained: the limit is √(5² + (0.05 · 5/0.1)²) = 5.59 times. Of a gap of 10 the limit is 7.07 times.
     #[test]
     fn what_is_far_above_noise_and_inexactness_has_a_further_cause() {
-        assert_eq!(verdict(&one_effect(sizes(5.0, 0.5, 0.1))), GapVerdict::Unknown);
-        assert_eq!(verdict(&one_effect(sizes(10.0, 0.5, 0.1))), GapVerdict::Effects);
+        assert_eq!(verdict(&one_effect(sizes(5.0, 0.6, 0.1))), GapVerdict::Unknown);
+        assert_eq!(verdict(&one_effect(sizes(10.0, 0.6, 0.1))), GapVerdict::Effects);
     }
 
     /// 1.6 times the floor: between the limits for a gap that nothing beats and for one that something beats.
