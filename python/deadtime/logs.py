@@ -38,6 +38,8 @@ def read(
     time: str | None = None,
     time_unit: Literal["s", "ms", "us", "ns", "iso"] | None = None,
     stamps: Literal["arrival", "header"] = "arrival",
+    unchecked: bool = False,
+    max_memory_gb: float | None = None,
 ) -> Log:
     """The log in the file at `path`: text with a header row, a column `time` in seconds and channels as `name` or `name [unit]`, or another format
     (docs/logs.md). What was guessed, such as the unit of time, is a warning.
@@ -62,6 +64,10 @@ def read(
         The unit of that column, where its name and the size of its numbers do not tell; `iso` are dates.
     stamps : {"arrival", "header"}
         The clock of a ROS bag: when the recorder got a message, or what its sender wrote into it.
+    unchecked : bool
+        Also reads parts whose checksum does not match; else they are left out, with a warning.
+    max_memory_gb : float, optional
+        Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
 
     Raises
     ------
@@ -87,7 +93,7 @@ def read(
     """
     wanted = None if inputs is None and outputs is None else (_names("inputs", inputs), _names("outputs", outputs))
     grid = None if sample_time is None else float(sample_time)
-    return _calculated(Log._read(path, (time, time_unit, stamps), None, wanted, grid)[0], channels)
+    return _calculated(Log._read(path, (time, time_unit, stamps), None, wanted, grid, unchecked, max_memory_gb)[0], channels)
 
 
 def _names(what: str, given: Iterable[str] | None) -> list[str]:
@@ -107,6 +113,8 @@ def read_records(
     channels: Mapping[str, str] | None = None,
     time: str | None = None,
     time_unit: Literal["s", "ms", "us", "ns", "iso"] | None = None,
+    unchecked: bool = False,
+    max_memory_gb: float | None = None,
 ) -> list[Log]:
     """The records of the CSV file at `path`, a new one at each new value of `column`.
 
@@ -120,6 +128,10 @@ def read_records(
         As `read` takes them.
     time, time_unit : str, optional
         As `read` takes them.
+    unchecked : bool
+        Also reads parts whose checksum does not match; else they are left out, with a warning.
+    max_memory_gb : float, optional
+        Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
 
     Raises
     ------
@@ -135,7 +147,7 @@ def read_records(
     ...     [log["u"].tolist() for log in deadtime.read_records(path, "run")]
     [[1.0, 2.0], [3.0, 4.0]]
     """
-    return [_calculated(log, channels) for log in Log._read(path, (time, time_unit, "arrival"), column)]
+    return [_calculated(log, channels) for log in Log._read(path, (time, time_unit, "arrival"), column, None, None, unchecked, max_memory_gb)]
 
 
 def listing(
@@ -144,6 +156,8 @@ def listing(
     time: str | None = None,
     time_unit: Literal["s", "ms", "us", "ns", "iso"] | None = None,
     stamps: Literal["arrival", "header"] = "arrival",
+    unchecked: bool = False,
+    max_memory_gb: float | None = None,
 ) -> dict[str, Any]:
     """What the file at `path` holds: its topics with rates, gaps and channels, as `deadtime log FILE --json` prints it (docs/logs.md).
 
@@ -153,6 +167,10 @@ def listing(
         The file, of any format that `read` takes.
     time, time_unit, stamps : str, optional
         As `read` takes them.
+    unchecked : bool
+        Also reads parts whose checksum does not match; else they are left out, with a warning.
+    max_memory_gb : float, optional
+        Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
 
     Raises
     ------
@@ -166,7 +184,7 @@ def listing(
     >>> [channel["name"] for channel in found["topics"][0]["channels"]]
     ['r', 'p', 'ay', 'v', 'phi']
     """
-    return json.loads(Log._listing(path, (time, time_unit, stamps)))  # type: ignore[no-any-return]
+    return json.loads(Log._listing(path, (time, time_unit, stamps), unchecked, max_memory_gb))  # type: ignore[no-any-return]
 
 
 def as_log(data: LogLike, units: Mapping[str, str] | None = None) -> Log:

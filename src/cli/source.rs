@@ -62,6 +62,12 @@ pub(super) struct Clock {
     /// Which stamps of a ROS bag to use
     #[arg(long, value_enum, default_value_t = StampsName::Arrival)]
     stamps: StampsName,
+    /// Read parts whose checksum does not match, too; default: they are named, left out and counted
+    #[arg(long)]
+    unchecked: bool,
+    /// Memory that reading a log may take, in GB; default: 4 times the file and 64 MiB
+    #[arg(long, value_name = "GB")]
+    max_memory_gb: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -97,6 +103,8 @@ impl Clock {
                 StampsName::Arrival => Stamps::Arrival,
                 StampsName::Header => Stamps::Header,
             },
+            unchecked: self.unchecked,
+            memory: self.max_memory_gb.map(|gb| (gb * 1e9) as u64),
             far: far.clone(),
         }
     }

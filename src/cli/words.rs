@@ -26,6 +26,7 @@ pub(super) fn option(remedy: &Remedy) -> String {
         Remedy::ResampleAt { seconds } => return format!("`--resample {seconds}`"),
         Remedy::TimeColumn => "`--time COLUMN`",
         Remedy::TimeUnit => "`--time-unit s|ms|us|ns|iso`",
+        Remedy::Unchecked => "--unchecked",
         Remedy::HeaderStamps => "--stamps header",
         Remedy::ClosedLoop => "--loop closed",
         Remedy::Delay => "--delay",

@@ -10,6 +10,7 @@ mod arrays;
 #[cfg(feature = "tables")]
 mod arrow;
 mod bag;
+mod budget;
 #[cfg(feature = "tables")]
 mod columns;
 mod counted;
@@ -18,9 +19,12 @@ mod error;
 mod folder;
 mod frequency;
 mod grid;
+mod guard;
 #[cfg(feature = "tables")]
 mod hdf5;
 mod header;
+#[cfg(test)]
+mod hostile;
 mod listing;
 mod log;
 mod mat;
@@ -28,6 +32,8 @@ mod mcap;
 mod mcos;
 mod notes;
 mod numbers;
+#[cfg(feature = "tables")]
+mod pages;
 #[cfg(feature = "tables")]
 mod parquet;
 mod place;

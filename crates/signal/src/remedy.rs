@@ -47,6 +47,8 @@ pub enum Remedy {
     TimeUnit,
     /// The senders' stamps in place of the recorder's.
     HeaderStamps,
+    /// Reading parts whose checksum does not match, too.
+    Unchecked,
     /// The declaration that the log is of a closed loop.
     ClosedLoop,
     /// The dead times that an identification is given.
@@ -99,6 +101,7 @@ impl fmt::Display for Remedy {
             Self::ResampleAt { seconds } => return write!(f, "`resample({seconds})`"),
             Self::TimeColumn => "`time`",
             Self::TimeUnit => "`time_unit`",
+            Self::Unchecked => "`unchecked`",
             Self::HeaderStamps => "`stamps` of the header",
             Self::ClosedLoop => "the log is declared to be of a closed loop",
             Self::Delay => "`delay`",

@@ -3,6 +3,7 @@
 use super::clock::{self, StampReader, Why, median_step, shortest};
 use super::lines::{GZIP_MAGIC, Lines, Separator, first_bytes};
 use super::number::decimal;
+use crate::budget::Budget;
 use crate::counted::Counted;
 use crate::error::{Error, LogError};
 use crate::header::name_and_unit;
@@ -131,7 +132,14 @@ pub fn read_from(source: &str, bytes: impl Read) -> Result<Log, Error> {
 
 /// Reads a file as a recording without topics, whose notes say what was guessed.
 pub(crate) fn recording(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
-    recording_from(&path.display().to_string(), open(path, &options.far)?, options)
+    let source = path.display().to_string();
+    recording_from(&source, open(path, &options.far)?, &within(path, options))
+}
+
+/// Memory by the size of the file, unless the caller gives a limit: text may be packed.
+fn within(path: &Path, options: &ReadOptions) -> ReadOptions {
+    let length = std::fs::metadata(path).map_or(u64::MAX, |there| there.len());
+    ReadOptions { memory: Some(Budget::of(length, options).limit()), ..options.clone() }
 }
 
 /// Reads any source of bytes as a recording without topics.
@@ -145,7 +153,7 @@ pub fn recording_from(
 ) -> Result<Recording, Error> {
     let mut lines = Lines::to_break(source, bytes)?;
     let mut header = Header::read(&mut lines, options)?;
-    let mut part = PartialLog::new(source.into(), &header);
+    let mut part = PartialLog::new(source.into(), &header, options.memory);
     while lines.next()? {
         match part.cut_off(&lines, &header) {
             None => part.push(&lines, &mut header)?,
@@ -177,7 +185,8 @@ pub fn records(
     column: &str,
     options: &ReadOptions,
 ) -> Result<(Vec<Log>, Notes), Error> {
-    records_from(&path.display().to_string(), open(path, &options.far)?, column, options)
+    let source = path.display().to_string();
+    records_from(&source, open(path, &options.far)?, column, &within(path, options))
 }
 
 pub(super) fn records_from(
@@ -218,6 +227,7 @@ pub(super) fn records_from(
                 let fresh = PartialLog::new(
                     format!("{source}#{}", String::from_utf8_lossy(value)),
                     &header,
+                    options.memory,
                 );
                 if let Some((_, done)) = current.take() {
                     logs.push(done.finish(&mut header)?);
@@ -758,6 +768,8 @@ pub(super) struct PartialLog {
     rows: Rows,
     /// Rows that may be read.
     most: usize,
+    /// The memory that this is of, where it is the lower limit, bytes.
+    memory: Option<u64>,
 }
 
 /// A column that is being read: numbers up to the first cell that is none.
@@ -785,9 +797,11 @@ impl CellColumn {
 }
 
 impl PartialLog {
-    fn new(source: String, header: &Header) -> Self {
+    fn new(source: String, header: &Header, memory: Option<u64>) -> Self {
         let columns = header.columns.iter().map(|_| CellColumn::default()).collect();
-        let most = MOST_NUMBERS / (header.columns.len() + 1);
+        let memory = memory.unwrap_or(u64::MAX);
+        let numbers = usize::try_from(memory / size_of::<f64>() as u64).unwrap_or(usize::MAX);
+        let most = numbers.min(MOST_NUMBERS) / (header.columns.len() + 1);
         Self {
             source,
             stamps: StampReader::default(),
@@ -795,6 +809,7 @@ impl PartialLog {
             columns,
             rows: Rows::new(Origin::File),
             most,
+            memory: Some(memory).filter(|_| numbers < MOST_NUMBERS),
         }
     }
 
@@ -837,8 +852,12 @@ impl PartialLog {
     fn push(&mut self, lines: &Lines<'_>, header: &mut Header) -> Result<(), LogError> {
         header.check_length(lines)?;
         let row = lines.row;
-        let Self { source, stamps, raw: before, columns, rows, most } = self;
+        let Self { source, stamps, raw: before, columns, rows, most, memory } = self;
         if before.len() >= *most {
+            if let Some(memory) = memory {
+                let limit_mb = memory.div_ceil(1 << 20);
+                return Err(LogError::Memory { file: source.clone(), limit_mb });
+            }
             let numbers = *most as f64 * (columns.len() + 1) as f64;
             return Err(LogError::TooLarge {
                 file: source.clone(),
@@ -916,7 +935,7 @@ mod tests {
     fn rows_beyond_the_limit_are_refused() {
         let mut lines = Lines::new("a.csv", "time,u\n0,1\n1,2\n2,3\n".as_bytes()).unwrap();
         let mut header = Header::read(&mut lines, &ReadOptions::default()).unwrap();
-        let mut part = PartialLog::new("a.csv".into(), &header);
+        let mut part = PartialLog::new("a.csv".into(), &header, None);
         assert_eq!(part.most, MOST_NUMBERS / 2);
         part.most = 2;
         for _ in 0..2 {
