@@ -349,6 +349,28 @@ fn overflow_pages_in_a_circle_end() {
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn pipes_and_devices_are_refused_and_not_waited_for() {
+    use crate::{Error, Follower};
+    let folder = tempfile::tempdir().unwrap();
+    let [log, fifo] = ["log.csv", "fifo.csv"].map(|name| folder.path().join(name));
+    std::fs::write(&log, "time,u\n0,1\n0.1,2\n").unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+    let options = ReadOptions::default();
+    let refused = |e: &Error| matches!(e, Error::Log(LogError::NoFile { .. }));
+    assert!(refused(&open(&fifo, &options).unwrap_err()));
+    assert!(refused(&Follower::open(&fifo, &["u"], &options).unwrap_err()));
+    let mut follower = Follower::open(&log, &["u"], &options).unwrap();
+    assert!(follower.poll().unwrap().grown);
+    assert!(!follower.poll().unwrap().grown);
+    // Gone for a while is waited for; a pipe in its place is not.
+    std::fs::remove_file(&log).unwrap();
+    assert!(!follower.poll().unwrap().grown);
+    std::fs::rename(&fifo, &log).unwrap();
+    assert!(refused(&follower.poll().unwrap_err()));
+}
+
 #[cfg(feature = "tables")]
 mod tables {
     use std::sync::Arc;

@@ -19,6 +19,7 @@ mod error;
 mod folder;
 mod frequency;
 mod grid;
+#[cfg(feature = "tables")]
 mod guard;
 #[cfg(feature = "tables")]
 mod hdf5;
