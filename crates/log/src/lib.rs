@@ -18,14 +18,14 @@ pub mod csv;
 mod error;
 mod folder;
 mod frequency;
+#[cfg(test)]
+mod fuzz;
 mod grid;
 #[cfg(feature = "tables")]
 mod guard;
 #[cfg(feature = "tables")]
 mod hdf5;
 mod header;
-#[cfg(test)]
-mod hostile;
 mod listing;
 mod log;
 mod mat;

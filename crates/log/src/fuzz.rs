@@ -1,3 +1,5 @@
+//! `DEADTIME_FUZZ_ROUNDS` mutants of each file are drawn with `DEADTIME_FUZZ_SEED`; `scripts/fuzz` goes on for minutes.
+//!
 //! Files that are damaged, or made to take memory or time without end: an error, or values that are right, or something that is said.
 
 use std::io::Write;
@@ -54,19 +56,43 @@ fn same(a: &Recording, b: &Recording) -> bool {
         })
 }
 
-/// Some bytes changed, left out, doubled or cut off.
+/// A number of the environment.
+fn number(name: &str, otherwise: u64) -> u64 {
+    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(otherwise)
+}
+
+fn drawing(seed: u64) -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(number("DEADTIME_FUZZ_SEED", 0).wrapping_mul(1000) + seed)
+}
+
+/// What lengths, counts and pointers break on.
+fn size(length: usize, rng: &mut impl Rng) -> u64 {
+    let sizes =
+        [0, 1, 0x7f, 0xff, 0x7fff_ffff, 0xffff_ffff, u64::MAX >> 1, u64::MAX, length as u64];
+    sizes[rng.random_range(0..sizes.len())].wrapping_add(rng.random_range(0..2))
+}
+
+/// Some bytes changed, left out, doubled or cut off, or a length, count or pointer set to what such break on.
 fn mutant(bytes: &[u8], rng: &mut impl Rng) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     for _ in 0..rng.random_range(1..=2) {
         let at = rng.random_range(0..bytes.len());
-        match rng.random_range(0..6) {
+        match rng.random_range(0..9) {
             0 => bytes[at] ^= 1 << rng.random_range(0..8),
             1 | 2 => bytes[at] = rng.random(),
             3 => {
                 let end = (at + rng.random_range(1..16)).min(bytes.len());
                 bytes[at..end].fill(if rng.random() { 0 } else { 0xff });
             }
-            4 => {
+            4 => bytes.truncate(at.max(1)),
+            5 | 6 => {
+                // Most numbers of four or eight bytes are aligned.
+                let (at, wide) = (at & !3, if rng.random() { 4 } else { 8 });
+                let written = size(bytes.len(), rng).to_le_bytes();
+                let end = (at + wide).min(bytes.len());
+                bytes[at..end].copy_from_slice(&written[..end - at]);
+            }
+            7 => {
                 bytes.remove(at);
             }
             _ => bytes.insert(at, rng.random()),
@@ -91,7 +117,8 @@ const DAMAGE: [&str; 8] = [
 fn damage_of_files_with_checksums_is_said_or_changes_nothing() {
     let folder = Folder::new();
     let options = ReadOptions::default();
-    let mut rng = ChaCha8Rng::seed_from_u64(47);
+    let mut rng = drawing(47);
+    let rounds = number("DEADTIME_FUZZ_ROUNDS", 400);
     for path in corpus("golden/log_files") {
         if path.extension().is_none_or(|e| e != "mcap") {
             continue;
@@ -105,8 +132,8 @@ fn damage_of_files_with_checksums_is_said_or_changes_nothing() {
             bytes[at + end.len() - 4..at + end.len()].copy_from_slice(&sum);
         }
         let whole = folder.read(&bytes, &options).unwrap();
-        let (mut said, mut equal) = (0, 0);
-        for round in 0..600 {
+        let (mut said, mut equal) = (0_u64, 0_u64);
+        for round in 0..rounds {
             let mutant = mutant(&bytes, &mut rng);
             match folder.read(&mutant, &options) {
                 Ok(read) if same(&read, &whole) => equal += 1,
@@ -120,7 +147,38 @@ fn damage_of_files_with_checksums_is_said_or_changes_nothing() {
                 Err(_) => said += 1,
             }
         }
-        assert!(said > 100 && equal > 20, "{}: {said} said, {equal} equal", path.display());
+        assert!(
+            said > rounds / 6 && equal > rounds / 30,
+            "{}: {said} said, {equal} equal",
+            path.display()
+        );
+    }
+}
+
+/// A mutant of any format ends soon, within its budget, as an error or as a log that can be listed.
+#[test]
+fn mutants_of_every_format_end_soon() {
+    let folder = Folder::new();
+    let mut rng = drawing(53);
+    let rounds = number("DEADTIME_FUZZ_ROUNDS", 400).div_ceil(4);
+    for path in corpus("golden/log_files").into_iter().chain(corpus("tests/corpus/log_files")) {
+        let bytes = std::fs::read(&path).unwrap();
+        for round in 0..rounds {
+            let mutant = mutant(&bytes, &mut rng);
+            let began = Instant::now();
+            let read = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+                let recording = folder.read(&mutant, &ReadOptions::default()).ok()?;
+                serde_json::to_string(&recording.listing()).ok()
+            }));
+            let slow = began.elapsed() > Duration::from_secs(5);
+            if slow || read.is_err() {
+                let kept =
+                    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/corpus/log_files");
+                let name = format!("{}-{round}", path.file_name().unwrap().to_string_lossy());
+                std::fs::write(kept.join(&name), &mutant).unwrap();
+                panic!("{name}: {}", if slow { "does not end" } else { "panicked" });
+            }
+        }
     }
 }
 
@@ -575,10 +633,10 @@ mod tables {
     }
 
     #[test]
-    fn mutants_of_tables_end_without_a_panic() {
+    fn fresh_tables_that_are_damaged_end_without_a_panic() {
         let folder = Folder::new();
-        let mut rng = ChaCha8Rng::seed_from_u64(13);
-        for round in 0..40 {
+        let mut rng = drawing(13);
+        for round in 0..number("DEADTIME_FUZZ_ROUNDS", 400).div_ceil(10) {
             let properties = drawn(&mut rng);
             let (bytes, ..) = table(200, properties, &mut rng);
             for _ in 0..25 {
