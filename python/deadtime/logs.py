@@ -36,7 +36,7 @@ def read(
     outputs: Iterable[str] | None = None,
     sample_time: float | None = None,
     time: str | None = None,
-    time_unit: Literal["s", "ms", "us", "ns", "iso"] | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso"] | None = None,
     stamps: Literal["arrival", "header"] = "arrival",
     unchecked: bool = False,
     max_memory_gb: float | None = None,
@@ -60,7 +60,7 @@ def read(
         Puts the channels of several topics onto an even grid instead, s between samples.
     time : str, optional
         The column of time, where it is not called `time` or like it.
-    time_unit : {"s", "ms", "us", "ns", "iso"}, optional
+    time_unit : {"s", "ms", "us", "ns", "min", "h", "d", "iso"}, optional
         The unit of that column, where its name and the size of its numbers do not tell; `iso` are dates.
     stamps : {"arrival", "header"}
         The clock of a ROS bag: when the recorder got a message, or what its sender wrote into it.
@@ -112,7 +112,7 @@ def read_records(
     *,
     channels: Mapping[str, str] | None = None,
     time: str | None = None,
-    time_unit: Literal["s", "ms", "us", "ns", "iso"] | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso"] | None = None,
     unchecked: bool = False,
     max_memory_gb: float | None = None,
 ) -> list[Log]:
@@ -154,7 +154,7 @@ def listing(
     path: str | os.PathLike[str],
     *,
     time: str | None = None,
-    time_unit: Literal["s", "ms", "us", "ns", "iso"] | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso"] | None = None,
     stamps: Literal["arrival", "header"] = "arrival",
     unchecked: bool = False,
     max_memory_gb: float | None = None,

@@ -57,7 +57,7 @@ pub(super) struct Clock {
     #[arg(long, value_name = "COLUMN")]
     time: Option<String>,
     /// Unit of that column; default: by its name and the size of its numbers, which is said
-    #[arg(long, value_enum, value_name = "s|ms|us|ns|iso")]
+    #[arg(long, value_enum, value_name = "s|ms|us|ns|min|h|d|iso")]
     time_unit: Option<UnitName>,
     /// Which stamps of a ROS bag to use
     #[arg(long, value_enum, default_value_t = StampsName::Arrival)]
@@ -76,6 +76,9 @@ enum UnitName {
     Ms,
     Us,
     Ns,
+    Min,
+    H,
+    D,
     Iso,
 }
 
@@ -97,6 +100,9 @@ impl Clock {
                 UnitName::Ms => TimeUnit::Ms,
                 UnitName::Us => TimeUnit::Us,
                 UnitName::Ns => TimeUnit::Ns,
+                UnitName::Min => TimeUnit::Min,
+                UnitName::H => TimeUnit::H,
+                UnitName::D => TimeUnit::D,
                 UnitName::Iso => TimeUnit::Iso,
             }),
             stamps: match self.stamps {

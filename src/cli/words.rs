@@ -25,7 +25,7 @@ pub(super) fn option(remedy: &Remedy) -> String {
         Remedy::Resample => "`--resample TS`",
         Remedy::ResampleAt { seconds } => return format!("`--resample {seconds}`"),
         Remedy::TimeColumn => "`--time COLUMN`",
-        Remedy::TimeUnit => "`--time-unit s|ms|us|ns|iso`",
+        Remedy::TimeUnit => "`--time-unit s|ms|us|ns|min|h|d|iso`",
         Remedy::Unchecked => "--unchecked",
         Remedy::HeaderStamps => "--stamps header",
         Remedy::ClosedLoop => "--loop closed",

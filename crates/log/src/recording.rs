@@ -22,12 +22,18 @@ pub enum TimeUnit {
     Us,
     /// Nanoseconds.
     Ns,
+    /// Minutes.
+    Min,
+    /// Hours.
+    H,
+    /// Days, also as spreadsheets count them.
+    D,
     /// Dates by ISO 8601.
     Iso,
 }
 
 impl TimeUnit {
-    /// How many of them a second has; dates are counted in nanoseconds.
+    /// How many of them a second has, a part of one where they are longer; dates are counted in nanoseconds.
     #[must_use]
     pub fn per_second(self) -> f64 {
         match self {
@@ -35,6 +41,9 @@ impl TimeUnit {
             Self::Ms => 1e3,
             Self::Us => 1e6,
             Self::Ns | Self::Iso => 1e9,
+            Self::Min => 1.0 / 60.0,
+            Self::H => 1.0 / 3600.0,
+            Self::D => 1.0 / 86_400.0,
         }
     }
 
@@ -46,6 +55,9 @@ impl TimeUnit {
             Self::Ms => "milliseconds",
             Self::Us => "microseconds",
             Self::Ns => "nanoseconds",
+            Self::Min => "minutes",
+            Self::H => "hours",
+            Self::D => "days",
             Self::Iso => "dates",
         }
     }

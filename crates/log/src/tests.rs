@@ -150,9 +150,9 @@ fn a_column_of_time_is_needed_in_a_known_unit() {
         assert!(matches!(error, LogError::FirstColumn { .. }));
         says(&error, &["a.csv", "row 1", found, "`time`", "which it is with `time`"]);
     }
-    let error = refusal("# made by hand\ntime [min],u\n0,1\n");
-    assert!(matches!(&error, LogError::TimeUnit { unit, row: 2, .. } if unit == "min"));
-    says(&error, &["a.csv", "row 2", "`min`", "convert it to seconds", "`time_unit`"]);
+    let error = refusal("# made by hand\ntime [ticks],u\n0,1\n");
+    assert!(matches!(&error, LogError::TimeUnit { unit, row: 2, .. } if unit == "ticks"));
+    says(&error, &["a.csv", "row 2", "`ticks`", "convert it to seconds", "`time_unit`"]);
 }
 
 // Dialects.

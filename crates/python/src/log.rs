@@ -32,10 +32,13 @@ fn read_options(
         Some("ms") => Some(TimeUnit::Ms),
         Some("us") => Some(TimeUnit::Us),
         Some("ns") => Some(TimeUnit::Ns),
+        Some("min") => Some(TimeUnit::Min),
+        Some("h") => Some(TimeUnit::H),
+        Some("d") => Some(TimeUnit::D),
         Some("iso") => Some(TimeUnit::Iso),
         Some(other) => {
             return Err(PyValueError::new_err(format!(
-                "time_unit is {other:?}; it is one of s, ms, us, ns, iso"
+                "time_unit is {other:?}; it is one of s, ms, us, ns, min, h, d, iso"
             )));
         }
     };

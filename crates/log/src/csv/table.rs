@@ -618,6 +618,13 @@ pub(super) fn time_column(
                 .or_else(|| {
                     names.iter().enumerate().position(|(place, (name, _))| called(place, name))
                 })
+                // A column of time in a unit that is not known.
+                .or_else(|| {
+                    let strange = |(place, (name, _)): (usize, &(String, Option<String>))| {
+                        clock::unknown_unit(name, place == 0).is_some()
+                    };
+                    names.iter().enumerate().position(strange)
+                })
                 .ok_or_else(|| LogError::FirstColumn {
                     file: file(),
                     row: lines.row,
@@ -630,7 +637,8 @@ pub(super) fn time_column(
     if let Some(given) = options.time_unit {
         return Ok((time, Some((given, Why::Given))));
     }
-    let unit = match bracket {
+    let bracket = bracket.map(str::to_owned).or_else(|| clock::unknown_unit(name, time == 0));
+    let unit = match bracket.as_deref() {
         Some(text) => Some(clock::unit(text).ok_or_else(|| LogError::TimeUnit {
             file: file(),
             row: lines.row,
