@@ -161,6 +161,8 @@ pub(super) struct StampReader {
     dates: bool,
     started: bool,
     whole: bool,
+    /// Dates without a zone: the clocks may be changed among them.
+    local: bool,
     /// Times of day without a date: the last one, and the midnights before it, nanoseconds.
     clock: Option<(i128, i128)>,
 }
@@ -177,6 +179,7 @@ impl StampReader {
         if !self.started {
             self.dates = unit == Some(TimeUnit::Iso)
                 || (unit.is_none() && number(cell).is_none() && text().and_then(written).is_some());
+            self.local = self.dates && text().is_some_and(|t| date(t).is_some() && !zoned(t));
             self.clock = text()
                 .filter(|t| self.dates && date(t).is_none())
                 .and_then(written)
@@ -218,6 +221,24 @@ impl StampReader {
         }
         *last = ns;
         Some(ns + *midnights)
+    }
+
+    /// By how much a change of the clocks moved this stamp, ns: an hour where it follows the one before it by a step and an hour, or a step less an hour, in the night of a Sunday.
+    pub(super) fn clock_change(&self, before: &[f64], raw: f64) -> Option<f64> {
+        const SUNDAY: i128 = 3;
+        let hour = HOUR_NS as f64;
+        let (last, from) = (before.last()?, self.origin.filter(|_| self.local)?);
+        if (0.0..hour).contains(&(raw - last)) {
+            return None;
+        }
+        let night = (from + *last as i128 + HOUR_NS / 4).rem_euclid(7 * DAY_NS) - SUNDAY * DAY_NS;
+        // A step that is often enough to be known, and short enough to show an hour.
+        let step = Some(median_step(before.get(before.len().saturating_sub(50)..)?))
+            .filter(|step| *step > 0.0 && *step <= HOUR_NS as f64 && before.len() > 3)?;
+        let off = raw - last - step;
+        let exact = |change: f64| (off - change).abs() <= 1e-3 * step;
+        let change = [hour, -hour].into_iter().find(|change| exact(*change))?;
+        (0..4 * HOUR_NS).contains(&night).then_some(change)
     }
 
     /// Where the stamps count from, as the end of a sentence; nothing where they are as written.
@@ -273,6 +294,13 @@ fn spreadsheet(size: f64, step: f64) -> bool {
     let whole = step_s.round() >= 1.0 && (step_s - step_s.round()).abs() <= 1e-3 * step_s.round();
     let decimal = (tenthousandths - tenthousandths.round()).abs() <= 1e-3;
     SPREADSHEET_DAYS.contains(&size) && step < 1.0 && whole && !decimal
+}
+
+/// Whether a date says of which zone it is.
+fn zoned(text: &str) -> bool {
+    let clock = text.trim().split_once(['T', 't', ' ']).map_or("", |(_, clock)| clock);
+    let (lower, sign) = (clock.to_lowercase(), clock.contains(['+', '-']));
+    sign || ["z", "utc", "gmt"].iter().any(|zone| lower.ends_with(zone))
 }
 
 /// A date, or a time of day alone.
@@ -361,7 +389,7 @@ fn days(year: i128, month: i128, of_month: i128) -> i128 {
 const HOUR_NS: i128 = 3_600_000_000_000;
 
 /// Nanoseconds of `HH:MM`, `HH:MM:SS`, `HH:MM:SS.fraction` with or without a zone.
-fn time_of_day(text: &str) -> Option<i128> {
+pub(super) fn time_of_day(text: &str) -> Option<i128> {
     let half = |end: &[&str]| end.iter().find_map(|end| text.strip_suffix(end));
     let halves = [half(&["AM", "am", "a.m."]), half(&["PM", "pm", "p.m."])];
     for (at, clock) in halves.into_iter().enumerate() {
@@ -558,5 +586,89 @@ mod tests {
             let log = read_from("a.csv", format!("timestamp,u\n{rows}").as_bytes()).unwrap();
             assert!((log.time_s()[10] - log.time_s()[0] - 10.0 * step).abs() < 1e-6, "{step}");
         }
+    }
+
+    #[test]
+    fn a_change_of_the_clocks_moves_local_stamps_and_no_others() {
+        use crate::csv::table::recording_from;
+        use crate::recording::ReadOptions;
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(10);
+        let day = |d: i128| d * 86_400;
+        // The last Sundays of March and October 2023, at which hour local time changes, and by how much.
+        for (of, change) in [(days(2023, 3, 26), 3600), (days(2023, 10, 29), -3600)] {
+            for round in 0..30 {
+                let step = [60, 300, 600, 900][rng.random_range(0..4)];
+                let at = day(of) + 3600 * if change > 0 { 2 } else { 3 };
+                let start = at - step * rng.random_range(5..20);
+                let zone = ["", "Z", "+02:00"][round % 3];
+                let mut text = "time,u\n".to_owned();
+                for k in 0..60 {
+                    let s = start + k * step;
+                    let local = if s >= at { s + change } else { s };
+                    let (d, s) = (local.div_euclid(86_400), local.rem_euclid(86_400));
+                    let month = if change > 0 { 3 } else { 10 };
+                    let of_month = d - days(2023, month, 1) + 1;
+                    text += &format!(
+                        "2023-{month:02}-{of_month:02}T{:02}:{:02}:{:02}{zone},{k}\n",
+                        s / 3600,
+                        s / 60 % 60,
+                        s % 60
+                    );
+                }
+                let read = recording_from("a.csv", text.as_bytes(), &ReadOptions::default());
+                if !zone.is_empty() {
+                    // With a zone nothing is moved: back is an error, forward a gap.
+                    assert_eq!(read.is_err(), change < 0, "{zone}");
+                    continue;
+                }
+                let read = read.unwrap();
+                assert!(read.notes.join("|").contains("by an hour"), "{:?}", read.notes);
+                let log = read.into_log().unwrap();
+                for (k, time_s) in log.time_s().iter().enumerate() {
+                    assert_eq!(*time_s, (k as i128 * step) as f64);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn date_and_time_of_day_are_read_together_and_rows_written_twice_once() {
+        use crate::csv::table::recording_from;
+        use crate::recording::ReadOptions;
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
+        for names in ["Date,Time", "date,time", "Datum,Uhrzeit", "Time,Date"] {
+            let first = names.starts_with('D') || names.starts_with('d');
+            let (mut text, mut twice) = (format!("{names},pump,y\n"), 0);
+            let start = rng.random_range(80_000..86_000);
+            for k in 0..80 {
+                let s = start + k * 300;
+                let (date, clock) = (
+                    format!("2024-03-{:02}", 5 + s / 86_400),
+                    format!("{:02}:{:02}:{:02}", s / 3600 % 24, s / 60 % 60, s % 60),
+                );
+                let (a, b) = if first { (date, clock) } else { (clock, date) };
+                let row = format!("{a},{b},{},{}\n", if k % 2 == 0 { "ON" } else { "off" }, k);
+                text += &row;
+                if rng.random_bool(0.1) {
+                    text += &row;
+                    twice += 1;
+                }
+            }
+            let read = recording_from("a.csv", text.as_bytes(), &ReadOptions::default()).unwrap();
+            let notes = read.notes.join("|");
+            assert!(notes.contains("the date stands in the column"), "{notes}");
+            assert_eq!(notes.contains(&format!("{twice} rows are the same")), twice > 0, "{notes}");
+            let log = read.into_log().unwrap();
+            assert_eq!(log.names().collect::<Vec<_>>(), ["pump", "y"]);
+            assert_eq!(log.input("pump").unwrap()[..3], [1.0, 0.0, 1.0]);
+            for (k, time_s) in log.time_s().iter().enumerate() {
+                assert_eq!(*time_s, 300.0 * k as f64, "{names}");
+            }
+        }
+        // The same time with other numbers is no row written twice.
+        let text = "time,u\n0,1\n1,2\n1,3\n2,4\n";
+        assert!(recording_from("a.csv", text.as_bytes(), &ReadOptions::default()).is_err());
     }
 }

@@ -324,6 +324,10 @@ pub(super) struct Header {
     /// Whether a comma within a cell is a decimal comma.
     decimal_comma: bool,
     time: usize,
+    /// The column of the date, where the time is one of day.
+    date: Option<usize>,
+    /// Rows that were written twice.
+    twice: usize,
     pub(super) clock: Clock,
     columns: Columns,
     cells: usize,
@@ -461,14 +465,32 @@ impl Header {
             notes.push(format!("the row below row {} holds the units", lines.row));
             lines.skip_below();
         }
-        let (_, unit) = time_column(lines, &names, options)?;
+        let (_, mut unit) = time_column(lines, &names, options)?;
         let cells = names.len();
-        let (column, columns) = channels(lines, names, (time, index), options, &mut notes)?;
+        let beside = date_beside(&names, &lines.below(), options);
+        let (date, time) = beside.map_or((None, time), |(date, time)| (Some(date), time));
+        if let Some((name, _)) = date.and_then(|date| names.get(date)) {
+            notes.push(format!("the date stands in the column `{}`", shown(name.as_bytes())));
+            unit = None;
+        }
+        let (column, mut columns) = channels(lines, names, (time, index), options, &mut notes)?;
+        columns.retain(|(place, ..)| Some(*place) != date);
         let clock = Clock { column, unit };
         let separator = lines.separator;
         let decimal_comma = separator.allows_decimal_comma()
             || lines.below().iter().any(|cell| has_decimal_comma(cell));
-        Ok(Self { separator, decimal_comma, time, clock, columns, cells, trailing, notes })
+        Ok(Self {
+            separator,
+            decimal_comma,
+            time,
+            date,
+            twice: 0,
+            clock,
+            columns,
+            cells,
+            trailing,
+            notes,
+        })
     }
 
     /// Says that the last row is not whole.
@@ -509,7 +531,9 @@ impl Header {
         lines: &Lines<'_>,
         stamps: &mut StampReader,
     ) -> Result<f64, LogError> {
-        let (time, row) = (lines.cell(self.time), lines.row);
+        let joined = self.date.map(|date| [lines.cell(date), b" ", lines.cell(self.time)].concat());
+        let time = joined.as_deref().unwrap_or(lines.cell(self.time));
+        let row = lines.row;
         let number = |cell: &[u8]| match parse(cell, self.decimal_comma) {
             Cell::Number(x) => Some(x),
             _ => None,
@@ -539,6 +563,16 @@ impl Header {
     ) -> Result<Option<f64>, LogError> {
         let cell = lines.cell(place);
         parse(cell, self.decimal_comma).number(source, lines.row, name, cell)
+    }
+
+    /// Whether the current line has the numbers of the one before it.
+    fn again(&self, source: &str, lines: &Lines<'_>, columns: &[CellColumn]) -> bool {
+        columns.iter().zip(&self.columns).all(|(column, (place, name, _))| {
+            column.refused.is_some()
+                || self
+                    .number(source, lines, *place, name)
+                    .is_ok_and(|value| column.last() == Some(value))
+        })
     }
 
     /// The unit of time, settled by the first record that shows it.
@@ -596,6 +630,26 @@ impl Header {
         note.into_iter().for_each(|note| self.notes.push_once(note));
         unit
     }
+}
+
+/// The columns of date and time of day, where a row has them apart.
+fn date_beside(names: &Names, below: &[Vec<u8>], options: &ReadOptions) -> Option<(usize, usize)> {
+    const DATES: [&str; 3] = ["date", "datum", "day"];
+    const TIMES: [&str; 5] = ["time", "zeit", "uhrzeit", "clock", "time_of_day"];
+    let text = |place: usize| std::str::from_utf8(below.get(place)?).ok().map(str::trim);
+    let is = |place: usize, known: &[&str], test: &dyn Fn(&str) -> bool| {
+        let name = names.get(place).map(|(name, _)| name.trim().to_lowercase().replace(' ', "_"));
+        name.is_some_and(|n| known.contains(&n.as_str())) && text(place).is_some_and(test)
+    };
+    let places = || 0..names.len();
+    let of_day = |t: &str| t.contains(':') && clock::time_of_day(t).is_some();
+    let date =
+        places().find(|p| is(*p, &DATES, &|t| !t.contains(':') && clock::date(t).is_some()))?;
+    let time = places().find(|p| is(*p, &TIMES, &of_day))?;
+    let named = options.time.as_ref().is_none_or(|wanted| {
+        [date, time].iter().any(|p| names.get(*p).is_some_and(|(name, _)| name == wanted))
+    });
+    (named && options.time_unit.is_none_or(|unit| unit == TimeUnit::Iso)).then_some((date, time))
 }
 
 /// The column of time and, where somebody says it, its unit.
@@ -761,11 +815,15 @@ pub(super) fn parse(cell: &[u8], decimal_comma: bool) -> Cell {
         Some(x) if x.is_nan() => Cell::Missing,
         Some(_) => Cell::NotFinite,
         None if NOTHING.contains(&text.to_lowercase().as_bytes()) => Cell::Missing,
-        None if text.eq_ignore_ascii_case("true") => Cell::Number(1.0),
-        None if text.eq_ignore_ascii_case("false") => Cell::Number(0.0),
+        None if ON.iter().any(|on| text.eq_ignore_ascii_case(on)) => Cell::Number(1.0),
+        None if OFF.iter().any(|off| text.eq_ignore_ascii_case(off)) => Cell::Number(0.0),
         None => Cell::Text,
     }
 }
+
+/// What stands for 1 and for 0 in columns of switches.
+const ON: [&str; 2] = ["true", "on"];
+const OFF: [&str; 2] = ["false", "off"];
 
 /// A log that is being read; its time in the unit of the file until it is whole.
 pub(super) struct PartialLog {
@@ -774,6 +832,8 @@ pub(super) struct PartialLog {
     raw: Vec<f64>,
     columns: Vec<CellColumn>,
     rows: Rows,
+    /// By how much changes of the clocks moved the stamps, in the unit of the file.
+    moved: f64,
     /// Rows that may be read.
     most: usize,
     /// The memory that this is of, where it is the lower limit, bytes.
@@ -789,6 +849,12 @@ pub(super) struct CellColumn {
 }
 
 impl CellColumn {
+    /// The number in the row before; `Some(None)` where it is missing.
+    fn last(&self) -> Option<Option<f64>> {
+        let there = self.present.as_ref().is_none_or(|p| p.last() == Some(&true));
+        self.values.last().map(|value| there.then_some(*value))
+    }
+
     fn push(&mut self, value: Option<f64>) {
         if value.is_none() && self.present.is_none() {
             self.present = Some(vec![true; self.values.len()]);
@@ -816,6 +882,7 @@ impl PartialLog {
             raw: Vec::new(),
             columns,
             rows: Rows::new(Origin::File),
+            moved: 0.0,
             most,
             memory: Some(memory).filter(|_| numbers < MOST_NUMBERS),
         }
@@ -837,7 +904,7 @@ impl PartialLog {
             return None;
         }
         let stamp = header.stamp(&self.source, lines, &mut self.stamps.clone());
-        if !stamp.is_ok_and(|stamp| stamp > *last) {
+        if !stamp.is_ok_and(|stamp| stamp - self.moved > *last) {
             return Some(format!("its time is `{}`", shown(lines.cell(header.time))));
         }
         let columns =
@@ -860,7 +927,7 @@ impl PartialLog {
     fn push(&mut self, lines: &Lines<'_>, header: &mut Header) -> Result<(), LogError> {
         header.check_length(lines)?;
         let row = lines.row;
-        let Self { source, stamps, raw: before, columns, rows, most, memory } = self;
+        let Self { source, stamps, raw: before, columns, rows, moved, most, memory } = self;
         if before.len() >= *most {
             if let Some(memory) = memory {
                 let limit_mb = memory.div_ceil(1 << 20);
@@ -874,7 +941,18 @@ impl PartialLog {
                 gb: numbers * size_of::<f64>() as f64 / 1e9,
             });
         }
-        let raw = header.stamp(source, lines, stamps)?;
+        let mut raw = header.stamp(source, lines, stamps)? - *moved;
+        if let Some(change) = stamps.clock_change(before, raw) {
+            (raw, *moved) = (raw - change, *moved + change);
+            let way = if change > 0.0 { "forward" } else { "back" };
+            header.notes.push(format!(
+                "row {row}: local time goes {way} by an hour, as where the clocks are changed; the stamps behind it are moved by that hour"
+            ));
+        }
+        if before.last() == Some(&raw) && header.again(source, lines, columns) {
+            header.twice += 1;
+            return Ok(());
+        }
         if before.last().is_none_or(|before| *before < raw) && raw.abs() <= crate::log::TIME_LIMIT_S
         {
             rows.note(before.len(), row);
@@ -899,6 +977,12 @@ impl PartialLog {
     }
 
     fn finish(mut self, header: &mut Header) -> Result<Log, LogError> {
+        if header.twice > 0 {
+            let twice = std::mem::take(&mut header.twice);
+            header.notes.push(format!(
+                "{twice} rows are the same as the one before them, with its time; each is read once"
+            ));
+        }
         let scale = header.settle(&self.stamps, &self.raw).per_second();
         let mut time_s = self.raw;
         if scale != 1.0 {
