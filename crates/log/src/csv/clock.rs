@@ -10,7 +10,7 @@ const COUNTED_FROM_FIRST: i128 = 100_000_000_000;
 /// Seconds since 1970 at the beginning of 2000 and of 2100: whole numbers between them are dates in seconds, and so on for thousandths.
 const DATES_S: std::ops::Range<f64> = 946_684_800.0..4_102_444_800.0;
 /// What a column of time may be called, lower case, its unit taken off.
-const NAMES: [&str; 22] = [
+const NAMES: [&str; 23] = [
     "time",
     "timestamp",
     "time_stamp",
@@ -27,6 +27,7 @@ const NAMES: [&str; 22] = [
     "unix_time",
     "utc",
     "ts",
+    "x_value",
     "tow",
     "gps_time",
     "zeit",
@@ -670,5 +671,49 @@ mod tests {
         // The same time with other numbers is no row written twice.
         let text = "time,u\n0,1\n1,2\n1,3\n2,4\n";
         assert!(recording_from("a.csv", text.as_bytes(), &ReadOptions::default()).is_err());
+    }
+
+    #[test]
+    fn rows_above_a_table_are_left_out_and_said() {
+        use crate::csv::table::recording_from;
+        use crate::recording::ReadOptions;
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(14);
+        let above =
+            ["Model", "Firmware", "Time", "Date", "Product", "Scale", "Sample Interval", "Units"];
+        let values =
+            ["TBS1000", "v4.06", "10:00:00", "2024-03-05", "Blackbox", "0.001", "4e-06", "S"];
+        for _ in 0..100 {
+            let by = [",", ";", "\t"][rng.random_range(0..3)];
+            let mut text = String::new();
+            // The first row is none of a table, whatever follows.
+            text += &format!("Product{by}scope 7\n");
+            let rows = rng.random_range(0..30);
+            for _ in 0..rows {
+                let which = rng.random_range(0..above.len());
+                let end = by.repeat(rng.random_range(0..3));
+                text += &format!("{}{by}{}{end}\n", above[which], values[which]);
+            }
+            if rng.random() {
+                text += &format!("{by}{by}\n");
+            }
+            let name = ["TIME", "time", "X_Value", "Zeit", "timestamp"][rng.random_range(0..5)];
+            text += &format!("{name}{by}CH1{by}CH2\n");
+            (0..40).for_each(|k| {
+                text += &format!("{:.3}{by}{k}{by}{}\n", -0.02 + 0.001 * f64::from(k), k % 3)
+            });
+            let read = recording_from("a.csv", text.as_bytes(), &ReadOptions::default())
+                .unwrap_or_else(|e| panic!("{e}\n{text}"));
+            assert!(read.notes.join("|").contains("stand above the table"), "{:?}", read.notes);
+            let log = read.into_log().unwrap();
+            assert_eq!((log.len(), log.input("CH1").unwrap()[39]), (40, 39.0), "{text}");
+        }
+        // Without a table the first row is named, as ever.
+        let text = "Product,scope 7\nModel,3\nTime,10:00:00\n";
+        let said = recording_from("a.csv", text.as_bytes(), &ReadOptions::default()).unwrap_err();
+        assert!(
+            said.to_string().contains("row 1") && said.to_string().contains("`Product`"),
+            "{said}"
+        );
     }
 }

@@ -443,7 +443,16 @@ impl Header {
         if !lines.header()? {
             return Err(lines.nothing(LogError::Empty { file: file.into() }).into());
         }
-        let mut notes = Notes::default();
+        Self::of_table(lines, options, Notes::default())
+    }
+
+    /// From the line at hand.
+    fn of_table(
+        lines: &mut Lines<'_>,
+        options: &ReadOptions,
+        mut notes: Notes,
+    ) -> Result<Self, Error> {
+        let file = lines.file;
         let mut names = names(lines, &mut notes)?;
         let trailing = (names.len() > 1
             && names.last().is_some_and(|last| *last == Default::default()))
@@ -460,7 +469,19 @@ impl Header {
             return Err(LogError::UnnamedColumn { file: file.into(), row, column }.into());
         }
         let index = unnamed_first(&mut names, cell(0), options, &mut notes);
-        let (time, _) = time_column(lines, &names, options)?;
+        let (time, _) = match time_column(lines, &names, options) {
+            Ok(found) => found,
+            Err(error) => {
+                let row = lines.row;
+                if notes.iter().any(|note| note.contains(PREAMBLE)) || !table_below(lines, options)?
+                {
+                    return Err(error.into());
+                }
+                let last = lines.row - 1;
+                notes.push(format!("rows {row} to {last} {PREAMBLE} and are left out"));
+                return Self::of_table(lines, options, notes);
+            }
+        };
         if take_units(&mut names, time, &below) {
             notes.push(format!("the row below row {} holds the units", lines.row));
             lines.skip_below();
@@ -630,6 +651,37 @@ impl Header {
         note.into_iter().for_each(|note| self.notes.push_once(note));
         unit
     }
+}
+
+/// What is said of rows above the table.
+const PREAMBLE: &str = "stand above the table";
+/// Rows above a table that are looked through.
+const MOST_ABOVE: usize = 2000;
+
+/// Goes to the first row that begins a table: one of its names is that of the time, as many cells stand below, and the one below that name is a stamp.
+fn table_below(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<bool, Error> {
+    let mut unused = Notes::default();
+    for _ in 0..MOST_ABOVE {
+        if !lines.header_below()? {
+            return Ok(false);
+        }
+        let Ok(mut names) = names(lines, &mut unused) else { continue };
+        if names.last().is_some_and(|last| *last == Default::default()) {
+            names.pop();
+        }
+        let below = lines.below();
+        let Ok((time, _)) = time_column(lines, &names, options) else { continue };
+        let stamp = |cell: &Vec<u8>| {
+            let text = std::str::from_utf8(cell).unwrap_or_default().trim();
+            matches!(parse(cell, true), Cell::Number(_))
+                || clock::date(text).or_else(|| clock::time_of_day(text)).is_some()
+        };
+        let alike = (names.len()..=names.len() + 1).contains(&below.len());
+        if names.len() > 1 && alike && below.get(time).is_some_and(stamp) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// The columns of date and time of day, where a row has them apart.
