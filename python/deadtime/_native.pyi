@@ -32,6 +32,7 @@ class Log:
         sample_time: float | None = None,
         unchecked: bool = False,
         max_memory_gb: float | None = None,
+        missing: Sequence[int] = ...,
     ) -> list[Log]: ...
     @staticmethod
     def _listing(
@@ -39,6 +40,7 @@ class Log:
         clock: tuple[str | None, str | None, str],
         unchecked: bool = False,
         max_memory_gb: float | None = None,
+        missing: Sequence[int] = ...,
     ) -> str: ...
     def write_csv(self, path: str | os.PathLike[str]) -> None: ...
     def window(self, start: float | None = None, stop: float | None = None) -> Log: ...

@@ -40,6 +40,7 @@ def read(
     stamps: Literal["arrival", "header"] = "arrival",
     unchecked: bool = False,
     max_memory_gb: float | None = None,
+    missing: Iterable[int] = (),
 ) -> Log:
     """The log in the file at `path`: text with a header row, a column `time` in seconds and channels as `name` or `name [unit]`, or another format
     (docs/logs.md). What was guessed, such as the unit of time, is a warning.
@@ -68,6 +69,8 @@ def read(
         Also reads parts whose checksum does not match; else they are left out, with a warning.
     max_memory_gb : float, optional
         Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
+    missing : sequence of int
+        Numbers that stand for a missing sample, such as -9999.
 
     Raises
     ------
@@ -93,7 +96,8 @@ def read(
     """
     wanted = None if inputs is None and outputs is None else (_names("inputs", inputs), _names("outputs", outputs))
     grid = None if sample_time is None else float(sample_time)
-    return _calculated(Log._read(path, (time, time_unit, stamps), None, wanted, grid, unchecked, max_memory_gb)[0], channels)
+    read = Log._read(path, (time, time_unit, stamps), None, wanted, grid, unchecked, max_memory_gb, list(missing))
+    return _calculated(read[0], channels)
 
 
 def _names(what: str, given: Iterable[str] | None) -> list[str]:
@@ -115,6 +119,7 @@ def read_records(
     time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso"] | None = None,
     unchecked: bool = False,
     max_memory_gb: float | None = None,
+    missing: Iterable[int] = (),
 ) -> list[Log]:
     """The records of the CSV file at `path`, a new one at each new value of `column`.
 
@@ -132,6 +137,8 @@ def read_records(
         Also reads parts whose checksum does not match; else they are left out, with a warning.
     max_memory_gb : float, optional
         Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
+    missing : sequence of int
+        Numbers that stand for a missing sample, such as -9999.
 
     Raises
     ------
@@ -147,7 +154,8 @@ def read_records(
     ...     [log["u"].tolist() for log in deadtime.read_records(path, "run")]
     [[1.0, 2.0], [3.0, 4.0]]
     """
-    return [_calculated(log, channels) for log in Log._read(path, (time, time_unit, "arrival"), column, None, None, unchecked, max_memory_gb)]
+    read = Log._read(path, (time, time_unit, "arrival"), column, None, None, unchecked, max_memory_gb, list(missing))
+    return [_calculated(log, channels) for log in read]
 
 
 def listing(
@@ -158,6 +166,7 @@ def listing(
     stamps: Literal["arrival", "header"] = "arrival",
     unchecked: bool = False,
     max_memory_gb: float | None = None,
+    missing: Iterable[int] = (),
 ) -> dict[str, Any]:
     """What the file at `path` holds: its topics with rates, gaps and channels, as `deadtime log FILE --json` prints it (docs/logs.md).
 
@@ -171,6 +180,8 @@ def listing(
         Also reads parts whose checksum does not match; else they are left out, with a warning.
     max_memory_gb : float, optional
         Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
+    missing : sequence of int
+        Numbers that stand for a missing sample, such as -9999.
 
     Raises
     ------
@@ -184,7 +195,8 @@ def listing(
     >>> [channel["name"] for channel in found["topics"][0]["channels"]]
     ['r', 'p', 'ay', 'v', 'phi']
     """
-    return json.loads(Log._listing(path, (time, time_unit, stamps), unchecked, max_memory_gb))  # type: ignore[no-any-return]
+    found = Log._listing(path, (time, time_unit, stamps), unchecked, max_memory_gb, list(missing))
+    return json.loads(found)  # type: ignore[no-any-return]
 
 
 def as_log(data: LogLike, units: Mapping[str, str] | None = None) -> Log:

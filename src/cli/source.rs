@@ -65,6 +65,9 @@ pub(super) struct Clock {
     /// Read parts whose checksum does not match, too; default: they are named, left out and counted
     #[arg(long)]
     unchecked: bool,
+    /// A number that stands for a missing sample, such as -9999; may be repeated
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    missing: Vec<i64>,
     /// Memory that reading a log may take, in GB; default: 4 times the file and 64 MiB
     #[arg(long, value_name = "GB")]
     max_memory_gb: Option<f64>,
@@ -110,6 +113,7 @@ impl Clock {
                 StampsName::Header => Stamps::Header,
             },
             unchecked: self.unchecked,
+            missing: self.missing.clone(),
             memory: self.max_memory_gb.map(|gb| (gb * 1e9) as u64),
             far: far.clone(),
         }

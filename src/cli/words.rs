@@ -26,6 +26,7 @@ pub(super) fn option(remedy: &Remedy) -> String {
         Remedy::ResampleAt { seconds } => return format!("`--resample {seconds}`"),
         Remedy::TimeColumn => "`--time COLUMN`",
         Remedy::TimeUnit => "`--time-unit s|ms|us|ns|min|h|d|iso`",
+        Remedy::Missing { number } => return format!("--missing {number}"),
         Remedy::Unchecked => "--unchecked",
         Remedy::HeaderStamps => "--stamps header",
         Remedy::ClosedLoop => "--loop closed",

@@ -185,7 +185,7 @@ fn mutants_of_every_format_end_soon() {
 #[test]
 fn a_chunk_that_is_not_as_it_was_written_is_left_out_unless_it_is_wanted() {
     let bytes = std::fs::read(
-        &corpus("golden/log_files").into_iter().find(|f| f.ends_with("ros2_plain.mcap")).unwrap(),
+        corpus("golden/log_files").into_iter().find(|f| f.ends_with("ros2_plain.mcap")).unwrap(),
     )
     .unwrap();
     let folder = Folder::new();

@@ -45,6 +45,7 @@ mod ros;
 mod ros_types;
 mod rosbag2;
 mod scalar;
+mod sentinel;
 mod sqlite;
 mod step;
 #[cfg(test)]

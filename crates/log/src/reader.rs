@@ -6,7 +6,7 @@ use std::path::Path;
 use super::error::{Error, LogError};
 use super::log::Log;
 use super::recording::{ReadOptions, Recording};
-use super::{csv, folder, mat, mcap, rosbag2, ulog};
+use super::{csv, folder, mat, mcap, rosbag2, sentinel, ulog};
 
 /// As many bytes as any format is recognised by.
 const HEAD: usize = 520;
@@ -227,7 +227,10 @@ pub(super) fn regular(path: &Path) -> Result<(), Error> {
 /// # Errors
 /// [`FileError::Io`](deadtime_signal::file::FileError::Io) when the operating system refuses the file; [`super::error::LogError`] naming what is wrong, and where.
 pub fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
-    (reader(path)?.open)(path, options)
+    let mut recording = (reader(path)?.open)(path, options)?;
+    let Recording { topics, notes, .. } = &mut recording;
+    topics.iter_mut().for_each(|topic| sentinel::missing(&mut topic.log, &options.missing, notes));
+    Ok(recording)
 }
 
 /// Reads a file that holds one log: what [`open`] guessed is not said.

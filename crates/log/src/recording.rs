@@ -84,6 +84,8 @@ pub struct ReadOptions {
     pub stamps: Stamps,
     /// Reads parts whose checksum does not match, too; else they are left out and counted.
     pub unchecked: bool,
+    /// Numbers that stand for a missing sample.
+    pub missing: Vec<i64>,
     /// Memory that reading may take, bytes; `None`: 4 times the file and 64 MiB.
     pub memory: Option<u64>,
     /// Where it is said how much of the file is read.

@@ -54,9 +54,13 @@ fn read_options(
     Ok(ReadOptions { time, time_unit, stamps, ..ReadOptions::default() })
 }
 
-/// With what is read of damaged files, and the memory that it may take.
-fn limited(options: ReadOptions, unchecked: bool, max_memory_gb: Option<f64>) -> ReadOptions {
-    ReadOptions { unchecked, memory: max_memory_gb.map(|gb| (gb * 1e9) as u64), ..options }
+/// With what is read of damaged files, the memory that it may take, and the numbers that stand for missing samples.
+fn limited(
+    options: ReadOptions,
+    (unchecked, max_memory_gb, missing): (bool, Option<f64>, Vec<i64>),
+) -> ReadOptions {
+    let memory = max_memory_gb.map(|gb| (gb * 1e9) as u64);
+    ReadOptions { unchecked, memory, missing, ..options }
 }
 
 /// A measured log: time stamps and named channels of as many samples.
@@ -116,7 +120,7 @@ impl Log {
     /// The records of a CSV file (.csv or .csv.gz), one without `records`, else one per new value of that column. With the names of inputs and outputs the channels
     /// of several topics are put together, on an even grid where `sample_time` is given. `clock` is the column of time, its unit and which stamps of bags.
     #[staticmethod]
-    #[pyo3(signature = (path, clock, records = None, wanted = None, sample_time = None, unchecked = false, max_memory_gb = None))]
+    #[pyo3(signature = (path, clock, records = None, wanted = None, sample_time = None, unchecked = false, max_memory_gb = None, missing = Vec::new()))]
     #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
     fn _read(
         py: Python<'_>,
@@ -127,9 +131,10 @@ impl Log {
         sample_time: Option<f64>,
         unchecked: bool,
         max_memory_gb: Option<f64>,
+        missing: Vec<i64>,
     ) -> PyResult<Vec<Self>> {
         let grid = sample_time.map(SampleTime::new).transpose().or_raise(py)?;
-        let options = limited(read_options(clock)?, unchecked, max_memory_gb);
+        let options = limited(read_options(clock)?, (unchecked, max_memory_gb, missing));
         let read = || match records {
             Some(column) => csv::records(&path, &column, &options),
             None => {
@@ -156,15 +161,16 @@ impl Log {
 
     /// What a file holds, `deadtime/log@1`, as JSON text.
     #[staticmethod]
-    #[pyo3(signature = (path, clock, unchecked = false, max_memory_gb = None))]
+    #[pyo3(signature = (path, clock, unchecked = false, max_memory_gb = None, missing = Vec::new()))]
     fn _listing(
         py: Python<'_>,
         path: PathBuf,
         clock: (Option<String>, Option<String>, String),
         unchecked: bool,
         max_memory_gb: Option<f64>,
+        missing: Vec<i64>,
     ) -> PyResult<String> {
-        let options = limited(read_options(clock)?, unchecked, max_memory_gb);
+        let options = limited(read_options(clock)?, (unchecked, max_memory_gb, missing));
         let mut listing = py
             .detach(|| open(&path, &options).map(|recording| recording.listing()))
             .or_raise(py)?;

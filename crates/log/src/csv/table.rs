@@ -11,6 +11,7 @@ use crate::log::{Channel, Log, Origin, Rows, Unusable, time_follows};
 use crate::notes::Notes;
 use crate::place::Place;
 use crate::recording::{ReadOptions, Recording, TimeUnit};
+use crate::sentinel;
 use deadtime_signal::file::write_atomic;
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::remedy::{Message, Remedy};
@@ -186,7 +187,10 @@ pub fn records(
     options: &ReadOptions,
 ) -> Result<(Vec<Log>, Notes), Error> {
     let source = path.display().to_string();
-    records_from(&source, open(path, &options.far)?, column, &within(path, options))
+    let read = open(path, &options.far)?;
+    let (mut logs, mut notes) = records_from(&source, read, column, &within(path, options))?;
+    logs.iter_mut().for_each(|log| sentinel::missing(log, &options.missing, &mut notes));
+    Ok((logs, notes))
 }
 
 pub(super) fn records_from(

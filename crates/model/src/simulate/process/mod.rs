@@ -9,7 +9,7 @@ mod command;
 mod persistent;
 mod program;
 mod table;
-#[cfg(all(test, target_os = "linux"))]
+#[cfg(test)]
 mod tests;
 
 pub use child::Children;

@@ -1,5 +1,7 @@
 //! Programs that flood, that hold on to pipes, and that leave something behind.
 
+#![cfg(target_os = "linux")]
+
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
