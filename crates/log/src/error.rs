@@ -5,7 +5,7 @@ use std::path::Path;
 use deadtime_signal::file::FileError;
 use deadtime_signal::remedied;
 use deadtime_signal::remedy::{Message, Remedied, Remedy};
-use deadtime_signal::time::TimeError;
+use deadtime_signal::time::{LEAST_S, TimeError};
 
 use super::frequency::FrequencyError;
 use super::place::{Place, neighbours};
@@ -122,6 +122,16 @@ pub enum LogError {
         format: &'static str,
         /// What is wrong with it and what to do.
         what: String,
+    },
+    /// Samples closer to each other than any recorder takes them.
+    #[error(
+        "{file}: a sample every {step_s:e} s, which no recorder takes ({LEAST_S:e} s is the least); is time in another unit?"
+    )]
+    TooFast {
+        /// The log.
+        file: String,
+        /// The mean time from sample to sample, s.
+        step_s: f64,
     },
     /// A file that takes more memory than may be taken.
     #[error("{}", self.remedied().unwrap_or_default())]

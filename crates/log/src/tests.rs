@@ -1114,3 +1114,21 @@ fn ten_million_rows_load_and_keep_an_exact_grid() {
     assert_eq!(log.place(9_999_999), Place::Row(10_000_001));
     assert_eq!(log.input("y").unwrap()[9_999_999], 4.9);
 }
+
+#[test]
+fn samples_closer_than_any_recorder_takes_them_are_refused() {
+    for (step, fine) in [
+        (5e-324, false),
+        (1e-300, false),
+        (1e-20, false),
+        (1e-13, false),
+        (1e-11, true),
+        (1e-9, true),
+    ] {
+        let stamps: Vec<f64> = (0..50).map(|k| f64::from(k) * step).collect();
+        let channel = crate::Channel::new("u", None, vec![1.0; 50]);
+        let log = crate::Log::new("a", stamps, vec![channel]);
+        assert_eq!(log.is_ok(), fine, "{step}");
+        assert!(fine || log.unwrap_err().to_string().contains("another unit"));
+    }
+}
