@@ -30,9 +30,18 @@ class Log:
         records: str | None = None,
         wanted: tuple[Sequence[str], Sequence[str]] | None = None,
         sample_time: float | None = None,
+        unchecked: bool = False,
+        max_memory_gb: float | None = None,
+        missing: Sequence[int] = ...,
     ) -> list[Log]: ...
     @staticmethod
-    def _listing(path: str | os.PathLike[str], clock: tuple[str | None, str | None, str]) -> str: ...
+    def _listing(
+        path: str | os.PathLike[str],
+        clock: tuple[str | None, str | None, str],
+        unchecked: bool = False,
+        max_memory_gb: float | None = None,
+        missing: Sequence[int] = ...,
+    ) -> str: ...
     def write_csv(self, path: str | os.PathLike[str]) -> None: ...
     def window(self, start: float | None = None, stop: float | None = None) -> Log: ...
     def resample(self, sample_time: float, held: Sequence[str] = ...) -> Log: ...

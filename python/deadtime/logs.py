@@ -36,8 +36,11 @@ def read(
     outputs: Iterable[str] | None = None,
     sample_time: float | None = None,
     time: str | None = None,
-    time_unit: Literal["s", "ms", "us", "ns", "iso"] | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso"] | None = None,
     stamps: Literal["arrival", "header"] = "arrival",
+    unchecked: bool = False,
+    max_memory_gb: float | None = None,
+    missing: Iterable[int] = (),
 ) -> Log:
     """The log in the file at `path`: text with a header row, a column `time` in seconds and channels as `name` or `name [unit]`, or another format
     (docs/logs.md). What was guessed, such as the unit of time, is a warning.
@@ -58,10 +61,16 @@ def read(
         Puts the channels of several topics onto an even grid instead, s between samples.
     time : str, optional
         The column of time, where it is not called `time` or like it.
-    time_unit : {"s", "ms", "us", "ns", "iso"}, optional
+    time_unit : {"s", "ms", "us", "ns", "min", "h", "d", "iso"}, optional
         The unit of that column, where its name and the size of its numbers do not tell; `iso` are dates.
     stamps : {"arrival", "header"}
         The clock of a ROS bag: when the recorder got a message, or what its sender wrote into it.
+    unchecked : bool
+        Also reads parts whose checksum does not match; else they are left out, with a warning.
+    max_memory_gb : float, optional
+        Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
+    missing : sequence of int
+        Numbers that stand for a missing sample, such as -9999.
 
     Raises
     ------
@@ -87,7 +96,8 @@ def read(
     """
     wanted = None if inputs is None and outputs is None else (_names("inputs", inputs), _names("outputs", outputs))
     grid = None if sample_time is None else float(sample_time)
-    return _calculated(Log._read(path, (time, time_unit, stamps), None, wanted, grid)[0], channels)
+    read = Log._read(path, (time, time_unit, stamps), None, wanted, grid, unchecked, max_memory_gb, list(missing))
+    return _calculated(read[0], channels)
 
 
 def _names(what: str, given: Iterable[str] | None) -> list[str]:
@@ -106,7 +116,10 @@ def read_records(
     *,
     channels: Mapping[str, str] | None = None,
     time: str | None = None,
-    time_unit: Literal["s", "ms", "us", "ns", "iso"] | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso"] | None = None,
+    unchecked: bool = False,
+    max_memory_gb: float | None = None,
+    missing: Iterable[int] = (),
 ) -> list[Log]:
     """The records of the CSV file at `path`, a new one at each new value of `column`.
 
@@ -120,6 +133,12 @@ def read_records(
         As `read` takes them.
     time, time_unit : str, optional
         As `read` takes them.
+    unchecked : bool
+        Also reads parts whose checksum does not match; else they are left out, with a warning.
+    max_memory_gb : float, optional
+        Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
+    missing : sequence of int
+        Numbers that stand for a missing sample, such as -9999.
 
     Raises
     ------
@@ -135,15 +154,19 @@ def read_records(
     ...     [log["u"].tolist() for log in deadtime.read_records(path, "run")]
     [[1.0, 2.0], [3.0, 4.0]]
     """
-    return [_calculated(log, channels) for log in Log._read(path, (time, time_unit, "arrival"), column)]
+    read = Log._read(path, (time, time_unit, "arrival"), column, None, None, unchecked, max_memory_gb, list(missing))
+    return [_calculated(log, channels) for log in read]
 
 
 def listing(
     path: str | os.PathLike[str],
     *,
     time: str | None = None,
-    time_unit: Literal["s", "ms", "us", "ns", "iso"] | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso"] | None = None,
     stamps: Literal["arrival", "header"] = "arrival",
+    unchecked: bool = False,
+    max_memory_gb: float | None = None,
+    missing: Iterable[int] = (),
 ) -> dict[str, Any]:
     """What the file at `path` holds: its topics with rates, gaps and channels, as `deadtime log FILE --json` prints it (docs/logs.md).
 
@@ -153,6 +176,12 @@ def listing(
         The file, of any format that `read` takes.
     time, time_unit, stamps : str, optional
         As `read` takes them.
+    unchecked : bool
+        Also reads parts whose checksum does not match; else they are left out, with a warning.
+    max_memory_gb : float, optional
+        Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
+    missing : sequence of int
+        Numbers that stand for a missing sample, such as -9999.
 
     Raises
     ------
@@ -166,7 +195,8 @@ def listing(
     >>> [channel["name"] for channel in found["topics"][0]["channels"]]
     ['r', 'p', 'ay', 'v', 'phi']
     """
-    return json.loads(Log._listing(path, (time, time_unit, stamps)))  # type: ignore[no-any-return]
+    found = Log._listing(path, (time, time_unit, stamps), unchecked, max_memory_gb, list(missing))
+    return json.loads(found)  # type: ignore[no-any-return]
 
 
 def as_log(data: LogLike, units: Mapping[str, str] | None = None) -> Log:

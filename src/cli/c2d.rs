@@ -1,6 +1,5 @@
 //! `deadtime c2d`: a sampled model from a continuous one.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context, bail};
@@ -78,10 +77,7 @@ impl C2d {
                 );
                 Ok(())
             }
-            None => std::io::stdout()
-                .lock()
-                .write_all(result.to_toml()?.as_bytes())
-                .context("standard output"),
+            None => to.document(result.to_toml()?.as_bytes()),
         }
     }
 }

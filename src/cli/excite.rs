@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde_json::Value;
@@ -58,8 +58,9 @@ impl Excite {
             "options": given, "out": self.out
         }))?;
         let Some(path) = &self.out else {
-            return write_csv(&mut std::io::stdout().lock(), &self.channel, sample_time, &u)
-                .context("standard output");
+            let mut text = Vec::new();
+            write_csv(&mut text, &self.channel, sample_time, &u)?;
+            return to.document(&text);
         };
         write_atomic(path, |file| write_csv(file, &self.channel, sample_time, &u))?;
         say!(

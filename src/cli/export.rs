@@ -1,6 +1,5 @@
 //! `deadtime export`: a diagnosis for other simulators.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::show::Out;
@@ -88,7 +87,7 @@ impl Export {
                 say!(to, "{} for {}: written to {}", file.display(), self.to, path.display());
                 Ok(())
             }
-            None => Ok(std::io::stdout().lock().write_all(text.as_bytes())?),
+            None => to.document(text.as_bytes()),
         }
     }
 

@@ -16,6 +16,7 @@ use crate::report::terminal;
 use deadtime_gap::{GapError, GapOptions, Mode, diagnose, isolability};
 use deadtime_log::Log;
 use deadtime_model::CandidateEntry;
+use deadtime_signal::file::Lock;
 
 /// Diagnose the gap between a model and logs of the real machine: where it lies, which unmodelled effect causes it, how far it shrinks
 #[derive(Debug, clap::Args)]
@@ -98,6 +99,8 @@ impl Gap {
         for term in &self.candidate {
             subject.suspect(CandidateEntry::from_text(term)?)?;
         }
+        // From here on: of two runs into one folder the second is refused before it works.
+        let _held = self.out.as_deref().filter(|_| !self.isolability).map(Lock::of).transpose()?;
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Log>> {
             let mut logs = Vec::new();
             for path in paths {

@@ -1,6 +1,5 @@
 //! `deadtime list`: what there is, with options and defaults.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context, bail};
@@ -65,11 +64,11 @@ impl List {
             let system = System::new(&ModelDocument::read(path)?, |_| Ok(0.0))?;
             let menu = effect::menu(&system);
             to.json(&effects::menu_data(&menu))?;
-            return print(&effects::menu_text(&system, &menu));
+            return to.listing(&effects::menu_text(&system, &menu));
         }
         let entries = self.entries()?;
         to.json(&entries)?;
-        print(&match self.what {
+        to.listing(&match self.what {
             What::Effects => effects::lines_text(&effect::table()),
             What::Criteria => toml::to_string(&Criteria::default()).context("thresholds")?,
             What::Dynamics => Dynamics::ALL.map(dynamics).concat(),
@@ -118,10 +117,6 @@ impl List {
                 .collect(),
         })
     }
-}
-
-fn print(text: &str) -> anyhow::Result<()> {
-    std::io::stdout().lock().write_all(text.as_bytes()).context("standard output")
 }
 
 /// The shipped plans.

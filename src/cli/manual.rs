@@ -21,10 +21,10 @@ pub(super) struct Completions {
 }
 
 impl Completions {
-    pub(super) fn run(&self, mut command: clap::Command) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>, mut command: clap::Command) -> anyhow::Result<()> {
         let mut text = Vec::new();
         clap_complete::generate(self.shell, &mut command, "deadtime", &mut text);
-        std::io::Write::write_all(&mut std::io::stdout().lock(), &text).context("standard output")
+        to.document(&text)
     }
 }
 

@@ -15,6 +15,7 @@ mod demo;
 mod estimate;
 mod excite;
 mod export;
+mod files;
 mod gap;
 mod gate;
 mod identify;

@@ -8,7 +8,7 @@ use anyhow::{Context, bail};
 use super::show::Out;
 use deadtime_log::{Log, read};
 use deadtime_model::ModelDocument;
-use deadtime_signal::file::write_atomic;
+use deadtime_signal::file::{STANDARD_OUTPUT, write_atomic};
 
 /// Model files
 #[derive(Debug, clap::Subcommand)]
@@ -150,7 +150,8 @@ impl New {
         ModelDocument::from_toml(text, &self.out).context(
             "these channel names cannot stand in such a file; rename them (--map when it is used)",
         )?;
-        if self.out.extension().and_then(|e| e.to_str()) != Some("toml") {
+        let standard = self.out.as_os_str() == STANDARD_OUTPUT;
+        if !standard && self.out.extension().and_then(|e| e.to_str()) != Some("toml") {
             bail!(
                 "--out {}: templates carry comments, which only TOML has; name it .toml",
                 self.out.display()

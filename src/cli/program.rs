@@ -3,10 +3,10 @@
 use super::limit::LimitNotMet;
 use super::show::{Color, Out};
 use super::{
-    blind, c2d, check, compare, demo, estimate, excite, export, gap, gate, identify, list, log,
-    manual, methods, model, response, simulate, simulator, study, watch, words,
+    blind, c2d, check, compare, demo, estimate, excite, export, files, gap, gate, identify, list,
+    log, manual, methods, model, response, simulate, simulator, study, watch, words,
 };
-use clap::{CommandFactory, Parser};
+use clap::{CommandFactory, FromArgMatches, Parser};
 use deadtime_signal::text::{message, printed};
 use deadtime_signal::threads::at_most;
 use std::ffi::OsString;
@@ -29,7 +29,7 @@ pub struct Cli {
     /// Threads to use, four for each core at most; default: one for each
     #[arg(long, global = true, value_name = "N")]
     threads: Option<usize>,
-    /// Also write what was found as JSON
+    /// Also write what was found as JSON; `-` is standard output, as for every file that is written: words then go to standard error
     #[arg(long, global = true, value_name = "FILE")]
     json: Option<PathBuf>,
     /// When to colour what is printed
@@ -72,7 +72,8 @@ impl Cli {
     ///
     /// # Errors
     /// Whatever stopped it, with the file it is about.
-    pub fn run(&self) -> anyhow::Result<()> {
+    pub fn run(&self, matches: &clap::ArgMatches) -> anyhow::Result<()> {
+        let taken = files::apart(&Self::command(), matches)?;
         if let Some(threads) = self.threads {
             let most = at_most(threads);
             if most < threads {
@@ -80,7 +81,7 @@ impl Cli {
             }
             rayon::ThreadPoolBuilder::new().num_threads(most).build_global()?;
         }
-        let to = &Out::new(self.json.as_deref(), self.quiet, self.color);
+        let to = &Out::new(self.json.as_deref(), self.quiet, self.color, taken);
         match &self.command {
             Command::Demo(c) => c.run(to),
             Command::Estimate(c) => c.run(to),
@@ -101,7 +102,7 @@ impl Cli {
             Command::Model(c) => c.run(to),
             Command::Study(c) => c.run(to),
             Command::Watch(c) => c.run(to),
-            Command::Completions(c) => c.run(Self::command()),
+            Command::Completions(c) => c.run(to, Self::command()),
             Command::Man(c) => c.run(to, Self::command()),
         }
     }
@@ -125,8 +126,9 @@ pub fn end_when_asked() {
 
 /// Runs the program with the words that were typed, its own name first; errors go to standard error. The exit code.
 pub fn main(words: impl IntoIterator<Item = OsString>) -> u8 {
-    let ran = match Cli::try_parse_from(words) {
-        Ok(cli) => cli.run(),
+    let typed = Cli::command().try_get_matches_from(words);
+    let ran = match typed.and_then(|typed| Ok((Cli::from_arg_matches(&typed)?, typed))) {
+        Ok((cli, typed)) => cli.run(&typed),
         // A wrong word, or a wish for help.
         Err(told) => {
             if told.use_stderr() {

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use anyhow::bail;
+
 use super::progress::Bar;
 use super::show::{Out, write};
 use super::source::{Needed, Reading};
@@ -9,7 +11,7 @@ use crate::report::page;
 use crate::report::response::{Report, csv};
 use deadtime_identify::response::frequency_responses;
 use deadtime_log::Log;
-use deadtime_signal::file::component;
+use deadtime_signal::file::{STANDARD_OUTPUT, component};
 use deadtime_signal::registry;
 
 /// Estimate frequency responses of logs without a model, with 95 % intervals and coherence; the table is what `deadtime estimate --frf` reads
@@ -76,6 +78,9 @@ impl Response {
             let Some(out) = &self.out else { break };
             let one = self.input.len() == 1 && self.output.len() == 1;
             let names = self.input.get(input).zip(self.output.get(output)).filter(|_| !one);
+            if names.is_some() && out.as_os_str() == STANDARD_OUTPUT {
+                bail!("--out -: of several inputs or outputs each has a file of its own: name one");
+            }
             let path = names.map_or_else(|| out.clone(), |(u, y)| beside(out, u, y));
             write(Some(&path), || csv(&found.pair(output, input)))?;
             written.push(path.display().to_string());

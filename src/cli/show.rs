@@ -1,9 +1,9 @@
 //! What a command prints, and how: everything or nothing, with colour or without; and the JSON beside it.
 
-use std::io::{IsTerminal, Write, stdout};
+use std::io::{IsTerminal, Write, stderr, stdout};
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 
 use crate::report::styled::Styled;
 use deadtime_signal::file::write_atomic;
@@ -22,7 +22,7 @@ pub(super) enum Color {
 }
 
 impl Color {
-    fn on(self) -> bool {
+    fn on(self, aside: bool) -> bool {
         let set = |name: &str| std::env::var_os(name).is_some_and(|v| !v.is_empty());
         match self {
             Self::Always => true,
@@ -31,7 +31,7 @@ impl Color {
             Self::Auto => {
                 !set("NO_COLOR")
                     && std::env::var_os("TERM").is_none_or(|t| t != "dumb")
-                    && stdout().is_terminal()
+                    && if aside { stderr().is_terminal() } else { stdout().is_terminal() }
             }
         }
     }
@@ -50,30 +50,49 @@ pub(super) struct Out<'a> {
     json: Option<&'a Path>,
     quiet: bool,
     colour: bool,
+    /// Standard output is one of the files that are written: words go to standard error.
+    aside: bool,
 }
 
 impl<'a> Out<'a> {
-    pub(super) fn new(json: Option<&'a Path>, quiet: bool, color: Color) -> Self {
-        Self { json, quiet, colour: color.on() }
+    pub(super) fn new(json: Option<&'a Path>, quiet: bool, color: Color, aside: bool) -> Self {
+        Self { json, quiet, colour: color.on(aside), aside }
+    }
+
+    fn words(&self, text: &str) -> anyhow::Result<()> {
+        if self.quiet {
+            Ok(())
+        } else if self.aside {
+            stderr().lock().write_all(text.as_bytes()).context("standard error")
+        } else {
+            stdout().lock().write_all(text.as_bytes()).context("standard output")
+        }
+    }
+
+    /// What is listed: words, also where nothing else is to be said.
+    pub(super) fn listing(&self, text: &str) -> anyhow::Result<()> {
+        Self { quiet: false, ..*self }.words(text)
+    }
+
+    /// What a command makes, on standard output for want of a file.
+    ///
+    /// # Errors
+    /// Where another output is there already.
+    pub(super) fn document(&self, text: &[u8]) -> anyhow::Result<()> {
+        if self.aside {
+            bail!("only one output can be standard output: give --out FILE");
+        }
+        stdout().lock().write_all(text).context("standard output")
     }
 
     /// A line on standard output, unless nothing is to be said; a closed pipe is an error, control characters are shown instead of sent.
     pub(super) fn line(&self, text: &str) -> anyhow::Result<()> {
-        if self.quiet {
-            Ok(())
-        } else {
-            writeln!(stdout().lock(), "{}", printed(text)).context("standard output")
-        }
+        self.words(&(printed(text) + "\n"))
     }
 
     /// The same of a text that has colours.
     pub(super) fn styled(&self, text: &Styled) -> anyhow::Result<()> {
-        let text = if self.colour { text.coloured() } else { text.plain() };
-        if self.quiet {
-            Ok(())
-        } else {
-            stdout().lock().write_all(text.as_bytes()).context("standard output")
-        }
+        self.words(&if self.colour { text.coloured() } else { text.plain() })
     }
 
     /// Somebody waits for words on standard error while a command works.

@@ -57,11 +57,20 @@ pub(super) struct Clock {
     #[arg(long, value_name = "COLUMN")]
     time: Option<String>,
     /// Unit of that column; default: by its name and the size of its numbers, which is said
-    #[arg(long, value_enum, value_name = "s|ms|us|ns|iso")]
+    #[arg(long, value_enum, value_name = "s|ms|us|ns|min|h|d|iso")]
     time_unit: Option<UnitName>,
     /// Which stamps of a ROS bag to use
     #[arg(long, value_enum, default_value_t = StampsName::Arrival)]
     stamps: StampsName,
+    /// Read parts whose checksum does not match, too; default: they are named, left out and counted
+    #[arg(long)]
+    unchecked: bool,
+    /// A number that stands for a missing sample, such as -9999; may be repeated
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    missing: Vec<i64>,
+    /// Memory that reading a log may take, in GB; default: 4 times the file and 64 MiB
+    #[arg(long, value_name = "GB")]
+    max_memory_gb: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -70,6 +79,9 @@ enum UnitName {
     Ms,
     Us,
     Ns,
+    Min,
+    H,
+    D,
     Iso,
 }
 
@@ -91,12 +103,18 @@ impl Clock {
                 UnitName::Ms => TimeUnit::Ms,
                 UnitName::Us => TimeUnit::Us,
                 UnitName::Ns => TimeUnit::Ns,
+                UnitName::Min => TimeUnit::Min,
+                UnitName::H => TimeUnit::H,
+                UnitName::D => TimeUnit::D,
                 UnitName::Iso => TimeUnit::Iso,
             }),
             stamps: match self.stamps {
                 StampsName::Arrival => Stamps::Arrival,
                 StampsName::Header => Stamps::Header,
             },
+            unchecked: self.unchecked,
+            missing: self.missing.clone(),
+            memory: self.max_memory_gb.map(|gb| (gb * 1e9) as u64),
             far: far.clone(),
         }
     }

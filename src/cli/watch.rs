@@ -1,9 +1,8 @@
 //! `deadtime watch`: the dead time of a machine whose log still grows, and its gap to a model.
 
 use super::words::{option, worded};
-use std::fs::File;
-use std::io::{Write, stdout};
-use std::path::{Path, PathBuf};
+use std::io::Write;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
@@ -16,6 +15,7 @@ use deadtime_delay::track::{Live, LiveOptions, Told, TrackerOptions};
 use deadtime_gap::{ActingEffect, FoundParameter, GapOptions, GapTold, GapWatch};
 use deadtime_log::{Follower, News, Row, reader};
 use deadtime_model::ModelDocument;
+use deadtime_signal::file::write_lines;
 use deadtime_signal::progress::HowFar;
 
 /// Watch a log of text that grows, and print changes of the dead time, and of the gap to a model, as they come
@@ -135,7 +135,8 @@ impl Watch {
         };
         let live = Live::new(LiveOptions { max_delay_s: self.max_delay, tracker });
         let mut watched = Watched { live, gap, places };
-        let (json, log) = (to.json_file().map(lines).transpose()?, self.log.display().to_string());
+        let (json, log) =
+            (to.json_file().map(write_lines).transpose()?, self.log.display().to_string());
         let mut out = Said { to, json, log: log.clone(), rows: 0, skipped: 0 };
         out.line(&Line::Started {
             format: "deadtime/watch@1",
@@ -180,14 +181,6 @@ fn follow(
 fn seconds(option: &str, s: f64) -> anyhow::Result<Duration> {
     let duration = Duration::try_from_secs_f64(s).ok().filter(|d| !d.is_zero());
     duration.with_context(|| format!("{option} {s}: give a finite number of seconds above 0"))
-}
-
-/// Where JSON lines go: `-` is standard output.
-fn lines(path: &Path) -> anyhow::Result<Box<dyn Write>> {
-    if path.as_os_str() == "-" {
-        return Ok(Box::new(stdout()));
-    }
-    Ok(Box::new(File::create(path).with_context(|| path.display().to_string())?))
 }
 
 impl Said<'_> {

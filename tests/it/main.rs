@@ -94,6 +94,7 @@ mod matching_program;
 mod model_laws;
 mod moving;
 mod options;
+mod outputs;
 mod pairs;
 mod phase_and_area;
 mod predictor;

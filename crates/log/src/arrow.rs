@@ -19,9 +19,11 @@ use arrow_ipc::reader::StreamReader;
 use arrow_ipc::{Message, MessageHeader, root_as_message};
 use arrow_schema::{DataType, TimeUnit as Unit};
 
-use super::columns::{Cells, Column, assemble, guarded};
+use super::budget::Budget;
+use super::columns::{Cells, Column, assemble, time_among};
 use super::counted::{READING, whole};
 use super::error::{Error, LogError};
+use super::guard::guarded;
 use super::recording::{ReadOptions, Recording, TimeUnit};
 use crate::notes::Notes;
 
@@ -46,7 +48,8 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
     options.far.at(READING, &"taking it apart");
     let begin = if bytes.starts_with(MAGIC) { HEAD } else { 0 };
     let mut notes = Notes::default();
-    let end = sound(&bytes, begin, &mut notes);
+    let budget = Budget::of(bytes.len() as u64, options);
+    let end = sound(&bytes, begin, &budget, &mut notes);
     let refused = |what: String| LogError::format(source, NAME, what);
     let stream = bytes.get(begin..end).unwrap_or_default();
     let reader =
@@ -55,9 +58,16 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
     for field in reader.schema().fields() {
         empty(field.name(), field.data_type(), 0, &mut columns, &mut notes);
     }
+    let kinds = columns.iter().map(|c| (c.name.as_str(), c.cells.unit().is_some()));
+    let time = time_among(kinds, options);
+    let cost: u64 = columns.iter().map(|column| column.cells.cost()).sum();
     for batch in reader {
         match batch {
-            Ok(batch) => taken(&batch, &mut columns),
+            Ok(batch) if !budget.spare(cost.saturating_mul(batch.num_rows() as u64)) => {
+                notes.push(budget.left_out("what comes behind the first rows"));
+                break;
+            }
+            Ok(batch) => taken(&batch, time, &mut columns),
             Err(error) => {
                 notes.push(format!("damaged ({error}): what comes behind is left out"));
                 break;
@@ -68,7 +78,7 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
 }
 
 /// Where the messages end that are whole, and that do not ask for more memory than their size allows; why not all are, as a note.
-fn sound(bytes: &[u8], begin: usize, notes: &mut Notes) -> usize {
+fn sound(bytes: &[u8], begin: usize, budget: &Budget, notes: &mut Notes) -> usize {
     let mut at = begin;
     loop {
         let number = |from: usize| {
@@ -99,7 +109,12 @@ fn sound(bytes: &[u8], begin: usize, notes: &mut Notes) -> usize {
             ));
             return at;
         };
-        if !modest(&message, content) {
+        let unpacked = unpacks_to(&message, content);
+        if unpacked.is_some_and(|bytes| bytes > budget.room()) {
+            notes.push(budget.left_out(&format!("what comes behind byte {at}")));
+            return at;
+        }
+        if unpacked.is_none() {
             notes.push(format!("damaged at byte {at}: a buffer does not lie in its message, or unpacks to more than there can be"));
             return at;
         }
@@ -107,8 +122,8 @@ fn sound(bytes: &[u8], begin: usize, notes: &mut Notes) -> usize {
     }
 }
 
-/// Every buffer of a message lies in it, and says of itself that it unpacks to what such a buffer may hold.
-fn modest(message: &Message<'_>, body: &[u8]) -> bool {
+/// The bytes that a message says it unpacks to; `None` where a buffer does not lie in it, or unpacks to more than it may hold.
+fn unpacks_to(message: &Message<'_>, body: &[u8]) -> Option<u64> {
     let batch = match message.header_type() {
         MessageHeader::RecordBatch => message.header_as_record_batch(),
         MessageHeader::DictionaryBatch => {
@@ -116,28 +131,28 @@ fn modest(message: &Message<'_>, body: &[u8]) -> bool {
         }
         _ => None,
     };
-    let Some(batch) = batch else { return true };
+    let Some(batch) = batch else { return Some(0) };
     let (packed, rows) =
         (batch.compression().is_some(), usize::try_from(batch.length()).unwrap_or(usize::MAX));
     // A bit a row is the least that a column takes; one of nothing takes none, and is left out.
     let fits = rows / 8 <= body.len().saturating_mul(PACKED as usize)
         || batch.buffers().is_none_or(|b| b.is_empty());
-    let sound = |buffer: &arrow_ipc::Buffer| {
+    let one = |buffer: &arrow_ipc::Buffer| {
         let range =
             usize::try_from(buffer.offset()).ok().zip(usize::try_from(buffer.length()).ok());
-        let Some(content) =
-            range.and_then(|(from, length)| body.get(from..from.checked_add(length)?))
-        else {
-            return false;
-        };
-        let unpacked = content.get(..8).and_then(|b| b.try_into().ok()).map(i64::from_le_bytes);
-        !packed
-            || content.is_empty()
-            || unpacked.is_some_and(|n| {
-                n == -1 || u64::try_from(n).is_ok_and(|n| n <= PACKED * content.len() as u64)
-            })
+        let content = range.and_then(|(from, length)| body.get(from..from.checked_add(length)?))?;
+        let length = content.len() as u64;
+        if !packed || content.is_empty() {
+            return Some(length);
+        }
+        match i64::from_le_bytes(content.get(..8)?.try_into().ok()?) {
+            -1 => Some(length),
+            n => u64::try_from(n).ok().filter(|n| *n <= PACKED * length),
+        }
     };
-    fits && batch.buffers().is_none_or(|buffers| buffers.iter().all(sound))
+    let buffers = batch.buffers().into_iter().flatten();
+    let all = buffers.map(one).try_fold(0_u64, |sum, bytes| sum.checked_add(bytes?));
+    all.filter(|_| fits)
 }
 
 /// The columns of a field before any is read: of a struct one for each of its fields.
@@ -179,17 +194,22 @@ fn empty(name: &str, kind: &DataType, depth: usize, columns: &mut Vec<Column>, n
 }
 
 /// Appends the rows of a batch.
-fn taken(batch: &RecordBatch, columns: &mut [Column]) {
+fn taken(batch: &RecordBatch, time: Option<usize>, columns: &mut [Column]) {
     let mut at = 0;
     for array in batch.columns() {
-        of_array(array, 0, columns, &mut at);
+        of_array(array, (0, time), columns, &mut at);
     }
 }
 
-fn of_array(array: &ArrayRef, depth: usize, columns: &mut [Column], at: &mut usize) {
+fn of_array(
+    array: &ArrayRef,
+    (depth, time): (usize, Option<usize>),
+    columns: &mut [Column],
+    at: &mut usize,
+) {
     if let (DataType::Struct(_), true) = (array.data_type(), depth < DEEPEST) {
         for inner in array.as_struct_opt().map(|s| s.columns()).unwrap_or_default() {
-            of_array(inner, depth + 1, columns, at);
+            of_array(inner, (depth + 1, time), columns, at);
         }
         return;
     }
@@ -203,7 +223,9 @@ fn of_array(array: &ArrayRef, depth: usize, columns: &mut [Column], at: &mut usi
         match &mut column.cells {
             Cells::Numbers(values) => numbers(array, values),
             Cells::Whole(values, _) => whole_numbers(array, values),
-            Cells::Text(values) => texts(array, values),
+            // Text is read where it is the time.
+            Cells::Text(values) if time == Some(*at) => texts(array, values),
+            Cells::Text(_) => {}
         }
     }
     *at += 1;
@@ -219,17 +241,28 @@ fn each<T: ArrowPrimitiveType, V>(
     }
 }
 
-fn numbers(array: &ArrayRef, into: &mut Vec<Option<f64>>) {
+fn each_number<T: ArrowPrimitiveType>(
+    array: &ArrayRef,
+    into: &mut Vec<f64>,
+    value: impl Fn(T::Native) -> f64,
+) {
+    if let Some(values) = array.as_primitive_opt::<T>() {
+        into.extend(values.iter().map(|v| v.map_or(f64::NAN, &value)));
+    }
+}
+
+/// NaN where there is none.
+fn numbers(array: &ArrayRef, into: &mut Vec<f64>) {
     match array.data_type() {
-        DataType::Float16 => each::<Float16Type, _>(array, into, |v| Some(v.to_f64())),
-        DataType::Float32 => each::<Float32Type, _>(array, into, |v| Some(f64::from(v))),
-        DataType::Float64 => each::<Float64Type, _>(array, into, Some),
+        DataType::Float16 => each_number::<Float16Type>(array, into, |v| v.to_f64()),
+        DataType::Float32 => each_number::<Float32Type>(array, into, f64::from),
+        DataType::Float64 => each_number::<Float64Type>(array, into, |v| v),
         _ => into.extend(
             array
                 .as_boolean_opt()
                 .into_iter()
                 .flatten()
-                .map(|v| v.map(|on| f64::from(u8::from(on)))),
+                .map(|v| v.map_or(f64::NAN, |on| f64::from(u8::from(on)))),
         ),
     }
 }

@@ -6,9 +6,10 @@ use std::collections::{BTreeMap, HashMap};
 
 use serde_json::Value;
 
+use super::budget::Budget;
 use super::error::Error;
 use super::protobuf::Messages;
-use super::recording::{Recording, Stamps, Table, Topic};
+use super::recording::{ReadOptions, Recording, Stamps, Table, Topic};
 use super::ros::{Decoder, Definitions, Encoding, MOST_ELEMENTS, Node};
 use crate::notes::Notes;
 
@@ -25,6 +26,8 @@ pub(super) struct Schema<'a> {
 /// A bag while it is read.
 pub(super) struct Bag {
     stamps: Stamps,
+    /// The memory that all of it may take.
+    pub(super) budget: Budget,
     /// Which file of several is read; numbers of channels are its own.
     part: u64,
     origin_ns: Option<i128>,
@@ -32,6 +35,10 @@ pub(super) struct Bag {
     /// Channels that go into the stream of another one: of several senders of one topic.
     same: HashMap<u64, u64>,
     pub(super) notes: Notes,
+    /// Parts whose checksum does not match are read, too.
+    pub(super) unchecked: bool,
+    /// Messages of channels that no part of the file names.
+    unknown: u64,
 }
 
 struct Stream {
@@ -121,9 +128,12 @@ impl How {
 }
 
 impl Bag {
-    pub(super) fn new(stamps: Stamps) -> Self {
+    pub(super) fn new(options: &ReadOptions, length: u64) -> Self {
         Self {
-            stamps,
+            stamps: options.stamps,
+            budget: Budget::of(length, options),
+            unchecked: options.unchecked,
+            unknown: 0,
             part: 0,
             origin_ns: None,
             streams: BTreeMap::new(),
@@ -173,14 +183,14 @@ impl Bag {
             return;
         }
         let table = if called.is_empty() {
-            Table::new(name)
+            Table::new(name).within(&self.budget)
         } else {
             let numbered = format!("{name}[{}]", called.len());
             self.notes.push(format!(
                 "{name}: channels of several definitions; the one of {} is called {numbered}",
                 schema.map_or(message_encoding, |s| s.name)
             ));
-            Table::new(numbered)
+            Table::new(numbered).within(&self.budget)
         };
         let how = How::of(message_encoding, schema);
         let stream = Stream {
@@ -201,7 +211,13 @@ impl Bag {
         let origin = *self.origin_ns.get_or_insert(ns);
         let id = self.key(id);
         let id = self.same.get(&id).copied().unwrap_or(id);
-        let Some(stream) = self.streams.get_mut(&id) else { return };
+        let Some(stream) = self.streams.get_mut(&id) else {
+            self.unknown += 1;
+            return;
+        };
+        if self.budget.exceeded() {
+            return;
+        }
         stream.messages += 1;
         let table = &mut stream.table;
         table.row((ns - origin) as f64 / 1e9);
@@ -249,6 +265,13 @@ impl Bag {
         format: &'static str,
         title: &'static str,
     ) -> Result<Recording, Error> {
+        self.budget.check(source)?;
+        if self.unknown > 0 {
+            self.notes.push(format!(
+                "{} messages are of channels that the file does not name, and are left out",
+                self.unknown
+            ));
+        }
         let mut topics: Vec<Topic> = Vec::new();
         for stream in self.streams.into_values() {
             let name = stream.table.name().to_owned();

@@ -1,22 +1,11 @@
 //! Logs out of tables of typed columns, as Parquet and Arrow files hold them.
 
 use super::error::{Error, LogError};
+use super::numbers::Numbers;
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
 use crate::csv::clock::{named_time, seconds};
 use crate::notes::Notes;
 use deadtime_signal::remedy::{Message, Remedy};
-
-/// What a reader of another crate found, or that it gave up in the middle: some stop the program where parts of a damaged file lie outside of it.
-pub(super) fn guarded<T>(
-    source: &str,
-    format: &'static str,
-    read: impl FnOnce() -> Result<T, Error>,
-) -> Result<T, Error> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(read)).unwrap_or_else(|_| {
-        let what = "damaged: its parts do not fit together; write it again";
-        Err(LogError::format(source, format, what).into())
-    })
-}
 
 /// One column of a table while it is read.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,8 +17,8 @@ pub(super) struct Column {
 /// What stands in a column.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Cells {
-    /// Numbers, and nothing where none is.
-    Numbers(Vec<Option<f64>>),
+    /// Numbers; NaN where none is.
+    Numbers(Vec<f64>),
     /// Whole numbers, exactly, with their unit where they are stamps of time.
     Whole(Vec<Option<i64>>, Option<TimeUnit>),
     /// Text, which may be dates.
@@ -37,15 +26,7 @@ pub(super) enum Cells {
 }
 
 impl Cells {
-    fn number(&self, row: usize) -> Option<f64> {
-        match self {
-            Self::Numbers(values) => *values.get(row)?,
-            Self::Whole(values, _) => values.get(row)?.map(|v| v as f64),
-            Self::Text(_) => None,
-        }
-    }
-
-    fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         match self {
             Self::Numbers(values) => values.len(),
             Self::Whole(values, _) => values.len(),
@@ -53,18 +34,69 @@ impl Cells {
         }
     }
 
+    /// Bytes that a row takes; of text, what it refers to is counted apart.
+    pub(super) fn cost(&self) -> u64 {
+        let bytes = match self {
+            Self::Numbers(_) => size_of::<f64>(),
+            Self::Whole(..) => size_of::<Option<i64>>(),
+            Self::Text(_) => size_of::<Option<String>>(),
+        };
+        bytes as u64
+    }
+
+    /// Puts rows without a value before row `at`.
+    pub(super) fn insert_missing(&mut self, at: usize, rows: usize) {
+        fn insert<V: Clone>(values: &mut Vec<V>, at: usize, rows: usize, none: V) {
+            let at = at.min(values.len());
+            values.splice(at..at, std::iter::repeat_n(none, rows));
+        }
+        match self {
+            Self::Numbers(values) => insert(values, at, rows, f64::NAN),
+            Self::Whole(values, _) => insert(values, at, rows, None),
+            Self::Text(values) => insert(values, at, rows, None),
+        }
+    }
+
+    /// As numbers; NaN where none is.
+    fn into_numbers(self) -> Vec<f64> {
+        match self {
+            Self::Numbers(values) => values,
+            Self::Whole(values, _) => {
+                values.into_iter().map(|v| v.map_or(f64::NAN, |v| v as f64)).collect()
+            }
+            Self::Text(_) => Vec::new(),
+        }
+    }
+
     /// As a text file would have it, so that stamps are understood alike in all formats.
     fn text(&self, row: usize) -> String {
         match self {
-            Self::Numbers(values) => values.get(row).copied().flatten().map(|v| v.to_string()),
+            Self::Numbers(values) => values.get(row).filter(|v| !v.is_nan()).map(|v| v.to_string()),
             Self::Whole(values, _) => values.get(row).copied().flatten().map(|v| v.to_string()),
             Self::Text(values) => values.get(row).cloned().flatten(),
         }
         .unwrap_or_default()
     }
 
-    fn unit(&self) -> Option<TimeUnit> {
+    pub(super) fn unit(&self) -> Option<TimeUnit> {
         if let Self::Whole(_, unit) = self { *unit } else { None }
+    }
+}
+
+/// The column of time among columns with their names, and whether their type is that of stamps: by the caller's word, by its name, or by its type.
+pub(super) fn time_among<'a>(
+    columns: impl Iterator<Item = (&'a str, bool)> + Clone,
+    options: &ReadOptions,
+) -> Option<usize> {
+    let place = |test: &dyn Fn(&str, bool) -> bool| {
+        columns.clone().position(|(name, stamps)| test(name, stamps))
+    };
+    match &options.time {
+        Some(wanted) => place(&|name, _| name == *wanted),
+        None => place(&|name, _| name == "time")
+            .or_else(|| place(&|name, _| named_time(name).is_some()))
+            .or_else(|| place(&|_, stamps| stamps))
+            .or_else(|| place(&|name, _| name == "t")),
     }
 }
 
@@ -77,14 +109,8 @@ pub(super) fn assemble(
     mut notes: Notes,
     options: &ReadOptions,
 ) -> Result<Recording, Error> {
-    let place = |test: &dyn Fn(&Column) -> bool| columns.iter().position(test);
-    let time = match &options.time {
-        Some(wanted) => place(&|c| c.name == *wanted),
-        None => place(&|c| c.name == "time")
-            .or_else(|| place(&|c| named_time(&c.name).is_some()))
-            .or_else(|| place(&|c| c.cells.unit().is_some()))
-            .or_else(|| place(&|c| c.name == "t")),
-    };
+    let kinds = columns.iter().map(|c| (c.name.as_str(), c.cells.unit().is_some()));
+    let time = time_among(kinds, options);
     let Some((time, clock)) = time.and_then(|at| Some((at, columns.get(at)?))) else {
         let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
         let missing = format!(
@@ -108,22 +134,18 @@ pub(super) fn assemble(
         );
     }
     let mut table = Table::new("");
-    let mut channels = Vec::new();
-    for (_, column) in columns.iter().enumerate().filter(|(at, _)| *at != time) {
+    table.rows(|stamps| stamps.extend(&times.time_s));
+    let rows = table.len();
+    for (_, column) in columns.into_iter().enumerate().filter(|(at, _)| *at != time) {
         if let Cells::Text(_) = column.cells {
             notes.push(format!("{}: text; left out", column.name));
-        } else {
-            let (name, unit) = crate::header::name_and_unit(&column.name);
-            channels.push((table.column(name, unit), &column.cells));
+            continue;
         }
-    }
-    for (row, stamp) in times.time_s.iter().enumerate() {
-        table.row(*stamp);
-        for (place, cells) in &channels {
-            if let Some(value) = cells.number(row) {
-                table.set(*place, value);
-            }
-        }
+        let (name, unit) = crate::header::name_and_unit(&column.name);
+        let place = table.column(name, unit);
+        let mut values = column.cells.into_numbers();
+        values.resize(rows, f64::NAN);
+        table.extend(place, |numbers| *numbers = Numbers::F64(values));
     }
     let topics = table.finish(source, &mut notes)?.into_iter().collect();
     Recording::of_topics(source, (format, title), topics, notes)

@@ -5,7 +5,7 @@ use std::path::Path;
 use deadtime_signal::file::FileError;
 use deadtime_signal::remedied;
 use deadtime_signal::remedy::{Message, Remedied, Remedy};
-use deadtime_signal::time::TimeError;
+use deadtime_signal::time::{LEAST_S, TimeError};
 
 use super::frequency::FrequencyError;
 use super::place::{Place, neighbours};
@@ -122,6 +122,32 @@ pub enum LogError {
         format: &'static str,
         /// What is wrong with it and what to do.
         what: String,
+    },
+    /// Samples closer to each other than any recorder takes them.
+    #[error(
+        "{file}: a sample every {step_s:e} s, which no recorder takes ({LEAST_S:e} s is the least); is time in another unit?"
+    )]
+    TooFast {
+        /// The log.
+        file: String,
+        /// The mean time from sample to sample, s.
+        step_s: f64,
+    },
+    /// A file that takes more memory than may be taken.
+    #[error("{}", self.remedied().unwrap_or_default())]
+    Memory {
+        /// The log.
+        file: String,
+        /// The limit, MiB.
+        limit_mb: u64,
+    },
+    /// What is neither a file nor a folder.
+    #[error(
+        "{file}: a pipe or a device, which has no beginning to come back to; write it to a file first"
+    )]
+    NoFile {
+        /// The log.
+        file: String,
     },
     /// A file of topics without a single number.
     #[error("{}", self.remedied().unwrap_or_default())]
@@ -558,6 +584,8 @@ impl Remedied for LogError {
             .and(Remedy::Resample)
             .and(", for instance ")
             .and(Remedy::ResampleAt { seconds: *suggested_s }),
+            Self::Memory { file, limit_mb } => said(format!("{file}: reading it takes more than {limit_mb} MiB of memory, the limit for a file of its size: it is damaged, or packed unusually well; lift the limit by "))
+                .and(Remedy::MaxMemory),
             Self::EmptyWindow { file, from_s, to_s, duration_s } => said(format!("{file}: no sample from {from_s} s to {to_s} s; choose "))
                 .and(Remedy::Window)
                 .and(format!(" within 0 s to {duration_s} s, counted from the first sample")),

@@ -19,7 +19,8 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
     let source = path.display().to_string();
     let refused = |what: String| LogError::format(&source, NAME, what);
     let parts = parts(path).map_err(|e| Error::io(path, e))?;
-    let mut bag = Bag::new(options.stamps);
+    let length = |part: &PathBuf| std::fs::metadata(part).map_or(0, |there| there.len());
+    let mut bag = Bag::new(options, parts.iter().map(length).sum());
     for (at, part) in parts.iter().enumerate() {
         let file = part.display().to_string();
         if at > 0 {

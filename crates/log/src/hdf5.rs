@@ -7,14 +7,17 @@ use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use hdf5_reader::error::Error as Damage;
+use hdf5_reader::filters::{FILTER_FLETCHER32, FilterRegistry};
 use hdf5_reader::group::Group;
+use hdf5_reader::messages::filter_pipeline::FilterDescription;
 use hdf5_reader::reference::read_object_references;
 use hdf5_reader::{Dataset, Datatype, Hdf5File, OpenOptions};
 
 use super::arrays::{Array, assemble};
-use super::columns::guarded;
+use super::budget::Budget;
 use super::counted::{READING, whole};
 use super::error::{Error, LogError};
+use super::guard::guarded;
 use super::mcos;
 use super::recording::{ReadOptions, Recording};
 use super::scalar::Scalar;
@@ -40,15 +43,34 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Recording, Error> {
     let bytes = whole(path, &options.far).map_err(|e| Error::io(path, e))?;
     options.far.at(READING, &"unpacking");
-    let mut parts = Parts { length: bytes.len(), ..Parts::default() };
-    let limits =
-        OpenOptions::default().with_max_read_bytes(bytes.len().saturating_mul(MOST_PACKED));
+    let budget = Budget::of(bytes.len() as u64, options);
+    let mut parts = Parts { length: bytes.len(), budget: budget.clone(), ..Parts::default() };
+    let most = bytes
+        .len()
+        .saturating_mul(MOST_PACKED)
+        .min(usize::try_from(budget.limit()).unwrap_or(usize::MAX));
+    let mut limits = OpenOptions::default().with_max_read_bytes(most);
+    if options.unchecked {
+        limits.filter_registry = Some(unchecked());
+    }
+    limits.max_chunk_bytes = limits.max_chunk_bytes.min(most);
     let root = || Hdf5File::from_vec_with_options(bytes, limits)?.root_group();
     let (mut variables, objects) = root()
         .map(|group| parts.file(&group))
         .map_err(|e| LogError::format(source, NAME, e.to_string()))?;
     mcos::resolve(&mut variables, objects, &mut parts.notes);
     assemble(source, "hdf5", NAME, variables, parts.notes, options)
+}
+
+/// Filters that take a checksum off without looking at it.
+fn unchecked() -> FilterRegistry {
+    const CHECKSUM: usize = 4;
+    let mut filters = FilterRegistry::new();
+    let strip = |_: &FilterDescription, data: &[u8], _: usize| {
+        Ok(data.get(..data.len().saturating_sub(CHECKSUM)).unwrap_or_default().to_vec())
+    };
+    filters.register(FILTER_FLETCHER32, Box::new(strip));
+    filters
 }
 
 /// What cells refer to.
@@ -62,6 +84,9 @@ enum Referred {
 struct Parts {
     /// The file's bytes.
     length: usize,
+    budget: Budget,
+    /// Groups that were read: a file may hold itself.
+    groups: HashSet<u64>,
     /// What was not read yet of what cells refer to, by its place: each is read once, so that no file holds itself.
     referred: HashMap<u64, Referred>,
     read: HashSet<u64>,
@@ -96,6 +121,10 @@ impl Parts {
 
     /// The arrays and groups of a group.
     fn group(&mut self, group: &Group, path: &str, depth: usize) -> Vec<(String, Array)> {
+        if !self.groups.insert(group.address()) {
+            self.notes.push(format!("{path}: another name of a group that was read; left out"));
+            return Vec::new();
+        }
         let (groups, arrays) = match group.members() {
             Ok(members) => members,
             Err(error) => {
@@ -151,7 +180,16 @@ impl Parts {
         let matlab = !(self.referred.is_empty() && self.read.is_empty());
         let read = match is_reference(array) && matlab {
             true => self.cells(array, path, depth).map(|cells| Some(Array::List(cells))),
-            false => self.fits(array).and_then(|()| numbers(array)),
+            false => self.fits(array).and_then(|()| {
+                // Once as they stand, once as numbers.
+                let count = array.shape().iter().fold(1_u64, |n, length| n.saturating_mul(*length));
+                let bytes = (array.raw_byte_len()? as u64).saturating_add(count.saturating_mul(8));
+                if scalar(array.dtype()).is_some() && !self.budget.spare(bytes) {
+                    self.notes.push(self.budget.left_out(path));
+                    return Ok(Some(Array::Other));
+                }
+                numbers(array)
+            }),
         };
         match read {
             Ok(Some(read)) => return Some(read),

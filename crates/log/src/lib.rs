@@ -10,6 +10,7 @@ mod arrays;
 #[cfg(feature = "tables")]
 mod arrow;
 mod bag;
+mod budget;
 #[cfg(feature = "tables")]
 mod columns;
 mod counted;
@@ -17,7 +18,11 @@ pub mod csv;
 mod error;
 mod folder;
 mod frequency;
+#[cfg(test)]
+mod fuzz;
 mod grid;
+#[cfg(feature = "tables")]
+mod guard;
 #[cfg(feature = "tables")]
 mod hdf5;
 mod header;
@@ -29,6 +34,8 @@ mod mcos;
 mod notes;
 mod numbers;
 #[cfg(feature = "tables")]
+mod pages;
+#[cfg(feature = "tables")]
 mod parquet;
 mod place;
 mod protobuf;
@@ -38,6 +45,7 @@ mod ros;
 mod ros_types;
 mod rosbag2;
 mod scalar;
+mod sentinel;
 mod sqlite;
 mod step;
 #[cfg(test)]

@@ -4,6 +4,7 @@ use super::error::LogError;
 use super::header::name_and_unit;
 use super::numbers::Values;
 use super::place::Place;
+use deadtime_signal::time::LEAST_S;
 use std::collections::HashSet;
 
 /// Time stamps beyond this many seconds are refused: their differences would lose all meaning long before they overflow.
@@ -304,6 +305,14 @@ impl Log {
         for (i, &now_s) in time_s.iter().enumerate() {
             time_follows(&source, || rows.place(i), before_s, now_s)?;
             before_s = Some(now_s);
+        }
+        if let (Some(first), Some(last)) = (time_s.first(), time_s.last())
+            && time_s.len() > 1
+        {
+            let step_s = (last - first) / (time_s.len() - 1) as f64;
+            if step_s < LEAST_S {
+                return Err(LogError::TooFast { file: source, step_s });
+            }
         }
         let channels = channels
             .into_iter()

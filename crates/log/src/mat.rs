@@ -2,25 +2,24 @@
 //!
 //! Source: MathWorks, "MAT-File Format", level 5. What objects (timeseries, tables) hold stands in a part of the file that its header points to: see [`mcos`].
 
-use std::io::Read;
 use std::path::Path;
 
 use flate2::read::ZlibDecoder;
 
 use super::arrays::{Array, assemble};
+use super::budget::Budget;
 use super::counted::{READING, whole};
 use super::error::{Error, LogError};
 use super::mcos;
 use super::recording::{ReadOptions, Recording};
 use super::scalar::Scalar;
 use crate::notes::Notes;
+use deadtime_signal::remedy::{Message, Remedy};
 
 const NAME: &str = "MAT 5";
 const HEADER: usize = 128;
 /// Structs within structs deeper than this are refused.
 const DEEPEST: usize = 16;
-/// A compressed variable may unpack to at most this many bytes.
-const LARGEST: u64 = 1 << 34;
 
 const INT8: u32 = 1;
 const UTF8: u32 = 16;
@@ -48,7 +47,9 @@ pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<
         Some([1, 0, b'M', b'I']) => true,
         _ => return Err(refused("the header is not one of version 5 to 7.3 (version 4, say); save it with `save -v7` or `-v7.3`, in Python with scipy.io.savemat(FILE, data)").into()),
     };
-    let mut file = Elements { bytes: bytes.get(HEADER..).unwrap_or_default(), big };
+    let budget = Budget::of(bytes.len() as u64, options);
+    let how = How { big, budget: &budget };
+    let mut file = Elements { bytes: bytes.get(HEADER..).unwrap_or_default(), how };
     let (mut variables, mut notes, mut objects) = (Vec::new(), Notes::default(), None);
     let subsystem = subsystem_at(bytes, big);
     let unpacking = options.far.part(READING, 1.0);
@@ -59,9 +60,12 @@ pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<
             notes.push(format!("cut off at byte {at}: the last variable is not whole"));
             break;
         };
-        let packed = if kind == COMPRESSED { unpacked(data, &mut notes, at) } else { Vec::new() };
+        let plain = match kind {
+            COMPRESSED => unpacked(data, &budget, &mut notes, (at, options.unchecked)),
+            _ => Vec::new(),
+        };
         let content = match kind {
-            COMPRESSED => Elements { bytes: &packed, big }
+            COMPRESSED => Elements { bytes: &plain, how }
                 .next()
                 .filter(|(kind, _, whole)| *kind == MATRIX && *whole)
                 .map(|(_, content, _)| content),
@@ -69,12 +73,13 @@ pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<
             _ => None,
         };
         if Some(at as u64) == subsystem {
-            objects = content.and_then(|content| wrapper(content, big));
-        } else if let Some(variable) = content.and_then(|content| matrix(content, big, 0)) {
+            objects = content.and_then(|content| wrapper(content, how));
+        } else if let Some(variable) = content.and_then(|content| matrix(content, how, 0)) {
             variables.push(variable);
-        } else if matches!(kind, COMPRESSED | MATRIX) && whole {
+        } else if matches!(kind, COMPRESSED | MATRIX) && whole && content.is_some() {
             notes.push(format!("the variable at byte {at} cannot be read; left out"));
         }
+        budget.give(plain.len() as u64);
         if !whole {
             notes.push(format!(
                 "cut off at byte {}: the variable that begins at byte {at} is not whole",
@@ -83,6 +88,7 @@ pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<
             break;
         }
     }
+    budget.check(source)?;
     mcos::resolve(&mut variables, objects, &mut notes);
     assemble(source, "mat", NAME, variables, notes, options)
 }
@@ -94,39 +100,63 @@ fn subsystem_at(bytes: &[u8], big: bool) -> Option<u64> {
 }
 
 /// The cells of the `FileWrapper__`: they stand in a file within an array of bytes, in the field `MCOS` of a struct.
-fn wrapper(content: &[u8], big: bool) -> Option<Vec<Array>> {
-    let mut parts = Elements { bytes: content, big };
+fn wrapper(content: &[u8], how: How<'_>) -> Option<Vec<Array>> {
+    let mut parts = Elements { bytes: content, how };
     // Flags, dimensions, name.
     parts.next().and(parts.next()).and(parts.next())?;
     let (_, inner, _) = parts.next()?;
-    let big = inner.get(2..4)? == b"MI";
-    let (_, content, _) = Elements { bytes: inner.get(8..)?, big }.next()?;
-    let Array::Struct(fields) = matrix(content, big, 0)?.1 else { return None };
+    let how = How { big: inner.get(2..4)? == b"MI", ..how };
+    let (_, content, _) = Elements { bytes: inner.get(8..)?, how }.next()?;
+    let Array::Struct(fields) = matrix(content, how, 0)?.1 else { return None };
     match fields.into_iter().find(|(field, _)| field == "MCOS")?.1 {
         Array::List(cells) => Some(cells),
         _ => None,
     }
 }
 
-/// A compressed element, as far as it unpacks.
-fn unpacked(data: &[u8], notes: &mut Notes, at: usize) -> Vec<u8> {
+/// A compressed element; empty where it does not unpack, or not to what its checksum says.
+fn unpacked(
+    data: &[u8],
+    budget: &Budget,
+    notes: &mut Notes,
+    (at, unchecked): (usize, bool),
+) -> Vec<u8> {
     let mut plain = Vec::new();
-    if let Err(error) = ZlibDecoder::new(data).take(LARGEST).read_to_end(&mut plain) {
-        notes.push(format!("the variable at byte {at} does not unpack ({error})"));
+    let Err(error) = budget.read(ZlibDecoder::new(data), u64::MAX, &mut plain) else {
+        return plain;
+    };
+    let what = format!("the variable at byte {at} does not unpack ({error})");
+    if unchecked && error.kind() != std::io::ErrorKind::OutOfMemory {
+        notes.push(format!("{what}; read as far as it goes"));
+        return plain;
     }
-    plain
+    budget.give(plain.len() as u64);
+    notes.push(match error.kind() {
+        std::io::ErrorKind::OutOfMemory => budget.left_out(&format!("the variable at byte {at}")),
+        _ => Message::from(format!("{what}; left out: "))
+            .and(Remedy::Unchecked)
+            .and(" reads it as far as it goes"),
+    });
+    Vec::new()
+}
+
+/// How numbers stand in a file, and the memory that they may take.
+#[derive(Clone, Copy)]
+struct How<'b> {
+    big: bool,
+    budget: &'b Budget,
 }
 
 /// The elements of a part of a file.
-struct Elements<'a> {
+struct Elements<'a, 'b> {
     bytes: &'a [u8],
-    big: bool,
+    how: How<'b>,
 }
 
-impl<'a> Elements<'a> {
+impl<'a> Elements<'a, '_> {
     fn u32(&self, at: usize) -> Option<u32> {
         let bytes = self.bytes.get(at..at + 4)?.try_into().ok()?;
-        Some(if self.big { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) })
+        Some(if self.how.big { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) })
     }
 
     /// Type and content of the next element, and whether it is whole.
@@ -153,11 +183,11 @@ impl<'a> Elements<'a> {
         if !whole {
             return None;
         }
-        numbers(kind, content, self.big)
+        numbers(kind, content, self.how)
     }
 }
 
-fn numbers(kind: u32, content: &[u8], big: bool) -> Option<Vec<f64>> {
+fn numbers(kind: u32, content: &[u8], how: How<'_>) -> Option<Vec<f64>> {
     let number = match kind {
         INT8 => Scalar::I8,
         2 | UTF8 => Scalar::U8,
@@ -171,11 +201,18 @@ fn numbers(kind: u32, content: &[u8], big: bool) -> Option<Vec<f64>> {
         13 => Scalar::U64,
         _ => return None,
     };
-    Some(content.chunks_exact(number.size()).filter_map(|b| number.value(b, big)).collect())
+    let count = content.len() / number.size();
+    // Once as they are, once as a topic's.
+    if !how.budget.take(2 * size_of::<f64>() as u64 * count as u64) {
+        return None;
+    }
+    let mut values = Vec::with_capacity(count);
+    values.extend(content.chunks_exact(number.size()).filter_map(|b| number.value(b, how.big)));
+    Some(values)
 }
 
 /// So many structs of the same fields.
-fn structs(parts: &mut Elements<'_>, count: usize, depth: usize) -> Option<Array> {
+fn structs(parts: &mut Elements<'_, '_>, count: usize, depth: usize) -> Option<Array> {
     let length = parts.numbers()?.first().copied()? as usize;
     let (_, names, _) = parts.next()?;
     if length == 0 {
@@ -190,7 +227,7 @@ fn structs(parts: &mut Elements<'_>, count: usize, depth: usize) -> Option<Array
         let mut element = Vec::with_capacity(fields.len());
         for field in &fields {
             let (_, value, _) = parts.next()?;
-            element.push((field.clone(), matrix(value, parts.big, depth + 1)?.1));
+            element.push((field.clone(), matrix(value, parts.how, depth + 1)?.1));
         }
         elements.push(Array::Struct(element));
     }
@@ -201,19 +238,19 @@ fn structs(parts: &mut Elements<'_>, count: usize, depth: usize) -> Option<Array
 }
 
 /// A variable: its name and what it holds.
-fn matrix(content: &[u8], big: bool, depth: usize) -> Option<(String, Array)> {
-    let mut parts = Elements { bytes: content, big };
+fn matrix(content: &[u8], how: How<'_>, depth: usize) -> Option<(String, Array)> {
+    let mut parts = Elements { bytes: content, how };
     if content.is_empty() || depth > DEEPEST {
         return Some((String::new(), Array::Other));
     }
     let (_, flags, _) = parts.next()?;
-    let class = Elements { bytes: flags, big }.u32(0)? & 0xff;
+    let class = Elements { bytes: flags, how }.u32(0)? & 0xff;
     if class == OPAQUE {
         let (_, name, _) = parts.next()?;
         // The system of types, the class, and what refers to the object's properties; the wrapper's class has the properties themselves.
         parts.next().and(parts.next())?;
         let (_, content, _) = parts.next()?;
-        let array = match matrix(content, big, depth + 1)?.1 {
+        let array = match matrix(content, how, depth + 1)?.1 {
             Array::Numbers { values, .. } => Array::Object(values),
             cells => cells,
         };
@@ -229,7 +266,7 @@ fn matrix(content: &[u8], big: bool, depth: usize) -> Option<(String, Array)> {
             let mut cells = Vec::new();
             while cells.len() < count && !parts.bytes.is_empty() {
                 let (_, cell, _) = parts.next()?;
-                cells.push(matrix(cell, big, depth + 1)?.1);
+                cells.push(matrix(cell, how, depth + 1)?.1);
             }
             Array::List(cells)
         }
@@ -238,7 +275,7 @@ fn matrix(content: &[u8], big: bool, depth: usize) -> Option<(String, Array)> {
             let (kind, letters, _) = parts.next()?;
             let text = match kind {
                 4 | 17 => String::from_utf16_lossy(
-                    &numbers(4, letters, big)?.into_iter().map(|x| x as u16).collect::<Vec<_>>(),
+                    &numbers(4, letters, how)?.into_iter().map(|x| x as u16).collect::<Vec<_>>(),
                 ),
                 _ => String::from_utf8_lossy(letters).into_owned(),
             };

@@ -4,19 +4,24 @@
 
 use std::fs::File;
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use ::parquet::data_type::DataType;
 use ::parquet::errors::ParquetError;
-use ::parquet::schema::types::ColumnDescriptor;
+use ::parquet::file::metadata::ColumnChunkMetaData;
+use ::parquet::schema::types::{ColumnDescPtr, ColumnDescriptor};
 use parquet::basic::{Compression, LogicalType, TimeUnit as Unit, Type};
-use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
+use parquet::column::reader::{ColumnReader, ColumnReaderImpl, get_column_reader};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 
-use super::columns::{Cells, Column, assemble, guarded};
+use super::budget::Budget;
+use super::columns::{Cells, Column, assemble, time_among};
 use super::error::{Error, LogError};
+use super::guard::{attempted, guarded};
+use super::pages::{Chunk, Lost, Pages};
 use super::recording::{ReadOptions, Recording, TimeUnit};
 use crate::notes::Notes;
-use deadtime_signal::progress::HowFar;
+use deadtime_signal::remedy::{Message, Remedy};
 
 const NAME: &str = "Parquet";
 /// So many rows at a time.
@@ -29,29 +34,38 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 
 fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Recording, Error> {
     let file = File::open(path).map_err(|e| Error::io(path, e))?;
+    let budget = Budget::of(file.metadata().map_or(0, |m| m.len()), options);
     let (columns, notes) =
-        read(file, &options.far).map_err(|e| LogError::format(source, NAME, e.to_string()))?;
+        read(file, &budget, options).map_err(|e| LogError::format(source, NAME, e.to_string()))?;
     assemble(source, "parquet", NAME, columns, notes, options)
 }
 
-fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, Notes), ParquetError> {
-    let reader = SerializedFileReader::new(file)?;
+fn read(
+    file: File,
+    budget: &Budget,
+    options: &ReadOptions,
+) -> Result<(Vec<Column>, Notes), ParquetError> {
+    let reader = SerializedFileReader::new(file.try_clone()?)?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
-    let packed = reader
-        .metadata()
-        .row_groups()
-        .iter()
-        .flat_map(|group| group.columns().iter().map(|column| column.compression()));
+    let groups = reader.metadata().row_groups();
+    let packed =
+        groups.iter().flat_map(|group| group.columns().iter().map(|column| column.compression()));
     if let Some(name) = packed.into_iter().find_map(unread) {
         let remedy = "write it again with compression=\"zstd\", \"snappy\" or \"gzip\"";
         return Err(ParquetError::General(format!(
             "compressed by {name}, which is not read; {remedy}"
         )));
     }
+    let names: Vec<String> = schema.columns().iter().map(|leaf| leaf.path().string()).collect();
+    let units: Vec<bool> = schema
+        .columns()
+        .iter()
+        .map(|leaf| leaf.max_rep_level() == 0 && empty(leaf).is_some_and(|c| c.unit().is_some()))
+        .collect();
+    let time = time_among(names.iter().map(String::as_str).zip(units), options);
     let (mut columns, mut notes) = (Vec::new(), Notes::default());
-    let steps = far.steps(schema.num_columns(), "reading columns");
-    for (at, leaf) in schema.columns().iter().enumerate() {
-        let name = leaf.path().string();
+    let steps = options.far.steps(schema.num_columns(), "reading columns");
+    for (at, (leaf, name)) in schema.columns().iter().zip(names).enumerate() {
         if leaf.max_rep_level() > 0 {
             notes.push(format!("{name}: a list in every row; left out"));
             continue;
@@ -60,20 +74,93 @@ fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, Notes), ParquetError> 
             notes.push(format!("{name}: {:?}, which is no number; left out", leaf.physical_type()));
             continue;
         };
-        for group in 0..reader.num_row_groups() {
-            let rows = usize::try_from(reader.metadata().row_group(group).num_rows()).unwrap_or(0);
-            if let Err(error) =
-                column(reader.get_row_group(group)?.get_column_reader(at)?, leaf, rows, &mut cells)
-            {
-                // What was whole stays; the rest of the column counts as missing.
-                notes.push(format!("{name}: damaged in row group {group} ({error})"));
-                break;
+        // Text is read where it is the time.
+        if !matches!(cells, Cells::Text(_)) || time == Some(at) {
+            let rows: u64 = groups
+                .iter()
+                .map(|g| u64::try_from(g.num_rows()).unwrap_or(u64::MAX))
+                .fold(0, u64::saturating_add);
+            if !budget.spare(rows.saturating_mul(cells.cost())) {
+                notes.push(budget.left_out(&name));
+                continue;
+            }
+            let mut of =
+                Reading { file: &file, leaf, name: &name, budget, unchecked: options.unchecked };
+            for (group, metadata) in groups.iter().enumerate() {
+                let Some(chunk) = metadata.columns().get(at) else { break };
+                let rows = usize::try_from(metadata.num_rows()).unwrap_or(0);
+                if let Err(error) = of.group(group, chunk, rows, &mut cells, &mut notes) {
+                    // What was whole stays; the rest of the column counts as missing.
+                    notes.push(format!("{name}: damaged in row group {group} ({error})"));
+                    break;
+                }
             }
         }
         columns.push(Column { name, cells });
         steps.one_more();
     }
     Ok((columns, notes))
+}
+
+/// A column that is read.
+struct Reading<'a> {
+    file: &'a File,
+    leaf: &'a ColumnDescPtr,
+    name: &'a str,
+    budget: &'a Budget,
+    unchecked: bool,
+}
+
+impl Reading<'_> {
+    /// Appends the cells of a row group; rows on pages that are not as they were written are missing.
+    fn group(
+        &mut self,
+        group: usize,
+        chunk: &ColumnChunkMetaData,
+        rows: usize,
+        cells: &mut Cells,
+        notes: &mut Notes,
+    ) -> Result<(), ParquetError> {
+        let lost = Arc::new(Mutex::new(Lost::default()));
+        let of = Chunk {
+            kind: self.leaf.physical_type(),
+            compression: chunk.compression(),
+            unchecked: self.unchecked,
+            budget: self.budget.clone(),
+            lost: lost.clone(),
+        };
+        let before = cells.len();
+        let read = attempted(|| {
+            let pages = Pages::new(self.file, chunk.byte_range(), of)?;
+            let reader = get_column_reader(self.leaf.clone(), Box::new(pages));
+            column(reader, self.leaf, rows, cells)
+        });
+        let lost = lost.lock().unwrap_or_else(PoisonError::into_inner);
+        for (at, rows) in &lost.rows {
+            cells.insert_missing(before + at, *rows);
+        }
+        if lost.pages > 0 {
+            let what = format!(
+                "{}: {} pages of row group {group} are not as they were written, by their checksums",
+                self.name, lost.pages
+            );
+            notes.push(match self.unchecked {
+                true => Message::from(format!("{what}; they are read all the same")),
+                false => Message::from(format!(
+                    "{what}; their {} rows are left out: ",
+                    lost.rows.iter().map(|(_, rows)| rows).sum::<usize>()
+                ))
+                .and(Remedy::Unchecked)
+                .and(" reads them all the same"),
+            });
+        }
+        read.ok_or_else(|| ParquetError::General("its parts do not fit together".into()))??;
+        let found = cells.len() - before;
+        if found < rows {
+            return Err(ParquetError::EOF(format!("{} of {rows} rows are missing", rows - found)));
+        }
+        Ok(())
+    }
 }
 
 /// The name of a compression that is not read.
@@ -97,8 +184,11 @@ fn empty(leaf: &ColumnDescriptor) -> Option<Cells> {
         _ => None,
     };
     match leaf.physical_type() {
-        Type::INT32 | Type::INT64 => Some(Cells::Whole(Vec::new(), unit)),
-        Type::BOOLEAN | Type::FLOAT | Type::DOUBLE => Some(Cells::Numbers(Vec::new())),
+        Type::INT64 => Some(Cells::Whole(Vec::new(), unit)),
+        Type::INT32 if unit.is_some() => Some(Cells::Whole(Vec::new(), unit)),
+        Type::INT32 | Type::BOOLEAN | Type::FLOAT | Type::DOUBLE => {
+            Some(Cells::Numbers(Vec::new()))
+        }
         Type::BYTE_ARRAY => Some(Cells::Text(Vec::new())),
         Type::INT96 | Type::FIXED_LEN_BYTE_ARRAY => None,
     }
@@ -113,27 +203,33 @@ fn column(
     let deepest = leaf.max_def_level();
     let unsigned =
         matches!(leaf.logical_type_ref(), Some(LogicalType::Integer(kind)) if !kind.is_signed);
+    let none = f64::NAN;
     match (reader, cells) {
         (ColumnReader::BoolColumnReader(r), Cells::Numbers(n)) => {
-            values(r, deepest, rows, n, |v| f64::from(u8::from(*v)))
+            values(r, deepest, rows, n, none, |v| f64::from(u8::from(*v)))
         }
         (ColumnReader::FloatColumnReader(r), Cells::Numbers(n)) => {
-            values(r, deepest, rows, n, |v| f64::from(*v))
+            values(r, deepest, rows, n, none, |v| f64::from(*v))
         }
         (ColumnReader::DoubleColumnReader(r), Cells::Numbers(n)) => {
-            values(r, deepest, rows, n, |v| *v)
+            values(r, deepest, rows, n, none, |v| *v)
         }
-        (ColumnReader::Int32ColumnReader(r), Cells::Whole(n, _)) if unsigned => {
-            values(r, deepest, rows, n, |v| i64::from(v.cast_unsigned()))
+        (ColumnReader::Int32ColumnReader(r), Cells::Numbers(n)) if unsigned => {
+            values(r, deepest, rows, n, none, |v| f64::from(v.cast_unsigned()))
+        }
+        (ColumnReader::Int32ColumnReader(r), Cells::Numbers(n)) => {
+            values(r, deepest, rows, n, none, |v| f64::from(*v))
         }
         (ColumnReader::Int32ColumnReader(r), Cells::Whole(n, _)) => {
-            values(r, deepest, rows, n, |v| i64::from(*v))
+            values(r, deepest, rows, n, None, |v| Some(i64::from(*v)))
         }
         (ColumnReader::Int64ColumnReader(r), Cells::Whole(n, _)) => {
-            values(r, deepest, rows, n, |v| *v)
+            values(r, deepest, rows, n, None, |v| Some(*v))
         }
         (ColumnReader::ByteArrayColumnReader(r), Cells::Text(n)) => {
-            values(r, deepest, rows, n, |v| String::from_utf8_lossy(v.data()).into_owned())
+            values(r, deepest, rows, n, None, |v| {
+                Some(String::from_utf8_lossy(v.data()).into_owned())
+            })
         }
         _ => {
             Err(ParquetError::General("its type is not the one that the file's schema says".into()))
@@ -141,12 +237,13 @@ fn column(
     }
 }
 
-/// Appends one value a row, nothing where the definition level says that there is none.
-fn values<T: DataType, V>(
+/// Appends one value a row up to the last page, `none` where the definition level says that there is none.
+fn values<T: DataType, V: Clone>(
     mut reader: ColumnReaderImpl<T>,
     deepest: i16,
     rows: usize,
-    into: &mut Vec<Option<V>>,
+    into: &mut Vec<V>,
+    none: V,
     value: impl Fn(&T::T) -> V,
 ) -> Result<(), ParquetError> {
     let mut left = rows;
@@ -159,18 +256,20 @@ fn values<T: DataType, V>(
             &mut found,
         )?;
         if records == 0 {
-            return Err(ParquetError::EOF(format!("{left} of {rows} rows are missing")));
+            return Ok(());
         }
         left = left.saturating_sub(records);
         let mut found = found.iter();
         if deepest == 0 {
-            into.extend(found.map(|v| Some(value(v))));
+            into.extend(found.map(&value));
         } else {
-            into.extend(
-                levels
-                    .iter()
-                    .map(|level| if *level == deepest { found.next().map(&value) } else { None }),
-            );
+            into.extend(levels.iter().map(|level| {
+                if *level == deepest {
+                    found.next().map_or(none.clone(), &value)
+                } else {
+                    none.clone()
+                }
+            }));
         }
     }
     Ok(())

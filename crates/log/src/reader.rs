@@ -6,7 +6,7 @@ use std::path::Path;
 use super::error::{Error, LogError};
 use super::log::Log;
 use super::recording::{ReadOptions, Recording};
-use super::{csv, folder, mat, mcap, rosbag2, ulog};
+use super::{csv, folder, mat, mcap, rosbag2, sentinel, ulog};
 
 /// As many bytes as any format is recognised by.
 const HEAD: usize = 520;
@@ -183,12 +183,13 @@ const FOLDER: Reader = Reader {
 /// The format of a file: by its first bytes, then by its name; text where neither tells.
 ///
 /// # Errors
-/// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`LogError::Format`] for a format that is known and not read.
+/// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`LogError::Format`] for a format that is known and not read; [`LogError::NoFile`] of what is neither file nor folder.
 pub fn reader(path: &Path) -> Result<&'static Reader, Error> {
     let io = |e| Error::io(path, e);
     if path.is_dir() {
         return Ok(&FOLDER);
     }
+    regular(path)?;
     let mut head = Vec::with_capacity(HEAD);
     std::fs::File::open(path).map_err(io)?.take(HEAD as u64).read_to_end(&mut head).map_err(io)?;
     let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
@@ -209,12 +210,27 @@ pub fn reader(path: &Path) -> Result<&'static Reader, Error> {
     known.or(READERS.last()).ok_or_else(|| io(std::io::ErrorKind::Unsupported.into()))
 }
 
+/// A file that can be read from its beginning as often as it takes.
+///
+/// # Errors
+/// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`LogError::NoFile`] of a pipe or a device, which would be waited for.
+pub(super) fn regular(path: &Path) -> Result<(), Error> {
+    let there = std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
+    if there.is_file() {
+        return Ok(());
+    }
+    Err(LogError::NoFile { file: path.display().to_string() }.into())
+}
+
 /// Reads a file of any format.
 ///
 /// # Errors
 /// [`FileError::Io`](deadtime_signal::file::FileError::Io) when the operating system refuses the file; [`super::error::LogError`] naming what is wrong, and where.
 pub fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
-    (reader(path)?.open)(path, options)
+    let mut recording = (reader(path)?.open)(path, options)?;
+    let Recording { topics, notes, .. } = &mut recording;
+    topics.iter_mut().for_each(|topic| sentinel::missing(&mut topic.log, &options.missing, notes));
+    Ok(recording)
 }
 
 /// Reads a file that holds one log: what [`open`] guessed is not said.

@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 
+use super::budget::Budget;
 use super::error::{Error, LogError};
 use super::log::{Channel, Log, Origin, Rows, TIME_LIMIT_S};
 use super::numbers::Numbers;
@@ -21,12 +22,18 @@ pub enum TimeUnit {
     Us,
     /// Nanoseconds.
     Ns,
+    /// Minutes.
+    Min,
+    /// Hours.
+    H,
+    /// Days, also as spreadsheets count them.
+    D,
     /// Dates by ISO 8601.
     Iso,
 }
 
 impl TimeUnit {
-    /// How many of them a second has; dates are counted in nanoseconds.
+    /// How many of them a second has, a part of one where they are longer; dates are counted in nanoseconds.
     #[must_use]
     pub fn per_second(self) -> f64 {
         match self {
@@ -34,6 +41,9 @@ impl TimeUnit {
             Self::Ms => 1e3,
             Self::Us => 1e6,
             Self::Ns | Self::Iso => 1e9,
+            Self::Min => 1.0 / 60.0,
+            Self::H => 1.0 / 3600.0,
+            Self::D => 1.0 / 86_400.0,
         }
     }
 
@@ -45,6 +55,9 @@ impl TimeUnit {
             Self::Ms => "milliseconds",
             Self::Us => "microseconds",
             Self::Ns => "nanoseconds",
+            Self::Min => "minutes",
+            Self::H => "hours",
+            Self::D => "days",
             Self::Iso => "dates",
         }
     }
@@ -69,6 +82,12 @@ pub struct ReadOptions {
     pub time_unit: Option<TimeUnit>,
     /// The clock of bags.
     pub stamps: Stamps,
+    /// Reads parts whose checksum does not match, too; else they are left out and counted.
+    pub unchecked: bool,
+    /// Numbers that stand for a missing sample.
+    pub missing: Vec<i64>,
+    /// Memory that reading may take, bytes; `None`: 4 times the file and 64 MiB.
+    pub memory: Option<u64>,
     /// Where it is said how much of the file is read.
     pub far: HowFar,
 }
@@ -135,6 +154,9 @@ impl Recording {
     }
 }
 
+/// Bytes that a number of a table takes, with whether it is there.
+const CELL: u64 = 9;
+
 /// A topic while it is read: rows of numbers, whatever order their stamps have.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Table {
@@ -142,6 +164,7 @@ pub(super) struct Table {
     time_s: Vec<f64>,
     columns: Vec<TableColumn>,
     endless: usize,
+    budget: Budget,
 }
 
 #[derive(Debug, Clone)]
@@ -153,9 +176,12 @@ struct TableColumn {
 }
 
 impl TableColumn {
-    fn set(&mut self, row: usize, value: Option<f64>) {
-        if self.values.len() > row {
-            // A row has one value a column.
+    fn set(&mut self, row: usize, value: Option<f64>, budget: &Budget) {
+        // A row has one value a column.
+        let Some(added) = (row + 1).checked_sub(self.values.len()).filter(|n| *n > 0) else {
+            return;
+        };
+        if !budget.take(CELL * added as u64) {
             return;
         }
         if self.values.len() < row || value.is_none() {
@@ -173,6 +199,11 @@ impl TableColumn {
 impl Table {
     pub(super) fn new(name: impl Into<String>) -> Self {
         Self { name: name.into(), ..Self::default() }
+    }
+
+    /// The same within a budget: nothing is added to it beyond.
+    pub(super) fn within(self, budget: &Budget) -> Self {
+        Self { budget: budget.clone(), ..self }
     }
 
     /// Its name.
@@ -202,16 +233,18 @@ impl Table {
 
     /// Takes back the row that was begun last.
     pub(super) fn drop_row(&mut self) {
-        self.time_s.pop();
+        let mut back = u64::from(self.time_s.pop().is_some());
         let rows = self.time_s.len();
         for column in &mut self.columns {
             if column.values.len() > rows {
+                back += (column.values.len() - rows) as u64;
                 column.values.resize(rows);
             }
             if let Some(present) = &mut column.present {
                 present.truncate(rows);
             }
         }
+        self.budget.give(CELL * back);
     }
 
     /// Gives it another name.
@@ -242,7 +275,9 @@ impl Table {
 
     /// Begins a row.
     pub(super) fn row(&mut self, time_s: f64) {
-        self.time_s.push(time_s);
+        if self.budget.take(CELL) {
+            self.time_s.push(time_s);
+        }
     }
 
     /// Begins several rows.
@@ -291,7 +326,7 @@ impl Table {
             self.endless += 1;
         }
         if let Some(column) = self.columns.get_mut(column) {
-            column.set(row, Some(value).filter(|v| v.is_finite()));
+            column.set(row, Some(value).filter(|v| v.is_finite()), &self.budget);
         }
     }
 
@@ -302,6 +337,9 @@ impl Table {
         notes: &mut Notes,
     ) -> Result<Option<Topic>, LogError> {
         let rows = self.time_s.len();
+        let missing: usize = self.columns.iter().map(|c| rows.saturating_sub(c.values.len())).sum();
+        self.budget.take(CELL * missing as u64);
+        self.budget.check(source)?;
         let what = if self.name.is_empty() { String::new() } else { format!("{}: ", self.name) };
         for column in &mut self.columns {
             if column.values.len() < rows {

@@ -25,7 +25,16 @@ pub(super) enum Encoding {
 /// A definition with all that it needs.
 #[derive(Debug, Clone)]
 pub(super) struct Definitions {
+    /// Fields of messages that take no byte are left out.
     messages: Vec<Vec<Field>>,
+}
+
+/// A definition while what it uses is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Known {
+    Begun,
+    /// Its place, and whether its messages take any byte.
+    Whole(usize, bool),
 }
 
 #[derive(Debug, Clone)]
@@ -73,7 +82,7 @@ impl FieldKind {
 }
 
 impl Definitions {
-    /// Reads a definition as bags hold it: the message `name`, then every message that it uses, behind lines of `=`. `Err` names what is missing.
+    /// Reads a definition as bags hold it: the message `name`, then every message that it uses, behind lines of `=`. `Err` names what is missing, or holds itself.
     pub(super) fn parse(name: &str, text: &str) -> Result<Self, String> {
         let mut texts: HashMap<String, &str> = HashMap::new();
         let mut current = (plain(name), 0);
@@ -103,11 +112,13 @@ impl Definitions {
         &mut self,
         name: &str,
         texts: &HashMap<String, &str>,
-        known: &mut HashMap<String, usize>,
+        known: &mut HashMap<String, Known>,
         depth: usize,
-    ) -> Result<usize, String> {
-        if let Some(at) = known.get(name) {
-            return Ok(*at);
+    ) -> Result<(usize, bool), String> {
+        match known.get(name) {
+            Some(Known::Begun) => return Err(format!("the definition of {name} holds itself")),
+            Some(Known::Whole(place, takes)) => return Ok((*place, *takes)),
+            None => {}
         }
         // A bag without definitions has an empty one.
         let text = texts
@@ -121,7 +132,7 @@ impl Definitions {
             .ok_or_else(|| format!("no definition of {name}"))?;
         let place = self.messages.len();
         self.messages.push(Vec::new());
-        known.insert(name.to_owned(), place);
+        known.insert(name.to_owned(), Known::Begun);
         let package = name.split('/').next().unwrap_or_default();
         let mut fields = Vec::new();
         for line in text.lines() {
@@ -149,15 +160,25 @@ impl Definitions {
                         name if name.contains('/') => name,
                         name => format!("{package}/{name}"),
                     };
-                    FieldKind::Message(self.message(&whole, texts, known, depth + 1)?)
+                    let (place, takes) = self.message(&whole, texts, known, depth + 1)?;
+                    // However many there are: only their count takes bytes.
+                    if !takes && count != Count::Any {
+                        continue;
+                    }
+                    FieldKind::Message(place)
                 }
             };
+            if count == Count::Fixed(0) {
+                continue;
+            }
             fields.push(Field { name: field.to_owned(), kind, count });
         }
+        let takes = !fields.is_empty();
+        known.insert(name.to_owned(), Known::Whole(place, takes));
         if let Some(message) = self.messages.get_mut(place) {
             *message = fields;
         }
-        Ok(place)
+        Ok((place, takes))
     }
 }
 
@@ -274,6 +295,12 @@ impl Walk<'_> {
         }
         if let (None, FieldKind::Number(scalar)) = (&node, field.kind) {
             return bytes.skip(count, scalar.size());
+        }
+        // Elements that take no byte hold no number.
+        if let FieldKind::Message(place) = field.kind
+            && self.definitions.messages.get(place).is_none_or(Vec::is_empty)
+        {
+            return Some(());
         }
         let mut parts = node.and_then(parts);
         for i in 0..count {

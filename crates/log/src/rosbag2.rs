@@ -16,7 +16,7 @@ const NAME: &str = "a ROS 2 bag in SQLite";
 /// Reads a `.db3` file.
 pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
     let file = Counted::open(path, &options.far).map_err(|e| Error::io(path, e))?;
-    let mut bag = Bag::new(options.stamps);
+    let mut bag = Bag::new(options, file.length());
     bag.notes.extend(journal(path));
     let source = path.display().to_string();
     fill(&source, BufReader::new(file), &mut bag)?;

@@ -44,6 +44,8 @@ pub(super) struct Database<R> {
     page_size: u64,
     usable: u64,
     pages: u64,
+    /// Pages that may still be read for the table at hand: each belongs to one place of it.
+    left: u64,
     /// Pages that could not be read.
     pub(super) lost: usize,
 }
@@ -87,12 +89,19 @@ impl<R: Read + Seek> Database<R> {
             page_size,
             usable: page_size - reserved,
             pages: length.div_ceil(page_size),
+            left: 0,
             lost: 0,
         }))
     }
 
     /// A page; `None` where the file has no such page as a whole.
     fn page(&mut self, number: u64) -> Option<Vec<u8>> {
+        // Pages that lead in a circle are read no further.
+        let Some(left) = self.left.checked_sub(1) else {
+            self.lost += 1;
+            return None;
+        };
+        self.left = left;
         let at = number.checked_sub(1)?.checked_mul(self.page_size)?;
         let mut page = vec![0; self.page_size as usize];
         let read =
@@ -126,8 +135,8 @@ impl<R: Read + Seek> Database<R> {
 
     /// Hands every row of a table over, in the order of their numbers.
     pub(super) fn rows(&mut self, table: &SqlTable, take: &mut dyn FnMut(&[SqlValue])) {
-        let mut left = self.pages + 1;
-        self.tree(table.root, table, take, 0, &mut left);
+        self.left = self.pages + 1;
+        self.tree(table.root, table, take, 0);
     }
 
     fn tree(
@@ -136,12 +145,10 @@ impl<R: Read + Seek> Database<R> {
         table: &SqlTable,
         take: &mut dyn FnMut(&[SqlValue]),
         depth: usize,
-        left: &mut u64,
     ) {
-        if depth > DEEPEST || *left == 0 {
+        if depth > DEEPEST {
             return;
         }
-        *left -= 1;
         let Some(page) = self.page(number) else { return };
         let start = if number == 1 { 100 } else { 0 };
         let u16_at = |at: usize| {
@@ -170,11 +177,11 @@ impl<R: Read + Seek> Database<R> {
                     None => self.lost += 1,
                 }
             } else {
-                self.tree(u64::from(u32_at(at)), table, take, depth + 1, left);
+                self.tree(u64::from(u32_at(at)), table, take, depth + 1);
             }
         }
         if !leaf {
-            self.tree(u64::from(u32_at(start + 8)), table, take, depth + 1, left);
+            self.tree(u64::from(u32_at(start + 8)), table, take, depth + 1);
         }
     }
 

@@ -150,9 +150,9 @@ fn a_column_of_time_is_needed_in_a_known_unit() {
         assert!(matches!(error, LogError::FirstColumn { .. }));
         says(&error, &["a.csv", "row 1", found, "`time`", "which it is with `time`"]);
     }
-    let error = refusal("# made by hand\ntime [min],u\n0,1\n");
-    assert!(matches!(&error, LogError::TimeUnit { unit, row: 2, .. } if unit == "min"));
-    says(&error, &["a.csv", "row 2", "`min`", "convert it to seconds", "`time_unit`"]);
+    let error = refusal("# made by hand\ntime [ticks],u\n0,1\n");
+    assert!(matches!(&error, LogError::TimeUnit { unit, row: 2, .. } if unit == "ticks"));
+    says(&error, &["a.csv", "row 2", "`ticks`", "convert it to seconds", "`time_unit`"]);
 }
 
 // Dialects.
@@ -1113,4 +1113,22 @@ fn ten_million_rows_load_and_keep_an_exact_grid() {
     assert_eq!(log.even_grid().unwrap().seconds(), 0.001);
     assert_eq!(log.place(9_999_999), Place::Row(10_000_001));
     assert_eq!(log.input("y").unwrap()[9_999_999], 4.9);
+}
+
+#[test]
+fn samples_closer_than_any_recorder_takes_them_are_refused() {
+    for (step, fine) in [
+        (5e-324, false),
+        (1e-300, false),
+        (1e-20, false),
+        (1e-13, false),
+        (1e-11, true),
+        (1e-9, true),
+    ] {
+        let stamps: Vec<f64> = (0..50).map(|k| f64::from(k) * step).collect();
+        let channel = crate::Channel::new("u", None, vec![1.0; 50]);
+        let log = crate::Log::new("a", stamps, vec![channel]);
+        assert_eq!(log.is_ok(), fine, "{step}");
+        assert!(fine || log.unwrap_err().to_string().contains("another unit"));
+    }
 }

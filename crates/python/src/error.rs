@@ -109,6 +109,8 @@ pub(super) fn call(remedy: &Remedy) -> String {
         Remedy::ResampleAt { seconds } => return format!("`log.resample({seconds})`"),
         Remedy::TimeColumn => "time=",
         Remedy::TimeUnit => "time_unit=",
+        Remedy::Missing { number } => return format!("missing=[{number}]"),
+        Remedy::Unchecked => "unchecked=True",
         Remedy::HeaderStamps => "stamps=\"header\"",
         Remedy::ClosedLoop => "loop=\"closed\"",
         Remedy::Delay => "delay=",

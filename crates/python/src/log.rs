@@ -32,10 +32,13 @@ fn read_options(
         Some("ms") => Some(TimeUnit::Ms),
         Some("us") => Some(TimeUnit::Us),
         Some("ns") => Some(TimeUnit::Ns),
+        Some("min") => Some(TimeUnit::Min),
+        Some("h") => Some(TimeUnit::H),
+        Some("d") => Some(TimeUnit::D),
         Some("iso") => Some(TimeUnit::Iso),
         Some(other) => {
             return Err(PyValueError::new_err(format!(
-                "time_unit is {other:?}; it is one of s, ms, us, ns, iso"
+                "time_unit is {other:?}; it is one of s, ms, us, ns, min, h, d, iso"
             )));
         }
     };
@@ -49,6 +52,15 @@ fn read_options(
         }
     };
     Ok(ReadOptions { time, time_unit, stamps, ..ReadOptions::default() })
+}
+
+/// With what is read of damaged files, the memory that it may take, and the numbers that stand for missing samples.
+fn limited(
+    options: ReadOptions,
+    (unchecked, max_memory_gb, missing): (bool, Option<f64>, Vec<i64>),
+) -> ReadOptions {
+    let memory = max_memory_gb.map(|gb| (gb * 1e9) as u64);
+    ReadOptions { unchecked, memory, missing, ..options }
 }
 
 /// A measured log: time stamps and named channels of as many samples.
@@ -108,7 +120,8 @@ impl Log {
     /// The records of a CSV file (.csv or .csv.gz), one without `records`, else one per new value of that column. With the names of inputs and outputs the channels
     /// of several topics are put together, on an even grid where `sample_time` is given. `clock` is the column of time, its unit and which stamps of bags.
     #[staticmethod]
-    #[pyo3(signature = (path, clock, records = None, wanted = None, sample_time = None))]
+    #[pyo3(signature = (path, clock, records = None, wanted = None, sample_time = None, unchecked = false, max_memory_gb = None, missing = Vec::new()))]
+    #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
     fn _read(
         py: Python<'_>,
         path: PathBuf,
@@ -116,9 +129,12 @@ impl Log {
         records: Option<String>,
         wanted: Option<(Vec<String>, Vec<String>)>,
         sample_time: Option<f64>,
+        unchecked: bool,
+        max_memory_gb: Option<f64>,
+        missing: Vec<i64>,
     ) -> PyResult<Vec<Self>> {
         let grid = sample_time.map(SampleTime::new).transpose().or_raise(py)?;
-        let options = read_options(clock)?;
+        let options = limited(read_options(clock)?, (unchecked, max_memory_gb, missing));
         let read = || match records {
             Some(column) => csv::records(&path, &column, &options),
             None => {
@@ -145,12 +161,16 @@ impl Log {
 
     /// What a file holds, `deadtime/log@1`, as JSON text.
     #[staticmethod]
+    #[pyo3(signature = (path, clock, unchecked = false, max_memory_gb = None, missing = Vec::new()))]
     fn _listing(
         py: Python<'_>,
         path: PathBuf,
         clock: (Option<String>, Option<String>, String),
+        unchecked: bool,
+        max_memory_gb: Option<f64>,
+        missing: Vec<i64>,
     ) -> PyResult<String> {
-        let options = read_options(clock)?;
+        let options = limited(read_options(clock)?, (unchecked, max_memory_gb, missing));
         let mut listing = py
             .detach(|| open(&path, &options).map(|recording| recording.listing()))
             .or_raise(py)?;

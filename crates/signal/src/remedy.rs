@@ -47,6 +47,13 @@ pub enum Remedy {
     TimeUnit,
     /// The senders' stamps in place of the recorder's.
     HeaderStamps,
+    /// Reading parts whose checksum does not match, too.
+    Unchecked,
+    /// A number that stands for a missing sample.
+    Missing {
+        /// The number.
+        number: i64,
+    },
     /// The declaration that the log is of a closed loop.
     ClosedLoop,
     /// The dead times that an identification is given.
@@ -99,6 +106,8 @@ impl fmt::Display for Remedy {
             Self::ResampleAt { seconds } => return write!(f, "`resample({seconds})`"),
             Self::TimeColumn => "`time`",
             Self::TimeUnit => "`time_unit`",
+            Self::Missing { number } => return write!(f, "`missing` of {number}"),
+            Self::Unchecked => "`unchecked`",
             Self::HeaderStamps => "`stamps` of the header",
             Self::ClosedLoop => "the log is declared to be of a closed loop",
             Self::Delay => "`delay`",

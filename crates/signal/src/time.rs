@@ -4,8 +4,10 @@
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TimeError {
-    /// A sample time is finite and above zero.
-    #[error("sample time {seconds} s: give a finite number of seconds above 0")]
+    /// A sample time is finite and not below [`LEAST_S`].
+    #[error(
+        "sample time {seconds} s: give a finite number of seconds above 0, {LEAST_S} or more (is time in another unit?)"
+    )]
     SampleTime {
         /// What was given, in seconds.
         seconds: f64,
@@ -39,6 +41,9 @@ pub struct Samples {
     pub fraction: f64,
 }
 
+/// The shortest sample time, s: no recorder is faster, and a model's response to one sample is lost in rounding long before.
+pub const LEAST_S: f64 = 1e-12;
+
 /// A delay this close to a whole number of samples (in samples) is one: seconds such as 0.3 are no exact multiples of 0.1 in binary.
 const WHOLE: f64 = 1e-9;
 
@@ -46,9 +51,9 @@ impl SampleTime {
     /// Checks and wraps a number of seconds.
     ///
     /// # Errors
-    /// [`TimeError::SampleTime`] unless finite and above zero.
+    /// [`TimeError::SampleTime`] unless finite and [`LEAST_S`] or more.
     pub fn new(seconds: f64) -> Result<Self, TimeError> {
-        if seconds.is_finite() && seconds > 0.0 {
+        if seconds.is_finite() && seconds >= LEAST_S {
             Ok(Self(seconds))
         } else {
             Err(TimeError::SampleTime { seconds })

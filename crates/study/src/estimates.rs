@@ -12,7 +12,7 @@ use super::plan::{PLAIN, Plan, Scoring, Shown};
 use super::results::Cell;
 use super::setting::{Record, Setting};
 use deadtime_delay::{DelayEstimate, Detrend, Experiment, Outcome, Scope, Search, Start, richness};
-use deadtime_signal::file::{named, temporary};
+use deadtime_signal::file::Begun;
 use deadtime_signal::stop::Stop;
 
 /// One estimate.
@@ -336,13 +336,13 @@ pub(super) trait Sink {
 /// `estimates.csv`.
 pub(super) struct CsvSink {
     path: PathBuf,
-    file: csv::Writer<tempfile::NamedTempFile>,
+    file: csv::Writer<Begun>,
     headed: bool,
 }
 
 impl CsvSink {
     pub(super) fn new(path: PathBuf) -> Result<Self> {
-        let file = temporary(&path)?;
+        let file = Begun::new(&path)?;
         Ok(Self { path, file: csv::Writer::from_writer(file), headed: false })
     }
 }
@@ -366,6 +366,6 @@ impl Sink for CsvSink {
             .file
             .into_inner()
             .map_err(|e| Error::io(&self.path, std::io::Error::other(e.to_string())))?;
-        Ok(named(file, &self.path)?)
+        Ok(file.finish()?)
     }
 }

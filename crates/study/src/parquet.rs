@@ -20,7 +20,7 @@ use parquet::schema::types::{Type, TypePtr};
 use super::error::{Error, Result, StudyError};
 use super::estimates::{Field, Row, Sink};
 use deadtime_delay::Outcome;
-use deadtime_signal::file::{named, temporary};
+use deadtime_signal::file::Begun;
 
 /// Rows that are held before they are written together.
 const GROUP: usize = 65_536;
@@ -156,7 +156,7 @@ fn put<T: DataType, W: Write + Send>(
 pub(super) struct ParquetSink {
     path: PathBuf,
     /// Made with the first line, which tells the columns.
-    table: Option<EstimateTable<tempfile::NamedTempFile>>,
+    table: Option<EstimateTable<Begun>>,
 }
 
 impl ParquetSink {
@@ -181,7 +181,7 @@ impl Sink for ParquetSink {
         let table = match &mut self.table {
             Some(table) => table,
             none => none.insert(
-                EstimateTable::new(temporary(path)?, fields.clone(), &[])
+                EstimateTable::new(Begun::new(path)?, fields.clone(), &[])
                     .map_err(|e| unwritten(path, &e))?,
             ),
         };
@@ -191,7 +191,7 @@ impl Sink for ParquetSink {
     fn finish(self: Box<Self>) -> Result<()> {
         let Self { path, table } = *self;
         let Some(table) = table else { return Ok(()) };
-        Ok(named(table.finish().map_err(|e| unwritten(&path, &e))?, &path)?)
+        Ok(table.finish().map_err(|e| unwritten(&path, &e))?.finish()?)
     }
 }
 

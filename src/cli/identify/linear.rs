@@ -15,7 +15,7 @@ use crate::report::page;
 use deadtime_delay::{BehindDelays, TakenOut, identify_behind_delays};
 use deadtime_identify::subspace::{Direct, Recordings};
 use deadtime_log::Log;
-use deadtime_signal::file::write_atomic;
+use deadtime_signal::file::{STANDARD_OUTPUT, write_atomic};
 use deadtime_signal::registry;
 use deadtime_signal::stop::Stop;
 
@@ -179,5 +179,7 @@ fn names(paths: &[PathBuf]) -> Vec<String> {
 
 /// What a model is called: as its file.
 fn name(out: &Path) -> String {
-    out.file_stem().map_or_else(|| "identified".to_owned(), |s| s.to_string_lossy().into_owned())
+    out.file_stem()
+        .filter(|_| out.as_os_str() != STANDARD_OUTPUT)
+        .map_or_else(|| "identified".to_owned(), |s| s.to_string_lossy().into_owned())
 }

@@ -10,7 +10,7 @@ const COUNTED_FROM_FIRST: i128 = 100_000_000_000;
 /// Seconds since 1970 at the beginning of 2000 and of 2100: whole numbers between them are dates in seconds, and so on for thousandths.
 const DATES_S: std::ops::Range<f64> = 946_684_800.0..4_102_444_800.0;
 /// What a column of time may be called, lower case, its unit taken off.
-const NAMES: [&str; 15] = [
+const NAMES: [&str; 23] = [
     "time",
     "timestamp",
     "time_stamp",
@@ -26,12 +26,25 @@ const NAMES: [&str; 15] = [
     "epoch",
     "unix_time",
     "utc",
+    "ts",
+    "x_value",
+    "tow",
+    "gps_time",
+    "zeit",
+    "zeitstempel",
+    "uhrzeit",
+    "datum",
 ];
-const UNITS: [(TimeUnit, &[&str]); 4] = [
+/// What stands in brackets behind a name of time and is no unit.
+const ZONES: [&str; 6] = ["utc", "gmt", "local", "gps", "cet", "iso"];
+const UNITS: [(TimeUnit, &[&str]); 7] = [
     (TimeUnit::S, &["s", "sec", "secs", "second", "seconds"]),
     (TimeUnit::Ms, &["ms", "msec", "msecs", "millis", "millisecond", "milliseconds"]),
     (TimeUnit::Us, &["us", "µs", "μs", "usec", "usecs", "micros", "microsecond", "microseconds"]),
     (TimeUnit::Ns, &["ns", "nsec", "nsecs", "nanos", "nanosecond", "nanoseconds"]),
+    (TimeUnit::Min, &["min", "mins", "minute", "minutes"]),
+    (TimeUnit::H, &["h", "hr", "hrs", "hour", "hours"]),
+    (TimeUnit::D, &["d", "day", "days"]),
 ];
 
 /// The unit that a header writes.
@@ -43,16 +56,39 @@ pub(super) fn unit(text: &str) -> Option<TimeUnit> {
 /// Whether a column of this name, its unit in brackets taken off, may be the time, and the unit that the name tells. `t` may be a temperature anywhere but in front.
 pub(super) fn named(name: &str, first: bool) -> Option<Option<TimeUnit>> {
     let name = name.trim().to_lowercase();
-    let known = |base: &str| NAMES.contains(&base) || (first && base == "t");
-    if known(&name) {
+    if known(&name, first) {
         return Some(None);
     }
-    if first && let Some(unit) = unit(&name) {
+    // `h` and `d` may be a height and a distance, `min` the least.
+    if first && let Some(unit) = unit(&name).filter(|unit| !long(*unit) || name.len() > 3) {
         return Some(Some(unit));
     }
     let open = name.strip_suffix(')').unwrap_or(&name);
     let (base, suffix) = open.rsplit_once(['_', '(', '/', ' '])?;
-    known(base.trim_end_matches(['_', ' '])).then(|| unit(suffix)).flatten().map(Some)
+    let base = base.trim_end_matches(['_', ' ']);
+    if name.ends_with(')') && known(base, first) && ZONES.contains(&suffix.trim()) {
+        return Some(None);
+    }
+    let bare = base == "t" && !name.ends_with(')');
+    known(base, first).then(|| unit(suffix)).flatten().filter(|u| !(bare && long(*u))).map(Some)
+}
+
+/// Whether a name is one of time; `t` may be a temperature anywhere but in front.
+fn known(name: &str, first: bool) -> bool {
+    let name = name.replace(' ', "_");
+    NAMES.contains(&name.as_str()) || (first && name == "t")
+}
+
+fn long(unit: TimeUnit) -> bool {
+    matches!(unit, TimeUnit::Min | TimeUnit::H | TimeUnit::D)
+}
+
+/// What a name of time has in brackets where it is no unit that is known.
+pub(super) fn unknown_unit(name: &str, first: bool) -> Option<String> {
+    let lower = name.trim().to_lowercase();
+    let (base, suffix) = lower.strip_suffix(')')?.rsplit_once('(')?;
+    let strange = named(name, first).is_none() && known(base.trim_end(), first);
+    strange.then(|| suffix.trim().to_owned())
 }
 
 /// As [`named`], of arrays, which have no order.
@@ -126,6 +162,10 @@ pub(super) struct StampReader {
     dates: bool,
     started: bool,
     whole: bool,
+    /// Dates without a zone: the clocks may be changed among them.
+    local: bool,
+    /// Times of day without a date: the last one, and the midnights before it, nanoseconds.
+    clock: Option<(i128, i128)>,
 }
 
 impl StampReader {
@@ -139,13 +179,18 @@ impl StampReader {
         let text = || std::str::from_utf8(cell).ok();
         if !self.started {
             self.dates = unit == Some(TimeUnit::Iso)
-                || (unit.is_none() && number(cell).is_none() && text().and_then(date).is_some());
+                || (unit.is_none() && number(cell).is_none() && text().and_then(written).is_some());
+            self.local = self.dates && text().is_some_and(|t| date(t).is_some() && !zoned(t));
+            self.clock = text()
+                .filter(|t| self.dates && date(t).is_none())
+                .and_then(written)
+                .map(|ns| (ns, 0));
             self.whole = true;
             self.started = true;
             let whole = |t: &str| {
                 t.parse().ok().or_else(|| number(cell).and(parts(t)).map(|(whole, _)| whole))
             };
-            let first = if self.dates { text().and_then(date) } else { text().and_then(whole) };
+            let first = if self.dates { text().and_then(written) } else { text().and_then(whole) };
             let large = |x: &i128| {
                 x.unsigned_abs() >= COUNTED_FROM_FIRST.unsigned_abs()
                     || DATES_S.contains(&(*x as f64))
@@ -154,7 +199,7 @@ impl StampReader {
         }
         let from = self.origin.unwrap_or(0);
         if self.dates {
-            return date(text()?).map(|ns| ns.saturating_sub(from) as f64);
+            return self.dated(text()?).map(|ns| ns.saturating_sub(from) as f64);
         }
         if let Some(whole) = text().and_then(|t| t.parse::<i128>().ok()) {
             return Some(whole.saturating_sub(from) as f64);
@@ -166,6 +211,35 @@ impl StampReader {
             Some((whole, behind)) => Some(whole.saturating_sub(from) as f64 + behind),
             None => Some(x - from as f64),
         }
+    }
+
+    /// A date, or a time of day, which goes on behind midnight.
+    fn dated(&mut self, text: &str) -> Option<i128> {
+        let Some((last, midnights)) = &mut self.clock else { return date(text) };
+        let ns = clock_only(text)?;
+        if ns < *last - DAY_NS / 2 {
+            *midnights += DAY_NS;
+        }
+        *last = ns;
+        Some(ns + *midnights)
+    }
+
+    /// By how much a change of the clocks moved this stamp, ns: an hour where it follows the one before it by a step and an hour, or a step less an hour, in the night of a Sunday.
+    pub(super) fn clock_change(&self, before: &[f64], raw: f64) -> Option<f64> {
+        const SUNDAY: i128 = 3;
+        let hour = HOUR_NS as f64;
+        let (last, from) = (before.last()?, self.origin.filter(|_| self.local)?);
+        if (0.0..hour).contains(&(raw - last)) {
+            return None;
+        }
+        let night = (from + *last as i128 + HOUR_NS / 4).rem_euclid(7 * DAY_NS) - SUNDAY * DAY_NS;
+        // A step that is often enough to be known, and short enough to show an hour.
+        let step = Some(median_step(before.get(before.len().saturating_sub(50)..)?))
+            .filter(|step| *step > 0.0 && *step <= HOUR_NS as f64 && before.len() > 3)?;
+        let off = raw - last - step;
+        let exact = |change: f64| (off - change).abs() <= 1e-3 * step;
+        let change = [hour, -hour].into_iter().find(|change| exact(*change))?;
+        (0..4 * HOUR_NS).contains(&night).then_some(change)
     }
 
     /// Where the stamps count from, as the end of a sentence; nothing where they are as written.
@@ -193,6 +267,9 @@ impl StampReader {
             return (unit, if unit == TimeUnit::S { Why::Rule } else { Why::Size });
         }
         let step = median_step(stamps);
+        if !self.whole && spreadsheet(size, step) {
+            return (TimeUnit::D, Why::Size);
+        }
         if !self.whole || step < 1.0 {
             return (TimeUnit::S, Why::Rule);
         }
@@ -205,6 +282,36 @@ impl StampReader {
             _ => (TimeUnit::S, Why::Rule),
         }
     }
+}
+
+/// Nanoseconds of a day.
+const DAY_NS: i128 = 86_400_000_000_000;
+/// Days since 1900 that a spreadsheet counts from 1982 to 2064.
+const SPREADSHEET_DAYS: std::ops::Range<f64> = 30_000.0..60_000.0;
+
+/// Whether stamps are days as a spreadsheet counts them: of our days, with whole seconds between them that are no short decimals of a day.
+fn spreadsheet(size: f64, step: f64) -> bool {
+    let (step_s, tenthousandths) = (step * 86_400.0, step * 1e4);
+    let whole = step_s.round() >= 1.0 && (step_s - step_s.round()).abs() <= 1e-3 * step_s.round();
+    let decimal = (tenthousandths - tenthousandths.round()).abs() <= 1e-3;
+    SPREADSHEET_DAYS.contains(&size) && step < 1.0 && whole && !decimal
+}
+
+/// Whether a date says of which zone it is.
+fn zoned(text: &str) -> bool {
+    let clock = text.trim().split_once(['T', 't', ' ']).map_or("", |(_, clock)| clock);
+    let (lower, sign) = (clock.to_lowercase(), clock.contains(['+', '-']));
+    sign || ["z", "utc", "gmt"].iter().any(|zone| lower.ends_with(zone))
+}
+
+/// A date, or a time of day alone.
+fn written(text: &str) -> Option<i128> {
+    date(text).or_else(|| clock_only(text))
+}
+
+/// Nanoseconds since midnight of `HH:MM:SS`, with a fraction or AM or PM.
+fn clock_only(text: &str) -> Option<i128> {
+    time_of_day(text.trim()).filter(|_| text.bytes().filter(|b| *b == b':').count() == 2)
 }
 
 /// What stands before and behind the point of a plain decimal that is not negative.
@@ -222,25 +329,53 @@ pub(crate) fn median_step(stamps: &[f64]) -> f64 {
     stats::upper_median(steps).unwrap_or(0.0)
 }
 
-/// Nanoseconds since 1970 of a date by ISO 8601: `2024-03-01`, `2024-03-01T12:30:01.25Z`, `2024-03-01 12:30:01,25+01:00`. Without a zone it is taken as UTC.
+/// Nanoseconds since 1970 of a date by ISO 8601: `2024-03-01`, `2024-03-01T12:30:01.25Z`, `2024-03-01 12:30:01,25+01:00`, `20240301T123001Z`; also `01.03.2024 12:30` and `12:30:01 PM`.
+/// Without a zone it is taken as UTC.
 pub(super) fn date(text: &str) -> Option<i128> {
     let text = text.trim();
     let (day, clock) = match text.split_once(['T', 't', ' ']) {
         Some((day, clock)) => (day, Some(clock.trim())),
         None => (text, None),
     };
-    let mut parts = day.split(['-', '/']);
-    let mut part = |digits: usize| {
-        let text =
-            parts.next().filter(|t| t.len() == digits && t.bytes().all(|b| b.is_ascii_digit()))?;
-        text.parse::<i128>().ok()
+    let digits = |text: &str| text.bytes().all(|b| b.is_ascii_digit());
+    let compact = day.len() == 8 && digits(day) && clock.is_some();
+    let (year, month, of_month) = if compact {
+        (day.get(..4)?, day.get(4..6)?, day.get(6..)?)
+    } else {
+        let mut parts = day.split(['-', '/', '.']);
+        let three = (parts.next()?, parts.next()?, parts.next()?);
+        if parts.next().is_some() {
+            return None;
+        }
+        // Points stand between day, month and year, in this order.
+        if day.contains('.') { (three.2, three.1, three.0) } else { three }
     };
-    let (year, month, of_month) = (part(4)?, part(2)?, part(2)?);
-    if parts.next().is_some() || !(1..=12).contains(&month) || !(1..=31).contains(&of_month) {
+    let part = |text: &str, least: usize, most: usize| {
+        (digits(text) && (least..=most).contains(&text.len())).then(|| text.parse().ok())?
+    };
+    let least = if day.contains('.') { 1 } else { 2 };
+    let (year, month, of_month): (i128, i128, i128) =
+        (part(year, 4, 4)?, part(month, least, 2)?, part(of_month, least, 2)?);
+    if !(1..=12).contains(&month) || !(1..=31).contains(&of_month) {
         return None;
     }
-    let seconds_ns = clock.map_or(Some(0), time_of_day)?;
-    Some(days(year, month, of_month) * 86_400_000_000_000 + seconds_ns)
+    let seconds_ns = match clock {
+        None => 0,
+        Some(clock) if compact => time_of_day(&spread(clock)?)?,
+        Some(clock) => time_of_day(clock)?,
+    };
+    Some(days(year, month, of_month) * DAY_NS + seconds_ns)
+}
+
+/// `123001.5Z` as `12:30:01.5Z`.
+fn spread(clock: &str) -> Option<String> {
+    if clock.contains(':') {
+        return Some(clock.to_owned());
+    }
+    let (hours, rest) = clock.split_at_checked(2)?;
+    let (minutes, rest) = rest.split_at_checked(2)?;
+    let seconds = rest.starts_with(|c: char| c.is_ascii_digit());
+    Some(format!("{hours}:{minutes}{}{rest}", if seconds { ":" } else { "" }))
 }
 
 /// Days since 1970 in the Gregorian calendar: years begin in March, so that the leap day is a year's last.
@@ -251,8 +386,19 @@ fn days(year: i128, month: i128, of_month: i128) -> i128 {
     era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year - 719_468
 }
 
+/// Nanoseconds of an hour.
+const HOUR_NS: i128 = 3_600_000_000_000;
+
 /// Nanoseconds of `HH:MM`, `HH:MM:SS`, `HH:MM:SS.fraction` with or without a zone.
-fn time_of_day(text: &str) -> Option<i128> {
+pub(super) fn time_of_day(text: &str) -> Option<i128> {
+    let half = |end: &[&str]| end.iter().find_map(|end| text.strip_suffix(end));
+    let halves = [half(&["AM", "am", "a.m."]), half(&["PM", "pm", "p.m."])];
+    for (at, clock) in halves.into_iter().enumerate() {
+        let Some(clock) = clock.map(str::trim_end) else { continue };
+        // Twelve comes before one.
+        let ns = time_of_day(clock).filter(|ns| (HOUR_NS..13 * HOUR_NS).contains(ns))?;
+        return Some(ns % (12 * HOUR_NS) + at as i128 * 12 * HOUR_NS);
+    }
     let utc = text
         .strip_suffix(['Z', 'z'])
         .or_else(|| text.strip_suffix("UTC"))
@@ -312,6 +458,12 @@ mod tests {
             ("2024-03-01T07:30-0500", 1_709_296_200_000_000_000),
             ("2024-03-01 12:30:00 UTC", 1_709_296_200_000_000_000),
             ("2024-03-01 12:30 GMT", 1_709_296_200_000_000_000),
+            ("20240301T123000Z", 1_709_296_200_000_000_000),
+            ("20240301T1330+0100", 1_709_296_200_000_000_000),
+            ("01.03.2024 12:30", 1_709_296_200_000_000_000),
+            ("1.3.2024 12:30:00 PM", 1_709_296_200_000_000_000),
+            ("2024-03-01 12:30 AM", 1_709_253_000_000_000_000),
+            ("2024-02-29 24:00:00", 1_709_251_200_000_000_000),
         ] {
             assert_eq!(date(text), Some(ns), "{text}");
         }
@@ -339,11 +491,229 @@ mod tests {
             ("stamp_ns", Some(TimeUnit::Ns)),
             ("t_s", Some(TimeUnit::S)),
             ("millis", Some(TimeUnit::Ms)),
+            ("Time (min)", Some(TimeUnit::Min)),
+            ("tow(msec)", Some(TimeUnit::Ms)),
+            ("elapsed time (h)", Some(TimeUnit::H)),
+            ("days", Some(TimeUnit::D)),
+            ("Zeit", None),
+            ("Datum (UTC)", None),
+            ("ts", None),
         ] {
             assert_eq!(named(name, true), Some(unit), "{name}");
         }
         for name in ["speed", "t", "millis", "u_s", "lifetime", "temp_s", ""] {
             assert_eq!(named(name, false), None, "{name}");
         }
+        for name in ["h", "d", "min", "t_min", "Time (fortnights)"] {
+            assert_eq!(named(name, true), None, "{name}");
+        }
+        assert_eq!(unknown_unit("Time (Fortnights)", false).as_deref(), Some("fortnights"));
+        for name in ["Time (min)", "time", "height (ft)", "t_min"] {
+            assert_eq!(unknown_unit(name, true), None, "{name}");
+        }
+    }
+
+    /// The same stamps in every way of writing them: hours, minutes and seconds from a drawn start.
+    #[test]
+    fn stamps_are_understood_however_they_are_written() {
+        use crate::csv::table::read_from;
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(9);
+        for _ in 0..40 {
+            let (step, rows) = ([5, 60, 300, 900][rng.random_range(0..4)], 60);
+            // Late enough that some of them pass midnight, where the day may turn.
+            let start = rng.random_range(0..86_400 / 5) * 5;
+            let at = |k: i64| start + k * step;
+            let clock = |k: i64| {
+                let s = at(k) % 86_400;
+                (s / 3600, s / 60 % 60, s % 60, 5 + at(k) / 86_400)
+            };
+            let twelve =
+                |h: i64| (if h % 12 == 0 { 12 } else { h % 12 }, if h < 12 { "AM" } else { "PM" });
+            let forms: [(&str, &dyn Fn(i64) -> String); 9] = [
+                ("Time (min)", &|k| format!("{:.6}", at(k) as f64 / 60.0)),
+                ("time [h]", &|k| format!("{:.9}", at(k) as f64 / 3600.0)),
+                ("t (days)", &|k| format!("{:.10}", at(k) as f64 / 86_400.0)),
+                ("timestamp", &|k| format!("{:.10}", 45_356.0 + at(k) as f64 / 86_400.0)),
+                ("time", &|k| {
+                    let (h, m, s, _) = clock(k);
+                    format!("{h:02}:{m:02}:{s:02}")
+                }),
+                ("Uhrzeit", &|k| {
+                    let (h, m, s, _) = clock(k);
+                    let (h, half) = twelve(h);
+                    format!("{h}:{m:02}:{s:02} {half}")
+                }),
+                ("Datum", &|k| {
+                    let (h, m, s, d) = clock(k);
+                    format!("{d:02}.03.2024 {h:02}:{m:02}:{s:02}")
+                }),
+                ("ts", &|k| {
+                    let (h, m, s, d) = clock(k);
+                    format!("202403{d:02}T{h:02}{m:02}{s:02}Z")
+                }),
+                ("Zeit", &|k| {
+                    let (h, m, s, d) = clock(k);
+                    if h == 0 {
+                        format!("2024-03-{:02} 24:{m:02}:{s:02}", d - 1)
+                    } else {
+                        format!("2024-03-{d:02} {h:02}:{m:02}:{s:02}")
+                    }
+                }),
+            ];
+            for (name, write) in forms {
+                let mut text = format!("{name},u\n");
+                (0..rows).for_each(|k| text += &format!("{},{k}\n", write(k)));
+                let log = read_from("a.csv", text.as_bytes())
+                    .unwrap_or_else(|e| panic!("{name}: {e}\n{text}"));
+                let first = log.time_s()[0];
+                for (k, time_s) in log.time_s().iter().enumerate() {
+                    let off = time_s - first - (k as i64 * step) as f64;
+                    assert!(off.abs() < 1e-4, "{name}, row {k}: {time_s} {first} {step}");
+                }
+            }
+        }
+        for unit in ["fortnights", "ticks", "count"] {
+            for name in [format!("Time ({unit})"), format!("time [{unit}]")] {
+                let text = format!("{name},u\n0,1\n1,2\n");
+                let said = read_from("a.csv", text.as_bytes()).unwrap_err().to_string();
+                assert!(said.contains(unit) && said.contains("`time_unit`"), "{said}");
+            }
+        }
+        // Stamps that only look like days of a spreadsheet.
+        for step in [0.01, 0.02, 0.001, 0.1, 0.0005] {
+            let rows: String =
+                (0..50).map(|k| format!("{:.4},{k}\n", 45_356.0 + f64::from(k) * step)).collect();
+            let log = read_from("a.csv", format!("timestamp,u\n{rows}").as_bytes()).unwrap();
+            assert!((log.time_s()[10] - log.time_s()[0] - 10.0 * step).abs() < 1e-6, "{step}");
+        }
+    }
+
+    #[test]
+    fn a_change_of_the_clocks_moves_local_stamps_and_no_others() {
+        use crate::csv::table::recording_from;
+        use crate::recording::ReadOptions;
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(10);
+        let day = |d: i128| d * 86_400;
+        // The last Sundays of March and October 2023, at which hour local time changes, and by how much.
+        for (of, change) in [(days(2023, 3, 26), 3600), (days(2023, 10, 29), -3600)] {
+            for round in 0..30 {
+                let step = [60, 300, 600, 900][rng.random_range(0..4)];
+                let at = day(of) + 3600 * if change > 0 { 2 } else { 3 };
+                let start = at - step * rng.random_range(5..20);
+                let zone = ["", "Z", "+02:00"][round % 3];
+                let mut text = "time,u\n".to_owned();
+                for k in 0..60 {
+                    let s = start + k * step;
+                    let local = if s >= at { s + change } else { s };
+                    let (d, s) = (local.div_euclid(86_400), local.rem_euclid(86_400));
+                    let month = if change > 0 { 3 } else { 10 };
+                    let of_month = d - days(2023, month, 1) + 1;
+                    text += &format!(
+                        "2023-{month:02}-{of_month:02}T{:02}:{:02}:{:02}{zone},{k}\n",
+                        s / 3600,
+                        s / 60 % 60,
+                        s % 60
+                    );
+                }
+                let read = recording_from("a.csv", text.as_bytes(), &ReadOptions::default());
+                if !zone.is_empty() {
+                    // With a zone nothing is moved: back is an error, forward a gap.
+                    assert_eq!(read.is_err(), change < 0, "{zone}");
+                    continue;
+                }
+                let read = read.unwrap();
+                assert!(read.notes.join("|").contains("by an hour"), "{:?}", read.notes);
+                let log = read.into_log().unwrap();
+                for (k, time_s) in log.time_s().iter().enumerate() {
+                    assert_eq!(*time_s, (k as i128 * step) as f64);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn date_and_time_of_day_are_read_together_and_rows_written_twice_once() {
+        use crate::csv::table::recording_from;
+        use crate::recording::ReadOptions;
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
+        for names in ["Date,Time", "date,time", "Datum,Uhrzeit", "Time,Date"] {
+            let first = names.starts_with('D') || names.starts_with('d');
+            let (mut text, mut twice) = (format!("{names},pump,y\n"), 0);
+            let start = rng.random_range(80_000..86_000);
+            for k in 0..80 {
+                let s = start + k * 300;
+                let (date, clock) = (
+                    format!("2024-03-{:02}", 5 + s / 86_400),
+                    format!("{:02}:{:02}:{:02}", s / 3600 % 24, s / 60 % 60, s % 60),
+                );
+                let (a, b) = if first { (date, clock) } else { (clock, date) };
+                let row = format!("{a},{b},{},{}\n", if k % 2 == 0 { "ON" } else { "off" }, k);
+                text += &row;
+                if rng.random_bool(0.1) {
+                    text += &row;
+                    twice += 1;
+                }
+            }
+            let read = recording_from("a.csv", text.as_bytes(), &ReadOptions::default()).unwrap();
+            let notes = read.notes.join("|");
+            assert!(notes.contains("the date stands in the column"), "{notes}");
+            assert_eq!(notes.contains(&format!("{twice} rows are the same")), twice > 0, "{notes}");
+            let log = read.into_log().unwrap();
+            assert_eq!(log.names().collect::<Vec<_>>(), ["pump", "y"]);
+            assert_eq!(log.input("pump").unwrap()[..3], [1.0, 0.0, 1.0]);
+            for (k, time_s) in log.time_s().iter().enumerate() {
+                assert_eq!(*time_s, 300.0 * k as f64, "{names}");
+            }
+        }
+        // The same time with other numbers is no row written twice.
+        let text = "time,u\n0,1\n1,2\n1,3\n2,4\n";
+        assert!(recording_from("a.csv", text.as_bytes(), &ReadOptions::default()).is_err());
+    }
+
+    #[test]
+    fn rows_above_a_table_are_left_out_and_said() {
+        use crate::csv::table::recording_from;
+        use crate::recording::ReadOptions;
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(14);
+        let above =
+            ["Model", "Firmware", "Time", "Date", "Product", "Scale", "Sample Interval", "Units"];
+        let values =
+            ["TBS1000", "v4.06", "10:00:00", "2024-03-05", "Blackbox", "0.001", "4e-06", "S"];
+        for _ in 0..100 {
+            let by = [",", ";", "\t"][rng.random_range(0..3)];
+            let mut text = String::new();
+            // The first row is none of a table, whatever follows.
+            text += &format!("Product{by}scope 7\n");
+            let rows = rng.random_range(0..30);
+            for _ in 0..rows {
+                let which = rng.random_range(0..above.len());
+                let end = by.repeat(rng.random_range(0..3));
+                text += &format!("{}{by}{}{end}\n", above[which], values[which]);
+            }
+            if rng.random() {
+                text += &format!("{by}{by}\n");
+            }
+            let name = ["TIME", "time", "X_Value", "Zeit", "timestamp"][rng.random_range(0..5)];
+            text += &format!("{name}{by}CH1{by}CH2\n");
+            (0..40).for_each(|k| {
+                text += &format!("{:.3}{by}{k}{by}{}\n", -0.02 + 0.001 * f64::from(k), k % 3)
+            });
+            let read = recording_from("a.csv", text.as_bytes(), &ReadOptions::default())
+                .unwrap_or_else(|e| panic!("{e}\n{text}"));
+            assert!(read.notes.join("|").contains("stand above the table"), "{:?}", read.notes);
+            let log = read.into_log().unwrap();
+            assert_eq!((log.len(), log.input("CH1").unwrap()[39]), (40, 39.0), "{text}");
+        }
+        // Without a table the first row is named, as ever.
+        let text = "Product,scope 7\nModel,3\nTime,10:00:00\n";
+        let said = recording_from("a.csv", text.as_bytes(), &ReadOptions::default()).unwrap_err();
+        assert!(
+            said.to_string().contains("row 1") && said.to_string().contains("`Product`"),
+            "{said}"
+        );
     }
 }

@@ -15,6 +15,7 @@ use super::utf16::byte_order;
 use crate::error::{Error, LogError};
 use crate::log::time_follows;
 use crate::place::Place;
+use crate::reader::regular;
 use crate::recording::ReadOptions;
 
 /// Bytes that are read at once.
@@ -105,6 +106,7 @@ impl Follower {
     /// # Errors
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io).
     pub fn open(path: &Path, columns: &[&str], options: &ReadOptions) -> Result<Self, Error> {
+        regular(path)?;
         let file = File::open(path).map_err(|e| Error::io(path, e))?;
         Ok(Self {
             path: path.to_owned(),
@@ -131,7 +133,7 @@ impl Follower {
         if self.same(None)? {
             polled.grown = self.read()?;
             if !polled.grown
-                && let Ok(now) = File::open(&self.path)
+                && let Some(now) = self.now()?
             {
                 if self.same(Some(&now))? {
                     self.file = now;
@@ -139,7 +141,7 @@ impl Follower {
                     self.begin(now, &mut polled);
                 }
             }
-        } else if let Ok(now) = File::open(&self.path) {
+        } else if let Some(now) = self.now()? {
             self.begin(now, &mut polled);
         }
         if polled.grown {
@@ -160,6 +162,16 @@ impl Follower {
         self.settle(&mut news);
         self.refuse_behind(&mut news);
         news
+    }
+
+    /// The file that has the name now; `None` while none has.
+    fn now(&self) -> Result<Option<File>, Error> {
+        if !self.path.exists() {
+            return Ok(None);
+        }
+        // A pipe or a device in its place has no rows to wait for.
+        regular(&self.path)?;
+        Ok(File::open(&self.path).ok())
     }
 
     /// Whether a file, or the one that is open, begins as it did and is no shorter than what was read.

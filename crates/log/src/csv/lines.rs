@@ -237,6 +237,23 @@ impl<'a> Lines<'a> {
         Ok(header)
     }
 
+    /// Takes the next line as the header in place of the one at hand; false at the end.
+    pub(super) fn header_below(&mut self) -> Result<bool, Error> {
+        let first = match self.ahead.pop_front() {
+            Some(line) => line,
+            None if self.fetch_row()? => self.ahead(),
+            None => return Ok(false),
+        };
+        if self.ahead.is_empty() && self.fetch_row()? {
+            let second = self.ahead();
+            self.ahead.push_back(second);
+        }
+        let below = self.ahead.front().map(|next| next.line.as_slice());
+        self.separator = guess(&first.line, below);
+        self.take(first)?;
+        Ok(true)
+    }
+
     /// Goes to the next row; false at the end.
     pub(super) fn next(&mut self) -> Result<bool, Error> {
         if let Some(line) = self.ahead.pop_front() {

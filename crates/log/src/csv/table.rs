@@ -3,6 +3,7 @@
 use super::clock::{self, StampReader, Why, median_step, shortest};
 use super::lines::{GZIP_MAGIC, Lines, Separator, first_bytes};
 use super::number::decimal;
+use crate::budget::Budget;
 use crate::counted::Counted;
 use crate::error::{Error, LogError};
 use crate::header::name_and_unit;
@@ -10,6 +11,7 @@ use crate::log::{Channel, Log, Origin, Rows, Unusable, time_follows};
 use crate::notes::Notes;
 use crate::place::Place;
 use crate::recording::{ReadOptions, Recording, TimeUnit};
+use crate::sentinel;
 use deadtime_signal::file::write_atomic;
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::remedy::{Message, Remedy};
@@ -131,7 +133,14 @@ pub fn read_from(source: &str, bytes: impl Read) -> Result<Log, Error> {
 
 /// Reads a file as a recording without topics, whose notes say what was guessed.
 pub(crate) fn recording(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
-    recording_from(&path.display().to_string(), open(path, &options.far)?, options)
+    let source = path.display().to_string();
+    recording_from(&source, open(path, &options.far)?, &within(path, options))
+}
+
+/// Memory by the size of the file, unless the caller gives a limit: text may be packed.
+fn within(path: &Path, options: &ReadOptions) -> ReadOptions {
+    let length = std::fs::metadata(path).map_or(u64::MAX, |there| there.len());
+    ReadOptions { memory: Some(Budget::of(length, options).limit()), ..options.clone() }
 }
 
 /// Reads any source of bytes as a recording without topics.
@@ -145,7 +154,7 @@ pub fn recording_from(
 ) -> Result<Recording, Error> {
     let mut lines = Lines::to_break(source, bytes)?;
     let mut header = Header::read(&mut lines, options)?;
-    let mut part = PartialLog::new(source.into(), &header);
+    let mut part = PartialLog::new(source.into(), &header, options.memory);
     while lines.next()? {
         match part.cut_off(&lines, &header) {
             None => part.push(&lines, &mut header)?,
@@ -177,7 +186,11 @@ pub fn records(
     column: &str,
     options: &ReadOptions,
 ) -> Result<(Vec<Log>, Notes), Error> {
-    records_from(&path.display().to_string(), open(path, &options.far)?, column, options)
+    let source = path.display().to_string();
+    let read = open(path, &options.far)?;
+    let (mut logs, mut notes) = records_from(&source, read, column, &within(path, options))?;
+    logs.iter_mut().for_each(|log| sentinel::missing(log, &options.missing, &mut notes));
+    Ok((logs, notes))
 }
 
 pub(super) fn records_from(
@@ -218,6 +231,7 @@ pub(super) fn records_from(
                 let fresh = PartialLog::new(
                     format!("{source}#{}", String::from_utf8_lossy(value)),
                     &header,
+                    options.memory,
                 );
                 if let Some((_, done)) = current.take() {
                     logs.push(done.finish(&mut header)?);
@@ -314,6 +328,10 @@ pub(super) struct Header {
     /// Whether a comma within a cell is a decimal comma.
     decimal_comma: bool,
     time: usize,
+    /// The column of the date, where the time is one of day.
+    date: Option<usize>,
+    /// Rows that were written twice.
+    twice: usize,
     pub(super) clock: Clock,
     columns: Columns,
     cells: usize,
@@ -429,7 +447,16 @@ impl Header {
         if !lines.header()? {
             return Err(lines.nothing(LogError::Empty { file: file.into() }).into());
         }
-        let mut notes = Notes::default();
+        Self::of_table(lines, options, Notes::default())
+    }
+
+    /// From the line at hand.
+    fn of_table(
+        lines: &mut Lines<'_>,
+        options: &ReadOptions,
+        mut notes: Notes,
+    ) -> Result<Self, Error> {
+        let file = lines.file;
         let mut names = names(lines, &mut notes)?;
         let trailing = (names.len() > 1
             && names.last().is_some_and(|last| *last == Default::default()))
@@ -446,19 +473,49 @@ impl Header {
             return Err(LogError::UnnamedColumn { file: file.into(), row, column }.into());
         }
         let index = unnamed_first(&mut names, cell(0), options, &mut notes);
-        let (time, _) = time_column(lines, &names, options)?;
+        let (time, _) = match time_column(lines, &names, options) {
+            Ok(found) => found,
+            Err(error) => {
+                let row = lines.row;
+                if notes.iter().any(|note| note.contains(PREAMBLE)) || !table_below(lines, options)?
+                {
+                    return Err(error.into());
+                }
+                let last = lines.row - 1;
+                notes.push(format!("rows {row} to {last} {PREAMBLE} and are left out"));
+                return Self::of_table(lines, options, notes);
+            }
+        };
         if take_units(&mut names, time, &below) {
             notes.push(format!("the row below row {} holds the units", lines.row));
             lines.skip_below();
         }
-        let (_, unit) = time_column(lines, &names, options)?;
+        let (_, mut unit) = time_column(lines, &names, options)?;
         let cells = names.len();
-        let (column, columns) = channels(lines, names, (time, index), options, &mut notes)?;
+        let beside = date_beside(&names, &lines.below(), options);
+        let (date, time) = beside.map_or((None, time), |(date, time)| (Some(date), time));
+        if let Some((name, _)) = date.and_then(|date| names.get(date)) {
+            notes.push(format!("the date stands in the column `{}`", shown(name.as_bytes())));
+            unit = None;
+        }
+        let (column, mut columns) = channels(lines, names, (time, index), options, &mut notes)?;
+        columns.retain(|(place, ..)| Some(*place) != date);
         let clock = Clock { column, unit };
         let separator = lines.separator;
         let decimal_comma = separator.allows_decimal_comma()
             || lines.below().iter().any(|cell| has_decimal_comma(cell));
-        Ok(Self { separator, decimal_comma, time, clock, columns, cells, trailing, notes })
+        Ok(Self {
+            separator,
+            decimal_comma,
+            time,
+            date,
+            twice: 0,
+            clock,
+            columns,
+            cells,
+            trailing,
+            notes,
+        })
     }
 
     /// Says that the last row is not whole.
@@ -499,7 +556,9 @@ impl Header {
         lines: &Lines<'_>,
         stamps: &mut StampReader,
     ) -> Result<f64, LogError> {
-        let (time, row) = (lines.cell(self.time), lines.row);
+        let joined = self.date.map(|date| [lines.cell(date), b" ", lines.cell(self.time)].concat());
+        let time = joined.as_deref().unwrap_or(lines.cell(self.time));
+        let row = lines.row;
         let number = |cell: &[u8]| match parse(cell, self.decimal_comma) {
             Cell::Number(x) => Some(x),
             _ => None,
@@ -529,6 +588,16 @@ impl Header {
     ) -> Result<Option<f64>, LogError> {
         let cell = lines.cell(place);
         parse(cell, self.decimal_comma).number(source, lines.row, name, cell)
+    }
+
+    /// Whether the current line has the numbers of the one before it.
+    fn again(&self, source: &str, lines: &Lines<'_>, columns: &[CellColumn]) -> bool {
+        columns.iter().zip(&self.columns).all(|(column, (place, name, _))| {
+            column.refused.is_some()
+                || self
+                    .number(source, lines, *place, name)
+                    .is_ok_and(|value| column.last() == Some(value))
+        })
     }
 
     /// The unit of time, settled by the first record that shows it.
@@ -588,6 +657,57 @@ impl Header {
     }
 }
 
+/// What is said of rows above the table.
+const PREAMBLE: &str = "stand above the table";
+/// Rows above a table that are looked through.
+const MOST_ABOVE: usize = 2000;
+
+/// Goes to the first row that begins a table: one of its names is that of the time, as many cells stand below, and the one below that name is a stamp.
+fn table_below(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<bool, Error> {
+    let mut unused = Notes::default();
+    for _ in 0..MOST_ABOVE {
+        if !lines.header_below()? {
+            return Ok(false);
+        }
+        let Ok(mut names) = names(lines, &mut unused) else { continue };
+        if names.last().is_some_and(|last| *last == Default::default()) {
+            names.pop();
+        }
+        let below = lines.below();
+        let Ok((time, _)) = time_column(lines, &names, options) else { continue };
+        let stamp = |cell: &Vec<u8>| {
+            let text = std::str::from_utf8(cell).unwrap_or_default().trim();
+            matches!(parse(cell, true), Cell::Number(_))
+                || clock::date(text).or_else(|| clock::time_of_day(text)).is_some()
+        };
+        let alike = (names.len()..=names.len() + 1).contains(&below.len());
+        if names.len() > 1 && alike && below.get(time).is_some_and(stamp) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// The columns of date and time of day, where a row has them apart.
+fn date_beside(names: &Names, below: &[Vec<u8>], options: &ReadOptions) -> Option<(usize, usize)> {
+    const DATES: [&str; 3] = ["date", "datum", "day"];
+    const TIMES: [&str; 5] = ["time", "zeit", "uhrzeit", "clock", "time_of_day"];
+    let text = |place: usize| std::str::from_utf8(below.get(place)?).ok().map(str::trim);
+    let is = |place: usize, known: &[&str], test: &dyn Fn(&str) -> bool| {
+        let name = names.get(place).map(|(name, _)| name.trim().to_lowercase().replace(' ', "_"));
+        name.is_some_and(|n| known.contains(&n.as_str())) && text(place).is_some_and(test)
+    };
+    let places = || 0..names.len();
+    let of_day = |t: &str| t.contains(':') && clock::time_of_day(t).is_some();
+    let date =
+        places().find(|p| is(*p, &DATES, &|t| !t.contains(':') && clock::date(t).is_some()))?;
+    let time = places().find(|p| is(*p, &TIMES, &of_day))?;
+    let named = options.time.as_ref().is_none_or(|wanted| {
+        [date, time].iter().any(|p| names.get(*p).is_some_and(|(name, _)| name == wanted))
+    });
+    (named && options.time_unit.is_none_or(|unit| unit == TimeUnit::Iso)).then_some((date, time))
+}
+
 /// The column of time and, where somebody says it, its unit.
 pub(super) fn time_column(
     lines: &Lines<'_>,
@@ -608,6 +728,13 @@ pub(super) fn time_column(
                 .or_else(|| {
                     names.iter().enumerate().position(|(place, (name, _))| called(place, name))
                 })
+                // A column of time in a unit that is not known.
+                .or_else(|| {
+                    let strange = |(place, (name, _)): (usize, &(String, Option<String>))| {
+                        clock::unknown_unit(name, place == 0).is_some()
+                    };
+                    names.iter().enumerate().position(strange)
+                })
                 .ok_or_else(|| LogError::FirstColumn {
                     file: file(),
                     row: lines.row,
@@ -620,7 +747,8 @@ pub(super) fn time_column(
     if let Some(given) = options.time_unit {
         return Ok((time, Some((given, Why::Given))));
     }
-    let unit = match bracket {
+    let bracket = bracket.map(str::to_owned).or_else(|| clock::unknown_unit(name, time == 0));
+    let unit = match bracket.as_deref() {
         Some(text) => Some(clock::unit(text).ok_or_else(|| LogError::TimeUnit {
             file: file(),
             row: lines.row,
@@ -743,11 +871,15 @@ pub(super) fn parse(cell: &[u8], decimal_comma: bool) -> Cell {
         Some(x) if x.is_nan() => Cell::Missing,
         Some(_) => Cell::NotFinite,
         None if NOTHING.contains(&text.to_lowercase().as_bytes()) => Cell::Missing,
-        None if text.eq_ignore_ascii_case("true") => Cell::Number(1.0),
-        None if text.eq_ignore_ascii_case("false") => Cell::Number(0.0),
+        None if ON.iter().any(|on| text.eq_ignore_ascii_case(on)) => Cell::Number(1.0),
+        None if OFF.iter().any(|off| text.eq_ignore_ascii_case(off)) => Cell::Number(0.0),
         None => Cell::Text,
     }
 }
+
+/// What stands for 1 and for 0 in columns of switches.
+const ON: [&str; 2] = ["true", "on"];
+const OFF: [&str; 2] = ["false", "off"];
 
 /// A log that is being read; its time in the unit of the file until it is whole.
 pub(super) struct PartialLog {
@@ -756,8 +888,12 @@ pub(super) struct PartialLog {
     raw: Vec<f64>,
     columns: Vec<CellColumn>,
     rows: Rows,
+    /// By how much changes of the clocks moved the stamps, in the unit of the file.
+    moved: f64,
     /// Rows that may be read.
     most: usize,
+    /// The memory that this is of, where it is the lower limit, bytes.
+    memory: Option<u64>,
 }
 
 /// A column that is being read: numbers up to the first cell that is none.
@@ -769,6 +905,12 @@ pub(super) struct CellColumn {
 }
 
 impl CellColumn {
+    /// The number in the row before; `Some(None)` where it is missing.
+    fn last(&self) -> Option<Option<f64>> {
+        let there = self.present.as_ref().is_none_or(|p| p.last() == Some(&true));
+        self.values.last().map(|value| there.then_some(*value))
+    }
+
     fn push(&mut self, value: Option<f64>) {
         if value.is_none() && self.present.is_none() {
             self.present = Some(vec![true; self.values.len()]);
@@ -785,16 +927,20 @@ impl CellColumn {
 }
 
 impl PartialLog {
-    fn new(source: String, header: &Header) -> Self {
+    fn new(source: String, header: &Header, memory: Option<u64>) -> Self {
         let columns = header.columns.iter().map(|_| CellColumn::default()).collect();
-        let most = MOST_NUMBERS / (header.columns.len() + 1);
+        let memory = memory.unwrap_or(u64::MAX);
+        let numbers = usize::try_from(memory / size_of::<f64>() as u64).unwrap_or(usize::MAX);
+        let most = numbers.min(MOST_NUMBERS) / (header.columns.len() + 1);
         Self {
             source,
             stamps: StampReader::default(),
             raw: Vec::new(),
             columns,
             rows: Rows::new(Origin::File),
+            moved: 0.0,
             most,
+            memory: Some(memory).filter(|_| numbers < MOST_NUMBERS),
         }
     }
 
@@ -814,7 +960,7 @@ impl PartialLog {
             return None;
         }
         let stamp = header.stamp(&self.source, lines, &mut self.stamps.clone());
-        if !stamp.is_ok_and(|stamp| stamp > *last) {
+        if !stamp.is_ok_and(|stamp| stamp - self.moved > *last) {
             return Some(format!("its time is `{}`", shown(lines.cell(header.time))));
         }
         let columns =
@@ -837,8 +983,12 @@ impl PartialLog {
     fn push(&mut self, lines: &Lines<'_>, header: &mut Header) -> Result<(), LogError> {
         header.check_length(lines)?;
         let row = lines.row;
-        let Self { source, stamps, raw: before, columns, rows, most } = self;
+        let Self { source, stamps, raw: before, columns, rows, moved, most, memory } = self;
         if before.len() >= *most {
+            if let Some(memory) = memory {
+                let limit_mb = memory.div_ceil(1 << 20);
+                return Err(LogError::Memory { file: source.clone(), limit_mb });
+            }
             let numbers = *most as f64 * (columns.len() + 1) as f64;
             return Err(LogError::TooLarge {
                 file: source.clone(),
@@ -847,7 +997,18 @@ impl PartialLog {
                 gb: numbers * size_of::<f64>() as f64 / 1e9,
             });
         }
-        let raw = header.stamp(source, lines, stamps)?;
+        let mut raw = header.stamp(source, lines, stamps)? - *moved;
+        if let Some(change) = stamps.clock_change(before, raw) {
+            (raw, *moved) = (raw - change, *moved + change);
+            let way = if change > 0.0 { "forward" } else { "back" };
+            header.notes.push(format!(
+                "row {row}: local time goes {way} by an hour, as where the clocks are changed; the stamps behind it are moved by that hour"
+            ));
+        }
+        if before.last() == Some(&raw) && header.again(source, lines, columns) {
+            header.twice += 1;
+            return Ok(());
+        }
         if before.last().is_none_or(|before| *before < raw) && raw.abs() <= crate::log::TIME_LIMIT_S
         {
             rows.note(before.len(), row);
@@ -872,6 +1033,12 @@ impl PartialLog {
     }
 
     fn finish(mut self, header: &mut Header) -> Result<Log, LogError> {
+        if header.twice > 0 {
+            let twice = std::mem::take(&mut header.twice);
+            header.notes.push(format!(
+                "{twice} rows are the same as the one before them, with its time; each is read once"
+            ));
+        }
         let scale = header.settle(&self.stamps, &self.raw).per_second();
         let mut time_s = self.raw;
         if scale != 1.0 {
@@ -916,7 +1083,7 @@ mod tests {
     fn rows_beyond_the_limit_are_refused() {
         let mut lines = Lines::new("a.csv", "time,u\n0,1\n1,2\n2,3\n".as_bytes()).unwrap();
         let mut header = Header::read(&mut lines, &ReadOptions::default()).unwrap();
-        let mut part = PartialLog::new("a.csv".into(), &header);
+        let mut part = PartialLog::new("a.csv".into(), &header, None);
         assert_eq!(part.most, MOST_NUMBERS / 2);
         part.most = 2;
         for _ in 0..2 {

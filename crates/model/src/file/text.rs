@@ -17,6 +17,9 @@ pub(super) enum Syntax {
 }
 
 pub(super) fn syntax(path: &Path) -> Result<Syntax, ModelError> {
+    if path.as_os_str() == deadtime_signal::file::STANDARD_OUTPUT {
+        return Ok(Syntax::Toml);
+    }
     match path.extension().and_then(|e| e.to_str()) {
         Some("toml") => Ok(Syntax::Toml),
         Some("json") => Ok(Syntax::Json),

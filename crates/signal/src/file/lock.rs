@@ -5,6 +5,7 @@ use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use super::error::FileError;
+use super::unfinished;
 
 /// The file that is locked while a run writes to its folder; it holds the process id of the run.
 const NAME: &str = ".deadtime.lock";
@@ -13,26 +14,29 @@ const NAME: &str = ".deadtime.lock";
 #[derive(Debug)]
 pub struct Lock {
     path: PathBuf,
+    /// The folder, where it was not there before.
+    made: Option<PathBuf>,
     _file: File,
 }
 
 impl Lock {
-    /// Locks a folder, which is made if it is missing. Where the file system has no locks, nothing is locked.
+    /// Locks a folder, which is made if it is missing, and goes again if nothing was written to it. Where the file system has no locks, nothing is locked.
     ///
     /// # Errors
     /// [`FileError::Busy`] with the other's process id where another run writes to the folder; [`FileError::Io`].
     pub fn of(folder: &Path) -> Result<Self, FileError> {
-        std::fs::create_dir_all(folder).map_err(|e| FileError::io(folder, e))?;
         let path = folder.join(NAME);
         let wrong = |e| FileError::io(&path, e);
+        let made = (!folder.exists()).then(|| folder.to_owned());
         loop {
-            let mut file = OpenOptions::new()
-                .read(true)
-                .write(true)
-                .create(true)
-                .truncate(false)
-                .open(&path)
-                .map_err(wrong)?;
+            std::fs::create_dir_all(folder).map_err(|e| FileError::io(folder, e))?;
+            let opened =
+                OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
+            let mut file = match opened {
+                // Another's folder that went between our making it and our opening the file.
+                Err(e) if e.kind() == std::io::ErrorKind::NotFound && !folder.exists() => continue,
+                opened => opened.map_err(wrong)?,
+            };
             match file.try_lock() {
                 Err(TryLockError::WouldBlock) => {
                     return Err(FileError::Busy {
@@ -53,7 +57,9 @@ impl Lock {
                 .and_then(|()| file.rewind())
                 .and_then(|()| writeln!(file, "{}", std::process::id()))
                 .map_err(wrong)?;
-            return Ok(Self { path, _file: file });
+            unfinished::begun(&path);
+            made.iter().for_each(|folder| unfinished::begun(folder));
+            return Ok(Self { path, made, _file: file });
         }
     }
 }
@@ -84,7 +90,13 @@ fn lives(process: u32) -> bool {
 impl Drop for Lock {
     fn drop(&mut self) {
         // While the lock is held, so that nobody else's is removed.
+        unfinished::ended(&self.path);
         let _ = std::fs::remove_file(&self.path);
+        // A folder that holds something stays.
+        if let Some(folder) = &self.made {
+            unfinished::ended(folder);
+            let _ = std::fs::remove_dir(folder);
+        }
     }
 }
 
@@ -117,17 +129,25 @@ mod tests {
         // What a killed run leaves is no obstacle.
         std::fs::write(folder.path().join(NAME), "1\n").unwrap();
         drop(Lock::of(folder.path()).unwrap());
+        let new = folder.path().join("new");
+        drop(Lock::of(&new).unwrap());
+        assert!(!new.exists());
+        let held = Lock::of(&new).unwrap();
+        std::fs::write(new.join("kept"), "x").unwrap();
+        drop(held);
+        assert_eq!(std::fs::read_dir(&new).unwrap().count(), 1);
     }
 
     #[test]
     fn of_many_that_want_it_one_at_a_time_has_it() {
         let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path().join("made by each that finds none");
         let inside = std::sync::atomic::AtomicUsize::new(0);
         std::thread::scope(|scope| {
             for _ in 0..4 {
                 scope.spawn(|| {
                     for _ in 0..200 {
-                        if let Ok(held) = Lock::of(folder.path()) {
+                        if let Ok(held) = Lock::of(&folder) {
                             assert_eq!(inside.fetch_add(1, std::sync::atomic::Ordering::SeqCst), 0);
                             inside.fetch_sub(1, std::sync::atomic::Ordering::SeqCst);
                             drop(held);

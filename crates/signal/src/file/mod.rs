@@ -4,6 +4,7 @@ mod error;
 mod lock;
 mod name;
 mod read;
+mod same;
 mod unfinished;
 mod write;
 
@@ -11,5 +12,6 @@ pub use error::FileError;
 pub use lock::Lock;
 pub use name::component;
 pub use read::{LARGEST, read_bytes, read_text};
+pub use same::SameFile;
 pub use unfinished::abandon;
-pub use write::{named, sweep, temporary, write_atomic};
+pub use write::{Begun, STANDARD_OUTPUT, sweep, write_atomic, write_lines};

@@ -9,7 +9,7 @@ static BEGUN: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 /// From so many on those that are gone are forgotten.
 const MANY: usize = 256;
 
-/// Takes note of a temporary file.
+/// Takes note of a temporary file, or of a folder that goes if it is empty.
 pub(super) fn begun(path: &Path) {
     let mut begun = BEGUN.lock().unwrap_or_else(PoisonError::into_inner);
     if begun.len() >= MANY {
@@ -18,12 +18,17 @@ pub(super) fn begun(path: &Path) {
     begun.push(path.to_owned());
 }
 
+/// Forgets a file that goes now.
+pub(super) fn ended(path: &Path) {
+    BEGUN.lock().unwrap_or_else(PoisonError::into_inner).retain(|begun| begun != path);
+}
+
 /// Removes every file that this process has begun and not yet named; to be called when it ends at once. Nothing else can be written from then on.
 pub fn abandon() {
     let mut begun = BEGUN.lock().unwrap_or_else(PoisonError::into_inner);
     for path in begun.drain(..) {
         // One that has its name is no longer under this one.
-        let _ = std::fs::remove_file(path);
+        let _ = std::fs::remove_file(&path).or_else(|_| std::fs::remove_dir(path));
     }
     // Held until the process ends: no thread begins another file.
     std::mem::forget(begun);

@@ -1,6 +1,6 @@
 //! A child process in a group of its own, its pipes read by threads, and the list of those that run.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -13,39 +13,87 @@ const KEPT: usize = 2000;
 /// How often it is looked whether a process has ended.
 const LOOK: Duration = Duration::from_millis(2);
 
+/// The variable of the environment by which whatever a simulator starts is known as its own, in whatever session.
+const MARK: &str = "DEADTIME_SIMULATOR";
+/// Looks for processes with a mark: one that is being started while it is looked escapes the first.
+#[cfg(target_os = "linux")]
+const LOOKS: usize = 5;
+
 /// The processes that run just now; copies share one list.
 #[derive(Debug, Clone, Default)]
-pub struct Children(Arc<Mutex<BTreeSet<u32>>>);
+pub struct Children(Arc<Mutex<Begun>>);
+
+/// The processes with their marks, and how many there were.
+#[derive(Debug, Default)]
+struct Begun {
+    running: BTreeMap<u32, String>,
+    count: u64,
+}
 
 impl Children {
-    fn lock(&self) -> MutexGuard<'_, BTreeSet<u32>> {
+    fn lock(&self) -> MutexGuard<'_, Begun> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Ends all that run, with their own children.
     pub fn end_all(&self) {
-        let running: Vec<u32> = self.lock().iter().copied().collect();
-        running.into_iter().for_each(end_group);
+        let running = std::mem::take(&mut self.lock().running);
+        for (process, mark) in running {
+            end_group(process);
+            end_marked(&mark);
+        }
     }
 
     /// How many run.
     #[must_use]
     pub fn running(&self) -> usize {
-        self.lock().len()
+        self.lock().running.len()
     }
 }
 
-/// Ends a process and what it started.
+/// Kills processes, a group by its number below 0.
 #[cfg(unix)]
-fn end_group(process: u32) {
-    // There is no way to signal a group without unsafe code; every Unix has the program.
+fn kill(numbers: &[String]) {
+    // There is no way to signal without unsafe code; every Unix has the program.
     let kill = Command::new("kill")
-        .args(["-KILL", "--", &format!("-{process}")])
+        .args(["-KILL", "--"])
+        .args(numbers)
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .status();
     drop(kill);
 }
+
+/// Ends a process and what it started in its group.
+#[cfg(unix)]
+fn end_group(process: u32) {
+    kill(&[format!("-{process}")]);
+}
+
+/// Ends whatever has a mark in its environment, also in sessions of its own.
+#[cfg(target_os = "linux")]
+fn end_marked(mark: &str) {
+    let variable = format!("{MARK}={mark}").into_bytes();
+    for _ in 0..LOOKS {
+        let processes = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+        let numbers = processes.filter_map(|p| p.file_name().into_string().ok());
+        let marked: Vec<String> = numbers
+            .filter(|number| number.bytes().all(|b| b.is_ascii_digit()))
+            .filter(|number| {
+                std::fs::read(format!("/proc/{number}/environ"))
+                    .is_ok_and(|all| all.split(|b| *b == 0).any(|one| one == variable))
+            })
+            .collect();
+        if marked.is_empty() {
+            return;
+        }
+        kill(&marked);
+    }
+}
+
+/// Elsewhere a process that begins a session of its own is not found.
+#[cfg(not(target_os = "linux"))]
+fn end_marked(_: &str) {}
 
 #[cfg(not(unix))]
 fn end_group(process: u32) {
@@ -63,6 +111,7 @@ pub(super) struct Running {
     pub(super) child: Child,
     ended: Option<ExitStatus>,
     children: Children,
+    mark: String,
     words: Words,
 }
 
@@ -109,12 +158,15 @@ impl Running {
         }
         shell.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut list = children.lock();
+        list.count += 1;
+        let mark = format!("{}-{:p}-{}", std::process::id(), Arc::as_ptr(&children.0), list.count);
+        shell.env(MARK, &mark);
         let mut child =
             shell.spawn().map_err(|e| format!("`{command}` could not be started: {e}"))?;
-        list.insert(child.id());
+        list.running.insert(child.id(), mark.clone());
         drop(list);
         let words = Words::of(&mut child);
-        Ok(Self { child, ended: None, children: children.clone(), words })
+        Ok(Self { child, ended: None, children: children.clone(), mark, words })
     }
 
     /// Waits for its end; `None` where it does not come in time.
@@ -135,9 +187,20 @@ impl Running {
     pub(super) fn end(&mut self) {
         if self.ended.is_none() {
             end_group(self.child.id());
+            end_marked(&self.mark);
             let _ = self.child.kill();
             self.ended = self.child.wait().ok();
         }
+    }
+
+    /// Ends what it left behind when it ended.
+    pub(super) fn end_left(&self) {
+        end_marked(&self.mark);
+    }
+
+    /// Whether it has ended.
+    pub(super) fn has_ended(&mut self) -> bool {
+        self.ended.is_some() || self.wait(Instant::now()).is_some()
     }
 
     /// What it last said on standard error, as the end of a sentence; to be asked when it has ended.
@@ -164,7 +227,7 @@ impl Running {
 impl Drop for Running {
     fn drop(&mut self) {
         self.end();
-        self.children.lock().remove(&self.child.id());
+        self.children.lock().running.remove(&self.child.id());
     }
 }
 

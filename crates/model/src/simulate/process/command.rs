@@ -3,11 +3,12 @@
 //! It reads a table from its standard input and writes one to its standard output, or to files where the command has `{in}` or `{out}`. Parameters and starts follow the
 //! command as `NAME=VALUE`; where it has `{NAME}`, the value takes that place.
 
-use std::fs::{read_to_string, write};
+use std::fs::{File, write};
 use std::io::{Read, Write};
-use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::path::Path;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use nalgebra::DMatrix;
 
@@ -58,6 +59,96 @@ impl EachRun {
     }
 }
 
+/// How long output is waited for once a program has ended: what it left behind may hold its output open.
+const HELD: Duration = Duration::from_millis(300);
+/// How often it is looked whether it has ended.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// What a program prints, as it comes.
+struct Answer {
+    parts: Receiver<std::io::Result<Vec<u8>>>,
+    most: usize,
+}
+
+impl Answer {
+    fn of(mut pipe: impl Read + Send + 'static, most: usize) -> Result<Self, String> {
+        // A program that prints faster than it is listened to waits.
+        let (sender, parts) = sync_channel(8);
+        let listen = move || {
+            let mut part = vec![0; 1 << 16];
+            loop {
+                let read = match pipe.read(&mut part) {
+                    Ok(0) => break,
+                    Ok(count) => Ok(part.get(..count).unwrap_or_default().to_vec()),
+                    Err(e) if e.kind() == std::io::ErrorKind::Interrupted => continue,
+                    Err(e) => Err(e),
+                };
+                let failed = read.is_err();
+                if sender.send(read).is_err() || failed {
+                    break;
+                }
+            }
+        };
+        beside("deadtime stdout", listen)?;
+        Ok(Self { parts, most })
+    }
+}
+
+impl EachRun {
+    /// All that a program prints until it ends.
+    fn printed(
+        &self,
+        running: &mut Running,
+        answer: Answer,
+        until: Instant,
+    ) -> Result<Vec<u8>, String> {
+        let (mut bytes, mut ended) = (Vec::new(), None);
+        loop {
+            match answer.parts.recv_timeout(LOOK) {
+                Ok(part) => bytes.extend(
+                    part.map_err(|e| format!("its standard output could not be read: {e}"))?,
+                ),
+                Err(RecvTimeoutError::Disconnected) => return Ok(bytes),
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+            if bytes.len() > answer.most {
+                running.end();
+                return Err(too_much(answer.most));
+            }
+            let now = Instant::now();
+            if running.has_ended() && now >= *ended.get_or_insert(now + HELD) {
+                running.end_left();
+                return Ok(bytes);
+            }
+            if now >= until {
+                return Err(self.late(running));
+            }
+        }
+    }
+}
+
+fn too_much(most: usize) -> String {
+    format!(
+        "its answer is longer than {} MiB, far more than the rows that were asked for take; print one row for every row that comes in",
+        most >> 20
+    )
+}
+
+/// The file that a program wrote.
+fn written(path: &Path, most: usize) -> Result<String, String> {
+    let there = std::fs::metadata(path).map_err(|e| e.to_string())?;
+    if !there.is_file() {
+        return Err("it is no file".to_owned());
+    }
+    let mut bytes = Vec::new();
+    let file = File::open(path).map_err(|e| e.to_string())?;
+    file.take(most as u64 + 1).read_to_end(&mut bytes).map_err(|e| e.to_string())?;
+    if bytes.len() > most {
+        return Err(too_much(most));
+    }
+    String::from_utf8(bytes).map_err(|e| e.to_string())
+}
+
 /// Work on a thread of its own.
 fn beside(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), String> {
     let thread = thread::Builder::new().name(name.to_owned());
@@ -94,27 +185,18 @@ impl Simulator for EachRun {
             // A program that ends without reading all has its reasons; what it answers tells them.
             beside("deadtime stdin", move || drop(pipe.write_all(text.as_bytes())))?;
         }
-        let (sender, answers) = sync_channel(1);
-        if let Some(mut pipe) = running.child.stdout.take() {
-            let listen = move || {
-                let mut bytes = Vec::new();
-                let read = pipe.read_to_end(&mut bytes).map(|_| bytes);
-                let _ = sender.send(read);
-            };
-            beside("deadtime stdout", listen)?;
-        }
-        let printed = match answers.recv_timeout(until.saturating_duration_since(Instant::now())) {
-            Ok(read) => read.map_err(|e| format!("its standard output could not be read: {e}"))?,
-            Err(RecvTimeoutError::Timeout) => return Err(self.late(&mut running)),
-            Err(RecvTimeoutError::Disconnected) => Vec::new(),
+        let most = table::most(&self.names, time_s.len());
+        let printed = match running.child.stdout.take() {
+            Some(pipe) => self.printed(&mut running, Answer::of(pipe, most)?, until)?,
+            None => Vec::new(),
         };
         let Some(status) = running.wait(until) else { return Err(self.late(&mut running)) };
         if !status.success() {
             return Err(format!("{}{}", ended(status), running.last_words()));
         }
         let answer = if to_file {
-            read_to_string(&output).map_err(|e| {
-                format!("it wrote no readable file {{out}}: {e}{}", running.last_words())
+            written(&output, most).map_err(|e| {
+                format!("it wrote no {{out}} that can be read: {e}{}", running.last_words())
             })?
         } else {
             String::from_utf8_lossy(&printed).into_owned()

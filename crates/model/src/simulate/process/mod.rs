@@ -9,6 +9,8 @@ mod command;
 mod persistent;
 mod program;
 mod table;
+#[cfg(test)]
+mod tests;
 
 pub use child::Children;
 pub use program::{Program, Talk};

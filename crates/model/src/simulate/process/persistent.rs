@@ -4,8 +4,8 @@
 //! header and N rows, or one line `error WORDS`. The program ends when its standard input does.
 
 use std::fmt::Write as _;
-use std::io::{BufRead, BufReader, Write};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel, sync_channel};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::time::Instant;
@@ -30,15 +30,17 @@ pub(super) struct Lines {
 #[derive(Debug)]
 struct Talking {
     requests: Sender<String>,
-    lines: Receiver<String>,
+    /// `None` of a line that is too long.
+    lines: Receiver<Option<String>>,
     // Last: the pipes are closed before the process is ended.
     running: Running,
 }
 
 impl Talking {
-    fn start(program: &Program, children: &Children) -> Result<Self, String> {
+    fn start(program: &Program, children: &Children, longest: usize) -> Result<Self, String> {
         let mut running = Running::start(&program.command, program.folder.as_deref(), children)?;
-        let ((requests, asked), (sender, lines)) = (channel::<String>(), channel());
+        // A program that prints faster than it is listened to waits.
+        let ((requests, asked), (sender, lines)) = (channel::<String>(), sync_channel(WAITING));
         let (Some(mut pipe), Some(out)) = (running.child.stdin.take(), running.child.stdout.take())
         else {
             return Err("its pipes could not be opened".to_owned());
@@ -53,10 +55,13 @@ impl Talking {
         let listen = move || {
             let mut reader = BufReader::new(out);
             let mut bytes = Vec::new();
-            while let Ok(1..) = reader.read_until(b'\n', &mut bytes) {
+            while let Ok(count @ 1..) =
+                reader.by_ref().take(longest as u64).read_until(b'\n', &mut bytes)
+            {
                 let line = String::from_utf8_lossy(&bytes).trim_end().to_owned();
+                let whole = count < longest || bytes.ends_with(b"\n");
                 bytes.clear();
-                if sender.send(line).is_err() {
+                if sender.send(whole.then_some(line)).is_err() || !whole {
                     break;
                 }
             }
@@ -72,6 +77,16 @@ impl Talking {
         spawn("deadtime stdout", Box::new(listen))?;
         Ok(Self { requests, lines, running })
     }
+}
+
+/// Lines that wait to be read.
+const WAITING: usize = 1000;
+/// Bytes of a line that is no row.
+const BANNER: usize = 64 << 10;
+
+/// The longest line that is taken, bytes.
+fn longest(names: &Names) -> usize {
+    BANNER + table::line(names)
 }
 
 /// Why there is no answer.
@@ -109,7 +124,14 @@ impl Lines {
         while columns.is_none() || rows < samples {
             let line =
                 match talk.lines.recv_timeout(until.saturating_duration_since(Instant::now())) {
-                    Ok(line) => line,
+                    Ok(Some(line)) => line,
+                    Ok(None) => {
+                        talk.running.end();
+                        return Err(broken(format!(
+                            "a line of its answer is longer than {} KiB",
+                            longest(&self.names) >> 10
+                        )));
+                    }
                     Err(RecvTimeoutError::Timeout) => {
                         talk.running.end();
                         let at = format!("after {rows} of {samples} rows");
@@ -172,7 +194,7 @@ impl Simulator for Lines {
         let mut slot = self.talk.lock().unwrap_or_else(PoisonError::into_inner);
         let mut talk = match slot.take() {
             Some(talk) => talk,
-            None => Talking::start(&self.program, &self.children)?,
+            None => Talking::start(&self.program, &self.children, longest(&self.names))?,
         };
         match self.ask(&mut talk, Asked { u, time_s, x0, parameters }) {
             Ok(answer) => {

@@ -35,6 +35,22 @@ pub(super) fn quoted(name: &str) -> String {
     }
 }
 
+/// Bytes of an answer whatever is asked: banners and comments.
+const BANNERS: usize = 16 << 20;
+/// Bytes of a number, and columns beside those that are asked for.
+const WIDE: (usize, usize) = (32, 8);
+
+/// The longest answer that is taken, bytes.
+pub(super) fn most(names: &Names, samples: usize) -> usize {
+    let row = line(names);
+    BANNERS.saturating_add(samples.saturating_mul(row))
+}
+
+/// The longest line of an answer, bytes, beside banners.
+pub(super) fn line(names: &Names) -> usize {
+    WIDE.0 * (names.outputs.len() + WIDE.1)
+}
+
 /// Where the outputs stand in a header.
 ///
 /// # Errors

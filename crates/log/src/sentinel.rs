@@ -1,0 +1,143 @@
+//! Numbers that stand for a missing sample: −9999, 65535 and the like.
+
+use std::collections::BTreeMap;
+
+use deadtime_signal::remedy::{Message, Remedy};
+
+use super::log::{Channel, Log};
+use crate::notes::Notes;
+
+/// What recorders write where they have no number.
+const KNOWN: [i64; 16] = [
+    -99_999,
+    -32_768,
+    -32_767,
+    -9_999,
+    -999,
+    -99,
+    255,
+    999,
+    9_999,
+    32_767,
+    65_535,
+    99_999,
+    2_147_483_647,
+    -2_147_483_648,
+    4_294_967_295,
+    -1_000_000,
+];
+/// As often a number must stand in a channel to be one of them.
+const OFTEN: usize = 3;
+/// As many times the spread of all others it must be away from them.
+const FAR: f64 = 5.0;
+
+/// Takes the numbers that the caller names for missing, and names those that look like it.
+pub(super) fn missing(log: &mut Log, given: &[i64], notes: &mut Notes) {
+    for channel in &mut log.channels {
+        let gone = given.iter().map(|number| taken(channel, *number as f64)).sum::<usize>();
+        if gone > 0 {
+            notes.push(format!(
+                "{}: {gone} samples are missing, by the numbers that stand for them",
+                channel.name
+            ));
+        }
+        if let Some((number, count)) = suspected(channel) {
+            let name = &channel.name;
+            let what = format!(
+                "{name}: {number} stands there {count} times, far from all other values: if it means that a sample is missing, give "
+            );
+            notes.push(Message::from(what).and(Remedy::Missing { number }));
+        }
+    }
+}
+
+/// Takes one number for missing; how often it stood there.
+fn taken(channel: &mut Channel, number: f64) -> usize {
+    let places: Vec<usize> =
+        channel.iter().enumerate().filter(|(_, v)| *v == Some(number)).map(|(at, _)| at).collect();
+    if places.is_empty() {
+        return 0;
+    }
+    let length = channel.iter().count();
+    let present = channel.present.get_or_insert_with(|| vec![true; length]);
+    for at in &places {
+        if let Some(there) = present.get_mut(*at) {
+            *there = false;
+        }
+        channel.values.clear(*at);
+    }
+    places.len()
+}
+
+/// The known number that stands far from all others of a channel, and how often.
+fn suspected(channel: &Channel) -> Option<(i64, usize)> {
+    let (mut low, mut high, mut counts) = (f64::INFINITY, f64::NEG_INFINITY, BTreeMap::new());
+    for value in channel.iter().flatten() {
+        match KNOWN.iter().find(|known| **known as f64 == value) {
+            Some(known) => *counts.entry(*known).or_insert(0_usize) += 1,
+            None => (low, high) = (low.min(value), high.max(value)),
+        }
+    }
+    // Of one value there is no spread.
+    let spread = Some(high - low).filter(|spread| *spread > 0.0)?;
+    let far = |known: f64| known < low - FAR * spread || known > high + FAR * spread;
+    counts
+        .into_iter()
+        .filter(|(known, count)| *count >= OFTEN && far(*known as f64))
+        .max_by_key(|(_, count)| *count)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+
+    use crate::csv::table::recording_from;
+    use crate::{ReadOptions, open};
+
+    #[test]
+    fn numbers_far_from_all_others_are_named_and_taken_for_missing_when_asked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.csv");
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(21);
+        for sentinel in [-9_999_i64, -999, 65_535, 9_999, -32_768] {
+            let (mut text, mut gone) = ("time,u,y\n".to_owned(), 0);
+            for k in 0..300 {
+                let lost = rng.random_bool(0.1);
+                gone += usize::from(lost);
+                let y = if lost { sentinel as f64 } else { rng.random_range(-2.0..30.0) };
+                text += &format!("{k},{},{y}\n", k % 7);
+            }
+            std::fs::write(&path, &text).unwrap();
+            let said = open(&path, &ReadOptions::default()).unwrap().notes.join("|");
+            assert!(
+                said.contains(&format!("y: {sentinel} stands there {gone} times"))
+                    && !said.contains("u: "),
+                "{said}"
+            );
+            let options = ReadOptions { missing: vec![sentinel], ..ReadOptions::default() };
+            let read = open(&path, &options).unwrap();
+            let samples = read.topics[0].log.channel("y").unwrap().samples();
+            assert_eq!((0..300).filter(|k| samples.get(*k).is_none()).count(), gone);
+            assert!(read.notes.join("|").contains(&format!("y: {gone} samples are missing")));
+        }
+    }
+
+    #[test]
+    fn what_a_channel_reaches_is_no_sentinel() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(22);
+        for _ in 0..30 {
+            // Counts of eight and sixteen bits that reach their ends, and constants.
+            let mut text = "time,a,b,c\n".to_owned();
+            for k in 0..300 {
+                text += &format!(
+                    "{k},{},{},255\n",
+                    rng.random_range(100..256),
+                    rng.random_range(40_000..65_536)
+                );
+            }
+            let said =
+                recording_from("a.csv", text.as_bytes(), &ReadOptions::default()).unwrap().notes;
+            assert!(!said.join("|").contains("stands there"), "{said:?}");
+        }
+    }
+}
