@@ -31,6 +31,7 @@ mod threshold;
 pub mod track;
 mod verdict;
 mod watched;
+mod window;
 
 pub use crate::area::area1::Area1;
 pub use crate::area::estimated::{Area2, Area3, Moment};

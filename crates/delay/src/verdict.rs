@@ -35,6 +35,11 @@ impl Verdict {
     pub(super) fn none(why: String) -> Self {
         Self { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() }
     }
+
+    /// One more reason why the number may be none to use.
+    pub(super) fn doubt(&mut self, words: &str) {
+        self.grounds.doubt(&mut self.why, words);
+    }
 }
 
 /// What speaks for a verdict and against it, of the answers that count.
@@ -157,6 +162,15 @@ impl<'a, 'b> Counted<'a, 'b> {
         let mut counted: Vec<&FoundDelay<'_>> =
             found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
         let nobody = counted.is_empty();
+        let beyond = at_the_end(answers, findings);
+        if beyond.len() > counted.len() && !nobody {
+            return Err(format!(
+                "{} methods find the longest dead time searched, {} a shorter one: search longer dead times ({})",
+                beyond.len(),
+                counted.len(),
+                named()
+            ));
+        }
         if nobody && looped {
             return Err(format!(
                 "no method that answered withstands what the record shows beside feedback ({}): {EXPERIMENT}",
@@ -382,6 +396,14 @@ fn unseen<'a>(answers: &[Said<'a>]) -> Option<Vec<&'a str>> {
         .map(|(m, _, _)| m.entry.name)
         .collect();
     (blind.len() >= 2 && !judges().any(|(_, e, _)| e.outcome.has_delay())).then_some(blind)
+}
+
+/// The methods that withstand what the record shows and answer the longest delay searched.
+fn at_the_end<'a>(answers: &[Said<'a>], findings: &[Finding]) -> Vec<&'a str> {
+    let at_end = answers.iter().filter(|(m, e, _)| {
+        e.outcome == Outcome::AtEdge && !e.contradicted && distrust(m, e, findings).is_empty()
+    });
+    at_end.map(|(m, _, _)| m.entry.name).collect()
 }
 
 /// What a process model says of which many delays fit alike, where there is one.

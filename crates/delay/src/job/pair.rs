@@ -6,7 +6,7 @@ use super::answers::{MethodAnswer, pair};
 use super::asked::{Feedback, Job};
 use super::chosen::Ready;
 use super::seen::PairView;
-use super::words::{held_verdict, lead_note, taken_off_note, tied_note};
+use super::words::{at_end_note, held_verdict, lead_note, taken_off_note, tied_note};
 use crate::conditions::{moving_together, of_the_plant, standing_off};
 use crate::error::{DelayError, Result};
 use crate::estimate::DelayEstimate;
@@ -21,6 +21,7 @@ use crate::report::Pair;
 use crate::richness::richness;
 use crate::verdict::{RecordFacts, Verdict};
 use crate::watched;
+use crate::window::at_its_end;
 use deadtime_identify::Record;
 use deadtime_signal::progress::HowFar;
 
@@ -39,6 +40,8 @@ pub(super) struct OnePair<'a, 'b> {
     pub(super) shares: Option<&'b Shares>,
     /// The input and the output, by their numbers.
     pub(super) names: [usize; 2],
+    /// The window may grow.
+    pub(super) grows: bool,
     /// Where it is said how far the work on it is.
     pub(super) far: HowFar,
 }
@@ -52,8 +55,8 @@ impl OnePair<'_, '_> {
         &self.job.outputs[self.names[1]]
     }
 
-    /// The pair's answers and its verdict.
-    pub(super) fn estimated(&self) -> Result<Pair> {
+    /// The pair's answers and its verdict; `None` where the window is too short and may grow.
+    pub(super) fn estimated(&self) -> Result<Option<Pair>> {
         let (input, output) = (self.input(), self.output());
         let mut search = self.seen.search.clone();
         let findings = self.findings()?;
@@ -70,11 +73,17 @@ impl OnePair<'_, '_> {
             judge_orders(answers.iter_mut().map(|a| (a.method, &mut a.estimate)));
         }
         self.job.stop.check()?;
+        let ts = self.seen.one.sample_time();
+        let window_s = ts.to_seconds(search.max_delay as f64);
+        let given = answers.iter().map(|a| (a.method, &a.estimate));
+        let at_end = at_its_end(given, &findings, window_s);
+        if self.grows && !at_end.is_empty() {
+            return Ok(None);
+        }
         self.far
             .at(ANSWERED, &format_args!("whether the delay of {output} behind {input} changes"));
         let looked_for = self.job.feedback == Feedback::Auto;
         let held = if closed && looked_for { held_for(&records) } else { 1 };
-        let ts = self.seen.one.sample_time();
         let facts = RecordFacts {
             early_s: self.job.early_s().max(ts.to_seconds(held as f64 - 1.0)),
             direct: self.seen.looped.direct,
@@ -82,6 +91,9 @@ impl OnePair<'_, '_> {
             others_act,
         };
         let mut pair = pair(input, output, &answers, findings, ts, &facts);
+        if pair.verdict.delay_s.is_some() && !at_end.is_empty() {
+            pair.verdict.doubt(&at_end_note(&at_end, window_s, ts));
+        }
         if let Some(shares) = self.shares.filter(|_| others_act) {
             let beside = shares.beside(self.names[0]);
             pair.verdict.why.push_str(&taken_off_note(&self.job.inputs, &beside));
@@ -104,7 +116,7 @@ impl OnePair<'_, '_> {
             watched::tell(&mut pair, self.seen.alone(), &search, self.methods, &asked)?;
         }
         self.far.at(1.0, &format_args!("{input} and {output} done"));
-        Ok(pair)
+        Ok(Some(pair))
     }
 
     /// What the record shows that not every method withstands.

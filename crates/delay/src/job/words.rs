@@ -21,6 +21,16 @@ pub(super) fn taken_off_note(inputs: &[String], shares: &[(usize, f64)]) -> Stri
     )
 }
 
+/// The doubt where methods that count stand at the end of the window.
+pub(super) fn at_end_note(methods: &[&str], window_s: f64, ts: SampleTime) -> String {
+    let verb = if methods.len() == 1 { "finds" } else { "find" };
+    format!(
+        "{} {verb} the longest dead time searched ({} s) or more: search longer ones, or record for longer",
+        methods.join(", "),
+        digits(window_s, ts)
+    )
+}
+
 /// What to say where the output leads the input.
 pub(super) fn lead_note(input: &str, output: &str, samples: usize, ts: SampleTime) -> String {
     let by_s = digits(ts.to_seconds(samples as f64), ts);
