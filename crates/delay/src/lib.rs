@@ -9,6 +9,7 @@ mod estimate;
 mod estimator;
 mod events;
 mod evidence;
+mod excitation;
 mod experiment;
 mod feedback;
 mod finding;

@@ -170,9 +170,12 @@ impl Job {
         let given = self.max_delay_s.is_some();
         let most = if given { of.search.max_delay } else { most(of.experiment.longest()) };
         let mut window = of.search.max_delay;
+        let one = of.experiment.select(i, o)?;
+        if let Some(poor) = self.too_poor(&one, of.methods, window, of.names)? {
+            return Ok((poor, window));
+        }
         if !given {
-            window =
-                reaching(&of.experiment.select(i, o)?.pair(0, 0)?, window, &self.stop)?.min(most);
+            window = reaching(&one.pair(0, 0)?, window, &self.stop)?.min(most);
         }
         loop {
             let search = Search { max_delay: window, ..of.search.clone() };

@@ -1,5 +1,6 @@
 //! The sentences of a verdict that come from the record and not from the methods.
 
+use crate::excitation::{OneFrequency, SHORTEST};
 use crate::verdict::{EXPERIMENT, Verdict};
 use deadtime_signal::time::SampleTime;
 
@@ -18,6 +19,26 @@ pub(super) fn taken_off_note(inputs: &[String], shares: &[(usize, f64)]) -> Stri
     format!(
         "; what other inputs do was taken off for methods that see one input: {}",
         each.collect::<Vec<_>>().join(", ")
+    )
+}
+
+/// What to say of a handful of samples.
+pub(super) fn too_short_note(samples: usize) -> String {
+    format!("{samples} samples are too few for a dead time; at least {SHORTEST} are needed")
+}
+
+/// What to say of an input of one frequency: the delays that fit its phase.
+pub(super) fn one_frequency_note(
+    input: &str,
+    output: &str,
+    line: &OneFrequency,
+    ts: SampleTime,
+) -> String {
+    let [delay, period] =
+        [line.phase_delay, line.period].map(|samples| digits(ts.to_seconds(samples), ts));
+    let half = digits(ts.to_seconds(0.5 * line.period), ts);
+    format!(
+        "`{input}` moves at one frequency (period {period} s), which has one gain and one phase: `{output}` follows by {delay} s, of which any part may be dead time and the rest lag, or by {period} s more for each whole period ({half} s with a gain of the other sign); use steps, a multisine or a sweep"
     )
 }
 
