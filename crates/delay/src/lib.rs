@@ -2,6 +2,7 @@
 
 mod area;
 pub mod bound;
+mod colour;
 mod conditions;
 mod correlation;
 mod error;
