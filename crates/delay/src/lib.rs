@@ -17,6 +17,7 @@ mod finding;
 mod frequency;
 mod higher_order;
 mod identifiers;
+mod inverse;
 mod job;
 mod laguerre;
 mod method;

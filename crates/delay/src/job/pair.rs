@@ -14,6 +14,7 @@ use crate::estimator::Search;
 use crate::experiment::{Experiment, Recording, Series};
 use crate::feedback::{held_for, lead, open_part};
 use crate::finding::Finding;
+use crate::inverse::inverse_response;
 use crate::method::{Condition, Method, Start};
 use crate::process::orders::judge_orders;
 use crate::process::shares::Shares;
@@ -125,6 +126,10 @@ impl OnePair<'_, '_> {
         let mut findings = of_the_plant(&seen.alone().pair(0, 0)?, max_delay);
         findings.extend(self.job.feedback.said().or_else(|| seen.looped.finding()));
         findings.extend(moving_together(&seen.together, max_delay));
+        if findings.iter().all(|f| f.condition != Condition::Feedback) {
+            let coloured = findings.iter().any(|f| f.condition == Condition::ColouredNoise);
+            findings.extend(inverse_response(&seen.alone().pair(0, 0)?, max_delay, coloured));
+        }
         self.job.stop.check()?;
         Ok(findings)
     }
