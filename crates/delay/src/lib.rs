@@ -3,6 +3,7 @@
 mod area;
 pub mod bound;
 mod colour;
+mod combined;
 mod conditions;
 mod correlation;
 mod error;
