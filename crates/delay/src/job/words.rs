@@ -42,6 +42,24 @@ pub(super) fn one_frequency_note(
     )
 }
 
+/// What to say where methods find no dead time in a loop, and no direct path is seen.
+pub(super) fn at_once_in_loop_note(verdict: &Verdict, ts: SampleTime) -> String {
+    let most = verdict.ci95_s.map_or(ts.seconds(), |[_, to]| to);
+    format!(
+        "the record shows feedback and no direct path, and the methods find no dead time (at most {} s): the loop itself, clocks that differ or a command logged too seldom look the same; {EXPERIMENT} ({})",
+        digits(most, ts),
+        verdict.why
+    )
+}
+
+/// The doubt where a response of one sample may be that of two sensors: relative degree 1 was assumed.
+pub(super) fn copy_note(delay_s: f64, ts: SampleTime) -> String {
+    format!(
+        "the response lasts one sample, and relative degree 1 is assumed; between two sensors of one signal it is 0, and the dead time {} s",
+        digits(delay_s + ts.seconds(), ts)
+    )
+}
+
 /// The doubt where methods that count stand at the end of the window.
 pub(super) fn at_end_note(methods: &[&str], window_s: f64, ts: SampleTime) -> String {
     let verb = if methods.len() == 1 { "finds" } else { "find" };
