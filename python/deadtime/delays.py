@@ -415,7 +415,7 @@ def estimate(
     method : str or sequence of str
         Names of methods, or `all`; `deadtime.methods()` lists them.
     max_delay : float, optional
-        Longest delay to search, s; default 35 samples (at most a quarter of the longest record), doubled once where an answer is the longest.
+        Longest delay to search, s; default 35 samples (at most a quarter of the longest record), doubled up to a third of it while the response begins later.
     model : model-like, optional
         Linear model of the plant: adds `state_least_squares` (its pairs have the output `*`) and the model's own degree bias.
     detrend : {"mean", "none", "line"}

@@ -769,8 +769,10 @@ fn complicated(condition: Condition, method: &Method, seed: u64) -> Option<Measu
             let y = sum(&y, &times(&noise, 0.01 * std_dev(&y)));
             Measured::siso(ts(TS), u, y)
         }
-        // Has a test of its own.
-        Condition::MissingOutputs | Condition::OtherInputs => return None,
+        // Have tests of their own.
+        Condition::MissingOutputs | Condition::OtherInputs | Condition::InverseResponse => {
+            return None;
+        }
     })
 }
 

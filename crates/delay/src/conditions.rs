@@ -1,17 +1,16 @@
 //! What makes one method trustworthy on a record and another not: feedback, an unstable plant, coloured noise, a plant with a lag of its own, missing samples.
 
+use super::colour::colour;
 use super::estimator::Search;
 use super::experiment::Experiment;
-use super::feedback::{in_loop, lags, residual};
+use super::feedback::in_loop;
 use super::finding::Finding;
 use super::method::Condition;
 use crate::posterior::{ARX_ORDERS, smallest};
-use deadtime_identify::{Record, Regression, arx_scan, largest_pole};
+use deadtime_identify::{Record, arx_scan, largest_pole};
 
 /// Coefficients after which a response that lasts is cut off.
 const LAGS: usize = 71;
-/// How much less the innovations must be than the residuals of the free response for the noise to count as coloured.
-const COLOURED: f64 = 1.25;
 /// Samples between the first reaction and the centre of the response that make a lag; a copy that is delayed by a fraction of a sample has half a sample.
 const LAG: f64 = 0.75;
 /// Share of the largest coefficient from which one counts.
@@ -22,10 +21,10 @@ const BEGUN: f64 = 0.1;
 ///
 /// * Feedback: see [`in_loop`], for a plant that is strictly proper.
 /// * Unstable plant: a pole outside the unit circle by more than 3/N, three times the rate at which an estimate of a pole at 1 converges.
-/// * Coloured noise: past outputs predict what the free response leaves.
+/// * Coloured noise: past outputs predict what a free response leaves, slow tail included (see `colour`).
 /// * Dynamics: the response's centre lies later than its beginning.
 ///
-/// Each can be wrong: a response longer than 71 samples can pass for coloured noise. Too short a record shows nothing.
+/// Each can be wrong: a response longer than 71 samples that rings slowly with little damping can pass for coloured noise. Too short a record shows nothing.
 #[must_use]
 pub fn conditions(records: &[Record], max_delay: usize) -> Vec<Finding> {
     let mut found = of_the_plant(records, max_delay);
@@ -158,19 +157,4 @@ fn lag(a: &[f64], b: &[f64]) -> f64 {
     let total: f64 = counted.iter().map(|(_, h)| h).sum();
     let moment: f64 = counted.iter().map(|(k, h)| (k - begun) as f64 * h).sum();
     if total > 0.0 { moment / total } else { 0.0 }
-}
-
-fn colour(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
-    let lags = lags(records, max_delay);
-    let (free, rows) = residual(Regression { na: 0, lags }, records)?;
-    let (white, fewer) = residual(Regression { na, lags }, records)?;
-    let ratio =
-        free / (rows - lags) as f64 / (white / (fewer - lags - na) as f64).max(f64::MIN_POSITIVE);
-    (ratio > COLOURED && ratio.is_finite()).then(|| Finding {
-        condition: Condition::ColouredNoise,
-        evidence: format!(
-            "past outputs lower the error of {lags} free coefficients {ratio:.1} times"
-        )
-        .into(),
-    })
 }

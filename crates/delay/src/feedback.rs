@@ -39,6 +39,8 @@ const CONTROLLER: (usize, usize) = (4, 7);
 const TIED: f64 = 1e-9;
 /// Share that the input's own past must leave, for its being explained to say anything: what is smooth enough is a function of its own past.
 const NEWS: f64 = 1e-3;
+/// Share of the samples at which the output moves and the input does not, from which the input is no linear function of the output.
+const RESTS: f64 = 0.25;
 /// Past samples of both channels from which the input is predicted before what is new in it is taken.
 const MEMORY: usize = 20;
 /// Share of the input's variance that what is new in it must explain for the joint method.
@@ -92,7 +94,8 @@ impl InLoop {
 /// * Later inputs explain innovations of the output (Sims, 1972, Am. Econ. Rev. 62(4), 540-552: the causality test with the input's future, which stays valid for inputs
 ///   that are no random process), by a share that matters, there or in the residual of the free response.
 /// * Where the plant cannot react within the sample (`bias` of 1 or more), the innovations of both channels go together within it, with a sign that is not the
-///   response's: the controller reacts. With the response's sign and no later input that explains anything it is a direct path.
+///   response's: the controller reacts. With the response's sign and no later input that explains anything it is a direct path. So it is, whatever its sign, where the
+///   input is autonomous: it rests while the output moves, and earlier outputs do not predict it.
 /// * A low-order function of the output explains every increment of the input but for rounding, and the input's own past does not: nothing else moves the input.
 ///
 /// How it can be wrong: a plant that is far from linear passes for a loop where its input is smooth; a loop whose noise moves the input by a few hundredths of its
@@ -102,16 +105,43 @@ pub fn in_loop(records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop 
     let [na, _] = ARX_ORDERS;
     let lags = lags(records, max_delay).max(na + 2);
     let (later, chance) = later(records, na, lags).unwrap_or((None, 1.0));
-    let mut seen = InLoop { later, tied: tied(records, bias), ..InLoop::default() };
+    let autonomous = later.is_none() && autonomous(records, na);
+    let mut seen = InLoop { later, tied: !autonomous && tied(records, bias), ..InLoop::default() };
     if bias > 0
         && let Some(same) = same_sample(records, na, lags)
     {
         let matters = same.correlation.powi(2) > SAME_SAMPLE;
-        seen.same_sample =
-            (matters && (same.against || chance < ALSO || seen.tied)).then_some(same.correlation);
-        seen.direct = same.along && !seen.closed();
+        let reacts = !autonomous && (same.against || chance < ALSO || seen.tied);
+        seen.same_sample = (matters && reacts).then_some(same.correlation);
+        seen.direct = (same.along || (autonomous && matters)) && !seen.closed();
     }
     seen
+}
+
+/// The input rests while the output moves, and earlier outputs do not predict it beyond its own past: it is no function of the output, linear or not.
+fn autonomous(records: &[Record<'_>], na: usize) -> bool {
+    if records.iter().any(|r| r.present.is_some()) || held_for(records) > 1 {
+        return false;
+    }
+    let (mut rests, mut moves) = (0, 0);
+    for record in records {
+        for (u, _) in record.u.windows(2).zip(record.y.windows(2)).filter(|(_, y)| y[0] != y[1]) {
+            moves += 1;
+            rests += usize::from(u[0] == u[1]);
+        }
+    }
+    if (rests as f64) < RESTS * moves as f64 {
+        return false;
+    }
+    // The output takes the input's place, a sample earlier.
+    let turned: Vec<Record<'_>> = (records.iter().filter(|r| r.len() > 4 * na))
+        .map(|r| Record::new(&r.y[..r.len() - 1], &r.u[1..r.len()]))
+        .collect();
+    let own = residual(Regression { na, lags: 0 }, &turned);
+    let both = residual(Regression { na, lags: na }, &turned);
+    own.zip(both).is_some_and(|((own, rows), (both, _))| {
+        explained(own, both, na, rows.saturating_sub(2 * na)).1 >= BY_CHANCE
+    })
 }
 
 /// Lags that a record of this length can carry.
@@ -371,4 +401,79 @@ fn follows(records: &[Record<'_>], max_delay: usize) -> bool {
     alone.zip(both).is_some_and(|((alone, more), (both, rows))| {
         explained(alone * rows as f64 / more as f64, both, lags, rows - na - lags).1 < BY_CHANCE
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::RngExt;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn centred(x: Vec<f64>) -> Vec<f64> {
+        let mean = x.iter().sum::<f64>() / x.len() as f64;
+        x.into_iter().map(|v| v - mean).collect()
+    }
+
+    fn gauss(rng: &mut ChaCha8Rng) -> f64 {
+        StandardNormal.sample(rng)
+    }
+
+    /// Steps of ±1 that last any number of samples, through direct·u + lagged·(a lag of u), under noise.
+    fn open(seed: u64) -> Record<'static> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (pole, direct) = (rng.random_range(0.1..0.95), rng.random_range(0.3..1.0));
+        // A part that goes against the direct path washes it out.
+        let lagged = rng.random_range(-1.0..1.0);
+        let noise = [0.0, 0.001, 0.02][rng.random_range(0..3_usize)];
+        let change = rng.random_range(0.1..0.5);
+        let (mut u, mut y) = (Vec::new(), Vec::new());
+        let (mut level, mut x) = (1.0, 0.0);
+        for _ in 0..1500 {
+            if rng.random::<f64>() < change {
+                level = -level;
+            }
+            y.push(direct * level + lagged * x + noise * gauss(&mut rng));
+            u.push(level);
+            x = pole * x + (1.0 - pole) * level;
+        }
+        Record::new(centred(u), centred(y))
+    }
+
+    /// A relay that switches the input by the noisy output of a lag within the sample.
+    fn relay(seed: u64) -> Record<'static> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (pole, noise) = (rng.random_range(0.8..0.98), rng.random_range(0.02..0.2));
+        let band = rng.random_range(0.0..0.3);
+        let (mut u, mut y) = (Vec::new(), Vec::new());
+        let (mut x, mut slow, mut level) = (0.0, 0.0, 1.0);
+        for _ in 0..1500 {
+            slow = 0.9 * slow + noise * gauss(&mut rng);
+            let seen: f64 = x + slow;
+            if seen.abs() > band {
+                level = -seen.signum();
+            }
+            y.push(seen);
+            u.push(level);
+            x = pole * x + (1.0 - pole) * level;
+        }
+        Record::new(centred(u), centred(y))
+    }
+
+    #[test]
+    fn an_open_plant_that_answers_within_the_sample_is_a_direct_path_and_no_loop() {
+        let right = |seed: &u64| {
+            let seen = in_loop(&[open(*seed)], 35, 1);
+            seen.direct && !seen.closed()
+        };
+        let right = (0..60).filter(right).count();
+        assert!(right >= 57, "{right} of 60");
+    }
+
+    #[test]
+    fn a_relay_that_reacts_within_the_sample_is_no_direct_path() {
+        let direct = (0..60).filter(|seed| in_loop(&[relay(*seed)], 35, 1).direct).count();
+        assert!(direct <= 1, "{direct} of 60");
+    }
 }

@@ -2,6 +2,8 @@
 
 mod area;
 pub mod bound;
+mod colour;
+mod combined;
 mod conditions;
 mod correlation;
 mod error;
@@ -9,12 +11,14 @@ mod estimate;
 mod estimator;
 mod events;
 mod evidence;
+mod excitation;
 mod experiment;
 mod feedback;
 mod finding;
 mod frequency;
 mod higher_order;
 mod identifiers;
+mod inverse;
 mod job;
 mod laguerre;
 mod method;
@@ -31,6 +35,7 @@ mod threshold;
 pub mod track;
 mod verdict;
 mod watched;
+mod window;
 
 pub use crate::area::area1::Area1;
 pub use crate::area::estimated::{Area2, Area3, Moment};

@@ -140,6 +140,8 @@ pub enum Condition {
     MissingOutputs,
     /// Other inputs that move with this one.
     OtherInputs,
+    /// A step response that starts against its end, as a zero in the right half-plane makes it.
+    InverseResponse,
 }
 
 impl Condition {
@@ -153,6 +155,7 @@ impl Condition {
             Self::Dynamics => "a lag of the plant's own",
             Self::MissingOutputs => "missing outputs",
             Self::OtherInputs => "inputs that move together",
+            Self::InverseResponse => "an inverse response",
         }
     }
 }

@@ -5,7 +5,7 @@ use crate::report::estimate::{A_HANDFUL, preamble, single_events, warning};
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns, wrapped};
 use crate::report::text::{delay, delay_cells, seconds};
 use deadtime_delay::Outcome;
-use deadtime_delay::report::{Estimate, Pair, Report};
+use deadtime_delay::report::{Bias, Estimate, Pair, Report, Searched};
 use deadtime_delay::track::Tracked;
 use deadtime_signal::text::shown;
 
@@ -24,7 +24,7 @@ pub fn brief(report: &Report) -> Styled {
         if report.pairs.len() > 1 {
             title(&mut text, pair);
         }
-        answer(&mut text, pair, report.sample_time_s);
+        answer(&mut text, pair, report);
     }
     text
 }
@@ -35,7 +35,7 @@ pub fn short(report: &Report) -> Styled {
     let mut text = Styled::default();
     for pair in &report.pairs {
         title(&mut text, pair);
-        answer(&mut text, pair, report.sample_time_s);
+        answer(&mut text, pair, report);
         text.push(Role::Plain, "\n");
         let rows = rows(pair);
         table(&mut text, pair, &rows, report.sample_time_s);
@@ -61,7 +61,8 @@ fn title(text: &mut Styled, pair: &Pair) {
 }
 
 /// What to believe and who says so; what speaks against it.
-fn answer(text: &mut Styled, pair: &Pair, step_s: f64) {
+fn answer(text: &mut Styled, pair: &Pair, report: &Report) {
+    let step_s = report.sample_time_s;
     let (verdict, grounds) = (&pair.verdict, &pair.verdict.grounds);
     let why = without_lists(&verdict.why, pair);
     match (verdict.delay_s, verdict.ci95_s) {
@@ -76,7 +77,7 @@ fn answer(text: &mut Styled, pair: &Pair, step_s: f64) {
             let ends = ends.map_or_else(String::new, |e| format!(" ({} s)", e.join(" to ")));
             text.sentence(
                 (Role::Strong, &format!("Believe a dead time of {value} s")),
-                &format!("{ends}: {who}."),
+                &format!("{ends}{}: {who}.", counted(delay_s, report)),
                 WIDTH,
                 2,
             );
@@ -116,6 +117,21 @@ fn answer(text: &mut Styled, pair: &Pair, step_s: f64) {
     } else if verdict.delay_s.is_some() {
         text.sentence((Role::Doubt, "Against it: "), "nothing that counts.", WIDTH, 2);
     }
+}
+
+/// The same in samples, and as MATLAB counts it, where the relative degree is one number.
+fn counted(delay_s: f64, report: &Report) -> String {
+    let Searched::Samples { bias, .. } = &report.searched else { return String::new() };
+    let samples = delay_s / report.sample_time_s;
+    let shown = format!("{samples:.1}");
+    let shown = shown.strip_suffix(".0").unwrap_or(&shown);
+    let unit = if shown == "1" { "sample" } else { "samples" };
+    let (degree, holds) = match bias {
+        Bias::Assumed => (1, ", which counts the hold"),
+        Bias::Given(degree) => (*degree, ""),
+        Bias::Model(_) => return format!(", {shown} {unit}"),
+    };
+    format!(", {shown} {unit} (nk = {} in MATLAB{holds})", samples.round() as usize + degree)
 }
 
 /// A sentence whose lists of more methods than a few are counts.

@@ -12,6 +12,7 @@ use crate::method::{Method, Scope, Start};
 use crate::process::shares::Shares;
 use crate::report::{Bias, FORMAT, Pair, Report, Response, Searched};
 use crate::richness::{Richness, richness};
+use crate::window::{most, reaching, reaching_by_model};
 use deadtime_log::Log;
 use deadtime_signal::time::SampleTime;
 
@@ -24,14 +25,14 @@ impl Job {
         let (logged, search, bias) = self.prepared()?;
         let ts = logged.sample_time();
         let experiment = self.detrended(&logged)?;
-        let mut pairs = self.pairs(&logged, &experiment, &search)?;
+        let (mut pairs, longest) = self.pairs(&logged, &experiment, &search)?;
         if let Some(model) = &self.model {
             pairs.extend(self.inputs_by_state(model, ts, &search)?);
         }
         let samples = self.logs.iter().map(Log::len).sum();
         let searched =
             Searched::Samples { samples, records: self.logs.len(), bias, early_s: self.early_s() };
-        let max_delay_s = ts.to_seconds(search.max_delay as f64);
+        let max_delay_s = ts.to_seconds(longest as f64);
         Ok(Report {
             format: FORMAT,
             log: self.name.clone(),
@@ -132,27 +133,79 @@ impl Job {
         Ok(longest)
     }
 
-    /// Every pair by every method that looks at pairs.
+    /// Every pair by every method that looks at pairs, and the longest delay searched in any, samples.
     fn pairs(
         &self,
         logged: &Experiment<'_>,
         experiment: &Experiment<'_>,
         search: &Search,
-    ) -> Result<Vec<Pair>> {
+    ) -> Result<(Vec<Pair>, usize)> {
         let methods: Vec<&Ready> =
             self.methods.iter().filter(|r| r.method.scope == Scope::Pair).collect();
+        let (mut pairs, mut longest) = (Vec::new(), search.max_delay);
         if methods.is_empty() {
-            return Ok(Vec::new());
+            return Ok((pairs, longest));
         }
+        for o in 0..self.outputs.len() {
+            let shares = Shares::of(&experiment.towards(0, o)?, search.max_delay, &self.stop)?;
+            for i in 0..self.inputs.len() {
+                self.stop.check()?;
+                let of = Of { logged, experiment, search, methods: &methods, names: [i, o] };
+                let (pair, searched) = self.in_its_window(&of, shares.as_ref())?;
+                pairs.push(pair);
+                longest = longest.max(searched);
+            }
+        }
+        Ok((pairs, longest))
+    }
+
+    /// One pair, over the window that its response begins in, and that window: unless it is given it grows as long as a method that counts stands at its end.
+    fn in_its_window(&self, of: &Of<'_, '_>, shares: Option<&Shares>) -> Result<(Pair, usize)> {
+        let [i, o] = of.names;
         let every = (self.inputs.len() * self.outputs.len()) as f64;
-        self.each_pair(logged, experiment, search, |seen, shares, [i, o]| {
-            let at = |done: usize| (o * self.inputs.len() + i + done) as f64 / every;
-            let far = self.far.part(at(0), at(1));
-            let [input, output] = [&self.inputs[i], &self.outputs[o]];
-            far.at(0.0, &format_args!("what the record of {input} and {output} shows"));
-            let seen = seen()?;
-            OnePair { job: self, methods: &methods, seen, shares, names: [i, o], far }.estimated()
-        })
+        let at = |done: usize| (o * self.inputs.len() + i + done) as f64 / every;
+        let far = self.far.part(at(0), at(1));
+        let [input, output] = [&self.inputs[i], &self.outputs[o]];
+        far.at(0.0, &format_args!("what the record of {input} and {output} shows"));
+        let given = self.max_delay_s.is_some();
+        let most = if given { of.search.max_delay } else { most(of.experiment.longest()) };
+        let mut window = of.search.max_delay;
+        let one = of.experiment.select(i, o)?;
+        if let Some(poor) = self.too_poor(&one, of.methods, window, of.names)? {
+            return Ok((poor, window));
+        }
+        if !given {
+            window = reaching(&one.pair(0, 0)?, window, &self.stop)?.min(most);
+        }
+        loop {
+            let search = Search { max_delay: window, ..of.search.clone() };
+            let wider = (window != of.search.max_delay)
+                .then(|| Shares::of(&of.experiment.towards(0, o)?, window, &self.stop))
+                .transpose()?
+                .flatten();
+            let shares = if window == of.search.max_delay { shares } else { wider.as_ref() };
+            let seen = self.seen(of.logged, of.experiment, &search, (i, o), shares)?;
+            if window == of.search.max_delay && window < most && !seen.looped.closed() {
+                let at_rest = seen.by_start(Start::Rest).pair(0, 0)?;
+                window = reaching_by_model(&at_rest, window, most);
+                if window > search.max_delay {
+                    continue;
+                }
+            }
+            let one = OnePair {
+                job: self,
+                methods: of.methods,
+                seen,
+                shares,
+                names: of.names,
+                grows: window < most,
+                far: far.clone(),
+            };
+            match one.estimated()? {
+                Some(pair) => return Ok((pair, window)),
+                None => window = (2 * window).min(most),
+            }
+        }
     }
 
     /// What `of` makes of every pair, as methods see it, outputs first.
@@ -174,6 +227,17 @@ impl Job {
         }
         Ok(all)
     }
+}
+
+/// One pair of an estimation.
+struct Of<'a, 'b> {
+    logged: &'a Experiment<'b>,
+    experiment: &'a Experiment<'b>,
+    search: &'a Search,
+    /// The methods that look at pairs.
+    methods: &'a [&'a Ready],
+    /// The input and the output, by their numbers.
+    names: [usize; 2],
 }
 
 /// What is to be expected of each method for one pair.

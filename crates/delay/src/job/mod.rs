@@ -6,6 +6,7 @@ pub(crate) mod chosen;
 pub(crate) mod estimation;
 pub(crate) mod events;
 mod pair;
+mod poor;
 mod seen;
 mod states;
 mod words;

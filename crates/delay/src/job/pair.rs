@@ -6,7 +6,10 @@ use super::answers::{MethodAnswer, pair};
 use super::asked::{Feedback, Job};
 use super::chosen::Ready;
 use super::seen::PairView;
-use super::words::{held_verdict, lead_note, taken_off_note, tied_note};
+use super::words::{
+    at_end_note, at_once_in_loop_note, copy_note, held_verdict, lead_note, taken_off_note,
+    tied_note,
+};
 use crate::conditions::{moving_together, of_the_plant, standing_off};
 use crate::error::{DelayError, Result};
 use crate::estimate::DelayEstimate;
@@ -14,6 +17,7 @@ use crate::estimator::Search;
 use crate::experiment::{Experiment, Recording, Series};
 use crate::feedback::{held_for, lead, open_part};
 use crate::finding::Finding;
+use crate::inverse::inverse_response;
 use crate::method::{Condition, Method, Start};
 use crate::process::orders::judge_orders;
 use crate::process::shares::Shares;
@@ -21,6 +25,7 @@ use crate::report::Pair;
 use crate::richness::richness;
 use crate::verdict::{RecordFacts, Verdict};
 use crate::watched;
+use crate::window::at_its_end;
 use deadtime_identify::Record;
 use deadtime_signal::progress::HowFar;
 
@@ -39,6 +44,8 @@ pub(super) struct OnePair<'a, 'b> {
     pub(super) shares: Option<&'b Shares>,
     /// The input and the output, by their numbers.
     pub(super) names: [usize; 2],
+    /// The window may grow.
+    pub(super) grows: bool,
     /// Where it is said how far the work on it is.
     pub(super) far: HowFar,
 }
@@ -52,8 +59,8 @@ impl OnePair<'_, '_> {
         &self.job.outputs[self.names[1]]
     }
 
-    /// The pair's answers and its verdict.
-    pub(super) fn estimated(&self) -> Result<Pair> {
+    /// The pair's answers and its verdict; `None` where the window is too short and may grow.
+    pub(super) fn estimated(&self) -> Result<Option<Pair>> {
         let (input, output) = (self.input(), self.output());
         let mut search = self.seen.search.clone();
         let findings = self.findings()?;
@@ -70,11 +77,17 @@ impl OnePair<'_, '_> {
             judge_orders(answers.iter_mut().map(|a| (a.method, &mut a.estimate)));
         }
         self.job.stop.check()?;
+        let ts = self.seen.one.sample_time();
+        let window_s = ts.to_seconds(search.max_delay as f64);
+        let given = answers.iter().map(|a| (a.method, &a.estimate));
+        let at_end = at_its_end(given, &findings, window_s);
+        if self.grows && !at_end.is_empty() {
+            return Ok(None);
+        }
         self.far
             .at(ANSWERED, &format_args!("whether the delay of {output} behind {input} changes"));
         let looked_for = self.job.feedback == Feedback::Auto;
         let held = if closed && looked_for { held_for(&records) } else { 1 };
-        let ts = self.seen.one.sample_time();
         let facts = RecordFacts {
             early_s: self.job.early_s().max(ts.to_seconds(held as f64 - 1.0)),
             direct: self.seen.looped.direct,
@@ -82,13 +95,10 @@ impl OnePair<'_, '_> {
             others_act,
         };
         let mut pair = pair(input, output, &answers, findings, ts, &facts);
-        if let Some(shares) = self.shares.filter(|_| others_act) {
-            let beside = shares.beside(self.names[0]);
-            pair.verdict.why.push_str(&taken_off_note(&self.job.inputs, &beside));
+        if pair.verdict.delay_s.is_some() && !at_end.is_empty() {
+            pair.verdict.doubt(&at_end_note(&at_end, window_s, ts));
         }
-        if held > 1 {
-            pair.verdict = held_verdict(pair.verdict, input, held, ts);
-        }
+        self.qualify(&mut pair, closed, held);
         // Between interpolated samples every jump stands off.
         if self.job.early_s() == 0.0 {
             pair.standing_off = standing_off(&records);
@@ -104,7 +114,34 @@ impl OnePair<'_, '_> {
             watched::tell(&mut pair, self.seen.alone(), &search, self.methods, &asked)?;
         }
         self.far.at(1.0, &format_args!("{input} and {output} done"));
-        Ok(pair)
+        Ok(Some(pair))
+    }
+
+    /// What the record says of the verdict beside the methods; `held`: the samples that a looped input is held for.
+    fn qualify(&self, pair: &mut Pair, closed: bool, held: usize) {
+        let ts = self.seen.one.sample_time();
+        let at_once = pair.verdict.delay_s.is_some_and(|d| d < 0.5 * ts.seconds());
+        if closed && at_once && !self.seen.looped.direct {
+            pair.verdict = Verdict::none(at_once_in_loop_note(&pair.verdict, ts));
+        }
+        if self.may_be_copy(pair) {
+            pair.verdict.doubt(&copy_note(pair.verdict.delay_s.unwrap_or_default(), ts));
+        }
+        if let Some(shares) = self.shares.filter(|_| self.seen.freed.is_some()) {
+            let beside = shares.beside(self.names[0]);
+            pair.verdict.why.push_str(&taken_off_note(&self.job.inputs, &beside));
+        }
+        if held > 1 {
+            pair.verdict = held_verdict(pair.verdict.clone(), self.input(), held, ts);
+        }
+    }
+
+    /// The response lasts a sample in open loop, and the relative degree was assumed: the channels may be two sensors of one signal.
+    fn may_be_copy(&self, pair: &Pair) -> bool {
+        let shows = |condition| pair.findings.iter().any(|f| f.condition == condition);
+        let assumed = self.job.degree_bias.is_none() && self.job.model.is_none();
+        let quick = !shows(Condition::Dynamics) && !shows(Condition::Feedback);
+        assumed && quick && !self.seen.looped.direct && pair.verdict.delay_s.is_some()
     }
 
     /// What the record shows that not every method withstands.
@@ -113,6 +150,10 @@ impl OnePair<'_, '_> {
         let mut findings = of_the_plant(&seen.alone().pair(0, 0)?, max_delay);
         findings.extend(self.job.feedback.said().or_else(|| seen.looped.finding()));
         findings.extend(moving_together(&seen.together, max_delay));
+        if findings.iter().all(|f| f.condition != Condition::Feedback) {
+            let coloured = findings.iter().any(|f| f.condition == Condition::ColouredNoise);
+            findings.extend(inverse_response(&seen.alone().pair(0, 0)?, max_delay, coloured));
+        }
         self.job.stop.check()?;
         Ok(findings)
     }
@@ -166,4 +207,65 @@ fn open_experiment<'a>(
         states: Vec::new(),
     });
     Ok(Some(one.with_recordings(recordings.collect())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::chosen::chosen;
+    use crate::method::Scope;
+    use crate::report::Report;
+    use deadtime_log::{Channel, Log};
+    use rand::RngExt;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn report(u: Vec<f64>, y: Vec<f64>, feedback: Feedback) -> Report {
+        let time_s = (0..u.len()).map(|t| t as f64).collect();
+        let channels = vec![Channel::new("u", None, u), Channel::new("y", None, y)];
+        let log = Log::new("drawn", time_s, channels).unwrap();
+        let names = ["arxstruc", "met1struc", "oestruc", "p2d"].map(str::to_owned);
+        let methods = chosen(&names, &Default::default(), &[Scope::Pair]).unwrap();
+        Job { methods, feedback, ..Job::new(vec![log], ["u"], ["y"]) }.run().unwrap()
+    }
+
+    fn drawn(seed: u64, pole: f64, delay: usize) -> (Vec<f64>, Vec<f64>) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (mut u, mut y, mut x) = (Vec::new(), Vec::new(), 0.0);
+        for t in 0..900_usize {
+            u.push(StandardNormal.sample(&mut rng));
+            x = pole * x + t.checked_sub(delay).map_or(0.0, |at| u[at]);
+            let noise: f64 = StandardNormal.sample(&mut rng);
+            y.push(x + rng.random_range(0.01..0.1) * noise);
+        }
+        (u, y)
+    }
+
+    #[test]
+    fn a_copy_is_answered_by_relative_degree_one_and_the_other_dead_time_is_given() {
+        for seed in 0..6 {
+            let delay = 2 + seed as usize;
+            let (u, y) = drawn(seed, 0.0, delay);
+            let verdict = report(u, y, Feedback::Auto).pairs.remove(0).verdict;
+            assert!((verdict.delay_s.unwrap() - (delay as f64 - 1.0)).abs() < 0.6, "{verdict:?}");
+            let said = verdict.grounds.doubts.join("; ");
+            assert!(said.contains("two sensors of one signal"), "{said}");
+            let (u, y) = drawn(seed, 0.8, delay);
+            let verdict = report(u, y, Feedback::Auto).pairs.remove(0).verdict;
+            assert!(!verdict.why.contains("two sensors"), "{}", verdict.why);
+        }
+    }
+
+    #[test]
+    fn no_dead_time_in_a_loop_is_no_number_and_in_an_open_one_it_is() {
+        for seed in 0..6 {
+            let (u, y) = drawn(seed, 0.8, 1);
+            let open = report(u.clone(), y.clone(), Feedback::Auto).pairs.remove(0).verdict;
+            assert!(open.delay_s.is_some_and(|d| d < 0.5), "{open:?}");
+            let closed = report(u, y, Feedback::Closed).pairs.remove(0).verdict;
+            assert!(closed.delay_s.is_none(), "{closed:?}");
+            assert!(closed.why.contains("no direct path"), "{}", closed.why);
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! The sentences of a verdict that come from the record and not from the methods.
 
+use crate::excitation::{OneFrequency, SHORTEST};
 use crate::verdict::{EXPERIMENT, Verdict};
 use deadtime_signal::time::SampleTime;
 
@@ -18,6 +19,54 @@ pub(super) fn taken_off_note(inputs: &[String], shares: &[(usize, f64)]) -> Stri
     format!(
         "; what other inputs do was taken off for methods that see one input: {}",
         each.collect::<Vec<_>>().join(", ")
+    )
+}
+
+/// What to say of a handful of samples.
+pub(super) fn too_short_note(samples: usize) -> String {
+    format!("{samples} samples are too few for a dead time; at least {SHORTEST} are needed")
+}
+
+/// What to say of an input of one frequency: the delays that fit its phase.
+pub(super) fn one_frequency_note(
+    input: &str,
+    output: &str,
+    line: &OneFrequency,
+    ts: SampleTime,
+) -> String {
+    let [delay, period] =
+        [line.phase_delay, line.period].map(|samples| digits(ts.to_seconds(samples), ts));
+    let half = digits(ts.to_seconds(0.5 * line.period), ts);
+    format!(
+        "`{input}` moves at one frequency (period {period} s), which has one gain and one phase: `{output}` follows by {delay} s, of which any part may be dead time and the rest lag, or by {period} s more for each whole period ({half} s with a gain of the other sign); use steps, a multisine or a sweep"
+    )
+}
+
+/// What to say where methods find no dead time in a loop, and no direct path is seen.
+pub(super) fn at_once_in_loop_note(verdict: &Verdict, ts: SampleTime) -> String {
+    let most = verdict.ci95_s.map_or(ts.seconds(), |[_, to]| to);
+    format!(
+        "the record shows feedback and no direct path, and the methods find no dead time (at most {} s): the loop itself, clocks that differ or a command logged too seldom look the same; {EXPERIMENT} ({})",
+        digits(most, ts),
+        verdict.why
+    )
+}
+
+/// The doubt where a response of one sample may be that of two sensors: relative degree 1 was assumed.
+pub(super) fn copy_note(delay_s: f64, ts: SampleTime) -> String {
+    format!(
+        "the response lasts one sample, and relative degree 1 is assumed; between two sensors of one signal it is 0, and the dead time {} s",
+        digits(delay_s + ts.seconds(), ts)
+    )
+}
+
+/// The doubt where methods that count stand at the end of the window.
+pub(super) fn at_end_note(methods: &[&str], window_s: f64, ts: SampleTime) -> String {
+    let verb = if methods.len() == 1 { "finds" } else { "find" };
+    format!(
+        "{} {verb} the longest dead time searched ({} s) or more: search longer ones, or record for longer",
+        methods.join(", "),
+        digits(window_s, ts)
     )
 }
 

@@ -7,7 +7,7 @@ use super::arxstruc::leading_zeros;
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, options, seen};
-use crate::method::{Information, Method, PREDICTS, method_line};
+use crate::method::{Condition, Information, Method, method_line};
 use crate::posterior;
 use deadtime_identify::{Armax, ArmaxFit, MAX_OE_ORDER};
 
@@ -78,7 +78,14 @@ const WORTH: f64 = 2.0;
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
     information: Information::Poles(2),
-    withstands: PREDICTS,
+    withstands: &[
+        Condition::UnstablePlant,
+        Condition::Feedback,
+        Condition::ColouredNoise,
+        Condition::Dynamics,
+        Condition::MissingOutputs,
+        Condition::InverseResponse,
+    ],
     needs: "the input that the plant received; plant and noise of low order",
     blind_to: "fractions of a sample; a first coefficient that is small against the noise",
     ..method_line!(

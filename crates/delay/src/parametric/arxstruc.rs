@@ -68,6 +68,7 @@ pub(crate) const METHOD: Method = Method {
         Condition::Dynamics,
         Condition::MissingOutputs,
         Condition::OtherInputs,
+        Condition::InverseResponse,
     ],
     needs: "noise that an AR filter of its order whitens",
     blind_to: "fractions of a sample; a first coefficient that is small against the noise",

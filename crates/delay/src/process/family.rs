@@ -189,8 +189,12 @@ pub(super) const OVERSIZED: &[(Law, &str)] = &[
 ];
 
 /// A slow pole beside a zero that all but cancels it can follow slow noise.
-pub(super) const WITH_ZERO: &[Condition] =
-    &[Condition::Dynamics, Condition::MissingOutputs, Condition::OtherInputs];
+pub(super) const WITH_ZERO: &[Condition] = &[
+    Condition::Dynamics,
+    Condition::MissingOutputs,
+    Condition::OtherInputs,
+    Condition::InverseResponse,
+];
 
 process! {
     P1d, P1D, "p1d", "continuous model of one pole, fractional dead time",

@@ -67,7 +67,12 @@ pub(crate) const METHOD: Method = Method {
     reference: ReferenceExperiment::States,
     information: Information::KnownModel,
     tolerance: 0.05,
-    withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::Dynamics],
+    withstands: &[
+        Condition::UnstablePlant,
+        Condition::Feedback,
+        Condition::Dynamics,
+        Condition::InverseResponse,
+    ],
     needs: "the model, and a measured channel for each of its states",
     blind_to: "delays of inputs that move together; a model that does not describe the data",
     exempt: &[

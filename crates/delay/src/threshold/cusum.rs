@@ -65,7 +65,7 @@ impl Default for Cusum {
 pub(crate) const METHOD: Method = Method {
     information: Information::Response,
     basis: Basis::FiniteResponse,
-    withstands: &[Condition::Dynamics, Condition::MissingOutputs],
+    withstands: &[Condition::Dynamics, Condition::MissingOutputs, Condition::InverseResponse],
     needs: "as `threshold`",
     blind_to: "responses that change sign at once; feedback",
     exempt: &[(

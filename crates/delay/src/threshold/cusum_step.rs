@@ -23,7 +23,7 @@ pub struct CusumStep(pub Cusum);
 pub(crate) const METHOD: Method = Method {
     information: Information::Response,
     basis: Basis::FiniteResponse,
-    withstands: &[Condition::Dynamics, Condition::MissingOutputs],
+    withstands: &[Condition::Dynamics, Condition::MissingOutputs, Condition::InverseResponse],
     needs: "as `threshold`",
     blind_to: "as `cusum`; slow noise, which its running sum gathers",
     exempt: &[(

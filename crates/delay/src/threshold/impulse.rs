@@ -55,7 +55,7 @@ impl Default for Threshold {
 pub(crate) const METHOD: Method = Method {
     information: Information::Response,
     basis: Basis::FiniteResponse,
-    withstands: &[Condition::Dynamics, Condition::MissingOutputs],
+    withstands: &[Condition::Dynamics, Condition::MissingOutputs, Condition::InverseResponse],
     needs: "an input that excites every tap, a response that dies out within them",
     blind_to: "a response that begins slowly: it answers late; feedback",
     ..method_line!(

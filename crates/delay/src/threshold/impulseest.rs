@@ -46,7 +46,7 @@ const NAME: &str = "impulseest";
 /// Its line in the list of methods.
 pub(crate) const METHOD: Method = Method {
     information: Information::Response,
-    withstands: &[Condition::Dynamics, Condition::MissingOutputs],
+    withstands: &[Condition::Dynamics, Condition::MissingOutputs, Condition::InverseResponse],
     needs: "a response that dies out smoothly within its taps, white noise",
     blind_to: "slow noise; feedback; a response that the prior does not expect",
     ..method_line!(

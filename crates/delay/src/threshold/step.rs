@@ -22,7 +22,7 @@ pub struct Step(pub Threshold);
 pub(crate) const METHOD: Method = Method {
     information: Information::Response,
     basis: Basis::FiniteResponse,
-    withstands: &[Condition::Dynamics, Condition::MissingOutputs],
+    withstands: &[Condition::Dynamics, Condition::MissingOutputs, Condition::InverseResponse],
     needs: "as `threshold`",
     blind_to: "as `threshold`; slow noise, which its running sum gathers",
     exempt: &[(
