@@ -178,6 +178,17 @@ pub enum ModelError {
         /// Number of poles.
         poles: usize,
     },
+    /// A polynomial whose computed roots do not reproduce it.
+    #[error(
+        "the roots of the {what} do not reproduce it (relative error {error:e} at a frequency): its coefficients are too close to those of repeated roots; \
+         give zeros, poles and gain (kind `zpk`) in their place"
+    )]
+    Unfactored {
+        /// Numerator or denominator.
+        what: &'static str,
+        /// The largest relative error of the product of the factors.
+        error: f64,
+    },
     /// A zero or pole without its complex conjugate.
     #[error("{what} {re}{im:+}i stands without its complex conjugate: a real model has both")]
     Unpaired {

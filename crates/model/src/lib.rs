@@ -1,5 +1,6 @@
 //! Linear models, their conversion between continuous and sampled time, their optimal gains, nonlinear models as equations, and the model file.
 
+mod balance;
 pub mod c2d;
 mod cascade;
 mod d2c;
@@ -9,6 +10,8 @@ mod equations;
 mod error;
 mod file;
 mod hinf;
+#[cfg(test)]
+mod laws;
 mod matrices;
 mod matrix;
 mod nu_gap;

@@ -31,13 +31,8 @@ impl Conversion for ZeroPoleMatching {
         let map = |roots: &[Complex<f64>]| roots.iter().map(|s| (s * ts).exp()).collect::<Vec<_>>();
         let (mut zeros, poles) = (map(tf.zeros()), map(tf.poles()));
         zeros.resize((poles.len().max(1) - 1).max(zeros.len()), Complex::new(-1.0, 0.0));
-        let mut s = 0.0;
-        while tf
-            .zeros()
-            .iter()
-            .chain(tf.poles())
-            .any(|root| (root - s).norm() < f64::EPSILON.sqrt())
-        {
+        let (mut s, nearest) = (0.0, f64::EPSILON.sqrt() * tf.smallest_root());
+        while tf.zeros().iter().chain(tf.poles()).any(|root| (root - s).norm() < nearest) {
             s += 0.1 / ts;
         }
         let unscaled = TransferFunction::from_zeros_poles_gain(
