@@ -6,7 +6,7 @@ use super::conversion::{Conversion, Converted, single};
 use super::thiran;
 use crate::state_space::{Continuous, Sampled, StateSpace};
 use crate::transfer_function::TransferFunction;
-use deadtime_signal::time::SampleTime;
+use deadtime_signal::time::{SampleTime, Samples};
 
 /// z = exp(s·Ts) for poles and zeros; zeros at infinity go to z = −1, all but one; the gain is matched at s = 0, or, where a pole or zero is there,
 /// at the first s = 0.1/Ts, 0.2/Ts, … with none.
@@ -52,5 +52,9 @@ impl Conversion for ZeroPoleMatching {
             sample_time,
             self.fractional_delay_order,
         )
+    }
+
+    fn rounds(&self, delay: Samples) -> Option<usize> {
+        thiran::rounded(delay, self.fractional_delay_order)
     }
 }

@@ -6,7 +6,7 @@ use super::conversion::{Conversion, Converted};
 use super::thiran;
 use crate::error::ModelError;
 use crate::state_space::{Continuous, StateSpace};
-use deadtime_signal::time::SampleTime;
+use deadtime_signal::time::{SampleTime, Samples};
 
 /// s → (2/Ts)(z − 1)/(z + 1), in the realisation of scipy and python-control:
 /// M = (I − A·Ts/2)⁻¹, Ad = M(I + A·Ts/2), Bd = Ts·M·B, Cd = C·M, Dd = D + Ts/2·C·M·B.
@@ -66,5 +66,9 @@ impl Conversion for Tustin {
         let d = sys.d() + sys.c() * &mb * (ts / 2.0);
         let sampled = StateSpace::sampled(a, mb * ts, c.transpose(), d, sample_time)?;
         thiran::with_delays(sampled, sys.input_delay(), sample_time, self.fractional_delay_order)
+    }
+
+    fn rounds(&self, delay: Samples) -> Option<usize> {
+        thiran::rounded(delay, self.fractional_delay_order)
     }
 }
