@@ -8,7 +8,7 @@ from scipy import linalg, signal
 
 from . import exact
 from .c2d_cases import TOOL
-from .plants import _remainder, strip, transfer_function
+from .plants import _rational, _remainder, strip, transfer_function
 
 # --- polynomials ----------------------------------------------------------------------------------------------------
 
@@ -191,3 +191,56 @@ def balance(stored: dict | None) -> dict:
             "zero_error": _worst(by_lapack, zeros) if len(by_lapack) == len(zeros) else None,
         })
     return {"tool": TOOL, "tolerance": {"default": 1e-12, "pole_error": None, "zero_error": None}, "cases": cases}
+
+
+# --- Lyapunov's equations ------------------------------------------------------------------------------------------
+
+
+def _exact_lyapunov(a, q, sampled: bool) -> np.ndarray:
+    """X of AX + XA' + Q = 0, or of AXA' - X + Q = 0, by exact elimination of the n² equations."""
+    n = len(a)
+    a, q = _rational(a), _rational(q)
+    rows = []
+    for i in range(n):
+        for j in range(n):
+            row = [Fraction(0)] * (n * n) + [-q[i][j]]
+            if sampled:
+                for k in range(n):
+                    for m in range(n):
+                        row[k * n + m] += a[i][k] * a[j][m]
+                row[i * n + j] -= 1
+            else:
+                for k in range(n):
+                    row[k * n + j] += a[i][k]
+                    row[i * n + k] += a[j][k]
+            rows.append(row)
+    for i in range(n * n):
+        pivot = next(k for k in range(i, n * n) if rows[k][i] != 0)
+        rows[i], rows[pivot] = rows[pivot], rows[i]
+        rows[i] = [v / rows[i][i] for v in rows[i]]
+        for k in range(n * n):
+            if k != i and rows[k][i] != 0:
+                factor = rows[k][i]
+                rows[k] = [x - factor * y for x, y in zip(rows[k], rows[i])]
+    return np.array([[float(rows[i * n + j][-1]) for j in range(n)] for i in range(n)])
+
+
+def lyapunov(stored: dict | None) -> dict:
+    cases = []
+    known = {case["id"]: case for case in stored["cases"]} if stored else {}
+    generator = np.random.default_rng(72)
+    for index in range(24):
+        order, sampled, far = 1 + index % 5, index % 2 == 0, index % 3 == 0
+        a = np.round(generator.standard_normal((order, order)), 3)
+        f = np.round(generator.standard_normal((order, order)), 3)
+        a = np.round(0.7 * a / max(1.0, np.max(np.abs(np.linalg.eigvals(a)))), 4) if sampled else a - 2 * np.eye(order)
+        q = f @ f.T if index % 4 else f
+        q = (q + q.T) / 2 if index % 4 else q
+        if far:
+            t = 2.0 ** generator.integers(-30, 31, order)
+            a, q = a * t[None, :] / t[:, None], q / np.outer(t, t)
+        label = f"{'sampled' if sampled else 'continuous'}{index:02}"
+        if label in known:
+            a, q = (np.array(known[label][key], dtype=float) for key in "AQ")
+        cases.append({"id": label, "sampled": sampled, "A": a, "Q": q, "X": _exact_lyapunov(a, q, sampled)})
+    return {"tool": TOOL, "tolerance": {"default": 1e-12}, "cases": cases}

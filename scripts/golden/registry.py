@@ -41,6 +41,7 @@ CASES = {
     "equations": {"reference.json": equations.equations},
     "dlqr": {"reference.json": riccati.dlqr, "octave.json": riccati.dlqr_octave},
     "dlqr_random": {"reference.json": riccati.dlqr_random},
+    "lyapunov": {"reference.json": balance_cases.lyapunov},
     "dlqr_far": {"reference.json": riccati.dlqr_far},
     "effects": {"reference.json": effect_cases.effects},
     "regression": {"reference.json": regression.regression},

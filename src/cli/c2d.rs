@@ -110,7 +110,7 @@ impl C2d {
                 continue;
             }
             // An all-pass filter delays by half a sample at least.
-            let filter = if whole > 0 {
+            let filter = if whole > 0 && matches!(self.method.as_str(), "tustin" | "matched") {
                 "--set fractional_delay_order=1 (or more) keeps the fraction by an all-pass filter, "
             } else {
                 ""

@@ -4,7 +4,9 @@ use nalgebra::{Complex, DMatrix};
 use serde_json::Value;
 
 use crate::c2d::{Conversion, Tustin, ZeroOrderHold, ZeroPoleMatching};
+use crate::care::lqr;
 use crate::d2c::d2c;
+use crate::lyapunov::{dlyap, lyap};
 use crate::riccati::dlqr;
 use crate::state_space::{Continuous, Sampled, StateSpace};
 use crate::transfer_function::TransferFunction;
@@ -208,6 +210,19 @@ fn riccati_equations_of_far_apart_weights_and_units_are_solved_to_their_conditio
     assert!(failures.is_empty(), "{} fail\n{}", failures.len(), failures.join("\n"));
 }
 
+/// Solutions by exact elimination of the n² equations, a third of them with states in units 2±30 apart; errors relative to the diagonal.
+#[test]
+fn lyapunovs_equations_have_their_exact_solutions() {
+    for case in golden("lyapunov") {
+        let [a, q, x] = ["A", "Q", "X"].map(|key| matrix(&case[key]));
+        let sampled = case["sampled"].as_bool().unwrap();
+        let found = if sampled { dlyap(&a, &q) } else { lyap(&a, &q) }.unwrap();
+        let size = x.diagonal().map(|v| v.abs().sqrt());
+        let off = (found - &x).component_div(&(&size * size.transpose())).amax();
+        assert!(off < 1e-12, "{}: {off:e}", case["id"]);
+    }
+}
+
 /// A model with entries up to 1, its states in units of powers of two.
 fn units(n: usize) -> impl Strategy<Value = Vec<f64>> {
     prop::collection::vec((-40i32..=40).prop_map(|k| f64::from(k).exp2()), n)
@@ -296,5 +311,23 @@ proptest! {
         let x = DMatrix::from_fn(t.len(), t.len(), |i, j| again.x[(i, j)] / t[i] / t[j]);
         prop_assert!(near(&x, &solved.x, 1e-8), "{x} {}", solved.x);
         prop_assert!(near(&k, &solved.k, 1e-7), "{k} {}", solved.k);
+    }
+
+    /// The Hamiltonian matrix maps [I; X] onto itself: the equation, divided by nothing; and the loop decays.
+    #[test]
+    fn continuous_regulators_solve_their_equation_in_any_units((plain, t) in model(), control in -4.0..4.0f64) {
+        let [a, b, c, _] = scaled(&plain, &t);
+        let m = b.ncols();
+        let q = c.transpose() * &c;
+        let r = DMatrix::from_diagonal_element(m, m, 10f64.powf(control));
+        // A drawn plant may have a mode that no input moves, all but: what is solved is solved right.
+        let Ok(found) = lqr(&a, &b, &q, &r, None) else { return Ok(()) };
+        prop_assert!(found.poles.iter().all(|p| p.re < 0.0));
+        let g = &b * b.transpose() / 10f64.powf(control);
+        let terms = [a.transpose() * &found.x, &found.x * &a, -(&found.x * g * &found.x), q];
+        let back = |m: &DMatrix<f64>| DMatrix::from_fn(t.len(), t.len(), |i, j| m[(i, j)] / t[i] / t[j]);
+        let size = terms.iter().map(|m| back(m).amax()).fold(0.0, f64::max);
+        let sum = terms.iter().map(back).sum::<DMatrix<f64>>();
+        prop_assert!(sum.amax() < 1e-8 * size, "{:e} {size:e}", sum.amax());
     }
 }

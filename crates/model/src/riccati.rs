@@ -419,7 +419,11 @@ impl Regulation<'_> {
 /// The smallest nonnegative solution for A, G = BR⁻¹Bᵀ and Q, by doubling: the stabilising one where Q sees every unstable mode.
 ///
 /// Few states have a size that the compiler knows, which takes a third of the time of three states and half that of nine.
-fn doubling(a: &DMatrix<f64>, g: &DMatrix<f64>, q: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+pub(super) fn doubling(
+    a: &DMatrix<f64>,
+    g: &DMatrix<f64>,
+    q: &DMatrix<f64>,
+) -> Option<DMatrix<f64>> {
     match a.nrows() {
         1 => doubling_of::<1>(a, g, q),
         2 => doubling_of::<2>(a, g, q),
