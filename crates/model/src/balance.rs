@@ -154,11 +154,10 @@ impl Matrices {
     /// The same zeros, times the unit of time that is returned, in units of states, inputs, outputs and time in which A, B and C are of like size.
     pub(super) fn for_zeros(self) -> (Self, f64) {
         let Self { mut a, mut b, mut c, mut d } = self.balanced();
-        let time = power_of_two(a.norm());
-        if time > 0.0 {
-            a /= time;
-            b /= time;
-        }
+        let size = a.norm();
+        let time = if size > 0.0 { power_of_two(size) } else { 1.0 };
+        a /= time;
+        b /= time;
         // An input's unit is its column of [B; D], an output's its row of [C D], against A.
         for _ in 0..4 {
             for j in 0..d.ncols() {
@@ -180,6 +179,6 @@ impl Matrices {
             let units = Units::beside(&a, &b, &c);
             (a, b, c) = (units.scaled(&a), units.driven(&b), units.shown(&c));
         }
-        (Self { a, b, c, d }, if time > 0.0 { time } else { 1.0 })
+        (Self { a, b, c, d }, time)
     }
 }
