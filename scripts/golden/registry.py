@@ -9,6 +9,7 @@ from . import regression_cases as regression
 from . import riccati_cases as riccati
 from . import simulation_cases as simulation
 from . import subspace_cases
+from . import balance_cases
 from . import correlation_cases
 from . import event_cases
 from . import frf_cases
@@ -40,9 +41,13 @@ CASES = {
     "equations": {"reference.json": equations.equations},
     "dlqr": {"reference.json": riccati.dlqr, "octave.json": riccati.dlqr_octave},
     "dlqr_random": {"reference.json": riccati.dlqr_random},
+    "lyapunov": {"reference.json": balance_cases.lyapunov},
+    "dlqr_far": {"reference.json": riccati.dlqr_far},
     "effects": {"reference.json": effect_cases.effects},
     "regression": {"reference.json": regression.regression},
     "subspace": {"reference.json": subspace_cases.subspace, "octave.json": subspace_cases.by_octave},
     "norms": {"reference.json": norm_cases.norms},
     "zeros": {"reference.json": zeros.zeros},
+    "polynomials": {"reference.json": balance_cases.polynomials},
+    "balance": {"reference.json": balance_cases.balance},
 }

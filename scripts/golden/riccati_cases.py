@@ -1,10 +1,12 @@
 """Cases dlqr and dlqr_random: linear-quadratic regulators of sampled models."""
 
+from fractions import Fraction
+
 import control
 import numpy as np
 from scipy import linalg
 
-from . import octave
+from . import exact, octave
 from .c2d_cases import SAMPLE_TIMES, TOOL
 from .discretise import assert_close, scipy_model
 from .plants import DYNAMICS, Plant
@@ -171,3 +173,101 @@ def dlqr_random(stored: dict | None) -> dict:
             **answer, "condition": condition(*problem, answer["S"]),
         })
     return {"tool": TOOL, "tolerance": {"default": 1e-10, "E": 1e-8, "disagreement": None, "condition": None}, "cases": cases}
+
+
+# --- far-apart weights and units, to 80 digits ------------------------------------------------------------------
+
+FAR = 150
+
+
+class _Decimals:
+    """Products and solutions of matrices of decimals."""
+
+    @staticmethod
+    def of(m) -> np.ndarray:
+        return np.array([[exact.decimal(Fraction(float(v))) for v in row] for row in np.atleast_2d(m)], dtype=object)
+
+    @staticmethod
+    def solve(a, b) -> np.ndarray:
+        a, b = a.copy(), b.copy()
+        for i in range(len(a)):
+            pivot = max(range(i, len(a)), key=lambda k: abs(a[k, i]))
+            a[[i, pivot]], b[[i, pivot]] = a[[pivot, i]], b[[pivot, i]]
+            for k in range(len(a)):
+                if k != i:
+                    factor = a[k, i] / a[i, i]
+                    a[k], b[k] = a[k] - factor * a[i], b[k] - factor * b[i]
+        return b / a.diagonal()[:, None]
+
+
+def _doubled(a, b, q, r) -> np.ndarray:
+    """The stabilising solution by structure-preserving doubling in 150 digits."""
+    one = _Decimals.of(np.eye(len(a)))
+    g, h = b.dot(_Decimals.solve(r, b.T)), q
+    for _ in range(40):
+        w = one + g.dot(h)
+        wa, wg = _Decimals.solve(w, a), _Decimals.solve(w, g)
+        step = a.T.dot(h).dot(wa)
+        g, a, h = g + a.dot(wg).dot(a.T), a.dot(wa), h + step
+        if max(abs(step).ravel()) <= exact.Decimal("1e-70") * max(abs(h).ravel()):
+            return h
+    raise ArithmeticError("doubling did not end")
+
+
+def _apart(x, y) -> float:
+    """Largest difference of entries, relative to the diagonal: the same in all units."""
+    size = np.array([exact.decimal(Fraction(float(v))).sqrt() for v in np.array(y, dtype=float).diagonal()])
+    return float(max((abs(np.array(x) - y) / np.outer(size, size)).ravel()))
+
+
+def _gain(a, b, r, x) -> np.ndarray:
+    return _Decimals.solve(r + b.T.dot(x).dot(b), b.T.dot(x).dot(a))
+
+
+def _gains_apart(k, truth, x) -> float:
+    """Largest difference of a row in units of the states, relative to the row's largest entry."""
+    size = np.array([v.sqrt() for v in x.diagonal()])
+    return max(float(max(abs((one - other) / size)) / max(abs(other / size))) for one, other in zip(k, truth))
+
+
+def _far_problem(generator, index):
+    order, inputs = 1 + index % 8, int(generator.integers(1, 4))
+    a = generator.standard_normal((order, order))
+    a *= generator.uniform(0.3, 1.4) / np.max(np.abs(np.linalg.eigvals(a)))
+    b = generator.standard_normal((order, inputs))
+    f, g = generator.standard_normal((order, order)), generator.standard_normal((inputs, inputs))
+    weight = 10.0 ** generator.uniform(-8, 8, 2)
+    q, r = weight[0] * f @ f.T, weight[1] * (g @ g.T + 0.1 * np.eye(inputs))
+    if index % 2:
+        t = 10.0 ** generator.uniform(-9, 9, order)
+        a, b, q = a * t[None, :] / t[:, None], b / t[:, None], q * np.outer(t, t)
+    return a, b, (q + q.T) / 2, (r + r.T) / 2
+
+
+def dlqr_far(stored: dict | None) -> dict:
+    generator = np.random.default_rng(20261127)
+    problems = [_far_problem(generator, index) for index in range(FAR)]
+    if stored:
+        problems = [tuple(np.array(case[key], dtype=float) for key in "ABQR") for case in stored["cases"]]
+    cases = []
+    for problem in problems:
+        a, b, q, r = (_Decimals.of(m) for m in problem)
+        x = _doubled(a, b, q, r)
+        k = _gain(a, b, r, x)
+        size, conditions = exact.Decimal("1e-30"), []
+        for _ in range(5):
+            moved = [m * (1 + size * _Decimals.of(generator.uniform(-1, 1, m.shape))) for m in (a, b, q, r)]
+            moved[2], moved[3] = (moved[2] + moved[2].T) / 2, (moved[3] + moved[3].T) / 2
+            moved_x = _doubled(*moved)
+            conditions.append((_apart(moved_x, x) / 1e-30, _gains_apart(_gain(moved[0], moved[1], moved[3], moved_x), k, x) / 1e-30))
+        condition, gain_condition = (max(values) for values in zip(*conditions))
+        try:
+            scipy_error = _apart(_Decimals.of(linalg.solve_discrete_are(*problem)), x)
+        except (np.linalg.LinAlgError, ValueError):
+            scipy_error = None
+        cases.append({
+            "id": f"far{len(cases):03}", **dict(zip("ABQR", problem)), "S": x.astype(float), "K": k.astype(float),
+            "condition": condition, "gain_condition": gain_condition, "scipy_error": scipy_error,
+        })
+    tolerance = {"default": 1e-12, "condition": None, "gain_condition": None, "scipy_error": None}
+    return {"tool": TOOL, "tolerance": tolerance, "cases": cases}

@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 
 use super::show::Out;
-use deadtime_model::c2d::CONVERSIONS;
+use deadtime_model::c2d::{CONVERSIONS, Conversion};
 use deadtime_model::{Channel, ModelFile};
 use deadtime_signal::registry::{find, options};
+use deadtime_signal::text::printed;
 use deadtime_signal::time::SampleTime;
 
 /// Convert a continuous model to a sampled one
@@ -60,6 +61,11 @@ impl C2d {
         };
         let result =
             file.c2d(&*conversion, SampleTime::new(self.sample_time)?, pair).with_context(about)?;
+        if to.tells_progress() {
+            for note in self.rounded(&file, &*conversion, pair)? {
+                eprintln!("{}: {}", about(), printed(&note));
+            }
+        }
         to.json(&result)?;
         match &self.out {
             Some(path) => {
@@ -79,6 +85,41 @@ impl C2d {
             }
             None => to.document(result.to_toml()?.as_bytes()),
         }
+    }
+}
+
+impl C2d {
+    /// A line for each input whose delay the conversion rounds.
+    fn rounded(
+        &self,
+        file: &ModelFile,
+        conversion: &dyn Conversion,
+        pair: Option<(usize, usize)>,
+    ) -> anyhow::Result<Vec<String>> {
+        let sample_time = SampleTime::new(self.sample_time)?;
+        let sys = file.continuous()?;
+        let mut notes = Vec::new();
+        for (at, (input, &delay_s)) in file.inputs.iter().zip(sys.input_delay()).enumerate() {
+            let delay = sample_time.samples(delay_s)?;
+            let Some(whole) = conversion.rounds(delay) else { continue };
+            if pair.is_some_and(|(_, input)| input != at) {
+                continue;
+            }
+            // An all-pass filter delays by half a sample at least.
+            let filter = if whole > 0 && matches!(self.method.as_str(), "tustin" | "matched") {
+                "--set fractional_delay_order=1 (or more) keeps the fraction by an all-pass filter, "
+            } else {
+                ""
+            };
+            notes.push(format!(
+                "{} rounds the delay of `{}`, {delay_s} s or {:.4} samples, to {whole} samples, {} s; {filter}--method zoh keeps it exactly",
+                self.method,
+                input.name,
+                delay.total(),
+                sample_time.to_seconds(whole as f64),
+            ));
+        }
+        Ok(notes)
     }
 }
 

@@ -362,6 +362,36 @@ fn a_sampled_model_goes_through_files_unchanged() {
 }
 
 #[test]
+fn a_conversion_that_rounds_a_delay_says_by_how_much_and_what_keeps_it() {
+    let folder = Folder::new();
+    let convert = |delay_s: f64, arguments: &[&str]| {
+        let file = vehicle(&folder, "m.toml", &[Dynamics::Vertical], &[delay_s]);
+        let all = [&["c2d", text(&file), "--sample-time", "0.1"], arguments].concat();
+        let run = deadtime(&all);
+        assert_eq!(run.code, Some(0), "{}", run.stderr);
+        run.stderr
+    };
+    for method in ["tustin", "matched"] {
+        let said = convert(0.25, &["--method", method]);
+        for part in [method, "delta_ver", "0.25 s", "3 samples", "fractional_delay_order=1", "zoh"]
+        {
+            assert!(said.contains(part), "{part}: {said}");
+        }
+        // No filter delays by less than half a sample.
+        let said = convert(0.04, &["--method", method]);
+        assert!(said.contains("0 samples") && !said.contains("fractional_delay_order"), "{said}");
+        for (delay_s, arguments) in [
+            (0.3, vec!["--method", method]),
+            (0.25, vec!["--method", method, "--set", "fractional_delay_order=2"]),
+            (0.25, vec!["--method", method, "--quiet"]),
+            (0.25, vec!["--method", "zoh"]),
+        ] {
+            assert_eq!(convert(delay_s, &arguments), "", "{arguments:?}");
+        }
+    }
+}
+
+#[test]
 fn excite_simulate_and_estimate_find_an_injected_delay() {
     let folder = Folder::new();
     for (dynamics, output, delay_s) in [

@@ -48,6 +48,8 @@ const ROUNDS: usize = 30;
 const SETTLED: f64 = 1e-6;
 /// Relative change of the loss between rounds that counts as none: a thousandth of what tells delays apart, at a million samples.
 const LEVEL: f64 = 1e-9;
+/// Corners of the filters of [`RefinedIv::filtered_starts`], rad per sample.
+const CORNERS: [f64; 5] = [0.01, 0.03, 0.1, 0.3, 1.0];
 /// A relative ridge of rounding size stands for a rank decision.
 const RIDGE: f64 = 1e-13;
 
@@ -312,6 +314,35 @@ impl RefinedIv {
             .map(|Filtered { y, uf }| Regressors { u: uf, y: y.to_vec(), x: y.to_vec() })
             .collect();
         self.instrumental(&signals, &problem.places())
+    }
+
+    /// F by least squares of signals through low-pass filters (1 − λq⁻¹)^−nf of several corners: noise beyond the plant's band does not bias these.
+    ///
+    /// Source: Garnier, Mensler and Richard (2003), "Continuous-time model identification from sampled data", Int. J. Control 76(13), 1337-1357,
+    /// doi:10.1080/0020717031000149636 (state-variable filters).
+    pub fn filtered_starts(&self, problem: &IvProblem<'_>) -> Vec<Vec<f64>> {
+        let places = problem.places();
+        let from = |corner: &f64| {
+            let pole = (-corner).exp();
+            let mut filter = vec![1.0];
+            for _ in 0..self.nf {
+                filter.push(0.0);
+                for i in (1..filter.len()).rev() {
+                    filter[i] -= pole * filter[i - 1];
+                }
+            }
+            let filter = &filter[1..];
+            let signals: Vec<Regressors> = problem
+                .filtered(filter)
+                .into_iter()
+                .map(|Filtered { y, uf }| {
+                    let y = through(y, filter);
+                    Regressors { u: uf, x: y.clone(), y }
+                })
+                .collect();
+            self.instrumental(&signals, &places)
+        };
+        CORNERS.iter().filter_map(from).collect()
     }
 
     /// B for given F and D, by least squares on the whitened signals.

@@ -9,6 +9,8 @@ mod fir_regularised;
 mod iv;
 mod lag_products;
 mod laguerre;
+#[cfg(test)]
+mod laws;
 mod least_squares;
 mod many_zeros;
 pub mod matching;

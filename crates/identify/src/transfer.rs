@@ -155,8 +155,8 @@ impl Identifier for Riv {
             (None, Some(noise)) => RefinedIv { noise: noise.d.len(), ..rough },
             _ => rough,
         };
-        let fit = orders
-            .refine(&problem, found.fit.f.clone())
+        let begun = std::iter::once(found.fit.f.clone()).chain(orders.filtered_starts(&problem));
+        let fit = smallest(&orders, &problem, begun.collect())
             .ok_or_else(|| failed("the rounds have no finite end; take smaller orders"))?;
         let rows: usize = outputs.iter().map(Vec::len).sum();
         // Poles may settle on any of N/2 frequencies, where a lag is but a phase; and the starts are free beside the model without inputs, too.
@@ -214,6 +214,13 @@ fn gain(outputs: &[Vec<f64>], noise: usize, loss: f64) -> f64 {
     rows as f64 * (without / loss.max(f64::MIN_POSITIVE)).ln()
 }
 
+/// The model of smallest loss from any of these starts.
+fn smallest(orders: &RefinedIv, problem: &IvProblem<'_>, starts: Vec<Vec<f64>>) -> Option<IvFit> {
+    let fits: Vec<IvFit> =
+        starts.into_par_iter().filter_map(|start| orders.refine(problem, start)).collect();
+    fits.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss))
+}
+
 /// Where the lags are searched.
 struct Search<'a> {
     data: &'a Data,
@@ -242,11 +249,9 @@ impl Search<'_> {
             for j in 0..m {
                 let mut all = self.along(&lags, j, (from[j], to[j]), best.as_ref());
                 // Once more from the best poles, which one delay finds and its neighbour may not.
-                let lowest = all
-                    .iter()
-                    .flatten()
-                    .min_by(|a, b| a.1.loss.total_cmp(&b.1.loss))
-                    .map(|l| l.1.clone())?;
+                let lowest =
+                    all.iter().flatten().min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)).cloned()?;
+                let lowest = self.restarted(&lags, j, lowest);
                 for (old, new) in
                     all.iter_mut().zip(self.along(&lags, j, (from[j], to[j]), Some(&lowest)))
                 {
@@ -268,6 +273,15 @@ impl Search<'_> {
             }
         }
         Some(Found { lags, ends, fit: best? })
+    }
+
+    /// The model of smallest loss at this lag of one input, of filtered starts too.
+    fn restarted(&self, lags: &[usize], input: usize, (lag, fit): (usize, IvFit)) -> IvFit {
+        let mut own = lags.to_vec();
+        own[input] = lag;
+        let problem = self.data.problem(&own, self.nb, self.outputs);
+        let others = self.rough.filtered_starts(&problem);
+        smallest(&self.rough, &problem, others).filter(|o| o.loss < fit.loss).unwrap_or(fit)
     }
 
     /// The best model at every lag of one input, the others' lags staying.

@@ -132,12 +132,18 @@ pub enum ModelError {
         /// The Nyquist frequency, rad/s.
         nyquist_rad_s: f64,
     },
-    /// Tustin's map sends this pole to infinity.
+    /// A share of the later sample that is none.
+    #[error("alpha is {alpha}; it must be 0 (forward difference) to 1 (backward difference)")]
+    Alpha {
+        /// The share given.
+        alpha: f64,
+    },
+    /// Tustin's map, or another of differences, sends this pole to infinity.
     #[error(
-        "the model has a pole at s = {s}, which Tustin's map with this sample time sends to infinity; choose another sample time"
+        "the model has a pole at s = {s}, which the conversion's map with this sample time sends to infinity; choose another sample time"
     )]
     TustinPole {
-        /// The pole (2/Ts).
+        /// The pole (2/Ts, or 1/(αTs)).
         s: f64,
     },
     /// The sampled model has no continuous counterpart under a zero-order hold.
@@ -177,6 +183,27 @@ pub enum ModelError {
         zeros: usize,
         /// Number of poles.
         poles: usize,
+    },
+    /// An equation that two poles make singular.
+    #[error("the equation has no unique solution: A has poles {first} and {second}, and {rule}")]
+    Singular {
+        /// A pole.
+        first: String,
+        /// Another, or the same.
+        second: String,
+        /// What the two have in common.
+        rule: &'static str,
+    },
+    /// A polynomial whose computed roots do not reproduce it.
+    #[error(
+        "the roots of the {what} do not reproduce it (relative error {error:e} at a frequency): its coefficients are too close to those of repeated roots; \
+         give zeros, poles and gain (kind `zpk`) in their place"
+    )]
+    Unfactored {
+        /// Numerator or denominator.
+        what: &'static str,
+        /// The largest relative error of the product of the factors.
+        error: f64,
     },
     /// A zero or pole without its complex conjugate.
     #[error("{what} {re}{im:+}i stands without its complex conjugate: a real model has both")]

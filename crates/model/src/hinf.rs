@@ -30,38 +30,6 @@ const NEAR_AXIS: f64 = 1e-5;
 const ON_AXIS: f64 = 1e-13;
 
 impl Matrices {
-    /// The same model in units of its states that make rows and columns of [A B; C 0] equally large: powers of two, so that nothing is rounded.
-    ///
-    /// Source: Parlett and Reinsch (1969), doi:10.1007/BF02165404.
-    pub(super) fn balanced(mut self) -> Self {
-        let n = self.a.nrows();
-        let row = |m: &DMatrix<f64>, i: usize| m.row(i).iter().map(|v| v.abs()).sum::<f64>();
-        let column = |m: &DMatrix<f64>, i: usize| m.column(i).iter().map(|v| v.abs()).sum::<f64>();
-        for _ in 0..20 {
-            let mut still = true;
-            for i in 0..n {
-                let own = self.a[(i, i)].abs();
-                let into = row(&self.a, i) - own + row(&self.b, i);
-                let out = column(&self.a, i) - own + column(&self.c, i);
-                if !(into > 0.0 && out > 0.0) {
-                    continue;
-                }
-                let factor = (0.5 * (out / into).log2()).round().exp2();
-                if factor != 1.0 && factor.is_normal() {
-                    still = false;
-                    self.a.row_mut(i).scale_mut(factor);
-                    self.b.row_mut(i).scale_mut(factor);
-                    self.a.column_mut(i).scale_mut(1.0 / factor);
-                    self.c.column_mut(i).scale_mut(1.0 / factor);
-                }
-            }
-            if still {
-                break;
-            }
-        }
-        self
-    }
-
     /// The largest singular value at jω.
     fn gain(&self, omega: f64) -> f64 {
         let n = self.a.nrows();

@@ -1,6 +1,8 @@
 //! Linear models, their conversion between continuous and sampled time, their optimal gains, nonlinear models as equations, and the model file.
 
+mod balance;
 pub mod c2d;
+mod care;
 mod cascade;
 mod d2c;
 mod derived;
@@ -9,6 +11,9 @@ mod equations;
 mod error;
 mod file;
 mod hinf;
+#[cfg(test)]
+mod laws;
+mod lyapunov;
 mod matrices;
 mod matrix;
 mod nu_gap;
@@ -35,10 +40,12 @@ pub use crate::file::equations::{
 };
 pub use crate::file::lti::{ModelFile, State};
 pub use crate::file::nuisance::NuisanceEntry;
+pub use care::{Filter, care, dlqe, lqe, lqr};
 pub use d2c::d2c;
 pub use derived::{Derived, DerivedError};
 pub use error::{Error, ModelError, Result};
 pub use hinf::Peak;
+pub use lyapunov::{dlyap, lyap};
 pub use nu_gap::{NuGap, nu_gap};
 pub use riccati::{Lqr, dare, dlqr};
 pub use state_space::{Continuous, Sampled, StateSpace, TimeDomain};

@@ -4,6 +4,7 @@ use faer::Mat;
 use faer::linalg::solvers::Solve;
 use nalgebra::{Complex, DMatrix, Schur};
 
+use super::balance::Units;
 use super::parts::{parts, put, taken};
 
 /// Rows from which on faer is faster where the exponent is small, so that nalgebra takes a low degree, and where it is not: the bench `exponential` of
@@ -32,6 +33,15 @@ pub fn exp(m: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 fn of_part(m: &DMatrix<f64>) -> DMatrix<f64> {
+    if m.iter().all(|v| v.is_finite())
+        && let Some(units) = Units::of(m).worth()
+    {
+        return units.unscaled(&of_like_units(&units.scaled(m)));
+    }
+    of_like_units(m)
+}
+
+fn of_like_units(m: &DMatrix<f64>) -> DMatrix<f64> {
     if m.is_empty() {
         return m.clone();
     }
@@ -81,6 +91,13 @@ pub(super) fn pade_13(m: &DMatrix<f64>) -> DMatrix<f64> {
 ///
 /// Source: Higham (2008), "Functions of Matrices", algorithm 11.9, doi:10.1137/1.9780898717778.
 pub(super) fn log(m: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
+    match Units::of(m).worth() {
+        Some(units) => Ok(units.unscaled(&log_of_like_units(&units.scaled(m))?)),
+        None => log_of_like_units(m),
+    }
+}
+
+fn log_of_like_units(m: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
     let n = m.nrows();
     if n == 0 {
         return Ok(m.clone());

@@ -281,7 +281,7 @@ impl<T: TimeDomain> StateSpace<T> {
     /// Source: Emami-Naeini and Van Dooren (1982), Automatica 18(4), 415-430, doi:10.1016/0005-1098(82)90070-X.
     #[must_use]
     pub fn zeros(&self) -> Vec<Complex<f64>> {
-        zeros::invariant_zeros(&self.a, &self.b, &self.c, &self.d)
+        zeros::invariant_zeros(Matrices::of(self))
     }
 
     /// Every pole decays.
@@ -316,6 +316,18 @@ impl<T: TimeDomain> StateSpace<T> {
             x = &self.a * x;
         }
         None
+    }
+
+    /// The Markov parameter of this index: D, C·B, C·A·B, …
+    pub(super) fn markov(&self, output: usize, input: usize, index: usize) -> f64 {
+        if index == 0 {
+            return self.d[(output, input)];
+        }
+        let mut x: DVector<f64> = self.b.column(input).into_owned();
+        for _ in 1..index {
+            x = &self.a * x;
+        }
+        self.c.row(output).transpose().dot(&x)
     }
 
     /// The frequency response at one frequency, delays included: p×m.

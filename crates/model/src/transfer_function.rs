@@ -3,8 +3,10 @@
 use nalgebra::{Complex, DMatrix};
 
 use super::error::ModelError;
+use super::matrices::Matrices;
 use super::state_space::{StateSpace, TimeDomain};
 use super::{cascade, zeros};
+use deadtime_signal::{refined_roots, unlike};
 
 /// gain · Π(s − zero) / Π(s − pole) · exp(−delay·s), or the same in z.
 ///
@@ -46,15 +48,16 @@ impl<T: TimeDomain> TransferFunction<T> {
     /// From polynomial coefficients, highest power first.
     ///
     /// # Errors
-    /// [`ModelError::Improper`] for a numerator of the higher degree, [`ModelError::NotFinite`] for a coefficient that is not finite or a denominator of zeros.
+    /// [`ModelError::Improper`] for a numerator of the higher degree, [`ModelError::NotFinite`] for a coefficient that is not finite or a denominator of zeros,
+    /// [`ModelError::Unfactored`] where the roots found do not reproduce a polynomial.
     pub fn from_polynomials(
         numerator: &[f64],
         denominator: &[f64],
         delay: T::Delay,
         domain: T,
     ) -> Result<Self, ModelError> {
-        let (zeros, num_lead) = roots("numerator", numerator)?;
-        let (poles, den_lead) = roots("denominator", denominator)?;
+        let (zeros, num_lead) = roots("numerator", numerator, domain)?;
+        let (poles, den_lead) = roots("denominator", denominator, domain)?;
         Self::from_zeros_poles_gain(zeros, poles, num_lead / den_lead, delay, domain)
     }
 
@@ -120,13 +123,26 @@ impl<T: TimeDomain> TransferFunction<T> {
             * Complex::from_polar(1.0, -omega_rad_s * self.domain.delay_s(self.delay))
     }
 
-    /// The same function with every zero and pole closer than `tolerance` (relative to their size, at least 1) taken off in pairs.
+    /// The size of the smallest root that is not at the origin, in continuous time; 1 in sampled time, where the unit circle is the scale.
+    pub(super) fn smallest_root(&self) -> f64 {
+        if self.domain.sample_time_s().is_some() {
+            return 1.0;
+        }
+        let sizes = || self.zeros.iter().chain(&self.poles).map(|r| r.norm());
+        let origin = AT_ORIGIN * sizes().fold(0.0, f64::max);
+        let smallest = sizes().filter(|size| *size > origin).fold(f64::INFINITY, f64::min);
+        if smallest.is_finite() { smallest } else { 1.0 }
+    }
+
+    /// The same function with every zero and pole closer than `tolerance` taken off in pairs: relative to their size, or to that of the smallest root that
+    /// is not at the origin (in sampled time, to 1).
     #[must_use]
     pub fn cancelled(&self, tolerance: f64) -> Self {
+        let unit = self.smallest_root();
         let mut zeros = self.zeros.clone();
         let mut poles = Vec::with_capacity(self.poles.len());
         for &pole in &self.poles {
-            let near = |z: &Complex<f64>| (z - pole).norm() <= tolerance * pole.norm().max(1.0);
+            let near = |z: &Complex<f64>| (z - pole).norm() <= tolerance * pole.norm().max(unit);
             match zeros.iter().position(near) {
                 Some(at) => drop(zeros.remove(at)),
                 None => poles.push(pole),
@@ -145,14 +161,27 @@ impl<T: TimeDomain> TransferFunction<T> {
     /// [`ModelError::Unpaired`] cannot happen for a function built by this type's constructors.
     pub fn to_state_space(&self) -> Result<StateSpace<T>, ModelError> {
         let (a, b, c, d) = cascade::realise(&self.zeros, &self.poles, self.gain)?;
+        let Matrices { a, b, c, d } = Matrices { a, b, c, d }.in_like_units();
         StateSpace::new(a, b, c, d, self.domain)?.with_input_delay(vec![self.delay])
     }
 }
 
+/// A root this much smaller than the largest is at the origin.
+const AT_ORIGIN: f64 = 1e-9;
+/// A product of factors this close to its polynomial, relatively, is not improved.
+const LIKE: f64 = 1e-12;
+/// A product of factors farther from its polynomial is refused.
+const UNLIKE: f64 = 1e-8;
+/// Values are not compared closer to a root than this, relative to the root's size.
+const NEAREST: f64 = 1e-6;
+
 /// Roots of a polynomial (highest power first) and its leading coefficient; leading zeros are dropped.
-fn roots(
+///
+/// Eigenvalues of the companion matrix where their product reproduces the polynomial on the axis, else the roots refined with twice the digits.
+fn roots<T: TimeDomain>(
     matrix: &'static str,
     coefficients: &[f64],
+    domain: T,
 ) -> Result<(Vec<Complex<f64>>, f64), ModelError> {
     let start = coefficients.iter().position(|&c| c != 0.0).unwrap_or(coefficients.len());
     let coefficients = &coefficients[start..];
@@ -171,7 +200,75 @@ fn roots(
     let companion = DMatrix::from_fn(n, n, |i, j| {
         if i == 0 { -rest[j] / lead } else { f64::from(u8::from(i == j + 1)) }
     });
-    Ok((zeros::eigenvalues(&companion), lead))
+    let first = zeros::eigenvalues(&companion);
+    let at_origin = coefficients.iter().rev().take_while(|&&c| c == 0.0).count();
+    if at_origin == n {
+        return Ok((first, lead));
+    }
+    // In the unit in which the other roots have the geometric mean 1.
+    let others = &coefficients[..=n - at_origin];
+    let degree = (n - at_origin) as f64;
+    let unit = (((others[n - at_origin] / lead).abs().log2() / degree).round()).exp2();
+    let scaled: Vec<f64> = others
+        .iter()
+        .enumerate()
+        .rev()
+        .map(|(k, c)| c / lead * unit.powi(-i32::try_from(k).unwrap_or(i32::MAX)))
+        .collect();
+    let mut found: Vec<Complex<f64>> = first.iter().map(|r| r / unit).collect();
+    found.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
+    found.truncate(n - at_origin);
+    let mut points = beside(domain, &found, unit);
+    let off = unlike(&scaled, &found, &points);
+    if off <= LIKE {
+        return Ok((first, lead));
+    }
+    let (mut best, mut error) = (first, off);
+    if let Some(refined) = refined_roots(&scaled) {
+        points.extend(beside(domain, &refined, unit));
+        error = unlike(&scaled, &found, &points);
+        let off = unlike(&scaled, &refined, &points);
+        if off < error {
+            error = off;
+            best = refined.into_iter().map(|r| r * unit).collect();
+            best.resize(n, Complex::default());
+        }
+    }
+    if error <= UNLIKE {
+        Ok((best, lead))
+    } else {
+        Err(ModelError::Unfactored { what: matrix, error })
+    }
+}
+
+/// Points of the frequency axis beside roots that are given in a unit, in that unit.
+fn beside<T: TimeDomain>(domain: T, roots: &[Complex<f64>], unit: f64) -> Vec<Complex<f64>> {
+    let mut points = Vec::with_capacity(5 * roots.len() + 9);
+    let mut put = |omega: f64| points.push(domain.point(omega.abs()) / unit);
+    for root in roots.iter().map(|r| r * unit).filter(|r| r.is_finite()) {
+        let size = root.norm();
+        let (centre, damping, nearest) = match domain.sample_time_s() {
+            None => (root.im.abs(), root.re.abs(), NEAREST * size),
+            Some(ts) => (root.arg().abs() / ts, (1.0 - size).abs() / ts, NEAREST / ts),
+        };
+        put(centre - damping.max(nearest));
+        put(centre + damping.max(nearest));
+        if damping >= nearest {
+            put(centre);
+        }
+        if domain.sample_time_s().is_none() {
+            put(0.37 * size);
+            put(2.9 * size);
+        }
+    }
+    if let Some(ts) = domain.sample_time_s() {
+        for k in 0..9 {
+            put(std::f64::consts::PI * f64::from(k) / (8.0 * ts));
+        }
+    }
+    // At a root itself both sides are 0.
+    points.retain(|x| roots.iter().all(|r| (x - r).norm() > 0.5 * NEAREST * r.norm()));
+    points
 }
 
 /// Coefficients of gain·Π(x − root), highest power first.
@@ -202,9 +299,13 @@ impl<T: TimeDomain> StateSpace<T> {
         let (degree, gain) =
             pair.leading_markov(0, 0).ok_or(ModelError::ZeroTransfer { input, output })?;
         let mut zeros = pair.zeros();
-        // n − r zeros in exact arithmetic; a rank decision on the edge may leave one far away.
+        // n − r zeros in exact arithmetic; a rank decision on the edge may leave one far away, or take a leading Markov parameter for rounding.
         zeros.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
         zeros.truncate(pair.order() - degree);
+        let gain = match pair.order() - zeros.len() {
+            own if own == degree => gain,
+            later => pair.markov(0, 0, later),
+        };
         TransferFunction::from_zeros_poles_gain(
             zeros,
             pair.poles(),
@@ -227,7 +328,8 @@ impl<T: TimeDomain> StateSpace<T> {
             Err(_) => 0.0,
             Ok(pair) => {
                 let pair = pair.cancelled(1e-9);
-                if pair.poles().iter().any(|p| (p - point).norm() <= 1e-12) {
+                let nearest = 1e-12 * pair.smallest_root();
+                if pair.poles().iter().any(|p| (p - point).norm() <= nearest) {
                     f64::INFINITY
                 } else {
                     pair.at(point).re

@@ -3,12 +3,16 @@
 use faer::Mat;
 use nalgebra::{Complex, DMatrix, Schur};
 
+use super::balance::Units;
+use super::matrices::Matrices;
+
 /// Eigenvalues of a real square matrix.
 ///
 /// States that only drive or only follow the others are taken off first: their eigenvalues stand on the diagonal (chains of integrators and of delays stay
-/// exact). The QR iteration of the rest is bounded; where it stands still, faer's iteration with many shifts and early deflation takes over.
+/// exact). The rest is brought to like units. The QR iteration is bounded; where it stands still, faer's iteration with many shifts and early deflation takes
+/// over.
 ///
-/// Source: Parlett and Reinsch (1969), "Balancing a matrix for calculation of eigenvalues and eigenvectors", doi:10.1007/BF02165404 (its first step).
+/// Source: Parlett and Reinsch (1969), "Balancing a matrix for calculation of eigenvalues and eigenvectors", doi:10.1007/BF02165404.
 pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
     let n = a.nrows();
     if a.iter().any(|v| !v.is_finite()) {
@@ -24,7 +28,11 @@ pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
         let i = left.remove(at);
         found.push(Complex::new(a[(i, i)], 0.0));
     }
-    found.extend(iterated_eigenvalues(&a.select_rows(&left).select_columns(&left)));
+    let rest = a.select_rows(&left).select_columns(&left);
+    found.extend(match Units::of(&rest).worth() {
+        Some(units) => iterated_eigenvalues(&units.scaled(&rest)),
+        None => iterated_eigenvalues(&rest),
+    });
     found
 }
 
@@ -47,28 +55,23 @@ pub fn iterated_eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
 ///
 /// Source: Emami-Naeini and Van Dooren (1982), "Computation of zeros of linear multivariable systems", Automatica 18(4), 415-430,
 /// doi:10.1016/0005-1098(82)90070-X.
-pub(super) fn invariant_zeros(
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    c: &DMatrix<f64>,
-    d: &DMatrix<f64>,
-) -> Vec<Complex<f64>> {
-    let scale = [a, b, c, d].iter().map(|m| m.norm()).fold(0.0, f64::max);
+pub(super) fn invariant_zeros(sys: Matrices) -> Vec<Complex<f64>> {
+    let (Matrices { a, b, c, d }, time) = sys.for_zeros();
+    let scale = [&a, &b, &c, &d].iter().map(|m| m.norm()).fold(0.0, f64::max);
     let tolerance = scale * 1e-13;
-    let [a, b, c, d] = reduce([a.clone(), b.clone(), c.clone(), d.clone()], tolerance);
+    let [a, b, c, d] = reduce([a, b, c, d], tolerance);
     let [a, c, b, d] =
         reduce([a.transpose(), c.transpose(), b.transpose(), d.transpose()], tolerance)
             .map(|m| m.transpose());
     if a.is_empty() {
         return Vec::new();
     }
-    if d.is_empty() {
-        return eigenvalues(&a);
-    }
-    match d.lu().solve(&c) {
-        Some(feedback) => eigenvalues(&(a - b * feedback)),
-        None => Vec::new(),
-    }
+    let found = if d.is_empty() {
+        eigenvalues(&a)
+    } else {
+        d.lu().solve(&c).map_or_else(Vec::new, |feedback| eigenvalues(&(a - b * feedback)))
+    };
+    found.into_iter().map(|s| s * time).collect()
 }
 
 /// Takes states off until D has full row rank; the zeros stay the same.

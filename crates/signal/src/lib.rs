@@ -4,6 +4,7 @@ mod butterworth;
 mod correlation;
 mod error;
 pub mod excitation;
+mod factors;
 pub mod file;
 pub mod fit;
 mod flatten;
@@ -33,6 +34,7 @@ pub use spectral_matrix::SpectralMatrix;
 
 pub use fourier::{RealFourier, fast_length};
 
+pub use factors::{refined_roots, unlike};
 pub use polynomial::{evaluate as polynomial, roots};
 
 /// The most samples one call makes: 8 GB of numbers. More is taken for a slip of the keyboard.

@@ -9,7 +9,7 @@ use super::recordings::Factor;
 use super::recordings::{Named, Recordings, Scales, Stretch};
 use super::uncertainty::{Draws, Response, Root};
 use super::validation::OutputCheck;
-use super::{innovations, n4sid, order, pbsidopt, uncertainty, validation};
+use super::{innovations, n4sid, offset, order, pbsidopt, uncertainty, validation};
 use crate::error::IdentifyError;
 use crate::parametric::Parametric;
 use deadtime_model::{Channel, ModelError, ModelFile, Operating, Sampled, State, StateSpace, d2c};
@@ -265,6 +265,7 @@ impl Settings {
         let scales = recordings.scales()?;
         let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
         let past = self.past_window(weight, recordings, &scales)?;
+        let scales = offset::at_operating_point(scales, recordings, past, self.direct);
         far.at(PAST, &"regression on the past");
         let factor = recordings.factor(past, &scales);
         let orders = factor.excitation(&recordings.inputs)?;

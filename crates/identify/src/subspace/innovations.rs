@@ -1,5 +1,6 @@
 //! Models in innovations form of several inputs and outputs, and how they follow from states that are known combinations of the past.
 
+use deadtime_model::dlqr;
 use nalgebra::{DMatrix, DVector};
 
 use super::recordings::{Factor, Scales, Stretch};
@@ -82,6 +83,39 @@ impl InnovationsModel {
             .all(|m| m.iter().all(|v| v.is_finite()))
     }
 
+    /// The same model with a predictor that forgets its start: where A − KC does not decay, K is the gain of Kalman's filter for the covariances of the
+    /// residuals. `states` and `outputs` are residuals of x(t+1) and y(t), `y` the outputs.
+    ///
+    /// Source: Van Overschee and De Moor (1996), "Subspace Identification for Linear Systems", section 4.5, doi:10.1007/978-1-4613-0465-4.
+    fn with_stable_predictor(
+        mut self,
+        states: &DMatrix<f64>,
+        outputs: &DMatrix<f64>,
+        y: &DMatrix<f64>,
+    ) -> Self {
+        if !self.is_finite() || decays(&(&self.a - &self.k * &self.c)) {
+            return self;
+        }
+        let mut r = outputs.tr_mul(outputs);
+        for (i, column) in y.column_iter().enumerate() {
+            r[(i, i)] += ROUNDING * column.norm_squared();
+        }
+        let s = &self.k * &r;
+        let mut q = states.tr_mul(states) + &s * self.k.transpose();
+        let size = q.norm();
+        for i in 0..q.nrows() {
+            q[(i, i)] += ROUNDING * size;
+        }
+        let q = (&q + q.transpose()) * 0.5;
+        let filter = dlqr(&self.a.transpose(), &self.c.transpose(), &q, &r, Some(&s));
+        if let Ok(filter) = filter {
+            self.k = filter.k.transpose();
+        } else if decays(&self.a) {
+            self.k.fill(0.0);
+        }
+        self
+    }
+
     /// The model of scaled deviations, in the channels' own units.
     pub(super) fn in_units(mut self, scales: &Scales) -> Self {
         for (j, (_, su)) in scales.inputs.iter().enumerate() {
@@ -95,6 +129,26 @@ impl InnovationsModel {
         }
         self
     }
+}
+
+/// Variance of rounding, relative to that of what is rounded.
+const ROUNDING: f64 = 1e-20;
+/// Squarings that tell a matrix that decays from one that does not: 2⁴⁰ samples.
+const SQUARINGS: usize = 40;
+
+/// The powers of a matrix go to 0.
+fn decays(m: &DMatrix<f64>) -> bool {
+    let mut power = m.clone();
+    for _ in 0..SQUARINGS {
+        if power.norm() < 0.5 {
+            return true;
+        }
+        if !(power.norm() < 1e100) {
+            return false;
+        }
+        power = &power * &power;
+    }
+    false
 }
 
 /// Samples that the start of a free run is estimated from.
@@ -144,7 +198,7 @@ pub(super) fn of_states(
     for (norm, column) in norms[n + m..].iter_mut().zip(y.column_iter()) {
         *norm = column.norm();
     }
-    let (of_states, _) = solve(&moved, &next, &norms);
+    let (of_states, left) = solve(&moved, &next, &norms);
     let model = InnovationsModel {
         a: of_states.rows(0, n).transpose(),
         b: of_states.rows(n, m).transpose(),
@@ -156,5 +210,5 @@ pub(super) fn of_states(
         },
         k: of_states.rows(n + m, l).transpose(),
     };
-    (model, e)
+    (model.with_stable_predictor(&left, &e, y), e)
 }

@@ -6,6 +6,7 @@ mod bootstrap;
 pub(crate) mod identifier;
 pub(crate) mod innovations;
 mod n4sid;
+mod offset;
 pub(crate) mod order;
 mod pbsidopt;
 pub(crate) mod recordings;

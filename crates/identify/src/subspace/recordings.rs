@@ -342,6 +342,17 @@ impl Factor {
         Self { layout, rows, r }
     }
 
+    /// The factor without the columns of one input.
+    pub(super) fn without_input(&self, input: usize) -> Self {
+        let layout = Layout { m: self.layout.m - 1, ..self.layout };
+        let width = self.layout.width();
+        let kept: Vec<usize> =
+            (0..self.layout.columns()).filter(|column| column % width != input).collect();
+        let chosen = self.r.select_columns(&kept);
+        let chosen = Mat::from_fn(chosen.nrows(), chosen.ncols(), |i, j| chosen[(i, j)]);
+        Self::joined(layout, self.rows, [triangle(&chosen)])
+    }
+
     /// y(t).
     pub(super) fn y(&self) -> DMatrix<f64> {
         let from = self.layout.window() + self.layout.m;

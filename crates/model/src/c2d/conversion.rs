@@ -2,7 +2,7 @@
 
 use crate::error::ModelError;
 use crate::state_space::{Continuous, Sampled, StateSpace};
-use deadtime_signal::time::SampleTime;
+use deadtime_signal::time::{SampleTime, Samples};
 
 /// A sampled model, or why there is none.
 pub type Converted = Result<StateSpace<Sampled>, ModelError>;
@@ -14,6 +14,11 @@ pub trait Conversion: Send + Sync {
     /// # Errors
     /// What the conversion cannot do for this model, as a [`ModelError`].
     fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Converted;
+
+    /// The whole samples that stand for a delay which this conversion does not carry; `None` where it does.
+    fn rounds(&self, _: Samples) -> Option<usize> {
+        None
+    }
 
     /// The first states of the sampled model are those of the continuous one at the sampling instants.
     fn keeps_states(&self) -> bool {

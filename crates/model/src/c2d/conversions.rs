@@ -1,6 +1,7 @@
 //! The list of conversions.
 
 use super::conversion::Conversion;
+use super::differences::{BackwardDifference, ForwardDifference, GeneralisedBilinear};
 use super::first_order_hold::FirstOrderHold;
 use super::impulse::ImpulseInvariant;
 use super::least_squares::LeastSquares;
@@ -27,6 +28,13 @@ pub const CONVERSIONS: &[Entry<dyn Conversion>] = &[
         "Tustin (bilinear), with an optional frequency at which the response is exact",
         Tustin
     ),
+    entry!(
+        "gbt",
+        "generalised bilinear: alpha 0 is the forward difference, 1/2 Tustin, 1 the backward difference",
+        GeneralisedBilinear
+    ),
+    entry!("euler", "forward difference; a stable model may become unstable", ForwardDifference),
+    entry!("backward_diff", "backward difference; stable models stay stable", BackwardDifference),
     entry!("matched", "zero-pole matching, for one input and one output", ZeroPoleMatching),
     entry!(
         "least_squares",

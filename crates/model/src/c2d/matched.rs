@@ -6,7 +6,7 @@ use super::conversion::{Conversion, Converted, single};
 use super::thiran;
 use crate::state_space::{Continuous, Sampled, StateSpace};
 use crate::transfer_function::TransferFunction;
-use deadtime_signal::time::SampleTime;
+use deadtime_signal::time::{SampleTime, Samples};
 
 /// z = exp(s·Ts) for poles and zeros; zeros at infinity go to z = −1, all but one; the gain is matched at s = 0, or, where a pole or zero is there,
 /// at the first s = 0.1/Ts, 0.2/Ts, … with none.
@@ -31,13 +31,8 @@ impl Conversion for ZeroPoleMatching {
         let map = |roots: &[Complex<f64>]| roots.iter().map(|s| (s * ts).exp()).collect::<Vec<_>>();
         let (mut zeros, poles) = (map(tf.zeros()), map(tf.poles()));
         zeros.resize((poles.len().max(1) - 1).max(zeros.len()), Complex::new(-1.0, 0.0));
-        let mut s = 0.0;
-        while tf
-            .zeros()
-            .iter()
-            .chain(tf.poles())
-            .any(|root| (root - s).norm() < f64::EPSILON.sqrt())
-        {
+        let (mut s, nearest) = (0.0, f64::EPSILON.sqrt() * tf.smallest_root());
+        while tf.zeros().iter().chain(tf.poles()).any(|root| (root - s).norm() < nearest) {
             s += 0.1 / ts;
         }
         let unscaled = TransferFunction::from_zeros_poles_gain(
@@ -57,5 +52,9 @@ impl Conversion for ZeroPoleMatching {
             sample_time,
             self.fractional_delay_order,
         )
+    }
+
+    fn rounds(&self, delay: Samples) -> Option<usize> {
+        thiran::rounded(delay, self.fractional_delay_order)
     }
 }

@@ -5,10 +5,12 @@
 //! | zero-order hold, first-order hold | exact, one more state per delayed input |
 //! | impulse invariance | exact; with feedthrough kept, D must be 0 at inputs of fractional delay |
 //! | Tustin, zero-pole matching | to the nearest whole sample (half a sample up), or a Thiran all-pass filter |
+//! | generalised bilinear, forward and backward difference | to the nearest whole sample |
 //! | least squares | fitted together with the dynamics |
 
 pub(crate) mod conversion;
 mod conversions;
+mod differences;
 mod first_order_hold;
 pub(crate) mod hold;
 mod impulse;
@@ -20,6 +22,7 @@ mod zero_order_hold;
 
 pub use conversion::{Conversion, Converted};
 pub use conversions::CONVERSIONS;
+pub use differences::{BackwardDifference, ForwardDifference, GeneralisedBilinear};
 pub use first_order_hold::FirstOrderHold;
 pub use hold::Hold;
 pub use hold::{delayed_taps, transition};

@@ -27,6 +27,17 @@ pub(super) fn with_delays(
     cascade_inputs(&sys, &filters)?.with_input_delay(whole)
 }
 
+/// The whole samples to which a delay is rounded; `None` where a filter of at most `order` states carries its fraction, or it has none.
+pub(super) fn rounded(delay: Samples, order: usize) -> Option<usize> {
+    let nearest = nearest(delay);
+    (delay.fraction != 0.0 && order.min(nearest) == 0).then_some(nearest)
+}
+
+/// Half a sample up.
+fn nearest(delay: Samples) -> usize {
+    (delay.total() + 0.5).floor() as usize
+}
+
 /// A, B, C and the direct path of an all-pass filter.
 type AllPass = (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>, f64);
 type Filter = Option<AllPass>;
@@ -34,7 +45,7 @@ type Filter = Option<AllPass>;
 /// Whole samples, and the all-pass filter for the rest.
 fn split(delay: Samples, order: usize) -> Result<(usize, Filter), ModelError> {
     let total = delay.total();
-    let nearest = (total + 0.5).floor() as usize;
+    let nearest = nearest(delay);
     let m = order.min(nearest);
     if delay.fraction == 0.0 || m == 0 {
         return Ok((nearest, None));

@@ -6,7 +6,7 @@ use super::conversion::{Conversion, Converted};
 use super::thiran;
 use crate::error::ModelError;
 use crate::state_space::{Continuous, StateSpace};
-use deadtime_signal::time::SampleTime;
+use deadtime_signal::time::{SampleTime, Samples};
 
 /// s → (2/Ts)(z − 1)/(z + 1), in the realisation of scipy and python-control:
 /// M = (I − A·Ts/2)⁻¹, Ad = M(I + A·Ts/2), Bd = Ts·M·B, Cd = C·M, Dd = D + Ts/2·C·M·B.
@@ -34,37 +34,39 @@ impl Conversion for Tustin {
                 2.0 * (rad_s * sample_time.seconds() / 2.0).tan() / rad_s
             }
         };
-        let n = sys.order();
-        if n == 0 {
-            let gain = StateSpace::sampled(
-                sys.a().clone(),
-                sys.b().clone(),
-                sys.c().clone(),
-                sys.d().clone(),
-                sample_time,
-            )?;
-            return thiran::with_delays(
-                gain,
-                sys.input_delay(),
-                sample_time,
-                self.fractional_delay_order,
-            );
-        }
-        let half = sys.a() * (ts / 2.0);
-        let identity = DMatrix::<f64>::identity(n, n);
-        let denominator = (&identity - &half).lu();
-        let singular = ModelError::TustinPole { s: 2.0 / ts };
-        let (Some(a), Some(mb)) =
-            (denominator.solve(&(&identity + &half)), denominator.solve(sys.b()))
-        else {
-            return Err(singular);
-        };
-        // C·M from the transposed system.
-        let Some(c) = (&identity - &half).transpose().lu().solve(&sys.c().transpose()) else {
-            return Err(singular);
-        };
-        let d = sys.d() + sys.c() * &mb * (ts / 2.0);
-        let sampled = StateSpace::sampled(a, mb * ts, c.transpose(), d, sample_time)?;
+        let sampled = generalised(sys, ts, 0.5, sample_time)?;
         thiran::with_delays(sampled, sys.input_delay(), sample_time, self.fractional_delay_order)
     }
+
+    fn rounds(&self, delay: Samples) -> Option<usize> {
+        thiran::rounded(delay, self.fractional_delay_order)
+    }
+}
+
+/// s → (z − 1)/(T(αz + 1 − α)), without delays: M = (I − αT·A)⁻¹, Ad = M(I + (1 − α)T·A), Bd = T·M·B, Cd = C·M, Dd = D + αT·C·M·B.
+pub(super) fn generalised(
+    sys: &StateSpace<Continuous>,
+    step_s: f64,
+    alpha: f64,
+    sample_time: SampleTime,
+) -> Converted {
+    let n = sys.order();
+    let [a, b, c, d] = [sys.a(), sys.b(), sys.c(), sys.d()];
+    if n == 0 {
+        return StateSpace::sampled(a.clone(), b.clone(), c.clone(), d.clone(), sample_time);
+    }
+    let (late, early) = (a * (alpha * step_s), a * ((1.0 - alpha) * step_s));
+    let identity = DMatrix::<f64>::identity(n, n);
+    let denominator = (&identity - &late).lu();
+    let singular = ModelError::TustinPole { s: 1.0 / (alpha * step_s) };
+    let (Some(by_a), Some(mb)) = (denominator.solve(&(&identity + &early)), denominator.solve(b))
+    else {
+        return Err(singular);
+    };
+    // C·M from the transposed system.
+    let Some(seen) = (&identity - &late).transpose().lu().solve(&c.transpose()) else {
+        return Err(singular);
+    };
+    let direct = d + c * &mb * (alpha * step_s);
+    StateSpace::sampled(by_a, mb * step_s, seen.transpose(), direct, sample_time)
 }
