@@ -180,10 +180,12 @@ fn the_page_is_well_formed_stands_alone_and_says_what_the_diagnosis_says() {
     assert!(read.contains("angle &amp; &quot;co&quot;") && read.contains("&lt;img&gt;.csv"));
     assert!(page.contains("prefers-color-scheme:dark") && page.contains("@media print"));
     assert_eq!(d.cause.verdict, "input_delay");
-    assert!(
-        page.contains("clock offset of all outputs")
-            && page.contains("output delay of all outputs")
-    );
+    for name in d.cause.indistinguishable[0].iter().skip(1) {
+        let (effect, channel) = name.split_once(':').unwrap();
+        let words = deadtime::diagnose::in_words(effect, channel).replace('`', "");
+        let escaped = words.replace('<', "&lt;").replace('>', "&gt;");
+        assert!(page.contains(&escaped), "{words}");
+    }
     for tile in ["Error on held-out data", "Cause", "Sure", "Left"] {
         assert!(page.contains(&format!("<span class=\"faint\">{tile}</span>")), "{tile}");
     }

@@ -203,7 +203,7 @@ fn the_command_line_diagnoses_a_program_either_way_of_asking() {
         ]);
         words.extend(more);
         let said = deadtime(&words).words();
-        assert!(said.contains("input_delay"), "{said}");
+        assert!(said.contains("Cause: input delay of"), "{said}");
         let text = std::fs::read_to_string(out.join("diagnosis.json")).unwrap();
         found.push(serde_json::from_str::<serde_json::Value>(&text).unwrap());
     }
