@@ -8,7 +8,8 @@ use super::job::chosen::Ready;
 use super::report::Pair;
 use super::verdict::{RecordFacts, Verdict, verdict};
 use crate::track::answer::{Anchor, AtOneDelay, Kind, Moving, tracked};
-use crate::track::watch::Watch;
+use crate::track::watch::{Stretch, Watch};
+use deadtime_identify::Record;
 use deadtime_signal::time::SampleTime;
 
 /// What is wanted beside the test.
@@ -40,7 +41,8 @@ pub(super) fn tell(
     let watch = Watch::default();
     let Some(seen) = watch.look(&records, search) else { return Ok(()) };
     search.go_on()?;
-    if seen.is_steady() && !asked.track {
+    let steady = seen.is_steady() || !moves_throughout(&records, &seen.stretches());
+    if steady && !asked.track {
         return Ok(());
     }
     let track = seen.track();
@@ -50,7 +52,7 @@ pub(super) fn tell(
     // The delay that lasts longest.
     let longest = seen.stretches().into_iter().max_by_key(|s| s.samples.len());
     let reference = longest.map_or(bias as f64, |s| s.delay as f64);
-    let straight = if seen.is_steady() {
+    let straight = if steady {
         pair.verdict.clone()
     } else {
         let straightened = track.straightened(&records, reference).into_iter();
@@ -73,14 +75,24 @@ pub(super) fn tell(
     if asked.track {
         pair.track = Some(tracked(&track, &anchor, ts));
     }
-    if !seen.is_steady() {
+    if !steady {
         let drift = seen.drift(&track, watch.price);
-        let lengths: Vec<usize> = records.iter().map(deadtime_identify::Record::len).collect();
+        let lengths: Vec<usize> = records.iter().map(Record::len).collect();
         let moving = Moving::new(&seen, &track, drift, &anchor, &lengths, bias, ts);
         pair.verdict = Verdict::none(sentence(&moving, lengths.len(), ts));
         pair.moving = Some(moving);
     }
     Ok(())
+}
+
+/// The input moves in every stretch: of one that holds no motion nothing tells a delay of its own.
+fn moves_throughout(records: &[Record<'_>], stretches: &[Stretch]) -> bool {
+    stretches.iter().all(|s| {
+        let u = records.get(s.record).map_or(&[][..], |r| &r.u);
+        let [from, to] =
+            [s.samples.start, s.samples.end].map(|at| at.saturating_sub(s.delay).min(u.len()));
+        u[from..to].windows(2).any(|pair| pair[0] != pair[1])
+    })
 }
 
 /// What a few methods say of the records without their changes.
@@ -156,4 +168,26 @@ fn sentence(moving: &Moving, records: usize, ts: SampleTime) -> String {
         "{intro}: {}",
         moving.stretches.iter().enumerate().map(part).collect::<Vec<_>>().join(", ")
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stretch_in_which_the_input_rests_has_no_delay_of_its_own() {
+        let mut u = vec![0.0; 100];
+        u[40..].fill(1.0);
+        let stretch =
+            |from, to, delay| Stretch { record: 0, samples: from..to, began: None, delay };
+        let one_step = [Record::new(u.clone(), vec![0.0; 100])];
+        let stretches = [stretch(0, 60, 10), stretch(60, 100, 15)];
+        assert!(!moves_throughout(&one_step, &stretches));
+        u[70..].fill(0.0);
+        let two_steps = [Record::new(u.clone(), vec![0.0; 100])];
+        assert!(moves_throughout(&two_steps, &stretches));
+        // By its own delay the second step belongs to no stretch any more.
+        let late = [stretch(0, 60, 10), stretch(60, 100, 60)];
+        assert!(!moves_throughout(&two_steps, &late));
+    }
 }

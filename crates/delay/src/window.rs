@@ -12,7 +12,7 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::finding::Finding;
 use crate::method::Method;
 use crate::posterior::{ARX_ORDERS, ROUNDING, samples_under, smallest, visible_gain};
-use crate::process::family::{Rough, rough};
+use crate::process::family::{ROUGH_SAMPLES, Rough, rough};
 use crate::verdict::distrust;
 use deadtime_identify::{ArxScan, Record, arx_scan};
 use deadtime_signal::stop::Stop;
@@ -92,8 +92,13 @@ pub(super) fn reaching(
 /// The same by models of two poles, for records at rest at the start whose input moves too seldom for regressions to see where the response begins.
 ///
 /// Equation: n·ln(Σe²(inside)/Σe²(any delay)) ≥ the χ² point of a delay, over all delays tried; n counts the samples under the residual's colour.
-/// Assumes: an open loop. A plant of more lags looks later to two poles than it is, so that the window only grows.
+/// Assumes: an open loop, and a dead time of a third of [`ROUGH_SAMPLES`] at most. A plant of more lags looks later to two poles than it is, so that the window only grows.
 pub(super) fn reaching_by_model(records: &[Record<'_>], window: usize, most: usize) -> usize {
+    let longest = records.iter().map(Record::len).max().unwrap_or(0);
+    let most = most.min(self::most(longest.min(ROUGH_SAMPLES)));
+    if window >= most {
+        return window;
+    }
     let fitted = |window| rough(records, 2, window, 0);
     let cost = |r: &Rough| r.residual.iter().map(|e| e * e).sum::<f64>();
     let (Some(inside), Some(any)) = (fitted(window), fitted(most)) else { return window };
@@ -108,8 +113,11 @@ pub(super) fn reaching_by_model(records: &[Record<'_>], window: usize, most: usi
     }
 }
 
+/// The share of the methods that answer from which those at the end of the window say something: one over this.
+const SHARE: usize = 3;
+
 /// Methods that withstand what the record shows, and whose answers stand at the end of the window or beyond it; where none that answered does, all of these. What a model
-/// leaves over is no reason here, as a window that is too short makes it so.
+/// leaves over is no reason here, as a window that is too short makes it so. None where they are few.
 pub(super) fn at_its_end<'a>(
     answers: impl Iterator<Item = (&'a Method, &'a DelayEstimate)>,
     findings: &[Finding],
@@ -122,8 +130,11 @@ pub(super) fn at_its_end<'a>(
     let beyond = |e: &DelayEstimate| {
         e.outcome == Outcome::AtEdge || e.raw_delay_s.is_some_and(|raw| raw > window_s)
     };
-    let at_end = answered.iter().filter(|a| !any || counts(a)).filter(|(_, e)| beyond(e));
-    at_end.map(|(m, _)| m.entry.name).collect()
+    let asked: Vec<_> = answered.iter().filter(|a| !any || counts(a)).collect();
+    let at_end: Vec<&str> =
+        asked.iter().filter(|(_, e)| beyond(e)).map(|(m, _)| m.entry.name).collect();
+    // One that wanders off is no sign.
+    if SHARE * at_end.len() >= asked.len() { at_end } else { Vec::new() }
 }
 
 #[cfg(test)]
@@ -173,7 +184,7 @@ mod tests {
     #[test]
     fn one_step_shows_by_a_model_that_the_response_begins_beyond_the_window() {
         let mut rng = ChaCha8Rng::seed_from_u64(8);
-        for draw in 0..10 {
+        for draw in 0..4 {
             let (samples, far) = (900, rng.random_range(50..200_usize));
             let near = rng.random_range(0..30_usize);
             let mut held = |delay: usize| {

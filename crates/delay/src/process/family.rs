@@ -438,7 +438,7 @@ pub(crate) struct Rough {
 }
 
 /// The start of the records that a quick fit looks at, samples; what the whole records know is then summed over all of them.
-pub(super) const ROUGH_SAMPLES: usize = 4000;
+pub(crate) const ROUGH_SAMPLES: usize = 4000;
 
 /// The quick fit; `None` where there is nothing to fit.
 pub(crate) fn rough(
