@@ -20,6 +20,8 @@ mod support;
 #[allow(dead_code, unused_imports, unreachable_pub)]
 #[path = "../crates/model/src"]
 mod model {
+    mod balance;
+    mod matrices;
     mod matrix;
     mod parts;
 

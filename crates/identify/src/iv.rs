@@ -324,10 +324,10 @@ impl RefinedIv {
         let places = problem.places();
         let from = |corner: &f64| {
             let pole = (-corner).exp();
-            let mut filter = vec![1.0];
-            for _ in 0..self.nf {
-                filter.push(0.0);
-                for i in (1..filter.len()).rev() {
+            let mut filter = vec![0.0; self.nf + 1];
+            filter[0] = 1.0;
+            for degree in 1..=self.nf {
+                for i in (1..=degree).rev() {
                     filter[i] -= pole * filter[i - 1];
                 }
             }

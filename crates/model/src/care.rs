@@ -107,7 +107,8 @@ fn in_units(
         let next = symmetric(&x + step);
         let next_k = gain(&next);
         let next_error = residual(&next, &next_k);
-        if !(next_error.norm() < 0.5 * error.norm()) {
+        let helps = next_error.norm() < 0.5 * error.norm();
+        if !helps {
             break;
         }
         (x, k, error) = (next, next_k, next_error);

@@ -273,7 +273,8 @@ impl Regulation<'_> {
             let next_k = self.gain(&next)?;
             let next_error = self.residual(&next, &next_k);
             // The first step is taken as it is, later ones where they help.
-            if round > 0 && !(next_error.norm() < 0.5 * error.norm()) {
+            let helps = next_error.norm() < 0.5 * error.norm();
+            if round > 0 && !helps {
                 break;
             }
             (x, k, error) = (next, next_k, next_error);

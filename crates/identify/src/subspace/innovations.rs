@@ -143,10 +143,10 @@ fn decays(m: &DMatrix<f64>) -> bool {
         if power.norm() < 0.5 {
             return true;
         }
-        if !(power.norm() < 1e100) {
+        power = &power * &power;
+        if !power.iter().all(|v| v.is_finite()) {
             return false;
         }
-        power = &power * &power;
     }
     false
 }
