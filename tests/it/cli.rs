@@ -228,11 +228,9 @@ fn the_estimate_file_has_the_keys_of_its_format_and_a_pair_for_every_input_and_o
             METHODS.iter().filter(|m| m.scope == Scope::Pair).map(|m| m.entry.name).collect();
         assert_eq!(methods, of_pairs);
         let real = pair["input"] == "delta_dir" && pair["output"] == "r";
-        assert_eq!(
-            pair["verdict"]["delay_s"].as_f64().map(|d| (d * 1e6).round()),
-            real.then_some(3e5),
-            "{pair}"
-        );
+        let delay_s = pair["verdict"]["delay_s"].as_f64();
+        assert_eq!(delay_s.is_some(), real, "{pair}");
+        assert!(delay_s.is_none_or(|d| (d - 0.3).abs() < 0.01), "{pair}");
     }
     let (_, report) =
         run(&["--model", text(&model), "--method", "arxstruc", "--method", "state_least_squares"]);
@@ -446,7 +444,8 @@ fn excite_simulate_and_estimate_find_an_injected_delay() {
         let says = deadtime(&arguments).done();
         let report = json(&file);
         let found = report["pairs"][0]["verdict"]["delay_s"].as_f64();
-        assert!(found.is_some_and(|d| (d - delay_s).abs() < 1e-9), "{delay_s}: {says}");
+        // A fifth of a sample: the verdict is a mean of several methods.
+        assert!(found.is_some_and(|d| (d - delay_s).abs() < 0.02), "{delay_s}: {says}");
     }
 }
 
@@ -508,12 +507,13 @@ fn a_pipe_that_nobody_reads_is_no_error_for_any_command() {
     let flight = folder.path("y.csv");
     deadtime(&["simulate", text(&model), text(&log), "--out", text(&flight)]).done();
     let (out, report) = (folder.path("out.csv"), folder.path("report.json"));
+    let sampled = folder.path("sampled.toml");
     for arguments in [
         vec!["list", "methods"],
         vec!["estimate", text(&flight), "--input", "delta_dir", "--output", "r"],
         vec!["simulate", text(&model), text(&log), "--out", text(&out)],
         vec!["c2d", text(&model), "--sample-time", "0.1"],
-        vec!["c2d", text(&model), "--sample-time", "0.1", "--out", text(&model)],
+        vec!["c2d", text(&model), "--sample-time", "0.1", "--out", text(&sampled)],
         vec!["excite", "rbs", "--samples", "9", "--sample-time", "0.1", "--out", text(&out)],
         vec![
             "estimate",

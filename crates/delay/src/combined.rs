@@ -1,7 +1,7 @@
 //! One number and one interval of answers that agree.
 //!
-//! Equation: τ̂ = Σ wᵢτᵢ/Σ wᵢ with wᵢ = vᵢ/(eᵢ² + σᵢ²): vᵢ the share of the vote, eᵢ the error that the method had in a study, σᵢ what it says itself. The interval is
-//! between quantiles of the mixture of all answers, each a normal law to either side of its value: what answers share is not averaged away, and one that stands alone
+//! Equation: the number is the median of the mixture of all answers, each a normal law to either side of its value with the weight wᵢ = vᵢ/(eᵢ² + σᵢ²): vᵢ the share of the
+//! vote, eᵢ the error that the method had in a study, σᵢ what it says itself. The interval is between quantiles of the same mixture: what answers share is not averaged away, and one that stands alone
 //! moves an end by its weight only.
 //!
 //! How it can be wrong: methods that share a wrong model are one error counted often; the votes bound that. A mixture of honest laws is wider than it need be.
@@ -41,8 +41,8 @@ const EARNED: &[(&str, f64)] = &[
 /// The error of methods that are further off there, or are made for something else.
 const ELSE: f64 = 3.5;
 
-/// Share of the mixture beyond either end.
-const BEYOND: f64 = 0.025;
+/// Share of the mixture beyond either end. Answers share a wrong model, so ends at 0.025 hold the truth in 89 % of 96 drawn records (tests/it/verdicts.rs).
+const BEYOND: f64 = 0.0125;
 /// Halvings of the bracket of an end.
 const HALVINGS: usize = 60;
 /// Standard deviations that hold all of an answer.
@@ -81,22 +81,20 @@ impl Answer {
     }
 }
 
-/// The weighted mean.
-pub(super) fn mean(answers: &[Answer]) -> f64 {
-    // From the first on, so that equal answers have their own value.
+/// The median of the mixture: answers that stand alone do not pull it.
+pub(super) fn median(answers: &[Answer]) -> f64 {
     let first = answers.first().map_or(0.0, |a| a.delay_s);
-    let all: f64 = answers.iter().map(|a| a.weight).sum();
-    let further: f64 = answers.iter().map(|a| a.weight * (a.delay_s - first)).sum();
-    first + further / all.max(f64::MIN_POSITIVE)
+    // Equal answers have their own value.
+    let same = answers.iter().all(|a| (a.delay_s - first).abs() <= f64::EPSILON * first.abs());
+    if same { first } else { quantile(answers, 0.5) }
 }
 
-/// The interval of all answers together, which holds their mean; that of one answer is its own.
+/// The interval of all answers together; that of one answer is its own.
 pub(super) fn interval(answers: &[Answer]) -> [f64; 2] {
     if let [only] = answers {
         return only.interval_s;
     }
-    let mean = mean(answers);
-    [quantile(answers, BEYOND).min(mean), quantile(answers, 1.0 - BEYOND).max(mean)]
+    [quantile(answers, BEYOND), quantile(answers, 1.0 - BEYOND)]
 }
 
 /// The delay below which a share of the mixture lies.
@@ -135,17 +133,19 @@ mod tests {
     #[test]
     fn equal_answers_have_their_value_and_their_interval() {
         let same = [answer(2.0, 0.3, 1.0), answer(2.0, 0.3, 5.0)];
-        assert_abs_diff_eq!(mean(&same), 2.0, epsilon = 1e-12);
+        assert_abs_diff_eq!(median(&same), 2.0, epsilon = 1e-12);
         let [from, to] = interval(&same);
-        assert_abs_diff_eq!(from, same[0].interval_s[0], epsilon = 1e-4);
-        assert_abs_diff_eq!(to, same[0].interval_s[1], epsilon = 1e-4);
+        // Φ⁻¹(0.9875) = 2.2414 standard deviations to either side.
+        assert_abs_diff_eq!(from, 2.0 - 2.2414 * 0.3, epsilon = 1e-4);
+        assert_abs_diff_eq!(to, 2.0 + 2.2414 * 0.3, epsilon = 1e-4);
     }
 
     #[test]
-    fn one_answer_keeps_its_interval_and_a_loner_moves_the_mean_by_its_weight_only() {
+    fn one_answer_keeps_its_interval_and_one_that_stands_alone_hardly_moves_the_median() {
         assert_eq!(interval(&[answer(2.0, 0.3, 1.0)]), answer(2.0, 0.3, 1.0).interval_s);
         let most = [answer(2.0, 0.1, 9.0), answer(1.0, 0.001, 1.0)];
-        assert_abs_diff_eq!(mean(&most), 1.9, epsilon = 1e-12);
+        let middle = median(&most);
+        assert!(middle > 1.95 && middle < 2.0, "{middle}");
         let [from, to] = interval(&most);
         assert!(from > 1.0 - 1e-2 && from < 1.9 && to > 2.0, "{from} to {to}");
     }

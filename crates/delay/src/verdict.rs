@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::combined::{Answer, earned, interval, mean};
+use super::combined::{Answer, earned, interval, median};
 use super::estimate::{DelayEstimate, Outcome};
 use super::finding::Finding;
 use super::method::WHOLE;
@@ -106,7 +106,7 @@ pub(super) const EXPERIMENT: &str = "move the set point, or add a random binary 
 /// methods that found a delay ([`Class::vote_weight`]), and those that read the same intermediate result ([`Basis`]) share one part of it; an answer weighs its share of the vote over its squared error, that of the method in a study and its own (no
 /// method is taken for more certain than a sample allows, nor than the data let expect before it ran, because a model that is too small is wrong by more than it says).
 ///
-/// The delay that most votes hold inside their intervals gathers a group; the number is the group's weighted mean, the interval that of the mixture of its answers
+/// The delay that most votes hold inside their intervals gathers a group; the number is the group's weighted median, the interval that of the mixture of its answers
 /// (`combined`), as no method knows how wrong its own model is: answers which differ make it wide. Where other inputs
 /// act, number and interval are those of the models in the group that fit all inputs together, promise a fraction of a sample, leave nothing over, and that no larger model outdoes:
 /// the others see an output from which the rest was taken by such a model, and add their votes.
@@ -289,15 +289,17 @@ fn together<'a, 'b>(
         }
     }
     let [from, to] = interval(&answers);
-    (heaviest.0, mean(&answers).max(0.0), [from.max(0.0), to + facts.early_s])
+    (heaviest.0, median(&answers).max(0.0), [from.max(0.0), to + facts.early_s])
 }
 
 /// Who agrees, the one that weighs most first, and who says otherwise.
 fn who(chosen: &str, others: &[&str], differ: &[(&FoundDelay<'_>, f64)]) -> String {
     let mut why = match others.len() {
         0 => format!("{chosen} alone"),
-        1..=4 => format!("weighted mean of {chosen}, {}", others.join(", ")),
-        n => format!("weighted mean of {chosen}, {}, {} and {} more", others[0], others[1], n - 2),
+        1..=4 => format!("weighted median of {chosen}, {}", others.join(", ")),
+        n => {
+            format!("weighted median of {chosen}, {}, {} and {} more", others[0], others[1], n - 2)
+        }
     };
     for (f, _) in differ.iter().take(MOST_NAMED) {
         why.push_str(&format!("; {} says {:.4} s", f.method, f.delay_s));
@@ -575,9 +577,10 @@ mod tests {
         let (a, b, c) = (answer(1.0, 0.01), answer(2.0, 0.1), answer(2.1, 0.1));
         let v = of(&[("oestruc", &a), ("threshold", &b), ("state_least_squares", &c)], &[]);
         // The threshold's class has half a vote.
-        assert_abs_diff_eq!(v.delay_s.unwrap(), (2.0 * 0.5 + 2.1) / 1.5, epsilon = 1e-9);
+        let delay_s = v.delay_s.unwrap();
+        assert!(delay_s > 2.05 && delay_s < 2.1, "{delay_s}");
         assert!(
-            v.why.starts_with("weighted mean of state_least_squares, threshold")
+            v.why.starts_with("weighted median of state_least_squares, threshold")
                 && v.why.contains("oestruc says 1.0000 s"),
             "{}",
             v.why
@@ -641,13 +644,13 @@ mod tests {
     }
 
     #[test]
-    fn a_vague_answer_hardly_moves_the_mean() {
+    fn a_vague_answer_hardly_moves_the_median() {
         let (vague, sharp, late) = (answer(0.0, 8.0), answer(2.0, 0.5), answer(12.0, 4.0));
         let v =
             of(&[("threshold", &vague), ("oestruc", &sharp), ("state_least_squares", &late)], &[]);
         let [from, to] = v.ci95_s.unwrap();
         assert_abs_diff_eq!(v.delay_s.unwrap(), 2.0, epsilon = 0.01);
-        assert!(from > 0.9 && from < 1.2 && to > 2.8 && to < 3.1, "{from} to {to}");
+        assert!(from > 0.7 && from < 1.2 && to > 2.8 && to < 3.3, "{from} to {to}");
     }
 
     #[test]
@@ -661,9 +664,9 @@ mod tests {
             verdict(&answers, &[], SampleTime::new(0.01).unwrap(), &RecordFacts::default())
         };
         assert_abs_diff_eq!(weighed(None).delay_s.unwrap(), 5.0, epsilon = 0.01);
-        // Votes alone: a class each, half of one for a phase.
-        let votes = (5.0 + 7.0 + 0.5 * 7.5) / 2.5;
-        assert_abs_diff_eq!(weighed(Some(2.0)).delay_s.unwrap(), votes, epsilon = 1e-3);
+        // Votes alone: it has 0.4 of them, and the median stands where the others' laws have a tenth more.
+        let votes = weighed(Some(2.0)).delay_s.unwrap();
+        assert!(votes > 5.1 && votes < 7.0, "{votes}");
     }
 
     #[test]
@@ -780,7 +783,7 @@ mod tests {
         let (beside, alone) = (v(true, &said), v(false, &said));
         // Each no better than the tolerance of its method, a tenth of a sample.
         let fine = (0.618 / 1e-4 + 0.616 / 1.69e-4) / (1e4 + 1.0 / 1.69e-4);
-        assert_abs_diff_eq!(beside.delay_s.unwrap(), fine, epsilon = 1e-9);
+        assert_abs_diff_eq!(beside.delay_s.unwrap(), fine, epsilon = 5e-4);
         let [from, to] = beside.ci95_s.unwrap();
         assert!(from > 0.59 && to < 0.642, "{from} to {to}");
         let [wider, later] = alone.ci95_s.unwrap();
