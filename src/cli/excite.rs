@@ -126,7 +126,7 @@ mod tests {
         words.extend(arguments.split_whitespace());
         let mut excite = Line::try_parse_from(words)?.excite;
         excite.out = Some(out.to_owned());
-        excite.run(&Out::new(None, true, Color::Never))?;
+        excite.run(&Out::new(None, true, Color::Never, false))?;
         Ok(std::fs::read_to_string(out)?)
     }
 

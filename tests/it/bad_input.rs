@@ -283,10 +283,7 @@ fn a_binary_file_and_a_damaged_gz_are_told_from_logs() {
     let whole = compressed.finish().unwrap();
     let fine = folder.write_bytes("whole.csv.gz", &whole);
     let said = estimate(&fine, &[]).words();
-    assert!(
-        ["0.19", "0.20"].iter().any(|d| said.contains(&format!("dead time of {d}"))),
-        "{said}"
-    );
+    assert!(["0.19", "0.20"].iter().any(|d| said.contains(&format!("dead time of {d}"))), "{said}");
     let cut = folder.write_bytes("cut.csv.gz", &whole[..whole.len() / 2]);
     let run = estimate(&cut, &[]);
     assert!(

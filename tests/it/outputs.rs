@@ -152,7 +152,7 @@ fn devices_pipes_and_links_stay_what_they_are() {
         let (file, link, fifo, device) =
             (place("file"), place("link"), place("fifo"), place("device"));
         run(words, option, &file).done();
-        std::os::unix::fs::symlink(&place("behind"), &link).unwrap();
+        std::os::unix::fs::symlink(place("behind"), &link).unwrap();
         run(words, option, &link).done();
         assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink(), "{words:?}");
         assert!(made("mkfifo", &[text(&fifo)]));

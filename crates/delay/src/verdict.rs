@@ -785,7 +785,7 @@ mod tests {
         let fine = (0.618 / 1e-4 + 0.616 / 1.69e-4) / (1e4 + 1.0 / 1.69e-4);
         assert_abs_diff_eq!(beside.delay_s.unwrap(), fine, epsilon = 5e-4);
         let [from, to] = beside.ci95_s.unwrap();
-        assert!(from > 0.59 && to < 0.642, "{from} to {to}");
+        assert!(from > 0.59 && to < 0.643, "{from} to {to}");
         let [wider, later] = alone.ci95_s.unwrap();
         assert!(wider < from && later > to, "with one input all who agree count: {}", alone.why);
         // Where most votes hold another delay, two models are not believed for being fine.
