@@ -66,6 +66,7 @@ AFTER = """
 - [The most important numbers](results/index.md)
     - [What was checked with what](results/validation.md)
     - [Withheld effects](results/withheld.md)
+    - [Diagnoses of the bank](results/bank.md)
     - [Several causes at once](results/mixtures.md)
     - [Delays that move](results/moving.md)
     - [Weak effects](results/weak.md)

@@ -169,7 +169,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     /// Paths that are read.
-    const READ: [&str; 17] = [
+    const READ: [&str; 16] = [
         "baseline",
         "cases",
         "criteria",
@@ -181,7 +181,6 @@ mod tests {
         "logs",
         "matched",
         "model",
-        "plan",
         "results",
         "step_table",
         "structure",
