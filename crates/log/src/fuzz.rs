@@ -225,7 +225,9 @@ fn what_broke_a_reader_takes_no_time_and_says_why() {
             ("cyc3.h5", "another name of a group that was read"),
             ("panic-delta.parquet-7-221.parquet", "its parts do not fit together"),
         ] {
-            assert!(name != file || said.contains(why), "{name}: {said}");
+            // A format that is not built in is named as such.
+            let left_out = said.contains("built without the feature");
+            assert!(name != file || left_out || said.contains(why), "{name}: {said}");
         }
     }
 }
