@@ -50,11 +50,11 @@ print("cannot be told apart:", ", ".join(rivals))
 print("next:", before.next_experiment)
 assert "deadband:voltage" in rivals and len(rivals) > 2
 assert before.ranking[0]["probability"] < 0.5
-assert "repeat the commands about another operating point" in before.next_experiment
+assert before.next_experiment.startswith("to separate")
 
 # %% [markdown]
-# So do what it says: the same steps about another operating point. How far away is for you to choose, the program does not know what your
-# machine stands; it simulated two standard deviations, 6 V here.
+# Most of these effects act by amplitude, and another operating point separates those. So repeat the same steps about one. How far away is for
+# you to choose: the program does not know what your machine withstands. Two standard deviations are 6 V here.
 
 # %%
 second = experiment(steps + 6.0, seed=2)

@@ -383,7 +383,7 @@ def conversions() -> list[dict[str, Any]]:
     --------
     >>> import deadtime
     >>> [conversion["name"] for conversion in deadtime.conversions()]
-    ['zoh', 'foh', 'impulse', 'tustin', 'matched', 'least_squares']
+    ['zoh', 'foh', 'impulse', 'tustin', 'gbt', 'euler', 'backward_diff', 'matched', 'least_squares']
     """
     return _native._conversions()
 

@@ -105,7 +105,7 @@ def test_a_guessed_unit_of_time_is_a_warning_that_names_the_arguments(tmp_path: 
 
 
 def test_notes_of_answers_name_arguments_too() -> None:
-    short = deadtime.Log(_TIME[:30], {"u": _WAVE[:30], "y": numpy.roll(_WAVE, 3)[:30]})
+    short = deadtime.Log(_TIME[:60], {"u": _WAVE[:60], "y": numpy.roll(_WAVE, 3)[:60]})
     notes = [answer.note for answer in deadtime.estimate(short, "u", "y").pair.estimates if answer.note]
     assert any("max_delay=" in note for note in notes)
     assert not [note for note in notes if "--" in note]

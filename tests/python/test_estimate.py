@@ -107,7 +107,7 @@ def test_rows_are_what_the_file_says(tmp_path: Path) -> None:
 
 def test_a_dead_time_that_was_put_in_is_found() -> None:
     result = deadtime.estimate(record(), "u", "y")
-    assert result.delay_s == pytest.approx(0.4, abs=0.01 * TS)  # to a hundredth of a sample, whichever method leads
+    assert result.delay_s == pytest.approx(0.4, abs=0.1 * TS)  # to a tenth of a sample: a median of many methods
     assert result.best is not None and result.best.delay_s == result.delay_s and result.best.counts
     assert result.verdict.why.startswith(result.best.method)
     assert result.pair["oestruc"].raw_delay_s == pytest.approx(0.5)

@@ -209,8 +209,9 @@ def test_the_clock_of_a_file_is_named(tmp_path: Path) -> None:
     assert [len(run) for run in deadtime.read_records(path, "run", time="stamp", time_unit="us")] == [2, 1]
     listed = deadtime.listing(path, time="stamp", time_unit="ms")
     assert listed["format"] == "deadtime/log@1" and listed["topics"][0]["step_s"] == pytest.approx(0.04)
-    with pytest.raises(ValueError, match="one of s, ms, us, ns, iso"):
-        deadtime.read(path, time="stamp", time_unit="h")  # type: ignore[arg-type]
+    assert deadtime.read(path, time="stamp", time_unit="h").time[-1] == pytest.approx(80 * 3600)
+    with pytest.raises(ValueError, match="one of s, ms, us, ns"):
+        deadtime.read(path, time="stamp", time_unit="weeks")  # type: ignore[arg-type]
     with pytest.raises(errors.LogError, match="stmp"):
         deadtime.read(path, time="stmp")
 

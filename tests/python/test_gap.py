@@ -172,9 +172,9 @@ def test_a_recorded_run_is_a_simulator_whose_inputs_and_parameters_move_nothing(
 def test_a_diagnosis_can_be_read_written_and_drawn(tmp_path: Path) -> None:
     found = diagnosed(stiff)
     lines = found.summary.splitlines()
-    assert [line.split(":")[0] for line in lines] == ["Gap", "Place", "Cause", "Rivals", "Shrink"]
+    assert [line.split(":")[0] for line in lines] == ["Cause", "Shrink", "Left", "Gap", "Place"]
     assert repr(found).startswith(found.summary) and f"Calls of the simulator: {found.calls}" in repr(found)
-    assert "<table>" in found._repr_html_() and "parameter_error" in found._repr_html_()
+    assert "<table>" in found._repr_html_() and "parameter error" in found._repr_html_()
     assert found.save(tmp_path / "out") == ["diagnosis.json", "report.html"]
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text()) == found.to_dict() == json.loads(found.to_json())
     assert found.gap["before"] > found.gap["floor"] and found.where["outputs"][0]["share"] > 0

@@ -136,7 +136,7 @@ def test_tustin_with_prewarping_is_exact_at_its_frequency() -> None:
 
 def test_the_conversions_that_are_listed_all_work() -> None:
     listed = deadtime.conversions()
-    assert {line["name"] for line in listed} == {"zoh", "foh", "impulse", "tustin", "matched", "least_squares"}
+    assert {line["name"] for line in listed} == {"zoh", "foh", "impulse", "tustin", "gbt", "euler", "backward_diff", "matched", "least_squares"}
     for line in listed:
         sampled = deadtime.c2d(LAG, 0.05, line["name"], **line["options"])
         # All of them are near the continuous response far below the Nyquist frequency, at most half a sample late.

@@ -40,6 +40,9 @@ pub struct Criteria {
     pub two_explain: f64,
     /// Whatever is explained, a residual this many times its floor has a further cause; 1. Chosen: 96 % of its energy are no noise. No drawn case depends on it.
     pub further: f64,
+    /// Of a simulator that can only be called, an elaborate form of a plain effect must take this part of the gap's original square beyond it, or lower the
+    /// rms by `clear`; 1. Chosen.
+    pub added_matters: f64,
     /// Where nothing is named, an effect that a start trusted more or less would bring to light must promise so many selection penalties to be told; 1.
     /// Chosen: what was just below one penalty and now is just above it is no other verdict.
     pub newly_visible: f64,
@@ -113,6 +116,7 @@ impl Default for Criteria {
             one_explains: 0.93,
             two_explain: 0.97,
             further: 5.0,
+            added_matters: 0.01,
             slowest_noise: 60.0,
             window_memories: 4.0,
             newly_visible: 2.0,

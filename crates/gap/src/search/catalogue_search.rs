@@ -3,6 +3,7 @@
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
+use super::elaborations::held_back;
 use super::late::beside_lost;
 use super::screen::screen;
 use super::several::pairs;
@@ -114,6 +115,9 @@ pub(crate) fn search<'a>(
     }
     beside_lost(&likelihood, &mut found.singles);
     beside_lost(&likelihood, &mut found.pairs);
+    if likelihood.system.is_black_box() {
+        held_back(&likelihood, &mut found.singles, &mut found.pairs);
+    }
     Some(Searched { likelihood, found })
 }
 

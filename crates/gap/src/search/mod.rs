@@ -3,6 +3,7 @@
 pub(crate) mod beside;
 pub(crate) mod catalogue;
 pub(crate) mod catalogue_search;
+mod elaborations;
 pub(crate) mod late;
 pub(crate) mod longer;
 pub(crate) mod moving;
