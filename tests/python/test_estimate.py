@@ -108,8 +108,8 @@ def test_rows_are_what_the_file_says(tmp_path: Path) -> None:
 def test_a_dead_time_that_was_put_in_is_found() -> None:
     result = deadtime.estimate(record(), "u", "y")
     assert result.delay_s == pytest.approx(0.4, abs=0.1 * TS)  # to a tenth of a sample: a median of many methods
-    assert result.best is not None and result.best.delay_s == result.delay_s and result.best.counts
-    assert result.verdict.why.startswith(result.best.method)
+    assert result.best is not None and result.best.delay_s == pytest.approx(result.delay_s, abs=0.1 * TS) and result.best.counts
+    assert result.best.method in result.verdict.why
     assert result.pair["oestruc"].raw_delay_s == pytest.approx(0.5)
     u, y = lagged()
     short = deadtime.estimate_delay(u, y, TS)
