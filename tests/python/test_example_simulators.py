@@ -22,15 +22,15 @@ def run(script: Path) -> str:
 
 def causes(printed: str) -> list[str]:
     """What is named, without the numbers."""
-    return [line.split(" with ")[0].split(";")[0] for line in printed.splitlines() if line.startswith("Cause: ")]
+    return [line.split(",")[0].split(";")[0] for line in printed.splitlines() if line.startswith("Cause: ")]
 
 
 def test_dry_friction_in_mujoco_is_named_where_it_can_be_and_unknown_where_not(examples: Path) -> None:
     parts = run(examples / "mujoco_joint.py").split("\n\n")
-    named, unnamed, textbook = (next(p for p in parts if p.startswith(f"Gap: the model {name} ") and what in p) for name, what in (
-        ("MuJoCo", "Cause: parameter_error on `frictionloss`"),
+    named, unnamed, textbook = (next(p for p in parts if f"Gap: {name}, " in p and what in p) for name, what in (
+        ("MuJoCo", "Cause: parameter error of `frictionloss`"),
         ("MuJoCo", "Cause: unknown"),
-        ("joint", "Cause: coulomb_friction on `speed`"),
+        ("joint", "Cause: coulomb friction of `speed`"),
     ))
     assert "Not tried: " in named and "Not tried: " in unnamed and "coulomb_friction" in unnamed.split("Not tried: ")[1]
     assert "Not tried: " not in textbook
@@ -38,18 +38,18 @@ def test_dry_friction_in_mujoco_is_named_where_it_can_be_and_unknown_where_not(e
 
 def test_a_lower_thrust_in_rotorpy_is_told_from_a_larger_mass(examples: Path) -> None:
     printed = run(examples / "rotorpy_hover.py")
-    assert "Cause: parameter_error on `k_eta`" in printed
+    assert "Cause: parameter error of `k_eta`" in printed
     assert "0.0000" not in printed.split("Cause: ")[1].splitlines()[0], "a coefficient of 2e-8 is no 0"
 
 
 def test_the_way_from_two_logs_to_a_simulator_without_a_gap(examples: Path) -> None:
     printed = run(examples / "find_my_gap.py")
-    assert "looks like rpm" in printed and "Cause: input_delay on `voltage`" in printed and "Cause: none" in printed
+    assert "looks like rpm" in printed and "Cause: input delay of `voltage`" in printed and "Cause: none" in printed
 
 
 def test_the_experiment_that_was_proposed_leaves_one_cause(examples: Path) -> None:
     printed = run(examples / "plan_the_next_experiment.py")
-    assert "Cause: deadband on `voltage`" in printed
+    assert "Cause: deadband of `voltage`" in printed
 
 
 @pytest.mark.parametrize("number", [1, 2])
