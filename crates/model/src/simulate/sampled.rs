@@ -111,40 +111,64 @@ fn first_values(system: &System, plan: &Plan, signals: &[Piecewise]) -> Assembly
     )
 }
 
+/// The lags of an output, of unit gain and in series: their input runs in straight pieces.
+struct Lags {
+    chain: Linear,
+    drive: Drive,
+}
+
+impl Lags {
+    /// `None` where the output has none.
+    fn of(path: &OutputPath) -> Option<Self> {
+        if path.lags_s.is_empty() {
+            return None;
+        }
+        let one = DMatrix::identity(1, 1);
+        let system =
+            bench(1, DMatrix::zeros(0, 0), DMatrix::zeros(0, 1), DMatrix::zeros(1, 0), one);
+        let mut plan = Plan::new(&system);
+        plan.outputs[0].lags_s.clone_from(&path.lags_s);
+        let assembly = Assembly::new(
+            &system,
+            (&plan, system.affine(&plan.dynamics).as_ref()),
+            &[],
+            &[0.0],
+            |_| Vec::new(),
+        );
+        let piece = Piece { start_s: 0.0, value: 0.0, slope: 0.0 };
+        let drive = Drive { pieces: vec![piece], alone_until_s: None };
+        Some(Self { chain: Linear::new(&assembly, &[], true), drive })
+    }
+
+    /// The states at the end of a piece that begins with these.
+    fn after(&mut self, state: &[f64], piece: Piece, to_s: f64) -> Result<&[f64], SimulateError> {
+        self.chain.whole_state().copy_from_slice(state);
+        self.drive.pieces[0] = piece;
+        self.chain.advance(piece.start_s, to_s, &self.drive)?;
+        Ok(self.chain.state())
+    }
+}
+
 /// One output between the samples: straight pieces through its lags.
 struct Sensor<'a> {
     path: &'a OutputPath,
     time_s: &'a [f64],
     /// The output before its lags, at the samples so far.
     values: Vec<f64>,
+    lags: Option<Lags>,
     /// The lags' states at the samples so far.
     lagged: Vec<Vec<f64>>,
 }
 
-impl Sensor<'_> {
+impl<'a> Sensor<'a> {
+    fn new(path: &'a OutputPath, time_s: &'a [f64]) -> Self {
+        Self { path, time_s, values: Vec::new(), lags: Lags::of(path), lagged: Vec::new() }
+    }
+
     /// The output of this number with what is added of the others.
     fn mixed(&self, output: usize, own: &[f64]) -> f64 {
         let added = self.path.mixing.iter().map(|&(from, gain)| gain * own[from]);
         own[output] + added.sum::<f64>()
-    }
-
-    fn lag(&self, state: &[f64], piece: Piece, to_s: f64) -> Result<Vec<f64>, SimulateError> {
-        let one = DMatrix::identity(1, 1);
-        let system =
-            bench(1, DMatrix::zeros(0, 0), DMatrix::zeros(0, 1), DMatrix::zeros(1, 0), one);
-        let mut plan = Plan::new(&system);
-        plan.outputs[0].lags_s.clone_from(&self.path.lags_s);
-        let mut assembly = Assembly::new(
-            &system,
-            (&plan, system.affine(&plan.dynamics).as_ref()),
-            &[],
-            &[piece.value],
-            |_| Vec::new(),
-        );
-        assembly.start.copy_from_slice(state);
-        let mut linear = Linear::new(&assembly, &[], true);
-        linear.advance(piece.start_s, to_s, &Drive { pieces: vec![piece], alone_until_s: None })?;
-        Ok(linear.state().to_vec())
     }
 
     /// The piece from sample k on.
@@ -157,30 +181,32 @@ impl Sensor<'_> {
 
     fn push(&mut self, value: f64) -> Result<(), SimulateError> {
         self.values.push(value);
-        if self.path.lags_s.is_empty() {
-            return Ok(());
-        }
         let k = self.values.len() - 1;
+        let piece = self.piece(k.saturating_sub(1));
+        let Some(lags) = &mut self.lags else { return Ok(()) };
         let state = match self.lagged.last() {
             None => vec![value; self.path.lags_s.len()],
-            Some(before) => self.lag(before, self.piece(k - 1), self.time_s[k])?,
+            Some(before) => lags.after(before, piece, self.time_s[k])?.to_vec(),
         };
         self.lagged.push(state);
         Ok(())
     }
 
     /// The output after its lags, as far as it is known: held before the first sample and after the last.
-    fn read(&self, at_s: f64) -> Result<f64, SimulateError> {
+    fn read(&mut self, at_s: f64) -> Result<f64, SimulateError> {
         let Some(last) = self.values.len().checked_sub(1) else { return Ok(0.0) };
         // Rounding must not turn a sample into the moment before it.
         let tolerance = 1e-9 * (self.time_s.get(1).copied().unwrap_or(1.0) - self.time_s[0]);
         let k = self.time_s[..=last].partition_point(|&t| t <= at_s + tolerance).saturating_sub(1);
         let at_s = if k == last { self.time_s[last] } else { at_s.max(self.time_s[0]) };
-        let Some(state) = self.lagged.get(k) else { return Ok(self.piece(k).at(at_s)) };
+        let piece = self.piece(k);
+        let (Some(state), Some(lags)) = (self.lagged.get(k), &mut self.lags) else {
+            return Ok(piece.at(at_s));
+        };
         if (at_s - self.time_s[k]).abs() <= tolerance {
             return Ok(state.last().copied().unwrap_or(0.0));
         }
-        Ok(self.lag(state, self.piece(k), at_s)?.last().copied().unwrap_or(0.0))
+        Ok(lags.after(state, piece, at_s)?.last().copied().unwrap_or(0.0))
     }
 }
 
@@ -194,11 +220,7 @@ impl<'a> Sensors<'a> {
     fn new(plan: &'a Plan, time_s: &'a [f64]) -> Self {
         Self {
             plan,
-            all: plan
-                .outputs
-                .iter()
-                .map(|path| Sensor { path, time_s, values: Vec::new(), lagged: Vec::new() })
-                .collect(),
+            all: plan.outputs.iter().map(|path| Sensor::new(path, time_s)).collect(),
         }
     }
 
@@ -224,8 +246,8 @@ impl<'a> Sensors<'a> {
     }
 
     /// What the log shows of an output at this stamp.
-    fn reading(&self, output: usize, stamp_s: f64) -> Result<f64, SimulateError> {
-        let sensor = &self.all[output];
+    fn reading(&mut self, output: usize, stamp_s: f64) -> Result<f64, SimulateError> {
+        let sensor = &mut self.all[output];
         let mut value = sensor.read(taken(self.plan.clock, sensor.path, stamp_s))?;
         for map in &sensor.path.maps {
             value = map(stamp_s, value);
@@ -233,7 +255,7 @@ impl<'a> Sensors<'a> {
         Ok(value)
     }
 
-    fn readings(&self, time_s: &[f64], y: &mut DMatrix<f64>) -> Result<(), SimulateError> {
+    fn readings(&mut self, time_s: &[f64], y: &mut DMatrix<f64>) -> Result<(), SimulateError> {
         for output in 0..self.all.len() {
             for (k, &stamp_s) in time_s.iter().enumerate() {
                 y[(k, output)] = self.reading(output, stamp_s)?;
@@ -268,14 +290,23 @@ pub(super) fn run(
     let samples = time_s.len();
     let grid = grid(plan, time_s, ts, correction.is_none());
     let [mean, instant] = arriving(&plan.inputs, signals, &grid, ts.seconds())?;
-    let about = |u: &DMatrix<f64>, k: usize| {
-        DVector::from_fn(u.ncols(), |i, _| u[(k, i)] - system.input_operating[i])
+    // One column a sample.
+    let about = |u: &DMatrix<f64>| {
+        DMatrix::from_fn(u.ncols(), u.nrows(), |i, k| u[(k, i)] - system.input_operating[i])
     };
-    let own = |x: &DVector<f64>, k: usize| -> Vec<f64> {
-        let y = &matrices.c * x + &matrices.d * about(&instant, k);
-        y.iter().zip(&system.output_operating).map(|(y, operating)| y + operating).collect()
+    let (direct, driven) = (&matrices.d * about(&instant), &matrices.b * about(&mean));
+    let mut y = DVector::zeros(plan.outputs.len());
+    let mut own = |x: &DVector<f64>, k: usize| -> Vec<f64> {
+        y.gemv(1.0, &matrices.c, x, 0.0);
+        let operating = system.output_operating.iter();
+        operating.enumerate().map(|(i, operating)| y[i] + direct[(i, k)] + operating).collect()
     };
-    let after = |x: &DVector<f64>, k: usize| &matrices.a * x + &matrices.b * about(&mean, k);
+    let mut next = DVector::zeros(x0.len());
+    let mut step = |x: &mut DVector<f64>, k: usize| {
+        next.copy_from(&driven.column(k));
+        next.gemv(1.0, &matrices.a, x, 1.0);
+        x.copy_from(&next);
+    };
     let mut sensors = Sensors::new(plan, &grid);
     let mut run = Run::of(samples, plan.outputs.len(), (samples, x0.len()));
     let mut x = DVector::from_column_slice(x0);
@@ -289,7 +320,7 @@ pub(super) fn run(
             ahead.sensors.push(&own(&ahead.x, k))?;
         }
         if let Some(correction) = correction {
-            let read = (&sensors, predicted.as_ref());
+            let read = (&mut sensors, predicted.as_mut());
             correct(plan, correction, (k, time_s), read, &mut x, &mut run.y)?;
         }
         if let Some(ahead) =
@@ -301,9 +332,9 @@ pub(super) fn run(
         if k < samples {
             run.x.row_mut(k).tr_copy_from(&x);
         }
-        x = after(&x, k);
+        step(&mut x, k);
         if let Some(ahead) = &mut predicted {
-            ahead.x = after(&ahead.x, k);
+            step(&mut ahead.x, k);
         }
         if x.iter().chain(predicted.iter().flat_map(|ahead| ahead.x.iter())).any(|v| !v.is_finite())
         {
@@ -333,7 +364,7 @@ fn correct(
     plan: &Plan,
     correction: Correction<'_>,
     (k, time_s): (usize, &[f64]),
-    (sensors, predicted): (&Sensors<'_>, Option<&Ahead<'_>>),
+    (sensors, mut predicted): (&mut Sensors<'_>, Option<&mut Ahead<'_>>),
     x: &mut DVector<f64>,
     y: &mut DMatrix<f64>,
 ) -> Result<(), SimulateError> {
@@ -341,10 +372,10 @@ fn correct(
         let value = sensors.reading(j, time_s[k])?;
         // What was taken before the prediction began belongs to the time that the corrected run
         // knows.
-        let own = |ahead: &&Ahead<'_>| {
+        let own = |ahead: &&mut &mut Ahead<'_>| {
             k == 0 || taken(plan.clock, path, time_s[k]) > time_s[begin_of(k, ahead.every)]
         };
-        y[(k, j)] = match predicted.filter(own) {
+        y[(k, j)] = match predicted.as_mut().filter(own) {
             Some(ahead) => ahead.sensors.reading(j, time_s[k])?,
             None => value,
         };
