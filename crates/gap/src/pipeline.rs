@@ -20,13 +20,12 @@ use crate::causes::conclusion::{ActiveCauses, Conclusion};
 use crate::checks::every::checks;
 use crate::format::caveat::Caveat;
 use crate::format::diagnosis::Mode;
-use crate::format::error::GapError;
+use crate::format::error::not_finite;
 use crate::format::progress::Stage;
 use crate::input::first_part::Parts;
 use crate::input::inputs::{Inputs, Simulator};
 use crate::input::log_caveats::whole_turns;
 use crate::input::options::GapOptions;
-use crate::input::record::LogRecord;
 use crate::input::subject::Subject;
 use crate::judge::prior_sensitivity::{PriorSensitivity, prior_sensitivities};
 use crate::judge::rule::GapVerdict;
@@ -127,15 +126,14 @@ pub fn isolability<'a>(
         let logs = subject.completed(logs)?;
         let Parts { logs, .. } = Parts::of(&logs, &[], options.rows)?;
         let simulator = Simulator::of(subject, &logs, &options.stop)?;
-        let mut inputs = Inputs::new(subject, &simulator, &logs, &[], options)?;
-        inputs.learn_from_all(&simulator.system);
+        let inputs = Inputs::of_whole_logs(subject, &simulator, &logs, options)?;
         let baseline = Baseline::of(&simulator, &inputs, options)?;
         let likelihood = baseline.likelihood(&simulator, &inputs, options)?;
         let before =
-            residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
+            residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.training))?;
         let mut scales = baseline.motion.scales(
             &simulator.system,
-            &inputs.records,
+            &inputs.training,
             &before,
             inputs.longest_delay_s,
         );
@@ -155,7 +153,7 @@ pub fn isolability<'a>(
             names,
             far,
         )
-        .ok_or_else(|| not_finite(&inputs.records))
+        .ok_or_else(|| not_finite(&inputs.training))
     };
     let found = begin();
     options.stop.check()?;
@@ -178,13 +176,13 @@ impl Baseline {
                 horizon,
                 system,
                 &inputs.model_effects,
-                &inputs.records,
+                &inputs.training,
                 &inputs.poles,
                 &options.criteria,
             )?,
             None => Predictor::of(
                 system,
-                &inputs.records,
+                &inputs.training,
                 &inputs.poles,
                 probed,
                 options.prediction,
@@ -192,8 +190,8 @@ impl Baseline {
             ),
         };
         let motion =
-            Motion::of(system, &inputs.model_effects, &inputs.records, &predictor, probed)?;
-        let noise_std = motion.innovations(&inputs.records, &options.criteria);
+            Motion::of(system, &inputs.model_effects, &inputs.training, &predictor, probed)?;
+        let noise_std = motion.innovations(&inputs.training, &options.criteria);
         Ok(Self { predictor, motion, noise_std })
     }
 
@@ -207,12 +205,12 @@ impl Baseline {
         let system = &simulator.system;
         Likelihood::new(Terms {
             system,
-            records: &inputs.records,
+            records: &inputs.training,
             predictor: &self.predictor,
             model_effects: inputs.model_effects.clone(),
             nuisances: &inputs.nuisances,
             prior: self.motion.prior(system),
-            noise_std: &self.noise_std,
+            noise_std: self.noise_std.clone(),
             resolution: inputs.probed.as_ref().map(|p| p.resolution.clone()).unwrap_or_default(),
             criteria: options.criteria,
             stop: options.stop.clone(),
@@ -265,8 +263,8 @@ fn in_stages(
     let inputs = Inputs::new(subject, simulator, logs, holdout, options)?;
     let baseline = Baseline::of(simulator, &inputs, options)?;
     let likelihood = baseline.likelihood(simulator, &inputs, options)?;
-    let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
-    must_not_explode(system, &inputs.records, &before)?;
+    let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.training))?;
+    must_not_explode(system, &inputs.training, &before)?;
     let longer_s = f64::min(options.criteria.longer * inputs.longest_delay_s, 0.5 * inputs.limit_s);
     let may_be_longer = options.longest_delay_s.is_none()
         && longer_s > options.criteria.longer_at_least * inputs.longest_delay_s;
@@ -278,7 +276,7 @@ fn in_stages(
     if may_be_longer && likelihood.predictor.mode == Mode::Simulation {
         let (longest_s, limit_s) = (inputs.longest_delay_s, 0.5 * inputs.limit_s);
         if let Some(shift_s) =
-            shift_beyond(&inputs.records, &before, longest_s, limit_s, &options.criteria)
+            shift_beyond(&inputs.training, &before, longest_s, limit_s, &options.criteria)
         {
             return once_more(f64::min(
                 f64::max(longer_s, options.criteria.longer_than_moved * shift_s),
@@ -287,18 +285,18 @@ fn in_stages(
         }
     }
     let mut scales =
-        baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);
+        baseline.motion.scales(system, &inputs.training, &before, inputs.longest_delay_s);
 
     let chosen = Predictor::of(
         system,
-        &inputs.records,
+        &inputs.training,
         &inputs.poles,
         inputs.probed.as_ref(),
         None,
         &options.criteria,
     );
     let checked =
-        checks(system, &inputs.model_effects, &inputs.records, chosen, &HowFar::default());
+        checks(system, &inputs.model_effects, &inputs.training, chosen, &HowFar::default());
     let Catalogue { candidates, left_out } =
         catalogue(system, &inputs.nuisances, inputs.probed.as_ref(), &scales);
     scales.scanned = scanned(&likelihood, &candidates, &scales);
@@ -310,7 +308,7 @@ fn in_stages(
         &baseline.motion.smallest,
         progress,
     )
-    .ok_or_else(|| not_finite(&inputs.records))?;
+    .ok_or_else(|| not_finite(&inputs.training))?;
     if may_be_longer && found.wants_longer_delays(&likelihood, &scales, &options.criteria) {
         return once_more(longer_s);
     }
@@ -319,7 +317,7 @@ fn in_stages(
     let smallest = &baseline.motion.smallest;
     let tried = [candidates.as_slice(), checked.remedies.as_slice()];
     let judgement = Judgement::of(&likelihood, &found, tried, &scales, smallest, progress)
-        .ok_or_else(|| not_finite(&inputs.records))?;
+        .ok_or_else(|| not_finite(&inputs.training))?;
     progress(Stage::Describing);
     let answer = Answer {
         subject,
@@ -335,10 +333,6 @@ fn in_stages(
         sensitivities: &judgement.sensitivities,
         seed: options.seed,
     };
-    answer.sections(logs).ok_or_else(|| not_finite(&inputs.records))
+    answer.sections(logs)
 }
 
-fn not_finite(records: &[LogRecord]) -> super::error::Error {
-    let log = records.first().map(|r| r.name.clone()).unwrap_or_default();
-    GapError::Nominal { log, why: "its predictions are not finite".to_owned() }.into()
-}

@@ -1,4 +1,4 @@
-//! The held-out part of the logs: what the report measures, and nothing that selects has at hand.
+//! The held-out part of the logs. Its samples are visible in this module's parent alone, which writes the report: the compiler keeps them from all that selects.
 
 use nalgebra::DMatrix;
 
@@ -6,16 +6,27 @@ use crate::format::diagnosis::Holdout;
 use crate::input::record::{LogRecord, Span};
 use crate::likelihood::errors::Errors;
 
-/// Per record, the held-out span.
+/// All logs, training logs first, with the held-out span of each.
 #[derive(Debug, Clone)]
 pub(crate) struct HeldOut {
+    records: Vec<LogRecord>,
     spans: Vec<Option<Span>>,
 }
 
 impl HeldOut {
     /// Of records, in their order.
-    pub(crate) fn new(spans: Vec<Option<Span>>) -> Self {
-        Self { spans }
+    pub(crate) fn new(records: Vec<LogRecord>, spans: Vec<Option<Span>>) -> Self {
+        Self { records, spans }
+    }
+
+    /// All logs with all of their samples.
+    pub(in crate::answer) fn records(&self) -> &[LogRecord] {
+        &self.records
+    }
+
+    /// Per record, its held-out span.
+    pub(in crate::answer) fn spans(&self) -> &[Option<Span>] {
+        &self.spans
     }
 
     /// The held-out span of a record.
@@ -29,11 +40,11 @@ impl HeldOut {
     }
 
     /// The spans by name.
-    pub(crate) fn listed(&self, records: &[LogRecord]) -> Vec<Holdout> {
+    pub(crate) fn listed(&self) -> Vec<Holdout> {
         let one = |(record, span): (&LogRecord, &Option<Span>)| {
             let span = (*span)?;
             Some(Holdout { log: record.name.clone(), from_s: span.from_s, to_s: span.to_s })
         };
-        records.iter().zip(&self.spans).filter_map(one).collect()
+        self.records.iter().zip(&self.spans).filter_map(one).collect()
     }
 }

@@ -9,7 +9,6 @@ use super::contributions::{GapBudget, explained, share_classes};
 use super::diagnosed::Diagnosed;
 use super::force_profile::ForceProfile;
 use super::handed::{HandedOver, in_a_form_that_helps};
-use super::held_out::HeldOut;
 use super::improvement::improvement;
 use super::location::{locate, output_shares};
 use super::missing_force::describe;
@@ -19,9 +18,11 @@ use super::traces::{command_traces, traces};
 use super::trims::constant_caveats;
 use crate::baseline::motion::Motion;
 use crate::causes::conclusion::ActiveCauses;
+use crate::error::Result;
 use crate::format::caveat::Caveat;
 use crate::format::class::CauseClass;
 use crate::format::contributions::Description;
+use crate::format::error::not_finite;
 use crate::format::diagnosis::{
     Cause, Check, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, NotTried,
 };
@@ -36,7 +37,7 @@ use crate::judge::verdict::Judged;
 use crate::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::likelihood::errors::{Errors, overall};
 use crate::likelihood::gaussian::Likelihood;
-use crate::likelihood::residuals::{residuals, simulated, trained};
+use crate::likelihood::residuals::{residuals, residuals_or, simulated, trained};
 use crate::search::catalogue_search::SearchResult;
 use deadtime_log::Log;
 use deadtime_model::effect::{Applied, Scales, row};
@@ -61,7 +62,6 @@ pub(crate) struct Answer<'a> {
 
 /// Residuals of the nominal model, with all that was found, and of the model that is written.
 struct Runs {
-    held: HeldOut,
     handed: HandedOver,
     before: Vec<DMatrix<f64>>,
     with_all: Vec<DMatrix<f64>>,
@@ -71,8 +71,20 @@ struct Runs {
 }
 
 impl Answer<'_> {
+    /// Reads the held-out samples, once, and writes the report.
+    ///
+    /// # Errors
+    /// [`GapError::Nominal`] where the nominal model cannot be simulated over a held-out log.
+    pub(crate) fn sections(self, logs: &[Log]) -> Result<Diagnosed> {
+        let (system, records) = (self.likelihood.system, self.inputs.held_out.records());
+        let predictor = self.likelihood.predictor.on(system, records, &self.likelihood.criteria);
+        let likelihood = self.likelihood.on(records, &predictor)?;
+        let report = Answer { likelihood: &likelihood, ..self };
+        report.written(logs).ok_or_else(|| not_finite(records))
+    }
+
     /// `None` where the model cannot be simulated.
-    pub(crate) fn sections(self, logs: &[Log]) -> Option<Diagnosed> {
+    fn written(self, logs: &[Log]) -> Option<Diagnosed> {
         let runs = self.runs()?;
         let likelihood = self.likelihood;
         let (diagnosis, next_experiment, missing_force) = self.diagnosis(&runs, logs);
@@ -87,7 +99,7 @@ impl Answer<'_> {
             diagnosis,
             model: self.subject.with(handed_over.iter().map(Applied::to_entry), logs),
             effects,
-            traces: traces(likelihood, &runs.held, active, floor),
+            traces: traces(likelihood, &self.inputs.held_out, active, floor),
             commands: command_traces(likelihood),
             handed_over,
             next_experiment,
@@ -100,17 +112,17 @@ impl Answer<'_> {
     fn runs(&self) -> Option<Runs> {
         let likelihood = self.likelihood;
         let hypothesis = self.composed.hypothesis.as_ref();
-        let held = HeldOut::new(self.inputs.held.clone());
-        let handed = in_a_form_that_helps(likelihood, &held, hypothesis, self.scales);
+        let held = &self.inputs.held_out;
+        let handed = in_a_form_that_helps(likelihood, held, hypothesis, self.scales);
         let active = ActiveEffects::from(&handed.effects);
         let before = residuals(likelihood, NO_EFFECT)?;
         let with_all = match hypothesis {
-            Some(hypothesis) => residuals(likelihood, hypothesis)?,
+            Some(hypothesis) => residuals_or(likelihood, hypothesis, &before),
             None => before.clone(),
         };
         let after = residuals(likelihood, active)?;
         let written = [simulated(likelihood, NO_EFFECT)?, simulated(likelihood, active)?];
-        Some(Runs { held, handed, before, with_all, after, written })
+        Some(Runs { handed, before, with_all, after, written })
     }
 
     fn diagnosis(
@@ -131,7 +143,7 @@ impl Answer<'_> {
         let by_mode = ByMode {
             likelihood,
             inputs: self.inputs,
-            held: &runs.held,
+            held: &self.inputs.held_out,
             written: &runs.handed.effects,
             floor: &floor.floor,
         };
@@ -139,13 +151,13 @@ impl Answer<'_> {
             format: DiagnosisFormat::V3,
             model: self.subject.name().to_owned(),
             logs: logs.iter().map(|l| l.source().to_owned()).collect(),
-            holdout: runs.held.listed(records),
+            holdout: self.inputs.held_out.listed(),
             prediction: likelihood.predictor.told(),
             gap,
             place: locate(system, records, &runs.before, floor, &shares, &likelihood.memory()),
             checks: self.checks.clone(),
             cause,
-            shrink: improvement(likelihood, &runs.held, written, decoded, &floor.floor, self.seed),
+            shrink: improvement(likelihood, &self.inputs.held_out, written, decoded, &floor.floor, self.seed),
             errors: Some(by_mode.errors(written)),
             nuisances: nuisance_estimates(likelihood, composed.hypothesis.as_ref(), self.scales),
         };
@@ -157,7 +169,7 @@ impl Answer<'_> {
         let (likelihood, composed) = (self.likelihood, self.composed);
         let budget = GapBudget {
             likelihood,
-            held: &runs.held,
+            held: &self.inputs.held_out,
             composed,
             before: &runs.before,
             // What was found, and not what is written: held-out data decide on that, and a hidden sequence takes its share once it is known.
@@ -199,9 +211,9 @@ impl Answer<'_> {
             return None;
         }
         let (likelihood, effects) = (self.likelihood, &runs.handed.effects);
-        let of_all = describe(likelihood, &runs.held, &[], &runs.before, self.seed);
+        let of_all = describe(likelihood, &self.inputs.held_out, &[], &runs.before, self.seed);
         let of_rest = (!effects.is_empty())
-            .then(|| describe(likelihood, &runs.held, effects, &runs.after, self.seed))
+            .then(|| describe(likelihood, &self.inputs.held_out, effects, &runs.after, self.seed))
             .flatten();
         let r2 = |found: &(Description, _)| found.0.held_out_r2;
         of_rest.into_iter().chain(of_all).max_by(|a, b| r2(a).total_cmp(&r2(b)))
@@ -238,7 +250,8 @@ impl Answer<'_> {
 
     fn caveats(&self, judged: &Judged) -> Vec<Caveat> {
         let system = &self.simulator.system;
-        let mut caveats = log_caveats(system, &self.inputs.records, &self.inputs.held);
+        let held_out = &self.inputs.held_out;
+        let mut caveats = log_caveats(system, held_out.records(), held_out.spans());
         caveats.extend(self.inputs.probed.iter().flat_map(|p| p.caveats.clone()));
         let remedy = match system.dynamics {
             Dynamics::Equations(..) => Message::from(Remedy::FitParameters).and(" fits them"),

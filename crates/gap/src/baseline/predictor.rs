@@ -33,6 +33,8 @@ pub(crate) struct Predictor {
     pub(crate) settling_s: f64,
     /// Samples that are predicted from one state; `None`: one, or all.
     pub(crate) horizon: Option<NonZeroUsize>,
+    /// What the model does not know moves the states so many times as far as the commands do.
+    unknown: f64,
 }
 
 /// How large what the model does not know is, against how far the commands move: one step of the scale from 10⁻⁴ to 10².
@@ -55,6 +57,7 @@ impl Predictor {
                 gains: Vec::new(),
                 settling_s: probed.settling_s,
                 horizon: None,
+                unknown: 0.0,
             },
             None => Self::choose(system, records, poles, asked, criteria),
         }
@@ -81,7 +84,8 @@ impl Predictor {
                 records.iter().map(|r| gain(system, r, criteria, criteria.uncertain)).collect()
             }
         };
-        Self { mode, why, gains, settling_s: poles.settling_s, horizon: None }
+        let unknown = criteria.uncertain;
+        Self { mode, why, gains, settling_s: poles.settling_s, horizon: None, unknown }
     }
 
     /// Free runs over a horizon, of a model with effects of its own. The observer is the one whose one-step predictions of what is learnt from are the most
@@ -102,11 +106,12 @@ impl Predictor {
             let gains: Vec<DMatrix<f64>> =
                 records.iter().map(|r| gain(system, r, criteria, *scale)).collect();
             let misfit = misfit(system, &plan, records, &gains).unwrap_or(f64::INFINITY);
-            (misfit, gains)
+            (misfit, gains, *scale)
         };
         let tried = UNKNOWN.par_iter().map(of_scale).collect::<Vec<_>>().into_iter();
-        let gains =
-            tried.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, gains)| gains).unwrap_or_default();
+        let best = tried.min_by(|a, b| a.0.total_cmp(&b.0));
+        let (gains, unknown) =
+            best.map_or((Vec::new(), 0.0), |(_, gains, scale)| (gains, scale));
         let why = format!("asked for: from estimated states, over {horizon} samples each");
         Ok(Self {
             mode: Mode::Horizon,
@@ -114,7 +119,18 @@ impl Predictor {
             gains,
             settling_s: poles.settling_s,
             horizon: Some(horizon),
+            unknown,
         })
+    }
+
+    /// The same observer on further records behind those that it was made of.
+    pub(crate) fn on(&self, system: &System, records: &[LogRecord], criteria: &Criteria) -> Self {
+        if self.gains.is_empty() {
+            return self.clone();
+        }
+        let further = records.iter().skip(self.gains.len());
+        let gains = further.map(|record| gain(system, record, criteria, self.unknown));
+        Self { gains: self.gains.iter().cloned().chain(gains).collect(), ..self.clone() }
     }
 
     /// For whoever reads the answer.

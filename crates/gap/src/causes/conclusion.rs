@@ -200,7 +200,8 @@ impl Conclusion<'_, '_> {
             shrunk.likelihood.with_noise(noise_of(shrunk.likelihood, Some(&begin), self.smallest)?);
         let settled = shrunk.settled(&beside, begin)?;
         let (hypothesis, taken_out) = shrunk.by_share(settled, best.recalibration);
-        let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
+        let estimate = intervals::estimate(&beside, &hypothesis, self.scales)
+            .map(|estimate| estimate.widened(&found.scatter(&hypothesis)));
         let unsure = shrunk.within_noise(&beside, found, best, &hypothesis);
         if let Some(fewer) = unsure.and_then(|out| found.without(best, out)) {
             return self.concluded(judged, found, fewer);

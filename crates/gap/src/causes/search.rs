@@ -13,6 +13,7 @@ use super::proposals::Proposal;
 use super::score::Score;
 use super::set::{CauseSet, SetKey, in_order};
 use super::training::{Stacked, Training};
+use crate::hypothesis::effects::Hypothesis;
 use crate::likelihood::active_effects::NO_EFFECT;
 use deadtime_model::effect::{Applied, Scales, row};
 
@@ -87,6 +88,30 @@ impl Found {
     pub(crate) fn without(&self, best: &CauseSet, out: &Applied) -> Option<&CauseSet> {
         let key = best.without(out).key();
         self.sets.iter().find(|(_, set)| set.key() == key).map(|(_, set)| set)
+    }
+
+    /// Per free parameter of a hypothesis, its root mean squared distance from the value in every set that has it, weighted by posterior odds: which other effects act is
+    /// not certain (Hoeting, Madigan, Raftery, Volinsky 1999, doi:10.1214/ss/1009212519). A parameter of the model has its nominal value where no set moves it.
+    pub(crate) fn scatter(&self, hypothesis: &Hypothesis) -> Vec<f64> {
+        let one = |&(e, i): &(usize, usize)| {
+            let (applied, value) = (&hypothesis.effects[e], hypothesis.effects[e].values[i]);
+            let nominal = applied.parameters[i].nominal;
+            let elsewhere = |set: &CauseSet| {
+                let same = set.effects.iter().find(|a| a.key() == applied.key());
+                let nominal = applied.effect.corrects_model().then_some(nominal);
+                same.map(|a| a.values[i]).or(nominal).filter(|v| v.is_finite())
+            };
+            let all = self.sets.iter().filter_map(|(s, set)| Some((*s, elsewhere(set)?)));
+            let known: Vec<(f64, f64)> = all.collect();
+            let least = known.iter().map(|(score, _)| *score).fold(f64::INFINITY, f64::min);
+            let (mut weights, mut squares) = (0.0, 0.0);
+            for (score, other) in known {
+                let weight = (0.5 * (least - score)).exp();
+                (weights, squares) = (weights + weight, squares + weight * (other - value).powi(2));
+            }
+            if weights > 0.0 { (squares / weights).sqrt() } else { 0.0 }
+        };
+        hypothesis.free.iter().map(one).collect()
     }
 
     /// What one effect with so many parameters costs.

@@ -1,5 +1,6 @@
 //! A diagnosis that cannot be begun.
 
+use crate::input::record::LogRecord;
 use deadtime_signal::remedy::{Message, Remedied, Remedy};
 
 /// Why a gap cannot be diagnosed.
@@ -139,6 +140,12 @@ pub enum GapError {
         /// What stopped it.
         why: String,
     },
+}
+
+/// The nominal model has no finite predictions of these logs.
+pub(crate) fn not_finite(records: &[LogRecord]) -> crate::error::Error {
+    let log = records.first().map(|r| r.name.clone()).unwrap_or_default();
+    GapError::Nominal { log, why: "its predictions are not finite".to_owned() }.into()
 }
 
 impl Remedied for GapError {

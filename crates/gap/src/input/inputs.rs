@@ -7,10 +7,11 @@ use super::black_box::{Probed, probe, remembering};
 use super::nuisance::{Nuisance, nuisances};
 use super::options::GapOptions;
 use super::poles::Poles;
-use super::record::{LogRecord, Span};
+use super::record::LogRecord;
 use super::restart::restart;
 use super::spans::{Divide, longest_delay};
 use super::subject::Subject;
+use crate::answer::held_out::HeldOut;
 use crate::error::Result;
 use crate::format::diagnosis::Mode;
 use crate::format::error::GapError;
@@ -42,13 +43,13 @@ pub(crate) struct Inputs {
     pub(crate) model_effects: Vec<Applied>,
     /// What is unknown anew in every log.
     pub(crate) nuisances: Vec<Nuisance>,
-    /// Training logs, then those held out.
-    pub(crate) records: Vec<LogRecord>,
+    /// The training logs; held-out samples of their outputs are missing.
+    pub(crate) training: Vec<LogRecord>,
+    /// All logs with their held-out spans, which only the report can read.
+    pub(crate) held_out: HeldOut,
     /// What was found out about a simulator that can only be called.
     pub(crate) probed: Option<Probed>,
     pub(crate) poles: Poles,
-    /// Per record, the held-out span: for the report alone.
-    pub(crate) held: Vec<Option<Span>>,
     pub(crate) longest_delay_s: f64,
     /// No delay as long as this can be looked for.
     pub(crate) limit_s: f64,
@@ -67,6 +68,29 @@ impl Inputs {
         logs: &[Log],
         holdout: &[Log],
         options: &GapOptions,
+    ) -> Result<Self> {
+        Self::divided(subject, simulator, [logs, holdout], options, !holdout.is_empty())
+    }
+
+    /// The same where all logs are training logs to their end.
+    ///
+    /// # Errors
+    /// As [`Inputs::new`].
+    pub(crate) fn of_whole_logs(
+        subject: Subject<'_>,
+        simulator: &Simulator,
+        logs: &[Log],
+        options: &GapOptions,
+    ) -> Result<Self> {
+        Self::divided(subject, simulator, [logs, &[]], options, true)
+    }
+
+    fn divided(
+        subject: Subject<'_>,
+        simulator: &Simulator,
+        [logs, holdout]: [&[Log]; 2],
+        options: &GapOptions,
+        whole: bool,
     ) -> Result<Self> {
         let system = &simulator.system;
         if logs.is_empty() {
@@ -87,46 +111,34 @@ impl Inputs {
             .collect::<Result<Vec<_>>>()?;
         let horizon = horizon(options, &records)?;
         let restarted = restart(system, &mut records)?;
-        let probed = probe(system, simulator.memory.as_ref(), &records, restarted)?;
-        let poles = probed.as_ref().map_or_else(|| Poles::of(system, &records), Poles::probed);
+        let first = &records[..logs.len()];
+        let probed = probe(system, simulator.memory.as_ref(), first, restarted)?;
+        let poles = probed.as_ref().map_or_else(|| Poles::of(system, first), Poles::probed);
         let longest_delay_s =
-            options.longest_delay_s.unwrap_or_else(|| longest_delay(&records, poles.settling_s));
-        let limit_s = records.iter().map(|r| 0.5 * r.duration_s()).fold(f64::INFINITY, f64::min);
+            options.longest_delay_s.unwrap_or_else(|| longest_delay(first, poles.settling_s));
+        let limit_s = first.iter().map(|r| 0.5 * r.duration_s()).fold(f64::INFINITY, f64::min);
         if !(0.0..limit_s).contains(&longest_delay_s) {
             return Err(GapError::LongestDelay { given_s: longest_delay_s, limit_s }.into());
         }
         let divide = Divide {
-            held_out: !holdout.is_empty(),
+            held_out: whole,
             anew: !nuisances.is_empty(),
             start_s: longest_delay_s,
             settling_s: poles.settling_s,
             black_box: system.is_black_box(),
         };
-        let held = divide.set_spans(&mut records, logs.len());
+        let spans = divide.set_spans(&mut records, logs.len());
         Ok(Self {
             model_effects,
             nuisances,
-            records,
+            training: records[..logs.len()].iter().map(LogRecord::for_training).collect(),
+            held_out: HeldOut::new(records, spans),
             probed,
             poles,
-            held,
             longest_delay_s,
             limit_s,
             horizon,
         })
-    }
-
-    /// All logs are learnt from, and nothing is held back.
-    pub(crate) fn learn_from_all(&mut self, system: &System) {
-        let logs = self.records.len();
-        let divide = Divide {
-            held_out: true,
-            anew: false,
-            start_s: self.longest_delay_s,
-            settling_s: self.poles.settling_s,
-            black_box: system.is_black_box(),
-        };
-        divide.set_spans(&mut self.records, logs);
     }
 }
 

@@ -103,6 +103,22 @@ impl LogRecord {
         })
     }
 
+    /// The log as training sees it: an output outside the training span is missing.
+    pub(super) fn for_training(&self) -> Self {
+        let inside = |k: usize| self.train.is_some_and(|span| span.to_s >= self.time_s[k]);
+        let known = |output: &Measured| {
+            let present: Vec<bool> =
+                (0..self.time_s.len()).map(|k| inside(k) && output.get(k).is_some()).collect();
+            let values =
+                output.values.iter().zip(&present).map(|(v, there)| if *there { *v } else { 0.0 });
+            Measured {
+                values: values.collect(),
+                present: present.contains(&false).then_some(present),
+            }
+        };
+        Self { measured: self.measured.iter().map(known).collect(), ..self.clone() }
+    }
+
     /// Starts the simulator again after so many samples at most, from what the log says of its states there.
     pub(crate) fn restart_after(&mut self, samples: usize, system: &System) {
         let count = self.time_s.len().div_ceil(samples.max(1)).max(1);

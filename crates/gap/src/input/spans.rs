@@ -41,10 +41,12 @@ impl Divide {
         let mut held = Vec::with_capacity(records.len());
         for (at, record) in records.iter_mut().enumerate() {
             let end = record.duration_s() - if self.black_box { self.start_s } else { 0.0 };
-            let whole = Span { from_s: self.start_s, to_s: end };
+            // A held-out log may be shorter than the longest delay of the training logs.
+            let from_s = if at < training { self.start_s } else { self.start_s.min(0.5 * end) };
+            let whole = Span { from_s, to_s: end };
             if at >= training && self.anew {
-                let cut = self.start_s + ESTIMATED_ANEW * (end - self.start_s);
-                record.anew = Some(Span { from_s: self.start_s, to_s: cut });
+                let cut = from_s + ESTIMATED_ANEW * (end - from_s);
+                record.anew = Some(Span { from_s, to_s: cut });
                 held.push(Some(Span { from_s: cut + record.sample_time_s, to_s: end }));
             } else if at >= training {
                 record.anew = Some(whole);

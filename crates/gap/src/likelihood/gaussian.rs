@@ -34,7 +34,7 @@ pub(crate) struct Terms<'a> {
     /// Prior standard deviations of the start; 0: exactly known.
     pub(crate) prior: Vec<f64>,
     /// Standard deviation of every output's noise.
-    pub(crate) noise_std: &'a [f64],
+    pub(crate) noise_std: Vec<f64>,
     /// Per output of a black box, what is no more than rounding.
     pub(crate) resolution: Vec<f64>,
     pub(crate) criteria: Criteria,
@@ -117,7 +117,7 @@ impl<'a> Likelihood<'a> {
         if !(system.is_sampled() || system.is_black_box() || system.states.is_empty()) {
             integrated.terms.push(Term::Function { to: 0, from: 0, f: Arc::new(|_| 0.0) });
         }
-        let noise = vec![Noise::white(noise_std); records.len()];
+        let noise = vec![Noise::white(&noise_std); records.len()];
         let mut likelihood = Self {
             system,
             records,
@@ -210,7 +210,7 @@ impl<'a> Likelihood<'a> {
     pub(crate) fn predicting<'b>(
         &self,
         predictor: &'b Predictor,
-        noise_std: &'b [f64],
+        noise_std: &[f64],
     ) -> crate::error::Result<Likelihood<'b>>
     where
         'a: 'b,
@@ -222,11 +222,48 @@ impl<'a> Likelihood<'a> {
             model_effects: self.model_effects.clone(),
             nuisances: self.declared,
             prior: self.prior.clone(),
-            noise_std,
+            noise_std: noise_std.to_vec(),
             resolution: self.resolution.clone(),
             criteria: self.criteria,
             stop: self.stop.clone(),
         })
+    }
+
+    /// The same on further records behind those that it was made of, under the noise of the record of the closest sample time.
+    ///
+    /// # Errors
+    /// As [`Likelihood::new`].
+    pub(crate) fn on<'b>(
+        &self,
+        records: &'b [LogRecord],
+        predictor: &'b Predictor,
+    ) -> crate::error::Result<Likelihood<'b>>
+    where
+        'a: 'b,
+    {
+        let distance = |own: &LogRecord, r: &LogRecord| {
+            (own.sample_time_s / r.sample_time_s).ln().abs()
+        };
+        let closest = |r: &LogRecord| {
+            let own = self.records.iter().zip(&self.noise);
+            let closest = own.min_by(|a, b| distance(a.0, r).total_cmp(&distance(b.0, r)));
+            closest.map(|(_, noise)| noise.clone())
+        };
+        let further = records.iter().skip(self.noise.len()).filter_map(closest);
+        let noise: Vec<Noise> = self.noise.iter().cloned().chain(further).collect();
+        let white = Likelihood::new(Terms {
+            system: self.system,
+            records,
+            predictor,
+            model_effects: self.model_effects.clone(),
+            nuisances: self.declared,
+            prior: self.prior.clone(),
+            noise_std: self.noise_std(),
+            resolution: self.resolution.clone(),
+            criteria: self.criteria,
+            stop: self.stop.clone(),
+        })?;
+        Ok(Likelihood { shrinkage: self.shrinkage, ..white.with_noise(noise) })
     }
 
     /// Under another noise model; one per record.

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::active_effects::ActiveEffects;
 use super::gaussian::Likelihood;
+use crate::input::record::LogRecord;
 
 /// Residuals from the posterior start of each record, by the same rule for every hypothesis: of a held-out log its own samples, else the training span.
 pub(crate) fn residuals<'e>(
@@ -20,6 +21,22 @@ pub(crate) fn residuals<'e>(
             Some(likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?))
         })
         .collect()
+}
+
+/// The same, those of another model for a record that cannot be simulated.
+pub(crate) fn residuals_or<'e>(
+    likelihood: &Likelihood<'_>,
+    active: impl Into<ActiveEffects<'e>>,
+    otherwise: &[DMatrix<f64>],
+) -> Vec<DMatrix<f64>> {
+    let active = active.into();
+    let one = |(at, (record, otherwise)): (usize, (&LogRecord, &DMatrix<f64>))| {
+        let predicted = record
+            .estimated_from()
+            .and_then(|span| likelihood.predict_from_posterior(at, active, span));
+        predicted.map_or_else(|| otherwise.clone(), |y| likelihood.residual(at, &y))
+    };
+    likelihood.records.iter().zip(otherwise).enumerate().map(one).collect()
 }
 
 /// Residuals of runs from the start of each record that fits best, of a held-out log by its own samples, else by the training span: what whoever runs the model gets.

@@ -84,17 +84,17 @@ pub(crate) fn beside(truth: &[(&str, &str, &[f64])], judge: impl FnOnce(&Likelih
     let inputs = Inputs::new(subject, &simulator, &logs, &[], &options).unwrap();
     let system = &simulator.system;
     let predictor =
-        Predictor::of(system, &inputs.records, &inputs.poles, None, None, &options.criteria);
-    let motion = Motion::of(system, &[], &inputs.records, &predictor, None).unwrap();
-    let noise_std = motion.innovations(&inputs.records, &options.criteria);
+        Predictor::of(system, &inputs.training, &inputs.poles, None, None, &options.criteria);
+    let motion = Motion::of(system, &[], &inputs.training, &predictor, None).unwrap();
+    let noise_std = motion.innovations(&inputs.training, &options.criteria);
     let likelihood = Likelihood::new(Terms {
         system,
-        records: &inputs.records,
+        records: &inputs.training,
         predictor: &predictor,
         model_effects: Vec::new(),
         nuisances: &[],
         prior: motion.prior(system),
-        noise_std: &noise_std,
+        noise_std,
         resolution: Vec::new(),
         criteria: options.criteria,
         stop: Stop::default(),
@@ -102,7 +102,7 @@ pub(crate) fn beside(truth: &[(&str, &str, &[f64])], judge: impl FnOnce(&Likelih
     .unwrap();
     let scales = motion.scales(
         system,
-        &inputs.records,
+        &inputs.training,
         &residuals(&likelihood, NO_EFFECT).unwrap(),
         inputs.longest_delay_s,
     );

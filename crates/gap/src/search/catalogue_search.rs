@@ -157,7 +157,7 @@ pub(crate) fn noise_in(
                     && same(likelihood.records[i].sample_time_s, ts)
             })
             .collect();
-        // A held-out record of another sample time: all training records, as a stand-in.
+        // Of a held-out log with another sample time: all training logs.
         let members = if members.is_empty() {
             (0..residuals.len()).filter(|&i| likelihood.records[i].train.is_some()).collect()
         } else {
