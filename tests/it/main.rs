@@ -63,6 +63,7 @@ mod gap_coarse;
 #[cfg(feature = "cli")]
 mod gap_handed;
 mod gap_hard;
+mod gap_held_out;
 #[cfg(feature = "cli")]
 mod gap_horizon;
 mod gap_mixture;
