@@ -50,7 +50,12 @@ fn the_same_training_logs_have_the_same_causes_whatever_is_held_out() {
     assert!(first.to_string().contains("input_gain"), "{first}");
     for other in [vec![another], vec![short], vec![slower], vec![same.clone(), same]] {
         let found = decided(&diagnosed(&model, &training, &other));
-        assert_eq!(found, first, "held out: {:?}", other.iter().map(|l| l.source()).collect::<Vec<_>>());
+        assert_eq!(
+            found,
+            first,
+            "held out: {:?}",
+            other.iter().map(|l| l.source()).collect::<Vec<_>>()
+        );
     }
 }
 

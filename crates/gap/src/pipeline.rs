@@ -29,7 +29,6 @@ use crate::input::options::GapOptions;
 use crate::input::subject::Subject;
 use crate::judge::prior_sensitivity::{PriorSensitivity, prior_sensitivities};
 use crate::judge::rule::GapVerdict;
-use crate::judge::verdict::judge;
 use crate::likelihood::active_effects::NO_EFFECT;
 use crate::likelihood::gaussian::{Likelihood, Terms};
 use crate::likelihood::residuals::residuals;
@@ -234,10 +233,9 @@ impl Judgement {
         smallest: &[f64],
         progress: &dyn Fn(Stage),
     ) -> Option<Self> {
-        let judged = judge(likelihood, found, candidates, scales)?;
         let conclusion =
             Conclusion { likelihood, catalogue: candidates, found, remedies, scales, smallest };
-        let composed = conclusion.from(judged, progress)?;
+        let composed = conclusion.from(progress)?;
         let judged = &composed.judged;
         let searched = judged.found.as_ref().is_none_or(|e| e.effects.len() < 3);
         let sensitivities = match judged.verdict {
@@ -335,4 +333,3 @@ fn in_stages(
     };
     answer.sections(logs)
 }
-

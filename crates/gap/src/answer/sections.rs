@@ -22,10 +22,10 @@ use crate::error::Result;
 use crate::format::caveat::Caveat;
 use crate::format::class::CauseClass;
 use crate::format::contributions::Description;
-use crate::format::error::not_finite;
 use crate::format::diagnosis::{
     Cause, Check, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, NotTried,
 };
+use crate::format::error::not_finite;
 use crate::format::next_experiment::NextExperiment;
 use crate::input::inputs::{Inputs, Simulator};
 use crate::input::log_caveats::log_caveats;
@@ -157,7 +157,14 @@ impl Answer<'_> {
             place: locate(system, records, &runs.before, floor, &shares, &likelihood.memory()),
             checks: self.checks.clone(),
             cause,
-            shrink: improvement(likelihood, &self.inputs.held_out, written, decoded, &floor.floor, self.seed),
+            shrink: improvement(
+                likelihood,
+                &self.inputs.held_out,
+                written,
+                decoded,
+                &floor.floor,
+                self.seed,
+            ),
             errors: Some(by_mode.errors(written)),
             nuisances: nuisance_estimates(likelihood, composed.hypothesis.as_ref(), self.scales),
         };

@@ -110,8 +110,7 @@ impl Predictor {
         };
         let tried = UNKNOWN.par_iter().map(of_scale).collect::<Vec<_>>().into_iter();
         let best = tried.min_by(|a, b| a.0.total_cmp(&b.0));
-        let (gains, unknown) =
-            best.map_or((Vec::new(), 0.0), |(_, gains, scale)| (gains, scale));
+        let (gains, unknown) = best.map_or((Vec::new(), 0.0), |(_, gains, scale)| (gains, scale));
         let why = format!("asked for: from estimated states, over {horizon} samples each");
         Ok(Self {
             mode: Mode::Horizon,

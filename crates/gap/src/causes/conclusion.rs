@@ -15,12 +15,13 @@ use crate::baseline::noise::Noise;
 use crate::format::progress::Stage;
 use crate::hypothesis::effects::Hypothesis;
 use crate::hypothesis::level::Level;
+use crate::hypothesis::penalised_gain::Penalties;
 use crate::hypothesis::slopes::information;
 use crate::judge::floor::Floor;
 use crate::judge::intervals;
 use crate::judge::intervals::Estimate;
 use crate::judge::rule::{GapVerdict, Ruling};
-use crate::judge::verdict::{Judged, ruled};
+use crate::judge::verdict::{Judged, judge, ruled};
 use crate::likelihood::active_effects::NO_EFFECT;
 use crate::likelihood::errors::{Errors, overall};
 use crate::likelihood::gaussian::Likelihood;
@@ -126,12 +127,17 @@ pub(crate) struct Conclusion<'c, 'a> {
 }
 
 impl Conclusion<'_, '_> {
-    /// The active effects, in place of what was judged from single effects and pairs; `None` where the model cannot be simulated.
-    pub(crate) fn from(&self, judged: Judged, progress: &dyn Fn(Stage)) -> Option<ActiveCauses> {
-        let begin = judged.best.clone().filter(|_| judged.verdict != GapVerdict::None);
+    /// The active effects; `None` where the model cannot be simulated. A simulator that can only be called, and a lattice that leads, are judged by single effects
+    /// and pairs.
+    pub(crate) fn from(&self, progress: &dyn Fn(Stage)) -> Option<ActiveCauses> {
         let lattice = |e: &Hypothesis| e.effects.iter().any(|a| a.effect.leaves_residual());
-        if self.likelihood.system.is_black_box() || begin.as_ref().is_some_and(lattice) {
-            return self.as_judged(judged);
+        let leader = Penalties::of(self.likelihood).leader(&self.found.singles);
+        if self.likelihood.system.is_black_box() || leader.is_some_and(lattice) {
+            let judged = judge(self.likelihood, self.found, self.catalogue, self.scales)?;
+            let acts = judged.best.as_ref().filter(|_| judged.verdict != GapVerdict::None);
+            if self.likelihood.system.is_black_box() || acts.is_some_and(lattice) {
+                return self.as_judged(judged);
+            }
         }
         progress(Stage::Composing(0));
         let training = Training::of(self.likelihood);
@@ -147,10 +153,13 @@ impl Conclusion<'_, '_> {
         let asked = (!self.remedies.is_empty())
             .then(|| CauseSet::begun(in_order(self.remedies.iter().cloned()), None, None));
         let alone = self.found.singles.iter().filter(|e| e.fitted && !lattice(e)).take(ALONE);
-        let starts = begin.iter().map(begun).chain(asked).chain(alone.map(begun));
-        let found = search.from(starts.collect())?;
+        let found = search.from(asked.into_iter().chain(alone.map(begun)).collect())?;
         let (_, best) = found.sets.first()?;
-        self.concluded(judged, &found, best)
+        let nothing = Level::of(self.likelihood, None)?;
+        let alone = leader.and_then(|e| Level::of(self.likelihood, Some(e)));
+        let levels = std::iter::once(nothing).chain(alone);
+        let reached = levels.map(|level| level.noise(self.likelihood)).collect();
+        self.concluded(reached, &found, best)
     }
 
     /// What was judged, as it is.
@@ -177,18 +186,17 @@ impl Conclusion<'_, '_> {
     }
 
     /// The verdict on the best set.
-    fn concluded(&self, judged: Judged, found: &Found, best: &CauseSet) -> Option<ActiveCauses> {
-        let mut reached = judged.reached.clone();
+    fn concluded(
+        &self,
+        mut reached: Vec<(Errors, Vec<DMatrix<f64>>)>,
+        found: &Found,
+        best: &CauseSet,
+    ) -> Option<ActiveCauses> {
         if best.effects.is_empty() {
             let nothing = Level::of(self.likelihood, None)?;
             let levels = [&nothing, &nothing];
             let (floor, ruling) = self.ruled(levels, &reached);
-            return Some(ActiveCauses::nothing(Judged {
-                found: None,
-                best: None,
-                of_the_numbers: None,
-                ..with(judged, ruling, floor, reached)
-            }));
+            return Some(ActiveCauses::nothing(Judged::of(ruling, floor)));
         }
         let shrunk = best.recalibration.map(|size| self.likelihood.with_shrinkage(size));
         let shrunk = Conclusion { likelihood: shrunk.as_ref().unwrap_or(self.likelihood), ..*self };
@@ -204,7 +212,7 @@ impl Conclusion<'_, '_> {
             .map(|estimate| estimate.widened(&found.scatter(&hypothesis)));
         let unsure = shrunk.within_noise(&beside, found, best, &hypothesis);
         if let Some(fewer) = unsure.and_then(|out| found.without(best, out)) {
-            return self.concluded(judged, found, fewer);
+            return self.concluded(reached, found, fewer);
         }
         let without = shrunk.refitted(&hypothesis, &taken_out);
         let (nothing, with_all) =
@@ -224,17 +232,14 @@ impl Conclusion<'_, '_> {
         };
         if of_the_numbers {
             return Some(ActiveCauses::nothing(Judged {
-                found: None,
-                best: None,
                 of_the_numbers: Some(hypothesis.key()),
-                ..with(judged, ruling, floor, reached)
+                ..Judged::of(ruling, floor)
             }));
         }
         let judged = Judged {
             found: (ruling.verdict == GapVerdict::Effects).then(|| hypothesis.clone()),
             best: Some(hypothesis.clone()),
-            of_the_numbers: None,
-            ..with(judged, ruling, floor, reached)
+            ..Judged::of(ruling, floor)
         };
         Some(ActiveCauses {
             judged,
@@ -392,16 +397,6 @@ fn of(effects: Vec<Applied>) -> Hypothesis {
 fn cost(likelihood: &Likelihood<'_>) -> Option<f64> {
     let there = likelihood.whitened(NO_EFFECT)?;
     Some(likelihood.inner(&there, &there))
-}
-
-/// The same judgement with another ruling and floor.
-fn with(
-    judged: Judged,
-    Ruling { verdict, unknown, left_over }: Ruling,
-    floor: Floor,
-    reached: Vec<(Errors, Vec<DMatrix<f64>>)>,
-) -> Judged {
-    Judged { verdict, unknown, left_over, floor, reached, ..judged }
 }
 
 /// How far a parameter of the model is from its nominal value, relative to it.

@@ -12,6 +12,8 @@
 //!
 //! How it can be wrong: a gap with a memory that no effect has, or one that happens once, is not predicted; then this says nothing, and windows must tell.
 
+use faer::linalg::solvers::Solve;
+use faer::{MatRef, Side};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -211,6 +213,15 @@ fn fold(f: usize, count: usize) -> (usize, usize) {
     (f * count / FOLDS, (f + 1) * count / FOLDS)
 }
 
+/// The solution of a positive definite system; `None` where it is none.
+fn solved(matrix: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
+    let size = matrix.nrows();
+    let matrix = MatRef::from_column_major_slice(matrix.as_slice(), size, size);
+    let right = MatRef::from_column_major_slice(right.as_slice(), size, 1);
+    let solution = matrix.llt(Side::Lower).ok()?.solve(right);
+    Some(DVector::from_fn(size, |i, _| solution[(i, 0)]))
+}
+
 /// By ridge, the square of what is missed of the blocks that are left out in turn; `None` where it cannot be computed.
 fn missed_by_columns(
     left: &DVector<f64>,
@@ -221,7 +232,8 @@ fn missed_by_columns(
         .map(|f| {
             let (from, to) = fold(f, count);
             let x = regressors.rows(from, to - from);
-            (x.tr_mul(&x), x.tr_mul(&left.rows(from, to - from)))
+            let turned = x.transpose();
+            (&turned * x, turned * left.rows(from, to - from))
         })
         .collect();
     let (gram, right) =
@@ -236,7 +248,7 @@ fn missed_by_columns(
                 let weight = ridge * count as f64;
                 others[(i, i)] += weight;
             }
-            let beta = others.cholesky()?.solve(&(&right - &part.1));
+            let beta = solved(&others, &(&right - &part.1))?;
             let (from, to) = fold(f, count);
             missed += (left.rows(from, to - from) - regressors.rows(from, to - from) * beta)
                 .norm_squared();
@@ -259,9 +271,8 @@ fn missed_by_rows(left: &DVector<f64>, regressors: &DMatrix<f64>) -> [Option<f64
             let among = DMatrix::from_fn(others.len(), others.len(), |i, j| {
                 kernel[(others[i], others[j])] + if i == j { weight } else { 0.0 }
             });
-            let alpha = among
-                .cholesky()?
-                .solve(&DVector::from_iterator(others.len(), others.iter().map(|&i| left[i])));
+            let known = DVector::from_iterator(others.len(), others.iter().map(|&i| left[i]));
+            let alpha = solved(&among, &known)?;
             for k in from..to {
                 let predicted: f64 =
                     others.iter().zip(alpha.iter()).map(|(&i, a)| kernel[(k, i)] * a).sum();

@@ -31,10 +31,24 @@ pub(crate) struct Judged {
     /// Twice the log-likelihood that a further effect would gain which does not matter: so far off is the simulator beside what was found.
     pub(crate) inexact: f64,
     pub(crate) floor: Floor,
-    /// Errors and residuals of the leading hypotheses, no effect first: no floor is above what any of them reaches.
-    pub(crate) reached: Vec<(Errors, Vec<DMatrix<f64>>)>,
     /// The effect that is not named, because the model's numbers, each a little off, explain as much.
     pub(crate) of_the_numbers: Option<String>,
+}
+
+impl Judged {
+    /// A verdict that names nothing yet.
+    pub(crate) fn of(Ruling { verdict, unknown, left_over }: Ruling, floor: Floor) -> Self {
+        Self {
+            verdict,
+            found: None,
+            best: None,
+            unknown,
+            left_over,
+            inexact: 0.0,
+            floor,
+            of_the_numbers: None,
+        }
+    }
 }
 
 /// `after` lowers the whitened error by more than a factor: what noise with a long memory hides from the rms.
@@ -117,12 +131,11 @@ pub(crate) fn judge(
         left_over,
         inexact,
         floor,
-        reached,
         of_the_numbers: None,
     })
 }
 
-/// The floor beside what explains best, and what follows from it. `reached`: as in [`Judged`]. `beaten`: something beats no effect, by whatever measure.
+/// The floor beside what explains best, and what follows from it. `reached`: errors and residuals of the leading hypotheses, no effect first; no floor is above what any of them reaches. `beaten`: something beats no effect, by whatever measure.
 pub(crate) fn ruled(
     likelihood: &Likelihood<'_>,
     [nothing, best]: [&Level; 2],

@@ -241,9 +241,8 @@ impl<'a> Likelihood<'a> {
     where
         'a: 'b,
     {
-        let distance = |own: &LogRecord, r: &LogRecord| {
-            (own.sample_time_s / r.sample_time_s).ln().abs()
-        };
+        let distance =
+            |own: &LogRecord, r: &LogRecord| (own.sample_time_s / r.sample_time_s).ln().abs();
         let closest = |r: &LogRecord| {
             let own = self.records.iter().zip(&self.noise);
             let closest = own.min_by(|a, b| distance(a.0, r).total_cmp(&distance(b.0, r)));

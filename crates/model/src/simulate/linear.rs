@@ -1,5 +1,9 @@
 //! The exact step of a linear system whose inputs run in straight pieces.
 
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+
 use nalgebra::DMatrix;
 
 use super::assembly::Assembly;
@@ -15,6 +19,22 @@ const KEPT: usize = 32;
 const OFTEN: usize = 8;
 /// Below this norm of A·h Taylor's series needs at most eleven terms (‖A·h‖ᵏ/k! < 1e-17); at half of it ten, which a further step in front of it outweighs.
 const SERIES_LIMIT: f64 = 0.125;
+
+/// Transitions of other runs that a thread remembers, of systems of so many states at most.
+const REMEMBERED: usize = 256;
+const SMALL: usize = 16;
+
+thread_local! {
+    /// Runs of one model with other commands, delays or sensors take the same steps. The newest is last.
+    static TRANSITIONS: RefCell<VecDeque<Remembered>> = const { RefCell::new(VecDeque::new()) };
+}
+
+/// A transition and all that it follows from.
+struct Remembered {
+    ramps: bool,
+    derivative: Vec<f64>,
+    transition: Rc<Transition>,
+}
 
 /// x(t + h) = Φ x + Γ v + Δ v′ for one h; matrices by columns.
 struct Transition {
@@ -70,11 +90,11 @@ pub(super) struct Linear {
     /// From every switch on.
     later: Vec<Law>,
     ramps: bool,
-    kept: Vec<Transition>,
+    kept: Vec<Rc<Transition>>,
     /// Other lengths, and how often each came.
     seen: Vec<(f64, usize)>,
     /// Over powers of two.
-    powers: Vec<Transition>,
+    powers: Vec<Rc<Transition>>,
     x: Vec<f64>,
     next: Vec<f64>,
     /// What level signals and the constant add over a step.
@@ -125,7 +145,7 @@ impl Linear {
         match self.seen.iter_mut().find(|(length, _)| same(*length)) {
             Some((_, times)) if *times < OFTEN => *times += 1,
             Some(_) => {
-                let transition = self.dense(h);
+                let transition = self.known(h);
                 self.kept.push(transition);
                 return Some(self.kept.len() - 1);
             }
@@ -137,6 +157,32 @@ impl Linear {
             }
         }
         None
+    }
+
+    /// The transition over h, from an earlier run where one took the same step.
+    #[allow(clippy::float_cmp)] // the same bits
+    fn known(&self, h: f64) -> Rc<Transition> {
+        if self.states > SMALL {
+            return Rc::new(self.dense(h));
+        }
+        let same = |r: &Remembered| {
+            r.transition.h == h && r.ramps == self.ramps && r.derivative == self.law.derivative
+        };
+        TRANSITIONS.with_borrow_mut(|all| {
+            if let Some(found) = all.iter().rev().find(|r| same(r)) {
+                return Rc::clone(&found.transition);
+            }
+            let transition = Rc::new(self.dense(h));
+            if all.len() == REMEMBERED {
+                all.pop_front();
+            }
+            all.push_back(Remembered {
+                ramps: self.ramps,
+                derivative: self.law.derivative.clone(),
+                transition: Rc::clone(&transition),
+            });
+            transition
+        })
     }
 
     fn dense(&self, h: f64) -> Transition {
@@ -189,11 +235,11 @@ impl Linear {
         while self.law.norm * rest > SERIES_LIMIT {
             let part = rest.log2().floor().exp2();
             let number = self.powers.iter().position(|t| t.h == part).unwrap_or_else(|| {
-                let transition = self.dense(part);
+                let transition = self.known(part);
                 self.powers.push(transition);
                 self.powers.len() - 1
             });
-            let transition = &self.powers[number];
+            let transition = Rc::clone(&self.powers[number]);
             transition.force(&mut self.forced, at, drive);
             transition.step(&self.forced, &mut self.x, &mut self.next);
             at += part;

@@ -218,10 +218,7 @@ struct Sensors<'a> {
 
 impl<'a> Sensors<'a> {
     fn new(plan: &'a Plan, time_s: &'a [f64]) -> Self {
-        Self {
-            plan,
-            all: plan.outputs.iter().map(|path| Sensor::new(path, time_s)).collect(),
-        }
+        Self { plan, all: plan.outputs.iter().map(|path| Sensor::new(path, time_s)).collect() }
     }
 
     /// The plant's own outputs at the next sample.
