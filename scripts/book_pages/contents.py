@@ -30,7 +30,8 @@ GAP = """
 # The gap
 
 - [Checks before a diagnosis](checks.md)
-- [How a diagnosis is made, stage by stage](gap.md)
+- [How a diagnosis is made](gap.md)
+    - [The stages of a diagnosis](gap-stages.md)
 - [Any function as a simulator](black-box.md)
 - [Results side by side](comparing.md)
 - [Blind cases](blind.md)
