@@ -48,6 +48,8 @@ pub(crate) struct ActiveCauses {
     pub(crate) taken_out: Vec<Hypothesis>,
     /// The same with all the others refitted. `None`: cannot be simulated.
     pub(crate) without: Vec<Option<Hypothesis>>,
+    /// The noise of what the best set leaves; `None` where no sets were searched.
+    pub(crate) noise: Option<Vec<Noise>>,
     /// The relative size of the parameters' errors, where all are recalibrated jointly.
     pub(crate) recalibration: Option<f64>,
     /// Standard deviations of its parameters.
@@ -63,6 +65,7 @@ impl ActiveCauses {
             classes: Vec::new(),
             taken_out: Vec::new(),
             without: Vec::new(),
+            noise: None,
             recalibration: None,
             estimate: None,
         }
@@ -159,7 +162,23 @@ impl Conclusion<'_, '_> {
         let alone = leader.and_then(|e| Level::of(self.likelihood, Some(e)));
         let levels = std::iter::once(nothing).chain(alone);
         let reached = levels.map(|level| level.noise(self.likelihood)).collect();
-        self.concluded(reached, &found, best)
+        let noise = self.noise_beside(&training, best)?;
+        let likelihood = self.likelihood.with_noise(noise.clone());
+        let concluded = Conclusion { likelihood: &likelihood, ..*self };
+        let causes = concluded.concluded(reached, &found, best)?;
+        Some(ActiveCauses { noise: Some(noise), ..causes })
+    }
+
+    /// The noise of what a set leaves. The search fits initial states under white noise; under the colour of what a single effect leaves they would be others.
+    fn noise_beside(&self, training: &Training<'_, '_>, best: &CauseSet) -> Option<Vec<Noise>> {
+        let sizes = best.squares.iter().zip(&training.counts).zip(self.smallest);
+        let std: Vec<f64> = sizes
+            .map(|((square, count), least)| (square / count.max(1.0)).sqrt().max(*least))
+            .collect();
+        let white = vec![Noise::white(&std); self.likelihood.records.len()];
+        let begin = Hypothesis { lost: best.lost.clone(), ..of(best.effects.clone()) };
+        let acts = (!best.effects.is_empty()).then_some(&begin);
+        noise_of(&self.likelihood.with_noise(white), acts, self.smallest)
     }
 
     /// What was judged, as it is.
@@ -180,6 +199,7 @@ impl Conclusion<'_, '_> {
             hypothesis: Some(hypothesis),
             taken_out,
             without,
+            noise: None,
             recalibration: None,
             estimate,
         })
@@ -208,8 +228,7 @@ impl Conclusion<'_, '_> {
             shrunk.likelihood.with_noise(noise_of(shrunk.likelihood, Some(&begin), self.smallest)?);
         let settled = shrunk.settled(&beside, begin)?;
         let (hypothesis, taken_out) = shrunk.by_share(settled, best.recalibration);
-        let estimate = intervals::estimate(&beside, &hypothesis, self.scales)
-            .map(|estimate| estimate.widened(&found.scatter(&hypothesis)));
+        let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
         let unsure = shrunk.within_noise(&beside, found, best, &hypothesis);
         if let Some(fewer) = unsure.and_then(|out| found.without(best, out)) {
             return self.concluded(reached, found, fewer);
@@ -241,12 +260,16 @@ impl Conclusion<'_, '_> {
             best: Some(hypothesis.clone()),
             ..Judged::of(ruling, floor)
         };
+        let stays =
+            |class: &EffectClass| hypothesis.effects.iter().any(|a| a.key() == class.effect.key());
+        let classes = found.classes().into_iter().filter(stays).collect();
         Some(ActiveCauses {
             judged,
-            classes: found.classes(best),
+            classes,
             hypothesis: Some(hypothesis),
             taken_out,
             without,
+            noise: None,
             recalibration: best.recalibration,
             estimate,
         })
@@ -299,7 +322,7 @@ impl Conclusion<'_, '_> {
         );
         let mut settled = refitted
             .filter(|e| self.error_of(e).is_some_and(|after| after <= SETTLED * before))
-            .unwrap_or(composed);
+            .unwrap_or_else(|| Hypothesis { free: composed.parameters_to_fit(), ..composed });
         // Compared with all others under their likelihood.
         settled.rescore(self.likelihood, cost(self.likelihood)?);
         Some(settled)

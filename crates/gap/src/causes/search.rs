@@ -13,7 +13,6 @@ use super::proposals::Proposal;
 use super::score::Score;
 use super::set::{CauseSet, SetKey, in_order};
 use super::training::{Stacked, Training};
-use crate::hypothesis::effects::Hypothesis;
 use crate::likelihood::active_effects::NO_EFFECT;
 use deadtime_model::effect::{Applied, Scales, row};
 
@@ -51,9 +50,30 @@ pub(crate) struct Found {
 }
 
 impl Found {
+    /// Per effect of the leader, its class. Sets about the set of the lowest score were visited; where the leader has another effect in a class, that one represents it.
+    pub(crate) fn classes(&self) -> Vec<EffectClass> {
+        let Some((_, leader)) = self.sets.first() else { return Vec::new() };
+        let lowest = self.sets.iter().min_by(|a, b| a.0.total_cmp(&b.0));
+        let has = |applied: &Applied| leader.effects.iter().any(|a| a.key() == applied.key());
+        let led = |class: EffectClass| -> Option<EffectClass> {
+            if has(&class.effect) {
+                return Some(class);
+            }
+            let at = class.instead.iter().position(|m| m.len() == 1 && m.iter().all(has))?;
+            let EffectClass { effect, mut instead, evidence } = class;
+            let represents = std::mem::replace(&mut instead[at], vec![effect]).pop()?;
+            Some(EffectClass { effect: represents, instead, evidence })
+        };
+        lowest
+            .map_or_else(Vec::new, |(_, set)| self.classes_of(set))
+            .into_iter()
+            .filter_map(led)
+            .collect()
+    }
+
     /// Per effect of a set, its class: the effects that replace it in a set as good as the best, or in one whose additional misfit is within what any
     /// simulator is inexact by. The joint recalibration is one effect.
-    pub(crate) fn classes(&self, best: &CauseSet) -> Vec<EffectClass> {
+    fn classes_of(&self, best: &CauseSet) -> Vec<EffectClass> {
         let own = self.sets.iter().find(|(_, set)| set.key() == best.key());
         let score = own.map_or(f64::INFINITY, |(score, _)| *score);
         let least = self.sets.iter().map(|(score, _)| *score).fold(f64::INFINITY, f64::min);
@@ -88,30 +108,6 @@ impl Found {
     pub(crate) fn without(&self, best: &CauseSet, out: &Applied) -> Option<&CauseSet> {
         let key = best.without(out).key();
         self.sets.iter().find(|(_, set)| set.key() == key).map(|(_, set)| set)
-    }
-
-    /// Per free parameter of a hypothesis, its root mean squared distance from the value in every set that has it, weighted by posterior odds: which other effects act is
-    /// not certain (Hoeting, Madigan, Raftery, Volinsky 1999, doi:10.1214/ss/1009212519). A parameter of the model has its nominal value where no set moves it.
-    pub(crate) fn scatter(&self, hypothesis: &Hypothesis) -> Vec<f64> {
-        let one = |&(e, i): &(usize, usize)| {
-            let (applied, value) = (&hypothesis.effects[e], hypothesis.effects[e].values[i]);
-            let nominal = applied.parameters[i].nominal;
-            let elsewhere = |set: &CauseSet| {
-                let same = set.effects.iter().find(|a| a.key() == applied.key());
-                let nominal = applied.effect.corrects_model().then_some(nominal);
-                same.map(|a| a.values[i]).or(nominal).filter(|v| v.is_finite())
-            };
-            let all = self.sets.iter().filter_map(|(s, set)| Some((*s, elsewhere(set)?)));
-            let known: Vec<(f64, f64)> = all.collect();
-            let least = known.iter().map(|(score, _)| *score).fold(f64::INFINITY, f64::min);
-            let (mut weights, mut squares) = (0.0, 0.0);
-            for (score, other) in known {
-                let weight = (0.5 * (least - score)).exp();
-                (weights, squares) = (weights + weight, squares + weight * (other - value).powi(2));
-            }
-            if weights > 0.0 { (squares / weights).sqrt() } else { 0.0 }
-        };
-        hypothesis.free.iter().map(one).collect()
     }
 
     /// What one effect with so many parameters costs.

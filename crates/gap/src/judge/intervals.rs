@@ -151,12 +151,6 @@ pub(crate) fn established(
 }
 
 impl Estimate {
-    /// With these deviations of the free parameters added.
-    pub(crate) fn widened(self, further: &[f64]) -> Self {
-        let one = |(std, further): (Option<f64>, &f64)| std.map(|std| std.hypot(*further));
-        Self { std: self.std.into_iter().zip(further).map(one).collect() }
-    }
-
     /// Every effect is so many standard deviations away from the value at which it does nothing.
     pub(crate) fn apart(&self, hypothesis: &Hypothesis, deviations: f64) -> bool {
         (0..hypothesis.effects.len()).all(|e| self.one_apart(hypothesis, e, deviations))
