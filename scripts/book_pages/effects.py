@@ -64,6 +64,38 @@ B = [[3.0], [0.7]]
 C = [[1.0, 0.0], [0.0, 1.0]]
 D = [[0.0], [0.0]]
 """
+LOOP = """format = "deadtime/model@1"
+name = "position servo"
+kind = "equations"
+inputs = [{ name = "target", unit = "rad" }]
+outputs = [{ name = "q", unit = "rad" }]
+[states]
+q = { unit = "rad", initial = 0.0 }
+w = { unit = "rad/s", initial = 0.0 }
+[derivatives]
+q = "w"
+w = "25*(target - q) - 6*w"
+[output_equations]
+q = "q"
+"""
+TRAIN = """format = "deadtime/model@1"
+name = "motor and load"
+kind = "equations"
+inputs = [{ name = "u" }]
+outputs = [{ name = "load", unit = "rad" }]
+[states]
+motor = { unit = "rad", initial = 0.0 }
+load = { unit = "rad", initial = 0.0 }
+wm = { initial = 0.0 }
+wl = { initial = 0.0 }
+[derivatives]
+motor = "wm"
+load = "wl"
+wm = "u - 40*(motor - load) - wm"
+wl = "40*(motor - load) - 2*load - wl"
+[output_equations]
+load = "load"
+"""
 SHOWN: dict[str, tuple[str, str, dict[str, float]]] = {
     "input_delay": (WIRE, "u", {"delay": 0.4}),
     "delay_jump": (WIRE, "u", {"delay": 0.15, "time": 5.0, "later": 0.6}),
@@ -86,6 +118,11 @@ SHOWN: dict[str, tuple[str, str, dict[str, float]]] = {
     "parameter_jump": (SPRING, "A[v,x]", {"value": -20.0, "time": 5.0, "later": -8.0}),
     "cross_coupling": (TANKS, "a->b", {"gain": 0.3}),
     "exchange": (TANKS, "a<->b", {"gain": 0.5}),
+    "internal_saturation": (LOOP, "25*(target - q)", {"lower": -6.0, "upper": 8.0}),
+    "internal_deadband": (LOOP, "25*(target - q)", {"width": 4.0}),
+    "internal_delay": (LOOP, "25*(target - q)", {"delay": 0.1}),
+    "internal_lag": (LOOP, "25*(target - q)", {"time_constant": 0.15}),
+    "driveline_backlash": (TRAIN, "motor - load", {"width": 0.15}),
     "coulomb_friction": (SPRING, "v", {"level": 1.0}),
     "stribeck_friction": (SPRING, "v", {"level": 0.5, "extra": 1.0, "velocity": 0.2}),
     "hysteresis": (SPRING, "v", {"level": 2.0, "displacement": 0.2, "sharpness": 1.5}),
@@ -96,6 +133,7 @@ SHOWN: dict[str, tuple[str, str, dict[str, float]]] = {
     "periodic_disturbance": (SPRING, "v", {"frequency": 1.0, "amplitude": 12.0, "phase": 0.0}),
     "output_delay": (TWO, "y", {"delay": 0.4}),
     "sensor_lag": (TWO, "y", {"time_constant": 0.5}),
+    "output_backlash": (TWO, "y", {"width": 0.2}),
     "static_nonlinearity": (TWO, "y", {"quadratic": 0.15, "cubic": -0.3}),
     "sensor_gain": (TWO, "y", {"gain": 1.3}),
     "sensor_bias": (TWO, "y", {"offset": 0.25}),

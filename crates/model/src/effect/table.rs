@@ -66,6 +66,7 @@ fn template() -> System {
         states: ports(&["x", "from"]),
         outputs: ports(&["y", "from"]),
         parameters: Vec::new(),
+        known: Vec::new(),
         dynamics: Dynamics::Linear(Matrices {
             a: zero(2, 2),
             b: zero(2, 1),

@@ -34,6 +34,7 @@ fn bench(
         states: ports(states),
         outputs: ports(outputs),
         parameters: Vec::new(),
+        known: Vec::new(),
         dynamics: Dynamics::Linear(Matrices { a, b, c, d }),
         input_delay_s: vec![0.0; inputs],
         initial: vec![0.0; states],
@@ -188,12 +189,15 @@ impl Sensor<'_> {
 struct Sensors<'a> {
     plan: &'a Plan,
     all: Vec<Sensor<'a>>,
+    /// Where the far side of each output's play is.
+    positions: Vec<f64>,
 }
 
 impl<'a> Sensors<'a> {
     fn new(plan: &'a Plan, time_s: &'a [f64]) -> Self {
         Self {
             plan,
+            positions: vec![f64::NAN; plan.outputs.len()],
             all: plan
                 .outputs
                 .iter()
@@ -212,6 +216,7 @@ impl<'a> Sensors<'a> {
 
     /// At the last sample the outputs are these, and the lags where others have them.
     fn begin_again(&mut self, others: &Self, own: &[f64]) {
+        self.positions.clone_from(&others.positions);
         for (i, (sensor, other)) in self.all.iter_mut().zip(&others.all).enumerate() {
             let mixed = sensor.mixed(i, own);
             if let Some(last) = sensor.values.last_mut() {
@@ -223,17 +228,14 @@ impl<'a> Sensors<'a> {
         }
     }
 
-    /// What the log shows of an output at this stamp.
-    fn reading(&self, output: usize, stamp_s: f64) -> Result<f64, SimulateError> {
+    /// What the log shows of an output at this stamp; stamps follow each other.
+    fn reading(&mut self, output: usize, stamp_s: f64) -> Result<f64, SimulateError> {
         let sensor = &self.all[output];
-        let mut value = sensor.read(taken(self.plan.clock, sensor.path, stamp_s))?;
-        for map in &sensor.path.maps {
-            value = map(stamp_s, value);
-        }
-        Ok(value)
+        let value = sensor.read(taken(self.plan.clock, sensor.path, stamp_s))?;
+        Ok(sensor.path.shown(value, stamp_s, &mut self.positions[output]))
     }
 
-    fn readings(&self, time_s: &[f64], y: &mut DMatrix<f64>) -> Result<(), SimulateError> {
+    fn readings(&mut self, time_s: &[f64], y: &mut DMatrix<f64>) -> Result<(), SimulateError> {
         for output in 0..self.all.len() {
             for (k, &stamp_s) in time_s.iter().enumerate() {
                 y[(k, output)] = self.reading(output, stamp_s)?;
@@ -289,7 +291,7 @@ pub(super) fn run(
             ahead.sensors.push(&own(&ahead.x, k))?;
         }
         if let Some(correction) = correction {
-            let read = (&sensors, predicted.as_ref());
+            let read = (&mut sensors, predicted.as_mut());
             correct(plan, correction, (k, time_s), read, &mut x, &mut run.y)?;
         }
         if let Some(ahead) =
@@ -333,7 +335,7 @@ fn correct(
     plan: &Plan,
     correction: Correction<'_>,
     (k, time_s): (usize, &[f64]),
-    (sensors, predicted): (&Sensors<'_>, Option<&Ahead<'_>>),
+    (sensors, mut predicted): (&mut Sensors<'_>, Option<&mut Ahead<'_>>),
     x: &mut DVector<f64>,
     y: &mut DMatrix<f64>,
 ) -> Result<(), SimulateError> {
@@ -341,10 +343,10 @@ fn correct(
         let value = sensors.reading(j, time_s[k])?;
         // What was taken before the prediction began belongs to the time that the corrected run
         // knows.
-        let own = |ahead: &&Ahead<'_>| {
+        let own = |ahead: &&mut &mut Ahead<'_>| {
             k == 0 || taken(plan.clock, path, time_s[k]) > time_s[begin_of(k, ahead.every)]
         };
-        y[(k, j)] = match predicted.filter(own) {
+        y[(k, j)] = match predicted.as_mut().filter(own) {
             Some(ahead) => ahead.sensors.reading(j, time_s[k])?,
             None => value,
         };

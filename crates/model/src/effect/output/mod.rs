@@ -2,6 +2,7 @@
 
 pub(super) mod delay;
 pub(super) mod misalignment;
+pub(super) mod output_backlash;
 pub(super) mod sensor_bias;
 pub(super) mod sensor_drift;
 pub(super) mod sensor_gain;
