@@ -46,7 +46,9 @@ const HELD: f64 = 1e-4;
 pub(crate) struct Event {
     /// The first stretch behind it.
     pub(crate) stretch: usize,
-    /// By how much the squared error falls further than with one set of changes throughout.
+    /// By how much the squared error falls with one set of changes throughout.
+    pub(crate) one: f64,
+    /// By how much it falls further with two.
     pub(crate) fall: f64,
     /// The shares of the signatures before it and from it on.
     pub(crate) shares: [DVector<f64>; 2],
@@ -71,7 +73,7 @@ pub(crate) fn event(stretches: &[Stretch], margin: usize) -> Option<Event> {
             };
             let fall = first.0 + second.0 - one;
             if found.as_ref().is_none_or(|e| fall > e.fall) {
-                found = Some(Event { stretch, fall, shares: [first.1, second.1] });
+                found = Some(Event { stretch, one, fall, shares: [first.1, second.1] });
             }
         }
         before.add(own);

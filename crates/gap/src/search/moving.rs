@@ -136,7 +136,8 @@ fn of_event(
         }
     }
     let found = event(&stretches, (MARGIN * BINS as f64).ceil() as usize)?;
-    if found.fall <= count as f64 * likelihood.criteria.selection_penalty {
+    let left = likelihood.inner(nominal, nominal) - found.one;
+    if found.fall <= (count as f64 * likelihood.criteria.selection_penalty).max(STEPS * left) {
         return None;
     }
     let time_s = found.stretch as f64 * bin_s;

@@ -5,7 +5,7 @@ use super::error::{EffectError, Result};
 use super::{clock, dynamics, input, output};
 
 /// All effects, in the order of the format's table: of equals the first one leads.
-pub static EFFECTS: [&dyn Effect; 46] = [
+pub static EFFECTS: [&dyn Effect; 48] = [
     &input::delay::InputDelay,
     &input::delay_jump::DelayJump,
     &input::delay_drift::DelayDrift,
@@ -20,6 +20,7 @@ pub static EFFECTS: [&dyn Effect; 46] = [
     &input::saturation::Saturation,
     &input::rate_limit::RateLimit,
     &input::actuator_lag::ActuatorLag,
+    &input::swapped_inputs::SwappedInputs,
     &input::dropped_commands::DroppedCommands,
     &input::delay_jitter::DelayJitter,
     &dynamics::candidate::CandidateTerm,
@@ -50,6 +51,7 @@ pub static EFFECTS: [&dyn Effect; 46] = [
     &output::sensor_saturation::SensorSaturation,
     &output::sensor_quantisation::SensorQuantisation,
     &output::misalignment::Misalignment,
+    &output::swapped_outputs::SwappedOutputs,
     &clock::skew::ClockSkew,
     &clock::offset::ClockOffset,
 ];

@@ -47,7 +47,15 @@ impl Assembly {
         build.now[states + m] = 1.0;
 
         let one = states + m;
-        let arriving: Vec<Row> = (0..plan.inputs.len()).map(|i| build.arriving(plan, i)).collect();
+        let mut arriving: Vec<Row> =
+            (0..plan.inputs.len()).map(|i| build.arriving(plan, i)).collect();
+        for &(a, b, share) in &plan.swaps {
+            let both = [arriving[a].clone(), arriving[b].clone()];
+            for (to, other) in [(a, &both[1]), (b, &both[0])] {
+                arriving[to].iter_mut().for_each(|v| *v *= 1.0 - share);
+                add(&mut arriving[to], share, other);
+            }
+        }
         let mut inputs: Vec<Row> = (arriving.iter().zip(&system.input_operating))
             .map(|(v, operating)| {
                 let mut w = v.clone();

@@ -1,7 +1,7 @@
 //! What is put around and into a simulator before it runs: hooks on the way in, in the dynamics, on the way out and on the clock.
 //!
 //! A fresh plan adds nothing. The order in which a signal meets the hooks is fixed here and nowhere else: on the way in `drops`, `late`, `passing`, `delay_s`, `gain` and
-//! `quadratic`, `maps` in the order pushed, `lags`, `modes`; on the way out modes, `mixing`, `lag_s`, `delay_s` and the clock, `play`, `maps`.
+//! `quadratic`, `maps` in the order pushed, `lags`, `modes`, `swaps`; on the way out modes, `mixing`, `lag_s`, `delay_s` and the clock, `play`, `maps`.
 
 use deadtime_signal::progress::HowFar;
 use std::sync::{Arc, OnceLock};
@@ -108,7 +108,7 @@ impl Default for Curve {
 /// The way of one output from the plant to the log.
 #[derive(Clone)]
 pub struct OutputPath {
-    /// (other output, gain): what is added of the others, as they are before any is added.
+    /// (output, gain): what is added of outputs, as they are before any is added.
     pub mixing: Vec<(usize, f64)>,
     /// Time constants of first-order lags, seconds, in series.
     pub lags_s: Vec<f64>,
@@ -271,7 +271,7 @@ impl InnerFilter {
     }
 
     /// Its time, seconds, and coefficients of numerator and denominator over powers of s times that.
-    pub(super) fn transfer(self) -> (f64, Vec<f64>, Vec<f64>) {
+    pub(crate) fn transfer(self) -> (f64, Vec<f64>, Vec<f64>) {
         let [m, n] = PADE;
         let factorial = |k: usize| (1..=k).map(|i| i as f64).product::<f64>();
         let coefficient = |order: usize, k: usize| {
@@ -373,6 +373,8 @@ pub struct Plan {
     pub switches: Vec<Switch>,
     /// One path per input.
     pub inputs: Vec<InputPath>,
+    /// Two inputs and how far they are exchanged at the end of their ways: 0 not at all, 1 wholly.
+    pub swaps: Vec<(usize, usize, f64)>,
     /// What quantities inside the plant pass.
     pub filters: Vec<InnerFilter>,
     /// Terms of the dynamics.
@@ -408,6 +410,7 @@ impl Plan {
             dynamics: system.dynamics.clone(),
             switches: Vec::new(),
             inputs,
+            swaps: Vec::new(),
             filters: Vec::new(),
             terms: Vec::new(),
             modes: Vec::new(),

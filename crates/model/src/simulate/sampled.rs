@@ -48,7 +48,7 @@ fn bench(
 
 /// What arrives at the plant: means over the samples and values at the sampling instants, each samples × inputs. The last sample lasts `last_s`.
 fn arriving(
-    paths: &[InputPath],
+    plan: &Plan,
     signals: &[Piecewise],
     time_s: &[f64],
     last_s: f64,
@@ -57,7 +57,7 @@ fn arriving(
     let edges: Vec<f64> =
         time_s.iter().copied().chain([time_s.last().copied().unwrap_or(0.0) + last_s]).collect();
     let (mut mean, mut instant) = (DMatrix::zeros(samples, m), DMatrix::zeros(samples, m));
-    for (i, (path, signal)) in paths.iter().zip(signals).enumerate() {
+    for (i, (path, signal)) in plan.inputs.iter().zip(signals).enumerate() {
         let (means, values) = if path.lags_s.is_empty() {
             signal.sampled(&edges)
         } else {
@@ -65,6 +65,13 @@ fn arriving(
         };
         mean.column_mut(i).copy_from_slice(&means);
         instant.column_mut(i).copy_from_slice(&values);
+    }
+    for &(a, b, share) in &plan.swaps {
+        for both in [&mut mean, &mut instant] {
+            let [first, second] = [a, b].map(|i| both.column(i).into_owned());
+            both.set_column(a, &(&first * (1.0 - share) + &second * share));
+            both.set_column(b, &(second * (1.0 - share) + first * share));
+        }
     }
     Ok([mean, instant])
 }
@@ -269,7 +276,7 @@ pub(super) fn run(
 ) -> Result<Run, SimulateError> {
     let samples = time_s.len();
     let grid = grid(plan, time_s, ts, correction.is_none());
-    let [mean, instant] = arriving(&plan.inputs, signals, &grid, ts.seconds())?;
+    let [mean, instant] = arriving(plan, signals, &grid, ts.seconds())?;
     let about = |u: &DMatrix<f64>, k: usize| {
         DVector::from_fn(u.ncols(), |i, _| u[(k, i)] - system.input_operating[i])
     };
@@ -367,7 +374,7 @@ pub(super) fn called(
     x0: &[f64],
 ) -> Result<Run, SimulateError> {
     let last_s = time_s.windows(2).last().map_or(1.0, |w| w[1] - w[0]);
-    let [u, _] = arriving(&plan.inputs, signals, time_s, last_s)?;
+    let [u, _] = arriving(plan, signals, time_s, last_s)?;
     let mut own = DMatrix::zeros(time_s.len(), system.outputs.len());
     black_box::windows(&u, time_s, x0, system.states.len(), |rows, u, time_s, x0| {
         let answer =

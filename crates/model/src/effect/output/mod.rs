@@ -10,3 +10,4 @@ pub(super) mod sensor_lag;
 pub(super) mod sensor_quantisation;
 pub(super) mod sensor_saturation;
 pub(super) mod static_nonlinearity;
+pub(super) mod swapped_outputs;
