@@ -64,6 +64,49 @@ B = [[3.0], [0.7]]
 C = [[1.0, 0.0], [0.0, 1.0]]
 D = [[0.0], [0.0]]
 """
+WIRES = """format = "deadtime/model@1"
+name = "two wires"
+kind = "lti"
+inputs = [{ name = "u" }, { name = "v" }]
+states = [{ name = "s" }]
+outputs = [{ name = "y" }]
+A = [[-1.0]]
+B = [[0.0, 0.0]]
+C = [[0.0]]
+D = [[1.0, 0.0]]
+"""
+LOOP = """format = "deadtime/model@1"
+name = "position servo"
+kind = "equations"
+inputs = [{ name = "u", unit = "rad" }]
+outputs = [{ name = "q", unit = "rad" }]
+[states]
+q = { unit = "rad", initial = 0.0 }
+w = { unit = "rad/s", initial = 0.0 }
+[derivatives]
+q = "w"
+w = "25*(u - q) - 6*w"
+[output_equations]
+q = "q"
+"""
+TRAIN = """format = "deadtime/model@1"
+name = "motor and load"
+kind = "equations"
+inputs = [{ name = "u" }]
+outputs = [{ name = "load", unit = "rad" }]
+[states]
+motor = { unit = "rad", initial = 0.0 }
+load = { unit = "rad", initial = 0.0 }
+wm = { initial = 0.0 }
+wl = { initial = 0.0 }
+[derivatives]
+motor = "wm"
+load = "wl"
+wm = "u - 40*(motor - load) - wm"
+wl = "40*(motor - load) - 2*load - wl"
+[output_equations]
+load = "load"
+"""
 SHOWN: dict[str, tuple[str, str, dict[str, float]]] = {
     "input_delay": (WIRE, "u", {"delay": 0.4}),
     "delay_jump": (WIRE, "u", {"delay": 0.15, "time": 5.0, "later": 0.6}),
@@ -79,6 +122,7 @@ SHOWN: dict[str, tuple[str, str, dict[str, float]]] = {
     "saturation": (WIRE, "u", {"lower": -0.5, "upper": 0.6}),
     "rate_limit": (WIRE, "u", {"rate": 1.0}),
     "actuator_lag": (WIRE, "u", {"time_constant": 0.4}),
+    "swapped_inputs": (WIRES, "u<->v", {"share": 1.0}),
     "dropped_commands": (WIRE, "u", {"probability": 0.9}),
     "delay_jitter": (WIRE, "u", {"delay": 0.3, "spread": 0.2, "ordered": 1.0}),
     "candidate": (SUSPECT, "v += k*x*abs(x)", {"k": -6.0}),
@@ -86,6 +130,11 @@ SHOWN: dict[str, tuple[str, str, dict[str, float]]] = {
     "parameter_jump": (SPRING, "A[v,x]", {"value": -20.0, "time": 5.0, "later": -8.0}),
     "cross_coupling": (TANKS, "a->b", {"gain": 0.3}),
     "exchange": (TANKS, "a<->b", {"gain": 0.5}),
+    "internal_saturation": (LOOP, "25*(u - q)", {"lower": -6.0, "upper": 8.0}),
+    "internal_deadband": (LOOP, "25*(u - q)", {"width": 4.0}),
+    "internal_delay": (LOOP, "25*(u - q)", {"delay": 0.1}),
+    "internal_lag": (LOOP, "25*(u - q)", {"time_constant": 0.15}),
+    "driveline_backlash": (TRAIN, "motor - load", {"width": 0.15}),
     "coulomb_friction": (SPRING, "v", {"level": 1.0}),
     "stribeck_friction": (SPRING, "v", {"level": 0.5, "extra": 1.0, "velocity": 0.2}),
     "hysteresis": (SPRING, "v", {"level": 2.0, "displacement": 0.2, "sharpness": 1.5}),
@@ -96,6 +145,7 @@ SHOWN: dict[str, tuple[str, str, dict[str, float]]] = {
     "periodic_disturbance": (SPRING, "v", {"frequency": 1.0, "amplitude": 12.0, "phase": 0.0}),
     "output_delay": (TWO, "y", {"delay": 0.4}),
     "sensor_lag": (TWO, "y", {"time_constant": 0.5}),
+    "output_backlash": (TWO, "y", {"width": 0.2}),
     "static_nonlinearity": (TWO, "y", {"quadratic": 0.15, "cubic": -0.3}),
     "sensor_gain": (TWO, "y", {"gain": 1.3}),
     "sensor_bias": (TWO, "y", {"offset": 0.25}),
@@ -103,6 +153,7 @@ SHOWN: dict[str, tuple[str, str, dict[str, float]]] = {
     "sensor_saturation": (TWO, "y", {"lower": -0.4, "upper": 0.6}),
     "sensor_quantisation": (TWO, "y", {"step": 0.25}),
     "misalignment": (TWO, "from->y", {"gain": 0.5}),
+    "swapped_outputs": (TWO, "y<->from", {"share": 1.0}),
     "clock_skew": (TWO, "*", {"ratio": 1.06}),
     "clock_offset": (TWO, "*", {"offset": 0.4}),
 }
@@ -207,7 +258,8 @@ def picture(program: str, name: str) -> str:
     entry = f'\n[[effects]]\neffect = "{name}"\nchannel = "{channel}"\nparameters = {json.dumps(values).replace(": ", " = ").replace(chr(34), "")}\n'
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "command.csv"
-        log.write_text("time,u\n" + "".join(f"{k * STEP:.2f},{command(k * STEP):.6f}\n" for k in range(501)), encoding="utf-8")
+        rows = (f"{k * STEP:.2f},{command(k * STEP):.6f},{-0.5 * command(k * STEP - 1.0):.6f}\n" for k in range(501))
+        log.write_text("time,u,v\n" + "".join(rows), encoding="utf-8")
         time, plain = simulated(program, Path(folder), log, model)
         _, bent = simulated(program, Path(folder), log, model + entry)
     held = model is WIRE
@@ -225,5 +277,5 @@ def simulated(program: str, folder: Path, log: Path, model: str) -> tuple[list[f
         raise SystemExit(f"deadtime simulate: {done.stderr}")
     with (folder / "out.csv").open(encoding="utf-8") as opened:
         table = list(csv.reader(opened))
-    first = next(k for k, head in enumerate(table[0]) if head.split(" ")[0] not in ("time", "u"))
+    first = next(k for k, head in enumerate(table[0]) if head.split(" ")[0] not in ("time", "u", "v"))
     return [float(row[0]) for row in table[1:]], [float(row[first]) for row in table[1:]]

@@ -48,6 +48,52 @@ C = [[1.0, 0.0], [0.0, 1.0]]
 D = [[0.0], [0.0]]
 "#;
 
+const LOOP: &str = r#"format = "deadtime/model@1"
+name = "loop"
+kind = "equations"
+inputs = [{ name = "u", unit = "rad" }]
+outputs = [{ name = "angle", unit = "rad" }]
+[states]
+x = { unit = "rad", initial = 0.0 }
+v = { unit = "rad/s", initial = 0.0 }
+[derivatives]
+x = "v"
+v = "20*(u - x) - 5*v"
+[output_equations]
+angle = "x"
+"#;
+const TRAIN: &str = r#"format = "deadtime/model@1"
+name = "train"
+kind = "equations"
+inputs = [{ name = "u", unit = "N*m" }]
+outputs = [{ name = "motor", unit = "rad" }, { name = "load", unit = "rad" }]
+[states]
+motor = { unit = "rad", initial = 0.0 }
+load = { unit = "rad", initial = 0.0 }
+wm = { initial = 0.0 }
+wl = { initial = 0.0 }
+[derivatives]
+motor = "wm"
+load = "wl"
+wm = "4*u - 40*(motor - load) - wm"
+wl = "40*(motor - load) - 4*load - wl"
+[output_equations]
+motor = "motor"
+load = "load"
+"#;
+const PAIR: &str = r#"format = "deadtime/model@1"
+name = "pair"
+kind = "lti"
+inputs = [{ name = "u", unit = "V" }, { name = "w", unit = "V" }]
+states = [{ name = "a", unit = "m" }, { name = "b", unit = "m" }]
+outputs = [{ name = "a", unit = "m" }, { name = "b", unit = "m" }]
+initial = [0.0, 0.0]
+A = [[-1.5, 0.0], [0.0, -0.8]]
+B = [[1.5, 0.3], [0.4, -1.2]]
+C = [[1.0, 0.0], [0.0, 1.0]]
+D = [[0.0, 0.0], [0.0, 0.0]]
+"#;
+
 /// An effect on a model: where, and its parameters as they stand in a file.
 struct Case {
     effect: &'static str,
@@ -59,6 +105,15 @@ struct Case {
 
 const fn on_servo(effect: &'static str, channel: &'static str, parameters: &'static str) -> Case {
     Case { effect, model: SERVO, more: "", channel, parameters }
+}
+
+const fn on(
+    model: &'static str,
+    effect: &'static str,
+    channel: &'static str,
+    parameters: &'static str,
+) -> Case {
+    Case { effect, model, more: "", channel, parameters }
 }
 
 const CASES: &[Case] = &[
@@ -130,6 +185,14 @@ const CASES: &[Case] = &[
         channel: "a->b",
         parameters: "gain = 0.3",
     },
+    on(PAIR, "swapped_inputs", "u<->w", "share = 1.0"),
+    on(LOOP, "internal_saturation", "20*(u - x)", "lower = -8.0, upper = 9.0"),
+    on(LOOP, "internal_deadband", "20*(u - x)", "width = 4.0"),
+    on(LOOP, "internal_delay", "20*(u - x)", "delay = 0.1"),
+    on(LOOP, "internal_lag", "20*(u - x)", "time_constant = 0.12"),
+    on(TRAIN, "driveline_backlash", "motor - load", "width = 0.1"),
+    on_servo("output_backlash", "angle", "width = 0.15"),
+    on(PAIR, "swapped_outputs", "a<->b", "share = 1.0"),
     on_servo("clock_skew", "*", "ratio = 1.03"),
     on_servo("clock_offset", "*", "offset = 0.2"),
 ];

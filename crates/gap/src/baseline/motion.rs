@@ -11,7 +11,7 @@ use crate::input::black_box::Probed;
 use crate::input::criteria::Criteria;
 use crate::input::record::LogRecord;
 use deadtime_model::effect::{Applied, Chance, Scales, Spread};
-use deadtime_model::simulate::System;
+use deadtime_model::simulate::{Dynamics, System};
 use deadtime_signal::stats;
 
 /// The nominal motion.
@@ -174,6 +174,7 @@ impl Motion {
             } else {
                 (0..system.states.len()).map(|j| spread(state(j), sample_time_s)).collect()
             },
+            inner: self.inner(system, records, sample_time_s),
             derivatives: if system.is_black_box() {
                 Vec::new()
             } else {
@@ -185,6 +186,40 @@ impl Motion {
             peaks_hz: peaks_hz(records, residuals, system.outputs.len()),
             scanned: Vec::new(),
         }
+    }
+}
+
+impl Motion {
+    /// How far the quantities inside equations go that effects act on: those of controllers, and twists of links.
+    fn inner(
+        &self,
+        system: &System,
+        records: &[LogRecord],
+        sample_time_s: f64,
+    ) -> Vec<(String, Spread)> {
+        let Dynamics::Equations(equations, parameters) = &system.dynamics else {
+            return Vec::new();
+        };
+        let one = |name: String| {
+            let shown = equations.with_shown_quantity(&name).ok()??;
+            let mut workspace = shown.workspace();
+            let mut y = vec![0.0; shown.output_variables().len()];
+            let mut of = |(states, record): (&DMatrix<f64>, &LogRecord)| -> Vec<f64> {
+                let value = |k: usize| {
+                    let x: Vec<f64> = states.row(k).iter().copied().collect();
+                    let u: Vec<f64> = record.inputs.iter().map(|u| u[k]).collect();
+                    shown.outputs(record.time_s[k], &x, &u, parameters, &mut workspace, &mut y);
+                    y.last().copied().unwrap_or(f64::NAN)
+                };
+                let samples = record.trained_samples().min(states.nrows());
+                (0..samples).map(value).filter(|v| v.is_finite()).collect()
+            };
+            let trained = self.states.iter().zip(records).filter(|(_, r)| r.train.is_some());
+            let values: Vec<Vec<f64>> = trained.map(&mut of).collect();
+            Some((name, spread(values, sample_time_s)))
+        };
+        let names = equations.controls().into_iter().chain(equations.links());
+        names.filter_map(one).collect()
     }
 }
 

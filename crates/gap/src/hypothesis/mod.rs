@@ -4,6 +4,7 @@ pub(crate) mod arrivals;
 pub(crate) mod direction;
 pub(crate) mod dropouts;
 pub(crate) mod effects;
+pub(crate) mod event;
 pub(crate) mod fit;
 pub(crate) mod level;
 pub(crate) mod penalised_gain;

@@ -35,7 +35,8 @@ pub(super) fn response(
         let mut inputs = record.inputs.clone();
         inputs[input][place] += by;
         let commands = Commands { time_s: &record.time_s, inputs: &inputs };
-        likelihood.system.simulate(&plan, commands, &record.start, likelihood.correction(at)).ok()
+        let start = likelihood.start_of(at);
+        likelihood.system.simulate(&plan, commands, start, likelihood.correction(at)).ok()
     };
     let (up, down) = (simulate(0.5 * size)?.y, simulate(-0.5 * size)?.y);
     let length = likelihood.budget.response.min(samples - place);

@@ -126,12 +126,23 @@ impl Start<'_, '_> {
         Some(slopes)
     }
 
-    /// Gauss-Newton steps from the model's own start, and from constants that do nothing.
+    /// The state that the log's first samples show, and constants that do nothing.
+    fn of_log(&self, count: usize) -> DVector<f64> {
+        let (own, log) = (&self.likelihood.system.initial, self.likelihood.start_of(self.record));
+        let states = self.free.iter().map(|&j| log[j] - own[j]);
+        DVector::from_iterator(count, states.chain(std::iter::repeat(0.0)).take(count))
+    }
+
+    /// Gauss-Newton steps from there.
     fn best(&self) -> Option<DMatrix<f64>> {
         let precision = DVector::from_vec(self.prior().map(|std| std.powi(-2)).collect::<Vec<_>>());
         let count = self.rows.len().max(1) as f64;
-        let mut deviation = DVector::zeros(precision.len());
-        let (mut y, mut left) = self.run(&deviation)?;
+        let mut deviation = self.of_log(precision.len());
+        let begun = self.run(&deviation).or_else(|| {
+            deviation.fill(0.0);
+            self.run(&deviation)
+        });
+        let (mut y, mut left) = begun?;
         for _ in 0..START_STEPS {
             let variance = left.norm_squared() / count;
             let Some(slopes) = self

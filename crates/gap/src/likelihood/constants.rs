@@ -34,14 +34,18 @@ impl Likelihood<'_> {
         effects.iter().cloned().chain(own).collect()
     }
 
-    /// The outputs of a real run with constants at these deviations.
+    /// The outputs of a real run with constants at these deviations, from the model's own initial state.
     fn run_with(
         &self,
         record: usize,
         active: ActiveEffects<'_>,
         deviations: &[f64],
     ) -> Option<DMatrix<f64>> {
-        self.run(record, active.with(&self.with_constants(active.effects, deviations)))
+        let y = self.run(record, active.with(&self.with_constants(active.effects, deviations)))?;
+        Some(match self.way_back(record) {
+            Some(back) => y + back,
+            None => y,
+        })
     }
 
     /// The responses about the constants that fit the model as it came best, and what a run with those is beside a run without any and the straight responses; `None`
@@ -53,8 +57,8 @@ impl Likelihood<'_> {
         self.declared.first()?;
         let own = self.constants_of(record, NO_EFFECT)?.deviations;
         let responses = self.declared_responses(record, NO_EFFECT, own.as_slice())?;
-        let mut bend =
-            self.run_with(record, NO_EFFECT, own.as_slice())? - self.run(record, NO_EFFECT)?;
+        let mut bend = self.run_with(record, NO_EFFECT, own.as_slice())?
+            - self.run_with(record, NO_EFFECT, &[])?;
         for (response, by) in responses.iter().zip(own.iter()) {
             bend -= response * *by;
         }

@@ -6,6 +6,7 @@ use nalgebra::{Const, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
 use super::active_effects::{ActiveEffects, NO_EFFECT};
+use super::log_start::{log_start, rests};
 use super::nuisances::{Common, Nuisances, Responses};
 use super::simulated::{Key, Simulated};
 use crate::baseline::feedback;
@@ -59,6 +60,12 @@ pub(crate) struct Likelihood<'a> {
     pub(super) prior: Vec<f64>,
     pub(super) noise: Vec<Noise>,
     pub(super) nuisances: Vec<Nuisances>,
+    /// Per record, the state from which runs begin: that of the model, conditioned on the log's first samples.
+    starts: Vec<Vec<f64>>,
+    /// Per record and input, what the plant receives while it rests there.
+    rests: Vec<Vec<Option<f64>>>,
+    /// Per record, the responses to the way from there back to the model's own initial state, from which deviations count; nothing where the two are one.
+    ways_back: Vec<Option<DMatrix<f64>>>,
     /// Per record, what the constants that it has of its own do beyond their straight responses; nothing where they do nothing.
     bends: Vec<Option<DMatrix<f64>>>,
     /// Integration steps allowed, per record.
@@ -129,6 +136,9 @@ impl<'a> Likelihood<'a> {
             prior,
             noise,
             nuisances: Vec::new(),
+            starts: Vec::new(),
+            rests: Vec::new(),
+            ways_back: Vec::new(),
             bends: Vec::new(),
             step_limits: Vec::new(),
             resolution,
@@ -138,6 +148,17 @@ impl<'a> Likelihood<'a> {
         };
         for (at, record) in records.iter().enumerate() {
             likelihood.stop.check()?;
+            let begin = Applied::plan(system, &likelihood.model_effects, Chance::Mean)?;
+            let begin = log_start(
+                system,
+                begin,
+                record,
+                likelihood.correction(at),
+                &likelihood.prior,
+                noise_std,
+            );
+            likelihood.rests.push(rests(system, record, &begin, noise_std));
+            likelihood.starts.push(begin.clone());
             let scale: Vec<f64> =
                 likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();
             let failed = |e: SimulateError| GapError::Nominal {
@@ -145,16 +166,10 @@ impl<'a> Likelihood<'a> {
                 why: e.to_string(),
             };
             let all = system
-                .sensitivity(
-                    &plan,
-                    record.commands(),
-                    &record.start,
-                    &scale,
-                    likelihood.correction(at),
-                )
+                .sensitivity(&plan, record.commands(), &begin, &scale, likelihood.correction(at))
                 .map_err(failed)?;
             let run = |plan: &Plan| {
-                system.simulate(plan, record.commands(), &record.start, likelihood.correction(at))
+                system.simulate(plan, record.commands(), &begin, likelihood.correction(at))
             };
             let steps = match run(&plan).map_err(failed)?.steps {
                 // A linear model that is too stiff to be integrated is simulated all the same.
@@ -172,6 +187,12 @@ impl<'a> Likelihood<'a> {
                 |j: &usize| DMatrix::from_column_slice(shape.0, shape.1, all.column(*j).as_slice());
             let mut raw =
                 Responses { starts: starts.iter().map(column).collect(), ..Responses::default() };
+            // Deviations count from the model's own initial state.
+            let moved = starts.iter().map(|&c| record.start[c] - begin[c]);
+            let back = (raw.starts.iter().zip(moved).filter(|(_, by)| *by != 0.0))
+                .map(|(response, by)| response * by)
+                .reduce(|a, b| a + b);
+            likelihood.ways_back.push(back);
             if let Some(predicted) = likelihood.predict(at, NO_EFFECT) {
                 raw.feedback = feedback::regressors(
                     record,
@@ -390,6 +411,12 @@ impl<'a> Likelihood<'a> {
             ..TOLERANCE
         };
         plan.wanted = Wanted { samples, states: false };
+        let rests = self.rests.get(record).map_or(&[][..], Vec::as_slice);
+        for (path, rest) in plan.inputs.iter().zip(rests) {
+            if let Some(rest) = rest {
+                path.rest.get_or_init(|| *rest);
+            }
+        }
         Some(plan)
     }
 
@@ -405,11 +432,13 @@ impl<'a> Likelihood<'a> {
         inputs: &[Vec<f64>],
         samples: usize,
     ) -> Option<DMatrix<f64>> {
-        let y = self.run_samples(record, active, inputs, samples)?;
-        Some(match self.bends.get(record) {
-            Some(Some(bend)) => y + bend,
-            _ => y,
-        })
+        let mut y = self.run_samples(record, active, inputs, samples)?;
+        for missing in [&self.ways_back, &self.bends] {
+            if let Some(Some(missing)) = missing.get(record) {
+                y += missing;
+            }
+        }
+        Some(y)
     }
 
     fn run_samples(
@@ -423,7 +452,8 @@ impl<'a> Likelihood<'a> {
         let simulate = || {
             let plan = self.plan_on(record, active, samples)?;
             let commands = Commands { time_s: &log.time_s, inputs };
-            Some(self.system.simulate(&plan, commands, &log.start, self.correction(record)).ok()?.y)
+            let start = self.start_of(record);
+            Some(self.system.simulate(&plan, commands, start, self.correction(record)).ok()?.y)
         };
         if active.lost.is_some() || !std::ptr::eq(inputs, log.inputs.as_slice()) {
             return simulate();
@@ -434,6 +464,16 @@ impl<'a> Likelihood<'a> {
             simulate,
             || !self.stop.is_set(),
         )
+    }
+
+    /// The responses to the way from where runs of a record begin to the model's own initial state.
+    pub(super) fn way_back(&self, record: usize) -> Option<&DMatrix<f64>> {
+        self.ways_back.get(record)?.as_ref()
+    }
+
+    /// The state from which runs of a record begin.
+    pub(crate) fn start_of(&self, record: usize) -> &[f64] {
+        self.starts.get(record).unwrap_or(&self.records[record].start)
     }
 
     /// measured − predicted, 0 where there is no measurement.

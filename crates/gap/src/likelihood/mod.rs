@@ -5,6 +5,7 @@ mod best_start;
 pub(crate) mod constants;
 pub(crate) mod errors;
 pub(crate) mod gaussian;
+mod log_start;
 mod nuisances;
 pub(crate) mod residuals;
 #[cfg(test)]

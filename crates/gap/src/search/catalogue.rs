@@ -71,6 +71,10 @@ pub(crate) fn catalogue(
                 format!("`{channel}` says that one state is the derivative of another"),
             ));
         }
+        let known = |c: &String| changes_model(effect) && system.known.contains(c);
+        for channel in channels.extract_if(.., |c| known(c)) {
+            left_out.push(not_tried(effect, format!("`{channel}` is `known` in the model file")));
+        }
         for nuisance in nuisances {
             left_out.extend(
                 channels
@@ -90,7 +94,8 @@ pub(crate) fn catalogue(
 pub(crate) fn numbers(system: &System) -> Vec<Applied> {
     let kinematic = &kinematic(system);
     let of = |effect: &'static dyn Effect| {
-        let channels = effect.channels(system).into_iter().filter(|c| !kinematic.contains(c));
+        let channels = effect.channels(system).into_iter();
+        let channels = channels.filter(|c| !kinematic.contains(c) && !system.known.contains(c));
         channels.filter_map(move |channel| {
             let parameters =
                 effect.parameters(OnChannel { effect, system, channel: &channel }).ok()?;

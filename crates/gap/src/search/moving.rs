@@ -11,9 +11,11 @@
 //! How it can be wrong: a plant that remembers smears the time over its own memory, the grid is coarse, and a signature is that of a small change; so these are
 //! first guesses, which are fitted and compared as all others are.
 
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::hypothesis::direction::{NEAR, between, difference, with};
+use crate::hypothesis::event::{Stretch, event};
 use crate::likelihood::active_effects::NO_EFFECT;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, Change, EFFECTS, Effect, Lateness, Scales, Scanned, find};
@@ -53,15 +55,105 @@ pub(crate) fn scanned(
         .iter()
         .filter(|a| a.effect.changes() == Some(Change::Jump) && !moves_a_delay(a.effect))
         .collect();
-    let of_step = |step: &&Applied| of_step(likelihood, scales, &nominal, step);
+    let of_step = |step: &&Applied| {
+        let signed = Signed::of(likelihood, scales, &nominal, step)?;
+        Some((of_step(likelihood, scales, &nominal, step, &signed), signed))
+    };
     // One simulation a candidate; where each is a call, one after the other.
     let calls = steps.iter().any(|step| likelihood.calls(step));
-    all.extend(if calls {
-        steps.iter().filter_map(of_step).collect::<Vec<_>>()
+    let found: Vec<Option<(Option<Scanned>, Signed)>> = if calls {
+        steps.iter().map(of_step).collect()
     } else {
-        steps.par_iter().filter_map(of_step).collect()
-    });
+        steps.par_iter().map(of_step).collect()
+    };
+    let (mut alone, mut signed) = (Vec::new(), Vec::new());
+    for (step, (scanned, own)) in steps.iter().zip(found).filter_map(|(s, f)| Some((*s, f?))) {
+        alone.extend(scanned);
+        signed.push((step, own));
+    }
+    for of_event in of_event(likelihood, scales, &nominal, &signed).unwrap_or_default() {
+        match alone
+            .iter_mut()
+            .find(|s| s.effect == of_event.effect && s.channel == of_event.channel)
+        {
+            Some(own) => own.starts.extend(of_event.starts),
+            None => alone.push(of_event),
+        }
+    }
+    all.extend(alone);
     all
+}
+
+/// A number with what a small change of it does.
+struct Signed {
+    plain: Applied,
+    start: Vec<f64>,
+    signature: Whitened,
+}
+
+impl Signed {
+    fn of(
+        likelihood: &Likelihood<'_>,
+        scales: &Scales,
+        nominal: &Whitened,
+        step: &Applied,
+    ) -> Option<Self> {
+        let plain = plain(likelihood.system, step)?;
+        let start = plain.starts(likelihood.system, scales).into_iter().next()?;
+        let near = likelihood.whitened(&[with(&plain, &between(&plain, &start, NEAR))])?;
+        let signature = difference(nominal, &near, 1.0 / NEAR);
+        Some(Self { plain, start, signature })
+    }
+
+    /// The number after so many of these changes.
+    fn at(&self, share: f64) -> Option<f64> {
+        between(&self.plain, &self.start, share).first().copied()
+    }
+}
+
+/// First guesses of steps of all numbers at one time, where that is worth more than one set of numbers throughout. An event of a single number has one of its own.
+fn of_event(
+    likelihood: &Likelihood<'_>,
+    scales: &Scales,
+    nominal: &Whitened,
+    signed: &[(&Applied, Signed)],
+) -> Option<Vec<Scanned>> {
+    let count = signed.len();
+    if count < 2 {
+        return None;
+    }
+    let bin_s = scales.duration_s / BINS as f64;
+    let empty = Stretch { gram: DMatrix::zeros(count, count), along: DVector::zeros(count) };
+    let mut stretches = vec![empty; BINS];
+    for (i, (_, a)) in signed.iter().enumerate() {
+        let along = products(likelihood, &a.signature, nominal, bin_s);
+        stretches.iter_mut().zip(along).for_each(|(s, v)| s.along[i] = v);
+        for (j, (_, b)) in signed.iter().enumerate().skip(i) {
+            let gram = products(likelihood, &a.signature, &b.signature, bin_s);
+            for (s, v) in stretches.iter_mut().zip(gram) {
+                (s.gram[(i, j)], s.gram[(j, i)]) = (v, v);
+            }
+        }
+    }
+    let found = event(&stretches, (MARGIN * BINS as f64).ceil() as usize)?;
+    let left = likelihood.inner(nominal, nominal) - found.one;
+    if found.fall <= (count as f64 * likelihood.criteria.selection_penalty).max(STEPS * left) {
+        return None;
+    }
+    let time_s = found.stretch as f64 * bin_s;
+    let guess = |(i, (step, own)): (usize, &(&Applied, Signed))| {
+        let [before, behind] = [&found.shares[0], &found.shares[1]].map(|s| own.at(s[i]));
+        let inside =
+            |at: usize, v: f64| v.clamp(step.parameters[at].lower, step.parameters[at].upper);
+        let moved = own.at(found.shares[1][i] - found.shares[0][i]);
+        let nominal = own.plain.values.first().copied();
+        let starts = vec![
+            vec![inside(0, nominal?), time_s, inside(2, moved?)],
+            vec![inside(0, before?), time_s, inside(2, behind?)],
+        ];
+        Some(self::found(step.effect, &step.channel, starts))
+    };
+    Some(signed.iter().enumerate().filter_map(guess).collect())
 }
 
 /// Guesses that only say what such effects are like: delays of a few samples, steps as large as a first guess of what steps. For what is never fitted.
@@ -112,14 +204,12 @@ fn of_step(
     scales: &Scales,
     nominal: &Whitened,
     step: &Applied,
+    signed: &Signed,
 ) -> Option<Scanned> {
-    let plain = plain(likelihood.system, step)?;
-    let start = plain.starts(likelihood.system, scales).into_iter().next()?;
-    let near = likelihood.whitened(&[with(&plain, &between(&plain, &start, NEAR))])?;
-    let signature = difference(nominal, &near, 1.0 / NEAR);
+    let signature = &signed.signature;
     let bin_s = scales.duration_s / BINS as f64;
-    let along = products(likelihood, &signature, nominal, bin_s);
-    let length = products(likelihood, &signature, &signature, bin_s);
+    let along = products(likelihood, signature, nominal, bin_s);
+    let length = products(likelihood, signature, signature, bin_s);
     let fall = |along: f64, length: f64| if length > 0.0 { along * along / length } else { 0.0 };
     let whole = (along.iter().sum::<f64>(), length.iter().sum::<f64>());
     let (mut before, mut best) = ((0.0, 0.0), (f64::NEG_INFINITY, 0, [0.0; 2]));
@@ -147,8 +237,7 @@ fn of_step(
     {
         return None;
     }
-    let at = |share: f64| between(&plain, &start, share).first().copied();
-    let guess = vec![at(shares[0])?, bin as f64 * bin_s, at(shares[1])?];
+    let guess = vec![signed.at(shares[0])?, bin as f64 * bin_s, signed.at(shares[1])?];
     // Where each try is a call the first guess must do.
     let guess =
         if likelihood.calls(step) { guess } else { sharpened(likelihood, step, guess, bin_s) };

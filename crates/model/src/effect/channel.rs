@@ -135,6 +135,11 @@ impl<'a> OnChannel<'a> {
         self.pair("<->", |a, b| two(&self.system.states, a, b))
     }
 
+    /// `a<->b` between two ports of one kind.
+    pub(super) fn swap(self, ports: &[Port]) -> Result<(usize, usize)> {
+        self.pair("<->", |a, b| two(ports, a, b))
+    }
+
     /// `from->to`, from a state or an input to a state.
     pub(super) fn coupling(self) -> Result<(Source, usize)> {
         let System { states, inputs, .. } = self.system;
@@ -158,6 +163,20 @@ pub(super) fn arrows(ports: &[Port]) -> Vec<String> {
         others.map(|to| format!("{}->{}", from.name, to.name)).collect::<Vec<_>>()
     };
     ports.iter().flat_map(to).collect()
+}
+
+/// `a<->b` for every two of these ports that have one unit.
+pub(super) fn alike(ports: &[Port]) -> Vec<String> {
+    let with = |(at, a): (usize, &Port)| {
+        let others = ports[at + 1..].iter().filter(|b| a.unit == b.unit);
+        others.map(|b| format!("{}<->{}", a.name, b.name)).collect::<Vec<_>>()
+    };
+    ports.iter().enumerate().flat_map(with).collect()
+}
+
+/// How far two channels are exchanged.
+pub(super) fn share() -> Parameter {
+    Parameter { upper: 1.0, ..not_negative("share", "1".to_owned(), 0.0) }
 }
 
 /// The channels of an effect that outputs may share: each output and `*`, or `*` alone where there

@@ -5,7 +5,7 @@ use super::error::{EffectError, Result};
 use super::{clock, dynamics, input, output};
 
 /// All effects, in the order of the format's table: of equals the first one leads.
-pub static EFFECTS: [&dyn Effect; 40] = [
+pub static EFFECTS: [&dyn Effect; 48] = [
     &input::delay::InputDelay,
     &input::delay_jump::DelayJump,
     &input::delay_drift::DelayDrift,
@@ -20,6 +20,7 @@ pub static EFFECTS: [&dyn Effect; 40] = [
     &input::saturation::Saturation,
     &input::rate_limit::RateLimit,
     &input::actuator_lag::ActuatorLag,
+    &input::swapped_inputs::SwappedInputs,
     &input::dropped_commands::DroppedCommands,
     &input::delay_jitter::DelayJitter,
     &dynamics::candidate::CandidateTerm,
@@ -27,6 +28,11 @@ pub static EFFECTS: [&dyn Effect; 40] = [
     &dynamics::parameter_jump::ParameterJump,
     &dynamics::cross_coupling::CrossCoupling,
     &dynamics::exchange::Exchange,
+    &dynamics::internal_saturation::InternalSaturation,
+    &dynamics::internal_deadband::InternalDeadband,
+    &dynamics::internal_delay::InternalDelay,
+    &dynamics::internal_lag::InternalLag,
+    &dynamics::driveline_backlash::DrivelineBacklash,
     &dynamics::coulomb_friction::CoulombFriction,
     &dynamics::stribeck_friction::StribeckFriction,
     &dynamics::hysteresis::Hysteresis,
@@ -37,6 +43,7 @@ pub static EFFECTS: [&dyn Effect; 40] = [
     &dynamics::periodic_disturbance::PeriodicDisturbance,
     &output::delay::OutputDelay,
     &output::sensor_lag::SensorLag,
+    &output::output_backlash::OutputBacklash,
     &output::static_nonlinearity::StaticNonlinearity,
     &output::sensor_gain::SensorGain,
     &output::sensor_bias::SensorBias,
@@ -44,6 +51,7 @@ pub static EFFECTS: [&dyn Effect; 40] = [
     &output::sensor_saturation::SensorSaturation,
     &output::sensor_quantisation::SensorQuantisation,
     &output::misalignment::Misalignment,
+    &output::swapped_outputs::SwappedOutputs,
     &clock::skew::ClockSkew,
     &clock::offset::ClockOffset,
 ];

@@ -18,6 +18,8 @@ pub struct Scales {
     pub inputs: Vec<Spread>,
     /// The same for the nominal simulation's states.
     pub states: Vec<Spread>,
+    /// The same for quantities inside the model, by name.
+    pub inner: Vec<(String, Spread)>,
     /// Rms of every state's derivative in the nominal simulation.
     pub derivatives: Vec<f64>,
     /// The same for the measured outputs.

@@ -1,11 +1,14 @@
 //! What there is to choose from: all effects in general, and all of them on the channels of one model.
 
+use std::sync::Arc;
+
 use nalgebra::DMatrix;
 
 use super::applied::Applied;
 use super::definition::{Effect, OnChannel, Site};
 use super::effects::EFFECTS;
 use super::parameter::Parameter;
+use crate::equations::system::{Definition, Equations, OutputVariable, StateVariable, Symbol};
 use crate::matrices::Matrices;
 use crate::simulate::simulator::Port;
 use crate::simulate::system::{Dynamics, System};
@@ -31,24 +34,64 @@ const TELLING: [&str; 5] = ["from->x", "from->y", "u->output:y", "A[x,from]", "x
 /// All effects, in the order in which they act.
 #[must_use]
 pub fn table() -> Vec<Line> {
-    let system = template();
+    let systems: Vec<System> = std::iter::once(template()).chain(loop_template()).collect();
     let line = |effect: &&'static dyn Effect| {
-        let first = effect.channels(&system);
-        let channels = TELLING.iter().copied().chain(first.iter().map(String::as_str));
+        let of = |system: &System| {
+            let first = effect.channels(system);
+            let channels = TELLING.iter().copied().chain(first.iter().map(String::as_str));
+            let parameters =
+                |channel| effect.parameters(OnChannel { effect: *effect, system, channel }).ok();
+            channels.filter_map(parameters).next()
+        };
         Line {
             site: effect.site(),
             effect: effect.name(),
             channels: effect.facts().rule,
-            parameters: channels
-                .filter_map(|channel| {
-                    effect.parameters(OnChannel { effect: *effect, system: &system, channel }).ok()
-                })
-                .next()
-                .unwrap_or_default(),
+            parameters: systems.iter().find_map(of).unwrap_or_default(),
             summary: effect.facts().summary,
         }
     };
     EFFECTS.iter().map(line).collect()
+}
+
+/// A loop with a link between two bodies, two inputs and two outputs, for effects that find no channel in the other one.
+fn loop_template() -> Option<System> {
+    let symbol = |name: &str, unit: &str| Symbol { name: name.into(), unit: Some(unit.into()) };
+    let state = |name: &str, derivative: &str| StateVariable {
+        name: name.into(),
+        unit: Some("x".into()),
+        initial: 0.0,
+        initial_std: None,
+        derivative: derivative.into(),
+    };
+    let output = |name: &str| OutputVariable {
+        name: name.into(),
+        unit: Some("y".into()),
+        equation: "x".into(),
+    };
+    let inputs = vec![symbol("u", "u"), symbol("other", "u")];
+    let states = vec![
+        state("x", "v"),
+        state("load", "w"),
+        state("v", "quantity - (x - load)"),
+        state("w", "x - load"),
+    ];
+    let quantity = Definition { name: "quantity".into(), expression: "u - x".into() };
+    let outputs = vec![output("y"), output("z")];
+    let equations =
+        Equations::with_definitions(inputs, states, Vec::new(), vec![quantity], outputs).ok()?;
+    let port = |name: &str, unit: &Option<String>| Port { name: name.into(), unit: unit.clone() };
+    Some(System {
+        inputs: equations.input_symbols().iter().map(|s| port(&s.name, &s.unit)).collect(),
+        states: equations.state_variables().iter().map(|s| port(&s.name, &s.unit)).collect(),
+        outputs: equations.output_variables().iter().map(|s| port(&s.name, &s.unit)).collect(),
+        dynamics: Dynamics::Equations(Arc::new(equations), Vec::new()),
+        input_delay_s: vec![0.0; 2],
+        initial: vec![0.0; 4],
+        initial_std: vec![None; 4],
+        input_operating: vec![0.0; 2],
+        ..template()
+    })
 }
 
 /// A system whose units are called as its channels.
@@ -66,6 +109,7 @@ fn template() -> System {
         states: ports(&["x", "from"]),
         outputs: ports(&["y", "from"]),
         parameters: Vec::new(),
+        known: Vec::new(),
         dynamics: Dynamics::Linear(Matrices {
             a: zero(2, 2),
             b: zero(2, 1),

@@ -6,6 +6,7 @@
 pub(crate) mod error;
 pub(crate) mod explain;
 mod function;
+pub(crate) mod inner;
 pub(crate) mod parse;
 mod program;
 pub(crate) mod system;

@@ -114,14 +114,14 @@ impl<'a> Directions<'a> {
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Equations {
-    inputs: Vec<Symbol>,
-    states: Vec<StateVariable>,
-    parameters: Vec<Parameter>,
-    outputs: Vec<OutputVariable>,
-    definitions: Vec<Definition>,
-    definition_trees: Vec<Tree>,
-    derivative_trees: Vec<Tree>,
-    output_trees: Vec<Tree>,
+    pub(super) inputs: Vec<Symbol>,
+    pub(super) states: Vec<StateVariable>,
+    pub(super) parameters: Vec<Parameter>,
+    pub(super) outputs: Vec<OutputVariable>,
+    pub(super) definitions: Vec<Definition>,
+    pub(super) definition_trees: Vec<Tree>,
+    pub(super) derivative_trees: Vec<Tree>,
+    pub(super) output_trees: Vec<Tree>,
     derivative_program: Program,
     output_program: Program,
     affine: bool,
@@ -312,6 +312,16 @@ impl Equations {
             derivative_program,
             output_program,
         })
+    }
+
+    /// What names mean in an expression.
+    pub(super) fn names(&self) -> Names<'_> {
+        Names {
+            inputs: &self.inputs,
+            states: &self.states,
+            parameters: &self.parameters,
+            definitions: &self.definitions,
+        }
     }
 
     /// The inputs, in order.

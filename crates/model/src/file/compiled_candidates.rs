@@ -46,7 +46,10 @@ impl EquationsFile {
             }
             let first = extended.parameters.len();
             let added = parameters.iter().map(|(name, p)| {
-                (name.clone(), ParameterEntry { unit: p.unit.clone(), value: p.value })
+                (
+                    name.clone(),
+                    ParameterEntry { unit: p.unit.clone(), value: p.value, known: false },
+                )
             });
             extended.parameters.extend(added);
             if let Some((_, derivative)) =

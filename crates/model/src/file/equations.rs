@@ -40,6 +40,9 @@ pub struct ParameterEntry {
     pub unit: Option<String>,
     /// Its value.
     pub value: f64,
+    /// The value is exact: no cause of a gap is looked for in it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub known: bool,
 }
 
 /// What the outputs of a group are together.
@@ -143,6 +146,11 @@ fn entry<'a, T>(table: &'a Table<T>, key: &str) -> Option<&'a T> {
 }
 
 impl EquationsFile {
+    /// The names of parameters that are exact.
+    pub(crate) fn known_parameters(&self) -> Vec<String> {
+        self.parameters.iter().filter(|(_, p)| p.known).map(|(name, _)| name.clone()).collect()
+    }
+
     /// A file for compiled equations.
     #[must_use]
     pub fn from_equations(name: &str, model: &Equations) -> Self {
@@ -173,7 +181,12 @@ impl EquationsFile {
             parameters: model
                 .parameters()
                 .iter()
-                .map(|p| (p.name.clone(), ParameterEntry { unit: p.unit.clone(), value: p.value }))
+                .map(|p| {
+                    (
+                        p.name.clone(),
+                        ParameterEntry { unit: p.unit.clone(), value: p.value, known: false },
+                    )
+                })
                 .collect(),
             definitions: model
                 .definitions()

@@ -306,7 +306,10 @@ impl ModelFile {
                 if matrix[(i, j)] != 0.0 {
                     let name = format!("{letter}_{state}_{column}");
                     derivative.push_str(&format!(" + {name}*{value}"));
-                    parameters.push((name, ParameterEntry { unit: None, value: matrix[(i, j)] }));
+                    parameters.push((
+                        name,
+                        ParameterEntry { unit: None, value: matrix[(i, j)], known: false },
+                    ));
                 }
             }
             derivatives.push((state.to_owned(), derivative));

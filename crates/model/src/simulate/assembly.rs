@@ -1,6 +1,6 @@
 //! The plant with its hooks as one system: every signal on the way is a row over (states, signals, 1, the plant's own outputs).
 
-use super::plan::{ModeSite, Plan, Source, Term};
+use super::plan::{InnerFilter, ModeSite, Plan, Source, Term};
 use super::system::{Affine, System};
 
 /// Coefficients over (states, signals, 1, the plant's own outputs).
@@ -19,6 +19,8 @@ pub(super) struct Assembly {
     pub(super) inputs: Vec<Row>,
     /// Derivatives, one row per state.
     pub(super) derivatives: Vec<Row>,
+    /// The plant's own outputs, those of quantities inside it last.
+    pub(super) own: usize,
     /// Outputs at the sensors, one row per output.
     pub(super) outputs: Vec<Row>,
     /// The state at the start.
@@ -34,7 +36,7 @@ impl Assembly {
         (plan, plant): (&Plan, Option<&Affine>),
         x0: &[f64],
         first: &[f64],
-        own_outputs: impl FnOnce(&[f64]) -> Vec<f64>,
+        own_outputs: impl Fn(&[f64]) -> Vec<f64>,
     ) -> Self {
         let (n, m, p) = (system.states.len(), system.inputs.len(), system.outputs.len());
         let mut build = Build::new(plan, [n, m, p]);
@@ -45,23 +47,42 @@ impl Assembly {
         build.now[states + m] = 1.0;
 
         let one = states + m;
-        let arriving: Vec<Row> = (0..plan.inputs.len()).map(|i| build.arriving(plan, i)).collect();
-        let inputs: Vec<Row> = (arriving.iter().zip(&system.input_operating))
+        let mut arriving: Vec<Row> =
+            (0..plan.inputs.len()).map(|i| build.arriving(plan, i)).collect();
+        for &(a, b, share) in &plan.swaps {
+            let both = [arriving[a].clone(), arriving[b].clone()];
+            for (to, other) in [(a, &both[1]), (b, &both[0])] {
+                arriving[to].iter_mut().for_each(|v| *v *= 1.0 - share);
+                add(&mut arriving[to], share, other);
+            }
+        }
+        let mut inputs: Vec<Row> = (arriving.iter().zip(&system.input_operating))
             .map(|(v, operating)| {
                 let mut w = v.clone();
                 w[one] -= operating;
                 w
             })
             .collect();
+        let filters: Vec<usize> =
+            plan.filters.iter().map(|f| build.filter(*f, &mut inputs)).collect();
         let mut outputs: Vec<Row> = match plant {
             Some(plant) => build.plant(plant, &inputs),
-            None => {
+            None => (0..p + filters.len()).map(|i| build.unit(one + 1 + i)).collect(),
+        };
+        // A quantity may depend on those before it: each round settles one more.
+        for _ in 0..=filters.len() {
+            if plant.is_none() {
                 let received: Vec<f64> = inputs.iter().map(|row| build.value(row)).collect();
                 let own = own_outputs(&received);
                 build.now[one + 1..].copy_from_slice(&own);
-                (0..p).map(|i| build.unit(one + 1 + i)).collect()
             }
-        };
+            for (at, state) in filters.iter().enumerate() {
+                build.now[*state] = build.value(&outputs[p + at]);
+            }
+        }
+        for ((filter, raw), state) in plan.filters.iter().zip(outputs.split_off(p)).zip(&filters) {
+            build.drive(*filter, *state, &raw);
+        }
         build.modes(plan, &arriving, &mut outputs);
         build.terms(plan, &inputs, one);
         build.sensors(plan, &mut outputs);
@@ -71,6 +92,7 @@ impl Assembly {
             states,
             signals: m,
             inputs,
+            own: p + filters.len(),
             derivatives: build.derivatives,
             outputs,
             start,
@@ -110,7 +132,9 @@ impl Build {
             _ => 0,
         };
         let terms = plan.terms.iter().map(of_term).sum::<usize>();
-        let states = n + lags + 2 * plan.modes.len() + terms;
+        let filters = plan.filters.iter().map(|f| f.order()).sum::<usize>();
+        let states = n + lags + filters + 2 * plan.modes.len() + terms;
+        let outputs = outputs + plan.filters.len();
         let (derivatives, now, memories) = (Vec::new(), Vec::new(), Vec::new());
         let mut build = Self { states, signals, outputs, used: n, derivatives, now, memories };
         build.derivatives = vec![build.zero(); states];
@@ -129,6 +153,33 @@ impl Build {
             v[q] += mode.gain;
         }
         v
+    }
+
+    /// The states of a filter of a quantity inside the plant; the plant receives what leaves it. The first one, which holds the quantity at rest.
+    fn filter(&mut self, filter: InnerFilter, inputs: &mut Vec<Row>) -> usize {
+        let (_, over, _) = filter.transfer();
+        let first = self.state(0.0);
+        (1..filter.order()).for_each(|_| {
+            self.state(0.0);
+        });
+        let mut row = self.zero();
+        row[first..first + over.len()].copy_from_slice(&over);
+        inputs.push(row);
+        first
+    }
+
+    /// What moves these states: a chain of derivatives of the quantity over the denominator.
+    fn drive(&mut self, filter: InnerFilter, first: usize, raw: &Row) {
+        let (time_s, _, under) = filter.transfer();
+        let last = filter.order() - 1;
+        for i in 0..last {
+            self.derivatives[first + i][first + i + 1] = time_s.recip();
+        }
+        let gain = (under[last + 1] * time_s).recip();
+        add(&mut self.derivatives[first + last], gain, raw);
+        for (i, coefficient) in under[..=last].iter().enumerate() {
+            self.derivatives[first + last][first + i] -= gain * coefficient;
+        }
     }
 
     /// The modes that act on states and outputs.

@@ -125,6 +125,7 @@ impl System {
             input_operating: vec![0.0; inputs.len()],
             output_operating: vec![0.0; outputs.len()],
             candidates: None,
+            known: Vec::new(),
             restart,
             initial: states.iter().map(|s| s.initial).collect(),
             initial_std: states.iter().map(|s| s.std).collect(),

@@ -118,7 +118,7 @@ impl<'a> Field<'a> {
         terms: &'a [Term],
     ) -> Self {
         let one = assembly.states + assembly.signals;
-        let (n, m, p) = (assembly.plant, assembly.signals, assembly.outputs.len());
+        let (n, m, p) = (assembly.plant, assembly.inputs.len(), assembly.own);
         let mut now = vec![0.0; one + 1 + p];
         now[one] = 1.0;
         let mut contacts: Vec<Contact> = Vec::new();

@@ -1,10 +1,10 @@
 //! What is put around and into a simulator before it runs: hooks on the way in, in the dynamics, on the way out and on the clock.
 //!
 //! A fresh plan adds nothing. The order in which a signal meets the hooks is fixed here and nowhere else: on the way in `drops`, `late`, `passing`, `delay_s`, `gain` and
-//! `quadratic`, `maps` in the order pushed, `lags`, `modes`; on the way out modes, `mixing`, `lag_s`, `delay_s` and the clock, `maps`.
+//! `quadratic`, `maps` in the order pushed, `lags`, `modes`, `swaps`; on the way out modes, `mixing`, `lag_s`, `delay_s` and the clock, `play`, `maps`.
 
 use deadtime_signal::progress::HowFar;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use super::piecewise::Piecewise;
 use super::system::{Dynamics, ModelNumber, System};
@@ -86,6 +86,8 @@ pub struct InputPath {
     pub maps: Vec<SignalMap>,
     /// Time constants of first-order lags, seconds, in series.
     pub lags_s: Vec<f64>,
+    /// What the plant receives while it rests where the run begins, where that is known: a map with a memory begins there.
+    pub rest: Arc<OnceLock<f64>>,
 }
 
 /// gain·v + quadratic·v·|v|.
@@ -106,12 +108,14 @@ impl Default for Curve {
 /// The way of one output from the plant to the log.
 #[derive(Clone)]
 pub struct OutputPath {
-    /// (other output, gain): what is added of the others, as they are before any is added.
+    /// (output, gain): what is added of outputs, as they are before any is added.
     pub mixing: Vec<(usize, f64)>,
     /// Time constants of first-order lags, seconds, in series.
     pub lags_s: Vec<f64>,
     /// Delay, seconds.
     pub delay_s: f64,
+    /// Half the play between the plant and the sensor, from sample to sample: it begins in its middle. It acts before the maps.
+    pub play: f64,
     /// Maps of the samples, in the order in which they act.
     pub maps: Vec<SampleMap>,
     /// The slope of those maps that a correction by measured outputs is divided by, so that the observer's poles are the same whatever a sensor's gain.
@@ -120,11 +124,29 @@ pub struct OutputPath {
 
 impl Default for OutputPath {
     fn default() -> Self {
-        Self { mixing: Vec::new(), lags_s: Vec::new(), delay_s: 0.0, maps: Vec::new(), slope: 1.0 }
+        Self {
+            mixing: Vec::new(),
+            lags_s: Vec::new(),
+            delay_s: 0.0,
+            play: 0.0,
+            maps: Vec::new(),
+            slope: 1.0,
+        }
     }
 }
 
 impl OutputPath {
+    /// What a sample becomes behind the play and the maps; `position` is where the play's far side is, NaN before the first sample.
+    pub(super) fn shown(&self, value: f64, time_s: f64, position: &mut f64) -> f64 {
+        let mut value = value;
+        if self.play > 0.0 {
+            let before = if position.is_nan() { value } else { *position };
+            value = before.max(value - self.play).min(value + self.play);
+            *position = value;
+        }
+        self.maps.iter().fold(value, |value, map| map(time_s, value))
+    }
+
     /// What a correction of this output's innovation is multiplied by; 1 where the sensor shows next to nothing.
     pub(super) fn correction(&self) -> f64 {
         if self.slope.abs() > 1e-3 { 1.0 / self.slope } else { 1.0 }
@@ -226,6 +248,47 @@ pub struct Switch {
     pub value: f64,
 }
 
+/// What a quantity inside the plant passes on its way. In the dynamics it is an input behind the plant's own, and its value before that an output behind them, in
+/// the order of the plan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum InnerFilter {
+    /// A first-order lag of this time constant, seconds, settled at the start.
+    Lag(f64),
+    /// A dead time, seconds, as a Padé approximant of order 3 over 4, settled at the start.
+    Delay(f64),
+}
+
+/// Orders of numerator and denominator of a dead time's approximant.
+const PADE: [usize; 2] = [3, 4];
+
+impl InnerFilter {
+    /// States.
+    pub(super) fn order(self) -> usize {
+        match self {
+            Self::Lag(_) => 1,
+            Self::Delay(_) => PADE[1],
+        }
+    }
+
+    /// Its time, seconds, and coefficients of numerator and denominator over powers of s times that.
+    pub(crate) fn transfer(self) -> (f64, Vec<f64>, Vec<f64>) {
+        let [m, n] = PADE;
+        let factorial = |k: usize| (1..=k).map(|i| i as f64).product::<f64>();
+        let coefficient = |order: usize, k: usize| {
+            factorial(m + n - k) * factorial(order)
+                / (factorial(m + n) * factorial(k) * factorial(order - k))
+        };
+        match self {
+            Self::Lag(time_s) => (time_s, vec![1.0], vec![1.0, 1.0]),
+            Self::Delay(time_s) => {
+                let sign = |k: usize| if k % 2 == 0 { 1.0 } else { -1.0 };
+                let over = (0..=m).map(|k| sign(k) * coefficient(m, k)).collect();
+                (time_s, over, (0..=n).map(|k| coefficient(n, k)).collect())
+            }
+        }
+    }
+}
+
 /// What drives a linear term.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
@@ -310,6 +373,10 @@ pub struct Plan {
     pub switches: Vec<Switch>,
     /// One path per input.
     pub inputs: Vec<InputPath>,
+    /// Two inputs and how far they are exchanged at the end of their ways: 0 not at all, 1 wholly.
+    pub swaps: Vec<(usize, usize, f64)>,
+    /// What quantities inside the plant pass.
+    pub filters: Vec<InnerFilter>,
     /// Terms of the dynamics.
     pub terms: Vec<Term>,
     /// Resonances.
@@ -343,6 +410,8 @@ impl Plan {
             dynamics: system.dynamics.clone(),
             switches: Vec::new(),
             inputs,
+            swaps: Vec::new(),
+            filters: Vec::new(),
             terms: Vec::new(),
             modes: Vec::new(),
             outputs,

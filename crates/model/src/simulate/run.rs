@@ -117,6 +117,7 @@ impl System {
     fn first_outputs(&self, dynamics: &Dynamics, x0: &[f64], received: &[f64]) -> Vec<f64> {
         let mut y = vec![0.0; self.outputs.len()];
         if let Some((equations, parameters)) = equations_of(dynamics) {
+            y.resize(equations.output_variables().len(), 0.0);
             let mut workspace = equations.workspace();
             equations.outputs(0.0, x0, received, parameters, &mut workspace, &mut y);
         }

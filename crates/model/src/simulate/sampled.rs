@@ -34,6 +34,7 @@ fn bench(
         states: ports(states),
         outputs: ports(outputs),
         parameters: Vec::new(),
+        known: Vec::new(),
         dynamics: Dynamics::Linear(Matrices { a, b, c, d }),
         input_delay_s: vec![0.0; inputs],
         initial: vec![0.0; states],
@@ -47,7 +48,7 @@ fn bench(
 
 /// What arrives at the plant: means over the samples and values at the sampling instants, each samples × inputs. The last sample lasts `last_s`.
 fn arriving(
-    paths: &[InputPath],
+    plan: &Plan,
     signals: &[Piecewise],
     time_s: &[f64],
     last_s: f64,
@@ -56,7 +57,7 @@ fn arriving(
     let edges: Vec<f64> =
         time_s.iter().copied().chain([time_s.last().copied().unwrap_or(0.0) + last_s]).collect();
     let (mut mean, mut instant) = (DMatrix::zeros(samples, m), DMatrix::zeros(samples, m));
-    for (i, (path, signal)) in paths.iter().zip(signals).enumerate() {
+    for (i, (path, signal)) in plan.inputs.iter().zip(signals).enumerate() {
         let (means, values) = if path.lags_s.is_empty() {
             signal.sampled(&edges)
         } else {
@@ -64,6 +65,13 @@ fn arriving(
         };
         mean.column_mut(i).copy_from_slice(&means);
         instant.column_mut(i).copy_from_slice(&values);
+    }
+    for &(a, b, share) in &plan.swaps {
+        for both in [&mut mean, &mut instant] {
+            let [first, second] = [a, b].map(|i| both.column(i).into_owned());
+            both.set_column(a, &(&first * (1.0 - share) + &second * share));
+            both.set_column(b, &(second * (1.0 - share) + first * share));
+        }
     }
     Ok([mean, instant])
 }
@@ -214,11 +222,14 @@ impl<'a> Sensor<'a> {
 struct Sensors<'a> {
     plan: &'a Plan,
     all: Vec<Sensor<'a>>,
+    /// Where the far side of each output's play is.
+    positions: Vec<f64>,
 }
 
 impl<'a> Sensors<'a> {
     fn new(plan: &'a Plan, time_s: &'a [f64]) -> Self {
-        Self { plan, all: plan.outputs.iter().map(|path| Sensor::new(path, time_s)).collect() }
+        let all = plan.outputs.iter().map(|path| Sensor::new(path, time_s)).collect();
+        Self { plan, all, positions: vec![f64::NAN; plan.outputs.len()] }
     }
 
     /// The plant's own outputs at the next sample.
@@ -231,6 +242,7 @@ impl<'a> Sensors<'a> {
 
     /// At the last sample the outputs are these, and the lags where others have them.
     fn begin_again(&mut self, others: &Self, own: &[f64]) {
+        self.positions.clone_from(&others.positions);
         for (i, (sensor, other)) in self.all.iter_mut().zip(&others.all).enumerate() {
             let mixed = sensor.mixed(i, own);
             if let Some(last) = sensor.values.last_mut() {
@@ -242,14 +254,11 @@ impl<'a> Sensors<'a> {
         }
     }
 
-    /// What the log shows of an output at this stamp.
+    /// What the log shows of an output at this stamp; stamps follow each other.
     fn reading(&mut self, output: usize, stamp_s: f64) -> Result<f64, SimulateError> {
         let sensor = &mut self.all[output];
-        let mut value = sensor.read(taken(self.plan.clock, sensor.path, stamp_s))?;
-        for map in &sensor.path.maps {
-            value = map(stamp_s, value);
-        }
-        Ok(value)
+        let value = sensor.read(taken(self.plan.clock, sensor.path, stamp_s))?;
+        Ok(sensor.path.shown(value, stamp_s, &mut self.positions[output]))
     }
 
     fn readings(&mut self, time_s: &[f64], y: &mut DMatrix<f64>) -> Result<(), SimulateError> {
@@ -286,7 +295,7 @@ pub(super) fn run(
 ) -> Result<Run, SimulateError> {
     let samples = time_s.len();
     let grid = grid(plan, time_s, ts, correction.is_none());
-    let [mean, instant] = arriving(&plan.inputs, signals, &grid, ts.seconds())?;
+    let [mean, instant] = arriving(plan, signals, &grid, ts.seconds())?;
     // One column a sample.
     let about = |u: &DMatrix<f64>| {
         DMatrix::from_fn(u.ncols(), u.nrows(), |i, k| u[(k, i)] - system.input_operating[i])
@@ -393,7 +402,7 @@ pub(super) fn called(
     x0: &[f64],
 ) -> Result<Run, SimulateError> {
     let last_s = time_s.windows(2).last().map_or(1.0, |w| w[1] - w[0]);
-    let [u, _] = arriving(&plan.inputs, signals, time_s, last_s)?;
+    let [u, _] = arriving(plan, signals, time_s, last_s)?;
     let mut own = DMatrix::zeros(time_s.len(), system.outputs.len());
     black_box::windows(&u, time_s, x0, system.states.len(), |rows, u, time_s, x0| {
         let answer =

@@ -79,6 +79,8 @@ pub struct System {
     pub outputs: Vec<Port>,
     /// The named parameters; none for a linear model.
     pub parameters: Vec<Port>,
+    /// The names of those that are exact: a gain in firmware.
+    pub known: Vec<String>,
     /// What moves the state.
     pub dynamics: Dynamics,
     /// One delay per input, seconds.
@@ -181,6 +183,10 @@ impl System {
             states,
             outputs,
             parameters,
+            known: match document {
+                ModelDocument::Equations(file) => file.known_parameters(),
+                ModelDocument::Lti(_) => Vec::new(),
+            },
             dynamics,
             initial,
             initial_std,

@@ -170,7 +170,7 @@ impl OutputGroup {
         (now, drive): (f64, &Drive),
         (plan, time_s): (&Plan, &[f64]),
         (guide, begun): (Guide<'_>, usize),
-        (run, y): (&mut Run, &mut [f64]),
+        (run, y, positions): (&mut Run, &mut [f64], &mut [f64]),
     ) -> Result<(), SimulateError> {
         if self.outputs.is_empty() {
             for (i, value) in system.plant_state().iter().enumerate() {
@@ -186,8 +186,7 @@ impl OutputGroup {
         }
         system.outputs(now, drive, y)?;
         for &i in &self.outputs {
-            run.y[(k, i)] =
-                plan.outputs[i].maps.iter().fold(y[i], |value, map| map(time_s[k], value));
+            run.y[(k, i)] = plan.outputs[i].shown(y[i], time_s[k], &mut positions[i]);
         }
         let Guide::Corrected(correction) = guide else { return Ok(()) };
         for &j in &self.outputs {
@@ -245,6 +244,8 @@ struct Course<'a> {
     drive: Drive,
     run: Run,
     y: Vec<f64>,
+    /// Where the far side of each output's play is.
+    positions: Vec<f64>,
 }
 
 /// Walks a system through the log's time, as far as samples are wanted. `time_s` counts from the log's first sample.
@@ -323,6 +324,7 @@ impl<'a> Course<'a> {
             drive: Drive { pieces, alone_until_s: None },
             run: Run::of(samples, outputs, (rows, system.plant_state().len())),
             y: vec![0.0; outputs],
+            positions: vec![f64::NAN; outputs],
         }
     }
 
@@ -374,7 +376,7 @@ impl<'a> Course<'a> {
                     (self.now, &self.drive),
                     (self.plan, self.time_s),
                     (guide, begun),
-                    (&mut self.run, &mut self.y),
+                    (&mut self.run, &mut self.y, &mut self.positions),
                 )?;
             }
         }

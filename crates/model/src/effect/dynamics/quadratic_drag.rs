@@ -11,7 +11,7 @@ use crate::simulate::plan::{Plan, Term};
 
 /// Drag that grows with the square of a velocity.
 ///
-/// Assumes: the state is a velocity relative to a medium at rest.
+/// Assumes: the state is a velocity relative to a medium at rest, and drag takes energy: its coefficient is not negative.
 /// Fails when: all motion is of one speed: a linear damping does the same.
 /// Source: Batchelor (1967), An Introduction to Fluid Dynamics (drag at high Reynolds number).
 #[derive(Debug, Clone, Copy)]
@@ -33,7 +33,7 @@ impl Effect for QuadraticDrag {
         let state = &on.system.states[on.state()?];
         let unit = channel::unit(state);
         let per = if unit == "1" { "1/s".to_owned() } else { format!("1/(({unit}) s)") };
-        Ok(vec![channel::free("coefficient", per, 0.0)])
+        Ok(vec![channel::not_negative("coefficient", per, 0.0)])
     }
 
     fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
@@ -41,7 +41,7 @@ impl Effect for QuadraticDrag {
         let Some((size, derivative)) = scales.states.get(i).zip(scales.derivatives.get(i)) else {
             return Vec::new();
         };
-        channel::both_signs([0.2 * derivative / (size.rms * size.rms).max(f64::MIN_POSITIVE)])
+        vec![vec![0.2 * derivative / (size.rms * size.rms).max(f64::MIN_POSITIVE)]]
     }
 
     fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {

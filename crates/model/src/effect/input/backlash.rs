@@ -14,7 +14,7 @@ use crate::simulate::plan::Plan;
 
 /// Play between command and plant.
 ///
-/// Assumes: play without mass or contact dynamics; it starts centred.
+/// Assumes: play without mass or contact dynamics. It starts where the plant rests in a log, else centred.
 /// Fails when: the command seldom turns round: nothing then crosses the play. A small play looks like a delay that depends on the amplitude.
 /// Source: Nordin and Gutman (2002), Automatica 38, 1633-1649, doi:10.1016/S0005-1098(02)00047-X.
 #[derive(Debug, Clone, Copy)]
@@ -40,15 +40,17 @@ impl Effect for Backlash {
 
     fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let width = values[0];
-        plan.inputs[on.input()?].maps.push(Arc::new(move |signal| play(&signal, width)));
+        let path = &mut plan.inputs[on.input()?];
+        let rest = Arc::clone(&path.rest);
+        path.maps.push(Arc::new(move |signal| play(&signal, width, rest.get().copied())));
         Ok(())
     }
 }
 
-/// The play operator p ← min(max(p, v − width), v + width), centred on the first value (Brokate and Sprekels 1996, "Hysteresis and Phase Transitions",
+/// The play operator p ← min(max(p, v − width), v + width) from where the plant rests, or centred on the first value (Brokate and Sprekels 1996, "Hysteresis and Phase Transitions",
 /// section 2.3).
-fn play(signal: &Piecewise, width: f64) -> Piecewise {
-    let mut position = signal.first();
+fn play(signal: &Piecewise, width: f64, rest: Option<f64>) -> Piecewise {
+    let mut position = rest.unwrap_or_else(|| signal.first());
     signal.rebuild(|piece, end_s, out| {
         position = position.clamp(piece.value - width, piece.value + width);
         let start_s = piece.start_s;

@@ -16,3 +16,4 @@ pub(super) mod multi_rate;
 pub(super) mod offset;
 pub(super) mod rate_limit;
 pub(super) mod saturation;
+pub(super) mod swapped_inputs;

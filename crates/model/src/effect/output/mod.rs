@@ -2,6 +2,7 @@
 
 pub(super) mod delay;
 pub(super) mod misalignment;
+pub(super) mod output_backlash;
 pub(super) mod sensor_bias;
 pub(super) mod sensor_drift;
 pub(super) mod sensor_gain;
@@ -9,3 +10,4 @@ pub(super) mod sensor_lag;
 pub(super) mod sensor_quantisation;
 pub(super) mod sensor_saturation;
 pub(super) mod static_nonlinearity;
+pub(super) mod swapped_outputs;
