@@ -121,7 +121,7 @@ fn worse(
 }
 
 /// What records show of a loop that the method does not bear, for each input and output.
-fn feedback(line: &IdentifierLine, learnt: &Recordings) -> Vec<String> {
+pub(super) fn feedback(line: &IdentifierLine, learnt: &Recordings) -> Vec<String> {
     let mut notes = Vec::new();
     for (j, input) in learnt.inputs.iter().enumerate().filter(|_| line.open_loop) {
         for (i, output) in learnt.outputs.iter().enumerate() {

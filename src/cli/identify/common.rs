@@ -9,8 +9,6 @@ pub(super) struct Common {
     /// Logs to learn from; of a linear model the last 30 % of each are held out unless --holdout names others
     #[arg(value_name = "LOG", required_unless_present = "matched")]
     pub(super) logs: Vec<PathBuf>,
-    #[command(flatten)]
-    pub(super) reading: Reading,
     /// A log to judge the model on, which takes no part in the fit; may be repeated
     #[arg(long, value_name = "LOG")]
     pub(super) holdout: Vec<PathBuf>,
@@ -20,4 +18,6 @@ pub(super) struct Common {
     /// Also write what was found as a page, one file that needs no network
     #[arg(long, value_name = "FILE")]
     pub(super) html: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) reading: Reading,
 }

@@ -21,29 +21,29 @@ pub(super) struct Structured {
     /// The model whose parameters are fitted, deadtime/model@1; of a linear one they are the entries of A and B that are not 0, such as A_v_phi
     #[arg(long, value_name = "MODEL")]
     pub(super) structure: Option<PathBuf>,
-    /// Parameters to fit, NAME,… or `all`; with --match also delay:INPUT; without any, only the model's errors are told
+    /// Parameters to fit, NAME,… or `all`; with --match also delay:INPUT; without any, only the model's errors are reported
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(super) free: Vec<String>,
     /// Parameters that may stand off by record, NAME,…; a prediction of another log does not use that
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', hide_short_help = true)]
     per_record: Vec<String>,
     /// Steps that are predicted from each window's start
     #[arg(long, value_name = "STEPS", default_value_t = 50)]
     horizon: usize,
     /// Steps from one window's start to the next; default: the horizon
-    #[arg(long, value_name = "STEPS")]
+    #[arg(long, value_name = "STEPS", hide_short_help = true)]
     stride: Option<usize>,
     /// Errors above this many median errors count by their size, not their square (Huber); inf: never
-    #[arg(long, value_name = "RATIO", default_value_t = 1.345)]
+    #[arg(long, value_name = "RATIO", default_value_t = 1.345, hide_short_help = true)]
     threshold: f64,
     /// How the horizons of a group of outputs are weighed
-    #[arg(long, value_enum, default_value_t = BalanceName::Horizon)]
+    #[arg(long, value_enum, default_value_t = BalanceName::Horizon, hide_short_help = true)]
     balance: BalanceName,
     /// Shrinkage towards the file's values; default: what predicts left-out records (below three: stretches) best
-    #[arg(long, value_name = "SIZE")]
+    #[arg(long, value_name = "SIZE", hide_short_help = true)]
     shrinkage: Option<f64>,
     /// Leave out the fit over single steps, and with it the word on physical values and surrogates
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     no_one_step: bool,
 }
 

@@ -131,6 +131,24 @@ pub enum GapError {
         /// What is wrong, and the remedy.
         why: String,
     },
+    /// A diagnosis that would take longer than it may.
+    #[error("{}", self.remedied().unwrap_or_default())]
+    TooWide {
+        /// The model.
+        model: String,
+        /// Its states.
+        states: usize,
+        /// Its inputs.
+        inputs: usize,
+        /// Candidates of the catalogue.
+        candidates: usize,
+        /// Rows of all training logs.
+        rows: usize,
+        /// The estimated time, minutes.
+        minutes: f64,
+        /// The longest time, minutes.
+        most: f64,
+    },
     /// The nominal model cannot follow the log.
     #[error("{log}: the model cannot be simulated on it: {why}")]
     Nominal {
@@ -170,6 +188,13 @@ impl Remedied for GapError {
             .and(Remedy::LookAt)
             .and("), or give a longer time between starts (")
             .and(Remedy::RestartEvery)
+            .and(")"),
+            Self::TooWide { model, states, inputs, candidates, rows, minutes, most } => said(format!(
+                "{model}: {candidates} candidate effects on {states} states and {inputs} inputs over {rows} rows take about {minutes:.0} minutes on one core, more than {most:.0}; name the effects to try or allow more time ("
+            ))
+            .and(Remedy::Effects)
+            .and("), or use fewer rows (")
+            .and(Remedy::LookAt)
             .and(")"),
             _ => return None,
         })
