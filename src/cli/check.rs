@@ -29,14 +29,14 @@ pub(super) struct Check {
         conflicts_with = "simulator"
     )]
     model: Option<PathBuf>,
-    #[command(flatten)]
-    simulator: SimulatorArgs,
     /// A log; may be repeated
     #[arg(long, value_name = "LOG", required = true)]
     log: Vec<PathBuf>,
     /// Also write what was found as a page, one file that needs no network
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
+    #[command(flatten)]
+    simulator: SimulatorArgs,
     #[command(flatten)]
     reading: Reading,
 }

@@ -39,8 +39,6 @@ pub(super) struct Gap {
         conflicts_with = "simulator"
     )]
     model: Option<PathBuf>,
-    #[command(flatten)]
-    simulator: SimulatorArgs,
     /// A training log; may be repeated
     #[arg(long, value_name = "LOG", required = true)]
     log: Vec<PathBuf>,
@@ -93,6 +91,8 @@ pub(super) struct Gap {
     /// Also write the page alone, one HTML file that needs no network
     #[arg(long, value_name = "FILE", conflicts_with = "isolability")]
     html: Option<PathBuf>,
+    #[command(flatten)]
+    simulator: SimulatorArgs,
     #[command(flatten)]
     reading: Reading,
 }

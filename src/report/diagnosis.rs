@@ -121,7 +121,7 @@ fn place(d: &Diagnosis) -> String {
 }
 
 /// The base name of a file.
-fn base(name: &str) -> &str {
+pub(super) fn base(name: &str) -> &str {
     std::path::Path::new(name).file_name().and_then(|n| n.to_str()).unwrap_or(name)
 }
 

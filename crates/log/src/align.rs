@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::error::{self, LogError};
+use super::error::LogError;
 use super::log::{Channel, Log, Output};
 use super::recording::{Recording, Topic};
 use deadtime_signal::text::closest;

@@ -3,6 +3,7 @@
 use super::common::Common;
 use super::{linear, matching, structured};
 use crate::cli::show::Out;
+use crate::cli::source::Reading;
 
 /// Identify a model from logs, or fit the parameters of a model file (--structure) to logs or to an identified model (--match), with standard deviations and the fit on held-out data
 #[derive(Debug, clap::Args)]
@@ -13,14 +14,16 @@ use crate::cli::show::Out;
   deadtime identify --structure model.toml --match identified.json --free mass,damping --norm hinf --band 1:30")]
 pub(crate) struct Identify {
     #[command(flatten)]
+    common: Common,
+    #[command(flatten)]
     linear: linear::Linear,
     #[command(flatten)]
     structured: structured::Structured,
     #[command(flatten)]
     matched: matching::Matched,
-    // Last: its options for reading logs end the help.
+    // Last: options for reading logs end every help.
     #[command(flatten)]
-    common: Common,
+    reading: Reading,
 }
 
 impl Identify {
@@ -32,8 +35,8 @@ impl Identify {
             (Some(structure), Some(identified)) => {
                 self.matched.run((&self.common, &self.structured.free), structure, identified, to)
             }
-            (Some(structure), None) => self.structured.run(&self.common, structure, to),
-            (None, _) => self.linear.run(&self.common, to),
+            (Some(structure), None) => self.structured.run((&self.common, &self.reading), structure, to),
+            (None, _) => self.linear.run((&self.common, &self.reading), to),
         }
     }
 }

@@ -1,6 +1,5 @@
 //! The options that all ways of `deadtime identify` take.
 
-use crate::cli::source::Reading;
 use std::path::PathBuf;
 
 /// Logs, and where results go.
@@ -18,6 +17,4 @@ pub(super) struct Common {
     /// Also write what was found as a page, one file that needs no network
     #[arg(long, value_name = "FILE")]
     pub(super) html: Option<PathBuf>,
-    #[command(flatten)]
-    pub(super) reading: Reading,
 }

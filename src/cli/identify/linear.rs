@@ -9,7 +9,7 @@ use super::common::Common;
 use crate::cli::aliases::identifier;
 use crate::cli::progress::Bar;
 use crate::cli::show::Out;
-use crate::cli::source::Needed;
+use crate::cli::source::{Needed, Reading};
 use crate::cli::words::delay_of;
 use crate::report::identify::Report;
 use crate::report::page;
@@ -80,15 +80,19 @@ struct Choice {
 }
 
 impl Linear {
-    pub(super) fn run(&self, common: &Common, to: &Out<'_>) -> anyhow::Result<()> {
-        let logs = self.read(common, to, &common.logs)?;
+    pub(super) fn run(
+        &self,
+        (common, reading): (&Common, &Reading),
+        to: &Out<'_>,
+    ) -> anyhow::Result<()> {
+        let logs = self.read(reading, to, &common.logs)?;
         let of = |logs: &[Log]| Recordings::from_logs(logs, &self.input, &self.output);
         let all = of(&logs)?;
         let (learnt, judged, held_out) = if common.holdout.is_empty() {
             let (learnt, judged) = all.split(LEARNT);
             (learnt, judged, format!("the last {:.0} % of each record", 100.0 * (1.0 - LEARNT)))
         } else {
-            let judged = of(&self.read(common, to, &common.holdout)?)?;
+            let judged = of(&self.read(reading, to, &common.holdout)?)?;
             all.sample_time.must_equal(judged.sample_time).context("--holdout")?;
             (all.clone(), judged, names(&common.holdout).join(", "))
         };
@@ -174,11 +178,11 @@ impl Linear {
         Ok(Choice { method: method.to_owned(), options, taken_out, compared: None })
     }
 
-    fn read(&self, common: &Common, to: &Out<'_>, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
+    fn read(&self, reading: &Reading, to: &Out<'_>, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
         let needed = Needed { inputs: &self.input, outputs: &self.output, required: true };
         let records = paths
             .iter()
-            .map(|path| common.reading.read(to, path, &needed))
+            .map(|path| reading.read(to, path, &needed))
             .collect::<anyhow::Result<Vec<_>>>()?;
         Ok(records.into_iter().flatten().collect())
     }

@@ -7,6 +7,7 @@ use anyhow::{Context, bail};
 use super::common::Common;
 use crate::cli::progress::Bar;
 use crate::cli::show::{Out, write};
+use crate::cli::source::Reading;
 use crate::report::page;
 use crate::report::structured::{scores, text};
 use deadtime_identify::structured;
@@ -58,7 +59,7 @@ enum BalanceName {
 impl Structured {
     pub(super) fn run(
         &self,
-        common: &Common,
+        (common, reading): (&Common, &Reading),
         structure: &Path,
         to: &Out<'_>,
     ) -> anyhow::Result<()> {
@@ -71,8 +72,8 @@ impl Structured {
             bail!("--shrinkage must be finite and not negative");
         }
         let (logs, held_out) = (
-            read(common, to, &document, &common.logs)?,
-            read(common, to, &document, &common.holdout)?,
+            read(reading, to, &document, &common.logs)?,
+            read(reading, to, &document, &common.holdout)?,
         );
         if self.free.is_empty() && self.per_record.is_empty() {
             return self.only_score(common, file, &logs, to);
@@ -133,14 +134,14 @@ impl Structured {
 }
 
 fn read(
-    common: &Common,
+    reading: &Reading,
     to: &Out<'_>,
     document: &ModelDocument,
     paths: &[PathBuf],
 ) -> anyhow::Result<Vec<Log>> {
     let mut logs = Vec::new();
     for path in paths {
-        logs.extend(common.reading.read_for(to, path, document, true, &mut |_, _| {})?);
+        logs.extend(reading.read_for(to, path, document, true, &mut |_, _| {})?);
     }
     Ok(logs)
 }

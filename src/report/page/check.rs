@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use super::bars::{bar, stretch};
 use super::frame::{Cell, figure, number, page, percent, quoted, sorted};
 use super::series::{brief, picked};
+use crate::report::diagnosis::base;
 use deadtime_gap::{Inspection, LogReport, Role};
 
 /// A channel of a log with what the model makes of it.
@@ -33,7 +34,7 @@ fn thinned(values: &[f64]) -> Vec<Option<f64>> {
 
 fn view(curve: &Measured) -> Value {
     json!({
-        "kind": "lines", "keys": [curve.channel, curve.log],
+        "kind": "lines", "keys": [curve.channel, base(&curve.log)],
         "about": format!("{}, measured and simulated", curve.channel),
         "x": { "label": "time (s)", "values": thinned(&curve.time_s), "tight": true }, "y": { "label": curve.channel },
         "curves": [
@@ -137,7 +138,7 @@ fn channels(log: &LogReport) -> Markup {
     let caption =
         format!("{} samples, {every}, {} s in all", log.samples, number(Some(log.duration_s)));
     html! {
-        h3 { (log.log) }
+        h3 { (base(&log.log)) }
         @if let Some(time) = &log.time { p { span .look { "✗ time stamps" } ": " (quoted(time)) } }
         (sorted(&caption, &["channel", "usable", "is a", "unit of the model", "unit of the log", "missing", "share missing", "finding"], &rows))
     }

@@ -7,6 +7,7 @@ use super::bars::{bar, dot, stretch};
 use super::curves;
 use super::frame::{Cell, figure, page, plots, quoted, table};
 use super::series::{Thinning, base64, brief, picked};
+use crate::report::diagnosis::base;
 use crate::report::estimate::{preamble, single_events, warning};
 use crate::report::picture::{Shown, svg};
 use crate::report::standing::{Standing, reason};
@@ -25,7 +26,7 @@ const LOGS: usize = 40;
 #[must_use]
 pub fn estimate(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> String {
     let body = html! {
-        h1 { "Dead time in " (report.log) }
+        h1 { "Dead time in " (base(&report.log)) }
         p .faint { (preamble(report)) "." }
         @for pair in &report.pairs { (verdict(pair, report.sample_time_s)) }
         @if !logs.is_empty() {
@@ -54,7 +55,7 @@ pub fn estimate(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) ->
             (figure("evidence", "The curve"))
         }
     };
-    page(&format!("Dead time in {}", report.log), &body, &data(report, logs, evidence))
+    page(&format!("Dead time in {}", base(&report.log)), &body, &data(report, logs, evidence))
 }
 
 fn target(pair: &Pair) -> &str {
@@ -198,7 +199,7 @@ fn data(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> Value {
             }))
         };
         let name =
-            if logs.len() > 1 { format!("record {}", at + 1) } else { log.source().to_owned() };
+            if logs.len() > 1 { format!("record {}", at + 1) } else { base(log.source()).to_owned() };
         json!({ "name": name, "bucket": thinning.bucket(), "time": thinning.times(&time_s), "pairs": pairs.iter().filter_map(one).collect::<Vec<Value>>() })
     };
     let tracks: Vec<Value> = report

@@ -9,6 +9,7 @@ use super::bode;
 use super::bode::Curve;
 use super::frame::{Cell, figure, given, number, page, quoted, sorted};
 use super::series::{brief, picked};
+use crate::report::diagnosis::base;
 use crate::report::identify::{FREQUENCIES, Report, candidates, parameters, poles, seconds};
 use deadtime_identify::subspace::{Band, InnovationsModel, Named, Response, Root, Stretch};
 use deadtime_model::ModelError;
@@ -23,8 +24,9 @@ pub fn identify(report: &Report<'_>) -> Result<String, ModelError> {
     let responses = m.responses(report.delays, FREQUENCIES)?;
     let (roots, zeros) = (m.poles(), m.zeros());
     let step_s = m.sample_time.seconds();
+    let named = report.logs.iter().map(|log| base(log)).collect::<Vec<_>>().join(", ");
     let body = html! {
-        h1 { "Model of " (report.logs.join(", ")) }
+        h1 { "Model of " (named) }
         @if let Some(own) = &m.parametric {
             p .verdict { (own.structure) ", by " (m.method) "." }
             p .faint { (m.rows) " rows, sample time " (seconds(step_s)) "." }
@@ -42,7 +44,8 @@ pub fn identify(report: &Report<'_>) -> Result<String, ModelError> {
             p { "Chosen: the fewest parameters within the noise of the best fit on validation data." }
             (given("One row a model", &candidates(compared)))
         }
-        h2 { "Measured and simulated, on held-out data" }
+        h2 { "Measured and simulated" }
+        p { "On data that the fit has not seen: " (report.held_out) "." }
         p { span .key.measured { "measured" } span .key.after { "simulated" } }
         (figure("run", "The free run"))
         (given(&format!("{}, {} samples", report.held_out, report.held_out_samples), &report.fits()))
@@ -67,7 +70,7 @@ pub fn identify(report: &Report<'_>) -> Result<String, ModelError> {
     let mut all: Vec<Value> = curves.into_iter().flatten().collect();
     all.extend(figures(&responses));
     let data = json!({ "kind": "identify", "figures": all });
-    Ok(page(&format!("Model of {}", report.logs.join(", ")), &body, &data))
+    Ok(page(&format!("Model of {named}"), &body, &data))
 }
 
 /// Points of a curve that are drawn.

@@ -108,7 +108,7 @@ impl Said {
         }
         if !self.untold.is_empty() {
             let finding = format!(
-                "cannot be told whether sensors go with each other: {}",
+                "undecided whether sensors go with each other: {}",
                 self.untold.join("; ")
             );
             self.found.push(result(CheckKind::Unit, ALL, None, finding));
@@ -458,7 +458,7 @@ fn one(e: &Evidence<'_>, pair: &Pair, fit: Option<Alike>, alone: bool, said: &mu
     };
     if fit.correlation.abs() < TOGETHER {
         said.untold.push(format!(
-            "`{rate}` and {words} hardly go together (correlation {}): little motion, noise, or other axes",
+            "`{rate}` and {words} are weakly correlated (correlation {}): little motion, noise, or other axes",
             short(fit.correlation)
         ));
         return;

@@ -51,7 +51,7 @@ pub enum GapError {
     NoLogs,
     /// A horizon that is none, or that leaves nothing to begin from; or one where the mode needs none, or none where it needs one.
     #[error(
-        "a horizon of {given} samples: predictions over a horizon take 1 to {most} samples, a quarter of the shortest log, and go with no other prediction mode"
+        "a horizon of {given} samples: predictions over a horizon take 1 to {most} samples, 25 % of the shortest log, and go with no other prediction mode"
     )]
     Horizon {
         /// What was given, samples.
@@ -167,7 +167,7 @@ impl Remedied for GapError {
                 found.message().and("; say which column it is with ").and(Remedy::ColumnOf { channel: channel.clone() })
             }
             Self::Unstable { log, factor } => said(format!(
-                "{log}: what a small push does to the simulator grows {factor:.0e}-fold over the log, so that no free run says anything; \
+                "{log}: a small perturbation of the simulator grows {factor:.0e}-fold over the log, so that a free run carries no information; \
                  name the log's channels of its states, from which it is then started again and again ("
             ))
             .and(Remedy::States)
