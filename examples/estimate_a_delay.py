@@ -15,14 +15,14 @@ import numpy
 
 import deadtime
 
-# Beside this script, or beside the repository's top where a notebook runs.
+# Next to this script, or at the repository's top where a notebook runs.
 HERE = Path(__file__).parent if "__file__" in globals() else Path("examples")
 
 # %% [markdown]
 # ## A log in a file
 #
 # The log of thirty seconds of simulated flight: `r` is the roll command, `p` the roll rate that a gyroscope measured. The command reached the vehicle 0.13 s
-# late, six samples and a half, which the methods are not told.
+# late, six samples and a half, which the methods do not know.
 
 # %%
 log = deadtime.read(HERE / "uav_flight.csv")

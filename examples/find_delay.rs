@@ -30,7 +30,7 @@ fn main() -> deadtime::Result<()> {
         answer.ci95_s
     );
 
-    // A log: every method on every pair, what the record shows, and what to believe.
+    // A log: every method on every pair, what the record shows, and the verdict.
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/two_inputs.csv");
     let job = Job {
         max_delay_s: Some(1.5),

@@ -58,14 +58,14 @@ late = next(group["members"] for group in seen.classes if "input_delay:voltage" 
 assert {"output_delay:*", "clock_offset:*"} <= set(late)
 
 # %% [markdown]
-# Step 3: the diagnosis. The first log is learnt from, the second is held out.
+# Step 3: the diagnosis. The first log is for training, the second is held out.
 
 # %%
 found = deadtime.gap(model=model, log=[first], holdout=[second])
 print(found)
 
 # %% [markdown]
-# Commands arrive 12 ms late, or it is one of the two rivals that it names itself. The interval is narrow: a delay is known to a small
+# Commands arrive 12 ms late, or it is one of the two aliases that it names itself. The interval is narrow: a delay is known to a small
 # part of a sample.
 
 # %%

@@ -50,7 +50,7 @@ flights = [flight(seed) for seed in range(1, 9)]
 # %% [markdown]
 # ## A model
 #
-# The dead time is known here and taken out first; `delay="auto"` would estimate it. The order is three: each rate is the integral of its moment.
+# The dead time is known here and removed first; `delay="auto"` would estimate it. The order is three: each rate is the integral of its moment.
 
 # %%
 found = deadtime.identify(flights, MOTORS, RATES, order=3, delay=dict.fromkeys(MOTORS, LATE), name="quadrotor_rates")

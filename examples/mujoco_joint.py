@@ -59,7 +59,7 @@ machine = mujoco.MjModel.from_xml_string(JOINT.format(step=0.0005, friction=FRIC
 
 
 def experiment(seed: int) -> deadtime.Log:
-    """Ten seconds on the machine: torques held for a quarter of a second, first small ones, at which friction shows, then large ones."""
+    """Ten seconds on the machine: torques held for 0.25 s, first small ones, at which friction shows, then large ones."""
     rng = np.random.default_rng(seed)
     time = np.arange(500, dtype=np.float64) * 0.02
     torque = np.repeat(rng.uniform(-1.0, 1.0, 42), 12)[:500] * np.where(time < 5.0, 0.4, 1.0)

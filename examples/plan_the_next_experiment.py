@@ -38,15 +38,15 @@ print(alike["next_experiment"])
 assert {"input_gain:voltage", "deadband:voltage", "saturation:voltage"} <= set(alike["members"])
 
 # %% [markdown]
-# The diagnosis explains the gap down to the noise. But look at the probabilities, and at the rivals: the name on top is one of five, and
-# it is the wrong one. The sentence after them says what to record next. Of eight experiments that were simulated under each rival it is
+# The diagnosis explains the gap down to the noise. But look at the probabilities, and at the aliases: the name on top is one of five, and
+# it is the wrong one. The sentence after them says what to record next. Of eight experiments that were simulated under each alternative it is
 # the one that separates them best.
 
 # %%
 before = deadtime.gap(model=model, log=[first])
 print(before)
 rivals = next(group for group in before.indistinguishable if f"{before.verdict}:{before.channel}" in group)
-print("cannot be told apart:", ", ".join(rivals))
+print("aliases:", ", ".join(rivals))
 print("next:", before.next_experiment)
 assert "deadband:voltage" in rivals and len(rivals) > 2
 assert before.ranking[0]["probability"] < 0.5
@@ -62,7 +62,7 @@ after = deadtime.gap(model=model, log=[first, second])
 print(after)
 
 # %% [markdown]
-# One cause is left, with its size. The rivals are not a little less likely: they are out.
+# One cause is left, with its size. The alternatives are excluded, not only less likely.
 
 # %%
 assert (after.verdict, after.channel) == ("deadband", "voltage")

@@ -1,8 +1,8 @@
-"""A quadrotor in RotorPy whose propellers push less than the simulator thinks, diagnosed by `deadtime.gap(simulate=...)`.
+"""A quadrotor in RotorPy whose propellers give less thrust than the simulator assumes, diagnosed by `deadtime.gap(simulate=...)`.
 
 The simulator is the whole loop: RotorPy's Crazyflie with its SE(3) position controller. It goes to and fro along x by a program of its
 own; its height is commanded. On the machine the thrust coefficient is 8 % lower (worn propellers). Mass, thrust coefficient, motor lag
-and rotor drag are the parameters that may be wrong; every effect on command, sensors and clock is tried beside them.
+and rotor drag are the parameters that may be wrong; every effect on command, sensors and clock is tried with them.
 
 Needs `pip install rotorpy`. In place of the machine stands RotorPy, integrated by its adaptive solver to 1e-8; the simulator takes one
 step per sample.
@@ -28,7 +28,7 @@ CRAZYFLIE = {**quad_params, "tau_m": 0.05, "kp_att": 60.0, "kd_att": 11.0}
 HOVER = np.sqrt(CRAZYFLIE["mass"] * 9.81 / 4.0 / CRAZYFLIE["k_eta"])  # rad/s of every rotor
 AT_REST = {name: np.zeros(3) for name in ("x_dot", "x_ddot", "x_dddot", "x_ddddot")} | {"yaw": 0.0, "yaw_dot": 0.0}
 SAMPLE_TIME = 0.04  # s
-controller = SE3Control(CRAZYFLIE)  # it believes the nominal parameters, on the machine too
+controller = SE3Control(CRAZYFLIE)  # it assumes the nominal parameters, on the machine too
 
 
 def fly(vehicle: Multirotor, height: Array, time: Array, start: Array) -> Array:

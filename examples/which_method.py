@@ -136,7 +136,7 @@ print(f"p1d by default: {by_default['p1d'][0]:.3f} samples, as logged: {table['p
 assert by_default["p1d"][0] < 1.1 * table["p1d"][0]
 
 # %% [markdown]
-# ## Beside the bound
+# ## Against the bound
 #
 # The same study at three levels of noise: the error of `p1d` falls as the bound falls, by the root of the ratio.
 

@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = ("README.md", *(f"docs/{name}.md" for name in ("five-minutes", "estimating", "tutorial", "experiments", "models")))
+PAGES = ("README.md", *(f"docs/{name}.md" for name in ("five-minutes", "estimating", "awkward-records", "reading-a-diagnosis", "identifying", "tutorial", "experiments", "models")))
 
 
 def renewed(block: str, program: Path, folder: Path) -> str:

@@ -1,4 +1,4 @@
-"""Types of the native module; `python -m mypy.stubtest deadtime._native` holds them against it."""
+"""Types of the native module; `python -m mypy.stubtest deadtime._native` checks them by it."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence

@@ -100,7 +100,7 @@ def run(
     threads : int, optional
         Default: all cores.
     progress : function of a `CaseOutcome`, optional
-        Told of every case as it is done.
+        Called for every case as it is done.
 
     Returns
     -------
@@ -140,7 +140,7 @@ def score(verdicts: PathLike, labels: PathLike, cases: PathLike | None = None, *
     labels : path
         Folder of ID.json, `deadtime/blind@1`.
     cases : path, optional
-        Folder of cases; needed only where no commitment stands beside a verdict.
+        Folder of cases; needed only where a verdict has no commitment.
     require : list of str
         Limits `NAME>=VALUE` or `NAME<=VALUE`, missed when a score's 95 % interval lies beyond one as a whole: see `passed` and `unmet`.
 

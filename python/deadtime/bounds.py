@@ -154,7 +154,7 @@ def joint(slope: ArrayLike, others: Sequence[ArrayLike], noise_std: float) -> fl
     Returns
     -------
     float or None
-        None where nothing is left: the delay cannot be told from them.
+        None where nothing remains: the delay is indistinguishable from them.
 
     References
     ----------
@@ -240,7 +240,7 @@ def anomaly_probability(peak: float, cells: float) -> float:
     Parameters
     ----------
     peak : float
-        The true peak's height over the standard deviation of the correlation beside it.
+        The true peak's height over the standard deviation of the correlation around it.
     cells : float
         Independent lags searched, about 2·D·B for a window D and a bandwidth B.
 

@@ -48,7 +48,7 @@ class Comparison(FileResult):
 
 
 def compare(results: Mapping[str, ResultLike]) -> Comparison:
-    """Puts two or more results of one kind beside each other, as `deadtime compare` does.
+    """Compares two or more results of one kind, as `deadtime compare` does.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def compare(results: Mapping[str, ResultLike]) -> Comparison:
     kinds = {name: _kind(name, text) for name, text in read.items()}
     first = next(iter(kinds.values()))
     if other := next((name for name, kind in kinds.items() if kind != first), None):
-        raise ValueError(f"{other}: a {kinds[other]} beside a {first}: compare results of one kind")
+        raise ValueError(f"{other}: a {kinds[other]} and a {first}: compare results of one kind")
     return Comparison(*_native._compare(first, list(read.items())))
 
 

@@ -145,7 +145,7 @@ def run_study(
     in_flight : int, optional
         Tasks that the scheduler holds at a time; default: 3 by thread of a worker, 16 at least.
     progress : function of (done, all), optional
-        Told the number of estimates made, and of all, after every task.
+        Called with the number of estimates made, and of all, after every task.
     max_memory_gb, max_disk_gb : float, optional
         As `deadtime.study` takes them.
 
@@ -249,7 +249,7 @@ def run_blind(
     in_flight : int, optional
         Tasks that the scheduler holds at a time; default: 3 by thread of a worker, 16 at least.
     progress : function of a `CaseOutcome`, optional
-        Told of every case as it is done.
+        Called for every case as it is done.
 
     Returns
     -------
@@ -323,7 +323,7 @@ def _wait_for(path: Path) -> None:
                 f"{path}: a worker has written it, and it is not here: `out` must be the same folder for all of them, or give shared=False"
             )
         time.sleep(0.2)
-        # Asks the server again, where a network file system remembers that there was no such file.
+        # Asks the server again, where a network file system caches that there was no such file.
         os.listdir(path.parent)
 
 

@@ -54,7 +54,7 @@ class Precision(TypedDict):
     std_s: float
     #: The share of the data alone in that, s.
     data_std_s: float
-    #: Half the distance between the responses at neighbouring whole delays, over the noise; below 3 they are hardly told apart.
+    #: Half the distance between the responses at neighbouring whole delays, over the noise; below 3 they are barely distinguishable.
     separation: float
 
 
@@ -87,7 +87,7 @@ class Estimate:
     class_ : str
         The class of methods that it belongs to.
     counts : bool
-        The verdict counts it: a delay was found, and neither the record nor what the method leaves over speaks against it.
+        The verdict may use it: a delay was found, and neither the record nor the residuals of the method contradict its assumptions.
     distrust : tuple[str, ...]
         What the record shows that the method does not withstand.
     contradicted : bool
@@ -118,12 +118,12 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What to believe when many methods have answered.
+    """The verdict on the answers of many methods.
 
     Attributes
     ----------
     delay_s : float or None
-        The dead time, s; None where nothing is to be believed.
+        The dead time, s; None where none is trusted.
     ci95_s : tuple[float, float] or None
         Its 95 % interval, s.
     why : str
@@ -151,11 +151,11 @@ class Pair:
     estimates : tuple[Estimate, ...]
         One answer per method; `pair["oestruc"]` is that method's.
     verdict : Verdict
-        What to believe.
+        The verdict.
     findings : tuple[Finding, ...]
         What the record shows: feedback, coloured noise, …
     warning : str or None
-        That the data hardly tell neighbouring delays apart, if so.
+        Poor excitation and outliers, if any.
     moving : dict or None
         A delay that changes, as `deadtime/estimate@1` has it: its `kind`, `stretches`, `rate`, `quantiles_s`, `gain`; None where one delay describes the records.
     track : dict or None
@@ -192,7 +192,7 @@ class Estimates(FileResult):
     file : str
         The text of `deadtime/estimate@1`.
     beside : dict
-        What a reader is told beside it.
+        What a reader should know with it.
     logs : sequence of Log
         What was estimated in, for the impulse responses of a figure.
     detrend : {"mean", "none", "line"}
@@ -252,18 +252,18 @@ class Estimates(FileResult):
 
     @property
     def verdict(self) -> Verdict:
-        """What to believe of the only pair."""
+        """The verdict on the only pair."""
         return self.pair.verdict
 
     @property
     def best(self) -> Estimate | None:
-        """The answer that the verdict on the only pair took; None where nothing is to be believed."""
+        """The answer that the verdict on the only pair took; None where no dead time is trusted."""
         pair = self.pair
         return None if pair.verdict.method is None else pair[pair.verdict.method]
 
     @property
     def delay_s(self) -> float | None:
-        """The dead time to believe of the only pair, s; None where nothing is to be believed."""
+        """The dead time of the only pair, s; None where none is trusted."""
         return self.verdict.delay_s
 
     def __getitem__(self, channels: tuple[str, str]) -> Pair:
@@ -283,7 +283,7 @@ class Estimates(FileResult):
         Parameters
         ----------
         full : bool
-            Every method with every number, in wide tables, also those whose answers do not count.
+            Every method with every number, in wide tables, also those that the verdict leaves out.
         """
         _, short, whole = self._texts
         return whole if full else short
@@ -338,9 +338,9 @@ class Estimates(FileResult):
             if pair.moving is not None:
                 parts.append(f"<p><b>{escape(v.why)}</b>.</p>")
             elif v.delay_s is None or v.ci95_s is None:
-                parts.append(f"<p><b>Believe none of it</b>: {escape(v.why)}.</p>")
+                parts.append(f"<p><b>No trusted dead time</b>: {escape(v.why)}.</p>")
             else:
-                parts.append(f"<p><b>Believe a dead time of {v.delay_s:.6g} s</b> ({v.ci95_s[0]:.6g} to {v.ci95_s[1]:.6g} s): {escape(v.why)}.</p>")
+                parts.append(f"<p><b>Dead time {v.delay_s:.6g} s</b> ({v.ci95_s[0]:.6g} to {v.ci95_s[1]:.6g} s): {escape(v.why)}.</p>")
         return "".join(parts)
 
     def _response(self, pair: Pair) -> _Response | None:
@@ -379,8 +379,8 @@ def _believed(pair: Pair) -> str:
     """The verdict in one line."""
     v = pair.verdict
     if v.delay_s is None or v.ci95_s is None:
-        return "believe none of the answers"
-    return f"believe a dead time of {v.delay_s:.4g} s ({v.ci95_s[0]:.4g} to {v.ci95_s[1]:.4g} s)"
+        return "no trusted dead time"
+    return f"dead time {v.delay_s:.4g} s ({v.ci95_s[0]:.4g} to {v.ci95_s[1]:.4g} s)"
 
 
 def _number(value: float | None) -> str:
@@ -404,7 +404,7 @@ def estimate(
     track: bool = False,
     threads: int | None = None,
 ) -> Estimates:
-    """The dead time between inputs and outputs of a log, by one method or all, and what to believe.
+    """The dead time between inputs and outputs of a log, by one method or by all, with a verdict.
 
     Parameters
     ----------
@@ -415,7 +415,7 @@ def estimate(
     method : str or sequence of str
         Names of methods, or `all`; `deadtime.methods()` lists them.
     max_delay : float, optional
-        Longest delay to search, s; default 35 samples (at most a quarter of the longest record), doubled up to a third of it while the response begins later.
+        Longest delay to search, s; default 35 samples (at most 25 % of the longest record), doubled up to 33 % of it while the response begins later.
     model : model-like, optional
         Linear model of the plant: adds `state_least_squares` (its pairs have the output `*`) and the model's own degree bias.
     detrend : {"mean", "none", "line"}
@@ -491,7 +491,7 @@ def estimate_delay(
     method : str
         The method; `deadtime.methods()` lists them. For all methods and a verdict give the arrays to `estimate`.
     max_delay : float, optional
-        Longest delay to search, s; default 35 samples, at most a quarter of the record.
+        Longest delay to search, s; default 35 samples, at most 25 % of the record.
     detrend : {"mean", "none", "line"}
         What to take off each channel first.
     degree_bias : int, optional
@@ -591,7 +591,7 @@ def estimate_frf(
     options: Options | None = None,
     threads: int | None = None,
 ) -> Estimates:
-    """The dead time in a measured frequency response, beside the poles and zeros of the plant.
+    """The dead time in a measured frequency response, given poles and zeros of the plant.
 
     Parameters
     ----------
@@ -608,7 +608,7 @@ def estimate_frf(
     method : str or sequence of str
         `rational` (poles, zeros and delay fitted together), `bode_phase` (the phase that the magnitude does not explain), or `all`.
     max_delay : float, optional
-        Longest delay to search, s; default forty periods of the highest frequency, at most half of what the distance of the frequencies tells apart.
+        Longest delay to search, s; default forty periods of the highest frequency, at most half of what the distance of the frequencies resolves.
     options : dict of dict, optional
         Options by method: `{"rational": {"max_poles": 8}}`.
     threads : int, optional
@@ -624,7 +624,7 @@ def estimate_frf(
     LogError
         Frequencies that do not increase, values that are no numbers, too few of them.
     DelayError
-        A search beyond what the frequencies tell apart.
+        A search beyond what the frequencies resolve.
 
     Examples
     --------
@@ -668,7 +668,7 @@ def estimate_frf(
 
 
 def step_log(table: LogLike, response: str | None = None, *, size: float = 1.0, time: float | None = None) -> Log:
-    """A table of a step response as a log with the step beside it, which `estimate` takes as any other.
+    """A table of a step response as a log with its step, which `estimate` takes as any other.
 
     Parameters
     ----------
@@ -726,7 +726,7 @@ def predict_precision(
     method : str or sequence of str
         Names of methods, or `all`.
     max_delay : float, optional
-        Longest delay to be searched, s; default 35 samples, at most a quarter of the longest record. No prediction is worse than this window's width over √12.
+        Longest delay to be searched, s; default 35 samples, at most 25 % of the longest record. No prediction is worse than this window's width over √12.
     model : model-like, optional
         As in `estimate`.
     detrend : {"mean", "none", "line"}
@@ -739,7 +739,7 @@ def predict_precision(
     Returns
     -------
     dict of str to Precision
-        By method; None where there is no prediction. A large number means that the input hardly lets the delay be seen, whatever the method.
+        By method; None where there is no prediction. A large number means that the excitation is too poor for any method.
 
     Raises
     ------
@@ -994,7 +994,7 @@ def _name(logs: list[Log]) -> str:
 
 
 def _pair(pair: dict[str, Any], more: dict[str, Any]) -> Pair:
-    """A pair of the file, with what is told beside it."""
+    """A pair of the file, with its notes."""
     rows = [
         Estimate(**(row | aside | {"ci95_s": _interval(row["ci95_s"]), "distrust": tuple(aside["distrust"])}))
         for row, aside in zip(pair["estimates"], more["estimates"], strict=True)

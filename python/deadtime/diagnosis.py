@@ -27,7 +27,7 @@ _Array: TypeAlias = "NDArray[numpy.float64]"
 
 #: How outputs are predicted: a free run, or one step ahead by a fixed observer.
 Prediction: TypeAlias = Literal["simulation", "predictor"]
-#: Told what is done: the part that is over, 0 to 1, and what comes now.
+#: Called with what is done: the part that is over, 0 to 1, and what comes now.
 Progress: TypeAlias = Callable[[float, str], object]
 #: Channels: names, or name to unit.
 Channels: TypeAlias = "str | Sequence[str] | Mapping[str, str | None]"
@@ -76,7 +76,7 @@ class Nuisance(TypedDict):
     log: str
     parameter: str
     unit: str
-    #: Beside what was found.
+    #: Given what was found.
     value: float
     #: Standard deviation.
     std: float
@@ -97,7 +97,7 @@ class Check(TypedDict):
     check: str
     #: "*": all.
     channel: str
-    #: None where it cannot be told.
+    #: None where it is undecided.
     ok: bool | None
     finding: str
 
@@ -116,7 +116,7 @@ class Trace(TypedDict):
     before: _Array
     #: Predicted with what was found; None where nothing was.
     after: _Array | None
-    #: Spans that were learnt from and held back, s.
+    #: Training and held-out spans, s.
     train: tuple[float, float] | None
     held: tuple[float, float] | None
     #: Standard deviation of what no deterministic simulator can explain.
@@ -159,7 +159,7 @@ class Diagnosis(Result):
 
     @property
     def classes(self) -> list[dict[str, Any]]:
-        """What the logs cannot tell apart: the `members` of each class, its `name`, share, and the calibrated `probability` that a member acts."""
+        """Alias classes of these logs: the `members` of each class, its `name`, share, and the calibrated `probability` that a member acts."""
         classes: list[dict[str, Any]] = self._data["cause"]["classes"]
         return classes
 
@@ -177,7 +177,7 @@ class Diagnosis(Result):
 
     @property
     def remainder(self) -> dict[str, Any]:
-        """What stays of the gap: its share, how many times the noise floor it is, and where it lies."""
+        """The residual of the gap: its share, how many times the noise floor it is, and where it lies."""
         remainder: dict[str, Any] = self._data["cause"]["remainder"]
         return remainder
 
@@ -189,7 +189,7 @@ class Diagnosis(Result):
 
     @property
     def indistinguishable(self) -> list[list[str]]:
-        """Classes of `effect:channel` that the data cannot tell apart."""
+        """Classes of `effect:channel` that are aliases in these logs."""
         classes: list[list[str]] = self._data["cause"]["indistinguishable"]
         return classes
 
@@ -253,7 +253,7 @@ class Diagnosis(Result):
 
     @property
     def summary(self) -> str:
-        """Sentences: cause, shrink, what is left, next experiment, size and place."""
+        """Sentences: cause, shrink, residual, next experiment, size and place."""
         return self._native.summary
 
     @property
@@ -291,7 +291,7 @@ class Diagnosis(Result):
         return self._native.save(folder)
 
     def plot(self, log: str | None = None, span: tuple[float, float] | Literal["densest", "all"] = "densest") -> Figure:
-        """Per output the measured, simulated and corrected curve, and what is left beside the noise floor.
+        """Per output the measured, simulated and corrected curve, and the residual with the noise floor.
 
         Parameters
         ----------
@@ -398,7 +398,7 @@ class Inspection(FileResult):
 
 
 class Isolability(FileResult):
-    """What logs can tell apart: `deadtime/isolability@1`."""
+    """Which effects are distinguishable in logs: `deadtime/isolability@1`."""
 
     def __init__(self, text: str, words: str) -> None:
         self._text, self._words = text, words
@@ -409,7 +409,7 @@ class Isolability(FileResult):
 
     @property
     def effects(self) -> list[dict[str, Any]]:
-        """Every candidate: whether it is visible, the smallest size that is, and its closest rival."""
+        """Every candidate: whether it is visible, the smallest size that is, and its closest alternative."""
         effects: list[dict[str, Any]] = self._data["effects"]
         return effects
 
@@ -420,7 +420,7 @@ class Isolability(FileResult):
 
     @property
     def classes(self) -> list[dict[str, Any]]:
-        """Groups that these logs cannot tell apart, `members` with the `next_experiment` that would."""
+        """Groups that are indistinguishable in these logs, `members` with the `next_experiment` that would."""
         classes: list[dict[str, Any]] = self._data["classes"]
         return classes
 
@@ -434,7 +434,7 @@ class Isolability(FileResult):
         return self._words.rstrip()
 
     def plot(self) -> Figure:
-        """How alike the signatures of the visible effects are: dark squares off the diagonal are pairs that these logs cannot tell apart.
+        """How alike the signatures of the visible effects are: dark squares off the diagonal are pairs that are indistinguishable in these logs.
 
         Raises
         ------
@@ -444,7 +444,7 @@ class Isolability(FileResult):
         return plotting.isolability(self.effects, self.cosines)
 
     def _repr_html_(self) -> str:
-        return plotting.folded(plotting.image(self.plot, "which effects these logs can tell apart"), f"<pre>{escape(repr(self))}</pre>")
+        return plotting.folded(plotting.image(self.plot, "which effects are distinguishable in these logs"), f"<pre>{escape(repr(self))}</pre>")
 
 
 def gap(
@@ -476,7 +476,7 @@ def gap(
     log : Log, path, frame, or several of them
         Logs to learn from, with the simulator's inputs and outputs as columns.
     holdout : Log, path, frame, or several of them, optional
-        Logs to measure the shrink on. Without one, the last 30 % of each log are held back.
+        Held-out logs. Without one, the last 30 % of each log are held out.
     simulate : function, optional
         Any simulator, f(u, time, x0, parameters) -> y: `u`, shape (N, m), the inputs, each held from its own time stamp to the next; `time`, shape (N,), s,
         counted from the log's first sample, perhaps uneven; `x0`, shape (n,), the states there; `parameters`, a dict of name to float; `y`, shape (N, p) or
@@ -507,7 +507,7 @@ def gap(
     name : str, optional
         What a function is called in the diagnosis; without it its own name.
     restart_every : float, optional
-        Seconds between two starts of a function whose states stand in the log; without it as long as a push grows no more than tenfold.
+        Seconds between two starts of a function whose states stand in the log; without it as long as a perturbation grows tenfold at most.
 
     Returns
     -------
@@ -608,7 +608,7 @@ def isolability(
     name: str | None = None,
     restart_every: float | None = None,
 ) -> Isolability:
-    """Which effects these logs can tell apart at all; nothing is fitted, and nothing is diagnosed.
+    """Which effects are distinguishable in these logs; nothing is fitted, and nothing is diagnosed.
 
     Parameters
     ----------
@@ -776,7 +776,7 @@ def _densest(traces: Sequence[Trace]) -> tuple[float, float] | None:
 
 
 def _figure(traces: Sequence[Trace], diagnosis: Diagnosis, span: tuple[float, float] | None) -> Figure:
-    """A panel of curves and one of what is left, per output, over some seconds or all."""
+    """A panel of curves and one of the residual, per output, over some seconds or all."""
     figure = plotting.figure(10.0, 3.2 * max(len(traces), 1))
     if not traces:
         return figure

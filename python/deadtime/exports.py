@@ -58,7 +58,7 @@ def export(
     model : Model, path or dict, optional
         The model with its effects; default: that of the diagnosis.
     log : Log, path, frame, or several of them, optional
-        Logs that were learnt from, for noise in the outputs' units; a Diagnosis knows them.
+        The training logs, for noise in the outputs' units; a Diagnosis knows them.
     widen : float
         The width of every interval is multiplied by this: machines of one kind differ more than one machine is uncertain.
     **options
@@ -97,7 +97,7 @@ def export(
 
 
 def _deviations(diagnosis: Diagnosis) -> list[tuple[str, float]]:
-    """Standard deviations of the outputs over the logs that were learnt from."""
+    """Standard deviations of the outputs over the training logs."""
     values: dict[str, list[Any]] = {}
     for trace in diagnosis.traces:
         if trace["train"] is not None:

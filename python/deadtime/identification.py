@@ -51,7 +51,7 @@ class Identified(PrintedResult):
     inputs, outputs : list of str
         Their names.
     input_delay_s : dict of str to float
-        The dead time of each input that was taken out first, s; of transfer functions and process models the whole samples of the one that they found.
+        The dead time of each input that was removed first, s; of transfer functions and process models the whole samples of the one that they found.
     operating : dict of str to float
         The mean of each input and output in the data.
     order : int
@@ -184,7 +184,7 @@ def identify(
     past : int, optional
         Samples of the past that predict; default by Akaike's criterion. Of states only.
     delay : "auto", "none" or dict of str to float
-        Dead times that are taken out first: estimated, none, or by input, s. `riv` and process models find them themselves.
+        Dead times that are removed first: estimated, none, or by input, s. `riv` and process models find them themselves.
     direct : bool
         Estimate D too: the input acts within the sample. Not of process models.
     continuous : bool
@@ -192,7 +192,7 @@ def identify(
     holdout : log-like, or several, optional
         Logs to judge the model on, which take no part in the fit; default the last part of each log.
     learn : float
-        The share of each log that is learnt from where there is no `holdout`, between 0 and 1.
+        The share of each log that is fitted where there is no `holdout`, between 0 and 1.
     options : dict, optional
         Further options of the method: `{"max_order": 20}`.
     name : str

@@ -626,7 +626,7 @@ def simulate(
     hold : "zero" or "linear"
         Between samples the inputs are held, or run in straight lines.
     delay : dict of str to float, optional
-        Delays by input, s, beside the model's own.
+        Delays by input, s, added to the model's own.
     states : bool
         Put the states into the simulated log too.
     snr : float, optional

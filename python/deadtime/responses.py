@@ -40,9 +40,9 @@ class FrequencyResponse(PrintedResult):
     std : array, shape (p, m, N)
         Standard deviation of the real part, and of the imaginary part.
     coherence : array, shape (p, m, N)
-        Squared coherence of each input and output, the other inputs' parts taken out.
+        Squared coherence of each input and output, the other inputs' parts removed.
     gain_ci95, phase_ci95_rad : arrays, shape (p, m, N, 2)
-        95 % intervals; of a phase NaN where the gain cannot be told from 0.
+        95 % intervals; of a phase NaN where the interval of the gain holds 0.
     inputs, outputs, references : list of str
         Their names.
     sample_time_s : float

@@ -69,7 +69,7 @@ def excite(
     if channel is None:
         return values
     if sample_time is None:
-        raise ValueError("a log has a time: give sample_time beside channel")
+        raise ValueError("a log has a time: give sample_time with channel")
     return _native._of_channel(channel, values, sample_time)
 
 

@@ -107,7 +107,7 @@ def study(
     threads : int, optional
         Default: all cores.
     progress : function of (done, all), optional
-        Told the number of estimates made, and of all, every now and then.
+        Called with the number of estimates made, and of all, every now and then.
     max_memory_gb, max_disk_gb : float, optional
         What the study may need, 10^9 bytes of memory and on the disk, estimated before anything is made; default: 4 and 50.
 
@@ -153,7 +153,7 @@ def read_study(path: PathLike, plan: PlanLike | None = None) -> Study:
     path : path
         `study.json`, or the folder that holds it.
     plan : str, path, dict or Plan, optional
-        Its plan; with it, published numbers and aims stand beside the results.
+        Its plan; with it, published numbers and aims stand with the results.
 
     Raises
     ------
@@ -245,7 +245,7 @@ class Study(FileResult):
 
     @property
     def published(self) -> list[dict[str, Any]]:
-        """Every published number of the plan beside ours.
+        """Every published number of the plan and ours.
 
         `source`, `cells`, `statistic`, `published`, `ours`, `standing` (matching, differing, not_reproducible).
         """
@@ -332,7 +332,7 @@ class Study(FileResult):
         return found
 
     def plot(self) -> matplotlib.figure.Figure:
-        """RMS error by method beside the Cramér-Rao bound, and how often the 95 % intervals hold the truth.
+        """RMS error by method and the Cramér-Rao bound, and how often the 95 % intervals hold the truth.
 
         Raises
         ------

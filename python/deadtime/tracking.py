@@ -14,7 +14,7 @@ class Alarm:
     Attributes
     ----------
     cause : str
-        `delay_changed`: the dead time is another one. `response_changed`: no delay explains what the output does any more; the response is learnt anew.
+        `delay_changed`: the dead time is another one. `response_changed`: no delay explains what the output does any more; the response is fitted anew.
     from_s, to_s : float or None
         The dead time before and now, s; None for a response that changed.
     since_s : float
@@ -36,7 +36,7 @@ class Tracking:
     time_s : float
         The sample's time, s from the first.
     delay_s : float or None
-        The dead time, s; None while the response is learnt.
+        The dead time, s; None while the response is fitted.
     band_s : tuple[float, float] or None
         Its 95 % band, s: wide where the input does not move.
     alarm : Alarm or None
@@ -63,11 +63,11 @@ class Tracker:
     na, nb : int
         Past outputs and input coefficients of the model of the response.
     learn : int
-        Samples from which the response is learnt before anything is told; longer where the input does not move.
+        Samples that the first response is fitted to, before anything is reported; longer where the input does not move.
     forget : int
-        Samples after which what was learnt counts a third.
+        Samples after which an observation has 1/3 of its weight.
     alarm : float
-        What a change must gain before it is told, in units of the logarithm of the likelihood: the lower, the sooner and the oftener wrong.
+        Log-likelihood that a change must gain before it is reported: a lower one reports sooner, with more false alarms.
 
     Raises
     ------

@@ -60,7 +60,7 @@ pub(super) struct ScoreVerdicts {
     /// The folder of labels: ID.json, deadtime/blind@1
     #[arg(value_name = "LABELS")]
     labels: PathBuf,
-    /// The folder of cases; needed only where no commitment stands beside a verdict
+    /// The folder of cases; needed only where a verdict has no commitment
     #[arg(long, value_name = "CASES")]
     cases: Option<PathBuf>,
     /// Also write the report as Markdown

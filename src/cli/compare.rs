@@ -53,7 +53,7 @@ impl Compare {
         let Some((first, _)) = found.first() else { bail!("compare: nothing to compare") };
         if let Some((other, path)) = found.iter().find(|(kind, _)| kind != first) {
             bail!(
-                "{}: a {} beside a {}: compare results of one kind",
+                "{}: a {} and a {}: compare results of one kind",
                 path.display(),
                 other.file(),
                 first.file()

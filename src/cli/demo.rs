@@ -4,12 +4,13 @@ use super::words::option;
 use std::path::PathBuf;
 
 use super::estimate::draw;
+use super::progress::Bar;
 use super::show::Out;
 use super::show::write_json;
-use crate::report::diagnosis::{ranking, summary};
 use crate::report::folder::{save, save_study};
-use crate::report::study::cells;
-use crate::report::terminal::delay::short;
+use crate::report::study::overview;
+use crate::report::terminal::delay::brief;
+use crate::report::terminal::diagnosis;
 use deadtime_delay::{Class, Job, METHODS, Method, Scope};
 use deadtime_gap::{GapOptions, diagnose};
 use deadtime_log as log;
@@ -53,14 +54,11 @@ impl Demo {
         self.gap(to)?;
         say!(
             to,
-            "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy/ (the study), diagnosis.json, report.html, model_with_effects.toml.",
+            "\nWritten to {}: the flight, its model, estimate.json, estimate.svg, accuracy/, report.html (the page).",
             self.out.display()
         );
-        say!(
-            to,
-            "Next, your own log:  deadtime estimate LOG.csv --input COMMAND --output RESPONSE"
-        );
-        say!(to, "     and simulator:  deadtime gap --model MODEL.toml --log LOG.csv --out DIR");
+        say!(to, "Your log:   deadtime estimate LOG.csv --input COMMAND --output RESPONSE");
+        say!(to, "Your model: deadtime gap --model MODEL.toml --log LOG.csv");
         Ok(())
     }
 
@@ -68,38 +66,27 @@ impl Demo {
         let model = ModelFile::read(&self.out.join("uav_lateral_stabilised.toml"))?;
         say!(
             to,
-            "1. How long is the dead time? A simulated UAV flies on a random binary roll command r; roll rate p, side acceleration ay and"
-        );
-        say!(
-            to,
-            "   the states were logged, with noise. The command reached the vehicle late: by {TRUTH_S} s, which the methods are not told.\n"
+            "1. Dead time of a simulated UAV flight, from the roll command `r` (true value {TRUTH_S} s)\n"
         );
         let logs = vec![log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?];
         let job = Job { model: Some(model.clone()), ..Job::new(logs, ["r"], ["p", "ay"]) };
         let report = job.run()?.worded(option);
-        to.styled(&short(&report))?;
+        to.styled(&brief(&report))?;
         write_json(&self.out.join("estimate.json"), &report)?;
         draw(&job, &report, &self.out.join("estimate.svg"))?;
         to.json(&report)?;
         say!(
             to,
-            "\n   The truth is {TRUTH_S} s, six samples and a half. Methods that count samples can only come to within one; the one that knows the"
+            "\nMethods that count samples of 0.02 s cannot resolve half a sample. The third answer"
         );
-        say!(
-            to,
-            "   dynamics and sees the states resolves the half sample. Their intervals say so."
-        );
+        say!(to, "uses the model and the logged states, and resolves it.");
         Ok(())
     }
 
     fn accuracy(&self, to: &Out<'_>) -> anyhow::Result<()> {
         say!(
             to,
-            "\n2. Which method may be trusted to say so? The same vehicle again, {TRIALS} records for each of four delays that are injected and"
-        );
-        say!(
-            to,
-            "   so are known; output p, 600 samples, the same noise; of each class of methods the one that is trusted most.\n"
+            "\n2. Accuracy of one method of each class: {TRIALS} records for each of four injected dead times\n"
         );
         let mut plan = Plan::parse("demo", PLAN, &self.out)?;
         plan.seed = self.seed;
@@ -108,42 +95,35 @@ impl Demo {
             g.method = most_trusted().map(|m| m.entry.name.to_owned()).collect();
         });
         let folder = self.out.join("accuracy");
+        let bar = Bar::new(to);
         let study = Runner::new(&plan)?.run(&folder, true, &Stop::default(), &|_| ())?;
-        let (_, accuracy) = cells(&study, &plan.name);
-        say!(to, "{}", accuracy.to_string().trim_end_matches('\n'));
-        save_study(&study, &plan, &folder)?;
-        say!(
-            to,
-            "\n   Errors are in samples of 0.02 s, over the records that got an answer. A method to trust has a small error, and"
-        );
-        say!(to, "   an interval that holds the truth about as often as it promises.");
-        Ok(())
+        drop(bar);
+        say!(to, "{}", overview(&study, BEST).to_string().trim_end_matches('\n'));
+        Ok(save_study(&study, &plan, &folder)?)
     }
 
     fn gap(&self, to: &Out<'_>) -> anyhow::Result<()> {
         say!(
             to,
-            "\n3. Where do simulator and machine differ? The same simulator, which knows of no delay, against the same flight: every effect of the"
+            "\n3. Gap between the same flight and a simulator without dead time; the last 30 % are held out\n"
         );
-        say!(to, "   catalogue on every channel, the last 30 % of the flight held back.\n");
         let logs = [log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?];
         let document = ModelDocument::read(&self.out.join("uav_lateral_stabilised.toml"))?;
-        let found = diagnose(
-            &document,
-            &logs,
-            &[],
-            &GapOptions { seed: self.seed, ..GapOptions::default() },
-            &|_| (),
-        )?
-        .worded(option);
-        for line in summary(&found).lines() {
-            say!(to, "   {line}");
-        }
-        say!(to, "\n{}", ranking(&found.diagnosis, 6).to_string().trim_end());
+        let options = GapOptions { seed: self.seed, ..GapOptions::default() };
+        let bar = Bar::new(to);
+        let found = diagnose(&document, &logs, &[], &options, &|stage| {
+            bar.far().at(stage.begins_at(), &stage)
+        });
+        drop(bar);
+        let found = found?.worded(option);
+        to.styled(&diagnosis(&found))?;
         save(&found, &self.out)?;
         Ok(())
     }
 }
+
+/// Methods of the study that are shown.
+const BEST: usize = 4;
 
 /// The most trusted method of every class that looks at commands and responses.
 fn most_trusted() -> impl Iterator<Item = &'static Method> {

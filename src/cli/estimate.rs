@@ -7,12 +7,15 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use serde_json::Value;
 
+use super::aliases::estimator;
+use super::limit::NothingTrusted;
 use super::progress::Bar;
 use super::show::Out;
 use super::source::{Needed, Reading};
 use crate::report::estimate::full;
 use crate::report::page;
 use crate::report::picture::{Shown, svg};
+use crate::report::standing::trusted;
 use crate::report::terminal::delay::{brief, short};
 use deadtime_delay::report::Report;
 use deadtime_delay::{Detrend, EventsJob, Feedback, Job, ResponseJob, STEP_METHODS, Scope, chosen};
@@ -21,7 +24,7 @@ use deadtime_model::ModelFile;
 use deadtime_signal::file::write_atomic;
 use deadtime_signal::registry;
 
-/// Estimate the dead time between inputs and outputs of a log, by one method or all, and say what to believe
+/// Estimate the dead time between inputs and outputs of a log, by one method or by all, with a verdict
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   deadtime estimate flight.csv --input rudder --output yaw_rate
@@ -35,8 +38,6 @@ pub(super) struct Estimate {
     /// The log: text with a header row and a column `time` in seconds (.csv, .csv.gz), or another format of `deadtime list readers`
     #[arg(value_name = "LOG", required_unless_present_any = ["frf", "step_table"], conflicts_with_all = ["frf", "step_table"])]
     log: Option<PathBuf>,
-    #[command(flatten)]
-    reading: Reading,
     /// Input channel (the command); may be repeated
     #[arg(long, value_name = "U", required_unless_present_any = ["events", "frf", "step_table"])]
     input: Vec<String>,
@@ -44,17 +45,16 @@ pub(super) struct Estimate {
     #[arg(long, value_name = "Y", required_unless_present_any = ["events", "frf", "step_table"])]
     output: Vec<String>,
     /// Two columns of event times instead of channels: when the same events were seen at two places; no `time` column is needed
-    #[arg(long, value_name = "A,B", conflicts_with_all = ["input", "output", "model", "degree_bias", "plot"])]
+    #[arg(long, value_name = "A,B", conflicts_with_all = ["input", "output", "model", "degree_bias", "svg"], hide_short_help = true)]
     events: Option<String>,
     /// A frequency response instead of a log, as text: `frequency [Hz]` or `[rad/s]`; `real`, `imag` or `magnitude [dB]`, `phase [deg]`; perhaps `coherence` or `std`
     #[arg(
         long,
         value_name = "FILE",
-        conflicts_with_all = ["input", "output", "events", "model", "degree_bias", "plot", "track", "from", "to", "resample", "records", "map", "channel", "time", "time_unit"]
-    )]
+        conflicts_with_all = ["input", "output", "events", "model", "degree_bias", "svg", "track", "from", "to", "resample", "records", "map", "channel", "time", "time_unit"], hide_short_help = true)]
     frf: Option<PathBuf>,
     /// A table of a step response instead of a log: time, the response, and nothing else (or name it by --output)
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["input", "events", "frf", "records", "from", "to", "degree_bias"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["input", "events", "frf", "records", "from", "to", "degree_bias"], hide_short_help = true)]
     step_table: Option<PathBuf>,
     /// Height of the step that a --step-table answers
     #[arg(
@@ -62,48 +62,60 @@ pub(super) struct Estimate {
         value_name = "H",
         default_value_t = 1.0,
         requires = "step_table",
-        allow_negative_numbers = true
+        allow_negative_numbers = true,
+        hide_short_help = true
     )]
     step_size: f64,
     /// Time of the step that a --step-table answers; default: 0, where the table holds it, or else its first row
-    #[arg(long, value_name = "S", requires = "step_table", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "S",
+        requires = "step_table",
+        allow_negative_numbers = true,
+        hide_short_help = true
+    )]
     step_time: Option<f64>,
     /// Method, or `all`; may be repeated; `deadtime list methods` shows them
     #[arg(long, value_name = "NAME", default_value = "all")]
     method: Vec<String>,
-    /// Longest delay to search, seconds; default 35 samples, at most a quarter of the longest record, doubled up to a third of it while the response begins later
+    /// Longest delay to search, seconds; default 35 samples, at most 25 % of the longest record, doubled up to 33 % of it while the response begins later
     #[arg(long, value_name = "S")]
     max_delay: Option<f64>,
     /// Model of the plant: adds `state_least_squares` and the model's own relative degree
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// What to take off each channel first
-    #[arg(long, value_enum, default_value_t = Detrend::Mean)]
+    #[arg(long, value_enum, default_value_t = Detrend::Mean, hide_short_help = true)]
     detrend: Detrend,
     /// Samples that the plant needs to respond without any dead time (its relative degree when sampled); default: the model's, or 1
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", hide_short_help = true)]
     degree_bias: Option<usize>,
     /// How the log was taken: with the input depending on the output (closed) or not (open); auto looks for it
     #[arg(long = "loop", value_enum, default_value_t = Feedback::Auto)]
     feedback: Feedback,
     /// An option of a method, such as `oestruc.nf=3`; may be repeated
-    #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
+    #[arg(long = "set", value_name = "METHOD.KEY=VALUE", hide_short_help = true)]
     set: Vec<String>,
     /// Also print the dead time against time with its band; --json has every sample of it
     #[arg(long, conflicts_with = "events")]
     track: bool,
-    /// Only the answer: two lines a pair
+    /// Only the answer: at most three lines a pair
     #[arg(long, conflicts_with = "full")]
     brief: bool,
-    /// Every method with every number, also those whose answers do not count, in wide tables
+    /// Exit with code 3 where a pair has no dead time that a trusted method supports
+    #[arg(long)]
+    require: bool,
+    /// Every method with every number, also those that are left out, in wide tables
     #[arg(long)]
     full: bool,
-    /// Also draw the answers and the impulse responses, as SVG
-    #[arg(long, value_name = "FILE", value_parser = super::picture::picture())]
-    plot: Option<PathBuf>,
-    /// Also write a page with input and output over time, zoomable, and every method's answer: one HTML file that needs no network
+    /// Also write a picture of the answers and the impulse responses, as SVG
+    #[arg(long, alias = "plot", value_name = "FILE", value_parser = super::picture::picture())]
+    svg: Option<PathBuf>,
+    /// Also write a page: the signals, zoomable, and every method's answer, as one HTML file
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
+    #[command(flatten)]
+    reading: Reading,
 }
 
 impl Estimate {
@@ -122,7 +134,7 @@ impl Estimate {
         };
         // The files first: whoever closes the pipe still gets them.
         to.json(&report)?;
-        if let (Some(path), Some(job)) = (&self.plot, &job) {
+        if let (Some(path), Some(job)) = (&self.svg, &job) {
             draw(job, &report, path)?;
         }
         if let Some(path) = &self.html {
@@ -133,10 +145,23 @@ impl Estimate {
             write_atomic(path, |out| out.write_all(text.as_bytes()))?;
         }
         match (self.brief, self.full) {
-            (true, _) => to.styled(&brief(&report)),
-            (_, true) => to.line(full(&report).trim_end()),
-            _ => to.styled(&short(&report)),
+            (true, _) => to.styled(&brief(&report))?,
+            (_, true) => to.line(full(&report).trim_end())?,
+            _ => to.styled(&short(&report))?,
         }
+        self.must_be_trusted(&report)
+    }
+
+    /// With --require every pair must have a trusted dead time.
+    fn must_be_trusted(&self, report: &Report) -> anyhow::Result<()> {
+        let missing = report.pairs.iter().filter(|pair| !trusted(pair));
+        let missing: Vec<String> =
+            missing.map(|pair| format!("{} → {}", pair.input, pair.output)).collect();
+        if self.require && !missing.is_empty() {
+            let text = format!("--require: no trusted dead time for {}", missing.join(", "));
+            return Err(NothingTrusted(text).into());
+        }
+        Ok(())
     }
 
     /// The log; there is one wherever no frequency response is.
@@ -145,6 +170,18 @@ impl Estimate {
             .as_deref()
             .or(self.log.as_deref())
             .context("LOG is missing: the log to read")
+    }
+
+    /// The methods by the names that they have here; of another tool's name it is said which method stands for it.
+    fn methods(&self) -> Vec<String> {
+        let one = |name: &String| match estimator(name) {
+            Some(here) => {
+                eprintln!("deadtime: --method {name}: {here} is used");
+                here.to_owned()
+            }
+            None => name.clone(),
+        };
+        self.method.iter().map(one).collect()
     }
 
     fn of_response(&self, path: &Path) -> anyhow::Result<Report> {
@@ -164,7 +201,7 @@ impl Estimate {
         let needed = Needed { inputs: &self.input, outputs: &self.output, required: true };
         Ok(Job {
             name: self.log()?.display().to_string(),
-            methods: chosen(&self.method, &options(&self.set)?, scopes)?,
+            methods: chosen(&self.methods(), &options(&self.set)?, scopes)?,
             model: self.model.as_deref().map(ModelFile::read).transpose()?,
             max_delay_s: self.max_delay,
             degree_bias: self.degree_bias,
@@ -175,7 +212,7 @@ impl Estimate {
         })
     }
 
-    /// The step beside its response, estimated as any log is; unless it is said otherwise by the methods that are made for it, over a quarter of the table.
+    /// The step and its response as a log, by default with the methods for steps and delays up to 25 % of the table.
     fn job_of_step(&self, to: &Out<'_>) -> anyhow::Result<Job> {
         let table = self.log()?;
         let needed = Needed { inputs: &[], outputs: &self.output, required: true };

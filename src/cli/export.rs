@@ -26,10 +26,10 @@ pub(super) struct Export {
     /// An option of the target, such as `physics_dt=0.005`; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// The model with its effects; default: model_with_effects.toml beside the diagnosis
+    /// The model with its effects; default: model_with_effects.toml in the diagnosis' folder
     #[arg(long, value_name = "MODEL")]
     model: Option<PathBuf>,
-    /// A log that was learnt from; may be repeated. With it noise is given in the outputs' units, else as a part of their deviation
+    /// A training log; may be repeated. With it noise is given in the outputs' units, else as a share of their standard deviation
     #[arg(long, value_name = "LOG")]
     log: Vec<PathBuf>,
     /// Column of the logs that carries a name of the model; may be repeated

@@ -7,9 +7,9 @@ use clap::{Arg, ArgMatches};
 
 use deadtime_signal::file::{STANDARD_OUTPUT, SameFile};
 
-/// Options that write, by their names in the code; `baseline` does where `--update` stands beside it. Every other path is read.
-const WRITTEN: [&str; 7] = ["folder", "html", "json", "junit", "markdown", "out", "plot"];
-/// What commands read from a folder that they are given, beside bags.
+/// Options that write, by their names in the code; `baseline` does where `--update` does with `--update`. Every other path is read.
+const WRITTEN: [&str; 7] = ["folder", "html", "json", "junit", "markdown", "out", "svg"];
+/// What commands read from a folder that they are given; bags are found by their extension.
 const READ_FROM_FOLDERS: [&str; 3] = ["diagnosis.json", "model_with_effects.toml", "study.json"];
 /// What commands write into a folder that they are given.
 const WRITTEN_TO_FOLDERS: [&str; 10] = [
@@ -82,7 +82,7 @@ fn given(command: &clap::Command, matches: &ArgMatches, found: &mut (Vec<Given>,
     }
 }
 
-/// The files that are read where this is given: itself, and what stands in a folder or beside a diagnosis.
+/// The files that are read where this is given: itself, the files of a folder, and the model next to a diagnosis.
 fn read_of(path: &Path) -> Vec<PathBuf> {
     let mut all = vec![path.to_owned()];
     if path.is_dir() {

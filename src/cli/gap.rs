@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::criteria::Thresholds;
 use super::progress::Bar;
-use super::show::Out;
+use super::show::{Out, write};
 use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
 use super::words::option;
@@ -12,15 +12,18 @@ use crate::error::Error;
 use crate::report::diagnosis::{caveat_lines, ranking, summary};
 use crate::report::folder::save;
 use crate::report::isolability::text as isolability_text;
+use crate::report::page;
 use crate::report::terminal;
 use deadtime_gap::{GapError, GapOptions, Mode, diagnose, isolability};
 use deadtime_log::Log;
 use deadtime_model::CandidateEntry;
+use deadtime_model::effect::find;
 use deadtime_signal::file::Lock;
 
 /// Diagnose the gap between a model and logs of the real machine: where it lies, which unmodelled effect causes it, how far it shrinks
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
+  deadtime gap --model model.toml --log flight.csv
   deadtime gap --model model.toml --log flight.csv --out gap
   deadtime gap --model model.toml --log a.csv --log b.csv --holdout c.csv --out gap --full
   deadtime gap --model tanks.toml --log run.csv --candidate 'level2 += k*(level1 - level2); k in 0 to 1' --out gap
@@ -36,35 +39,37 @@ pub(super) struct Gap {
         conflicts_with = "simulator"
     )]
     model: Option<PathBuf>,
-    #[command(flatten)]
-    simulator: SimulatorArgs,
-    /// A log to learn from; may be repeated
+    /// A training log; may be repeated
     #[arg(long, value_name = "LOG", required = true)]
     log: Vec<PathBuf>,
-    /// A log to measure the shrink on; may be repeated. Without one, the last 30 % of each log are held back
+    /// A held-out log, on which the reduction is measured; may be repeated. Without one, the last 30 % of each log are held out
     #[arg(long, value_name = "LOG")]
     holdout: Vec<PathBuf>,
-    #[command(flatten)]
-    reading: Reading,
     /// A term that the model may lack, as 'state += expression': names that the model does not know are free parameters, 0 where it is nothing. After a
     /// semicolon their ranges, as 'k in 0 to 2, width = 0.1 in 0.01 to 1'. May be repeated
     #[arg(long, value_name = "TERM", conflicts_with = "simulator")]
     candidate: Vec<String>,
     /// What "predicted" means; default: simulation, or the predictor where the model has poles that do not decay within a log
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, hide_short_help = true)]
     prediction: Option<ModeName>,
     /// Predict over so many samples at a time, each time from the state that an observer has estimated from the log: what a planner or a policy feels. The
     /// answer then has the error by horizon
-    #[arg(long, value_name = "SAMPLES", conflicts_with_all = ["prediction", "simulator"])]
+    #[arg(long, value_name = "SAMPLES", conflicts_with_all = ["prediction", "simulator"], hide_short_help = true)]
     horizon: Option<usize>,
     /// Longest delay and lag to look for, seconds; default: 35 samples, at most a tenth of the shortest log
     #[arg(long, value_name = "S")]
     max_delay: Option<f64>,
-    /// Rows to look at, of all logs together; of longer logs that is the first part, which is said. --from and --to choose another part
-    #[arg(long, value_name = "ROWS", default_value_t = 100_000)]
+    /// Rows to use of all logs together, from their beginning; --from and --to choose another part
+    #[arg(long, value_name = "ROWS", default_value_t = 100_000, hide_short_help = true)]
     look_at: usize,
+    /// Effects to try, by the names of `deadtime list effects`; default: all
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',', hide_short_help = true)]
+    effects: Vec<String>,
+    /// The longest time of a diagnosis, minutes: one that is estimated to take longer is refused
+    #[arg(long, value_name = "MINUTES", default_value_t = 10.0, hide_short_help = true)]
+    max_minutes: f64,
     /// Seed of the bootstrap
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, hide_short_help = true)]
     seed: u64,
     #[command(flatten)]
     thresholds: Thresholds,
@@ -75,14 +80,21 @@ pub(super) struct Gap {
     #[arg(long)]
     full: bool,
     /// With --full: rows of the ranking to print
-    #[arg(long, value_name = "N", default_value_t = 8)]
+    #[arg(long, value_name = "N", default_value_t = 8, hide_short_help = true)]
     rows: usize,
-    /// Only say which effects these logs can tell apart at all; nothing is diagnosed
+    /// Only report which effects are distinguishable in these logs; nothing is diagnosed
     #[arg(long)]
     isolability: bool,
     /// Folder to write diagnosis.json, report.html and model_with_effects.toml to; without it the answer is printed alone
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Also write the page alone, one HTML file that needs no network
+    #[arg(long, value_name = "FILE", conflicts_with = "isolability")]
+    html: Option<PathBuf>,
+    #[command(flatten)]
+    simulator: SimulatorArgs,
+    #[command(flatten)]
+    reading: Reading,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -91,6 +103,14 @@ enum ModeName {
     Simulation,
     /// One-step predictions of a fixed-gain observer
     Predictor,
+}
+
+/// The names of effects, each known.
+fn known_effects(names: &[String]) -> anyhow::Result<Vec<String>> {
+    for name in names {
+        find(name)?;
+    }
+    Ok(names.to_vec())
 }
 
 impl Gap {
@@ -117,6 +137,8 @@ impl Gap {
             horizon: self.horizon,
             longest_delay_s: self.max_delay,
             rows: self.look_at,
+            effects: known_effects(&self.effects)?,
+            longest_run_s: 60.0 * self.max_minutes,
             seed: self.seed,
             criteria: self.thresholds.criteria()?,
             ..GapOptions::default()
@@ -137,6 +159,7 @@ impl Gap {
         drop(bar);
         let found = found.map_err(|e| self.in_file(e))?.worded(option);
         let written = self.out.as_deref().map(|out| save(&found, out)).transpose()?;
+        write(self.html.as_ref(), || page::gap(&found))?;
         to.json(&found.diagnosis)?;
         if self.brief {
             return to.styled(&terminal::verdict(&found.diagnosis));

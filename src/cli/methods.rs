@@ -1,4 +1,4 @@
-//! `deadtime methods`: every method beside the others, on a small study.
+//! `deadtime methods`: all methods compared on a small study.
 
 use std::path::PathBuf;
 

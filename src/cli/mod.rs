@@ -6,6 +6,7 @@
 #[macro_use]
 mod show;
 
+mod aliases;
 mod blind;
 mod c2d;
 mod check;
@@ -36,5 +37,5 @@ mod study;
 mod watch;
 mod words;
 
-pub use limit::LimitNotMet;
+pub use limit::{LimitNotMet, NothingTrusted};
 pub use program::{Cli, end_when_asked, main};

@@ -195,7 +195,7 @@ impl New {
         )?;
         say!(
             to,
-            "{}: put in your machine's mass, inertias, arm and coefficients, then `deadtime check` looks at it beside a log",
+            "{}: put in your machine's mass, inertias, arm and coefficients, then `deadtime check` compares it with a log",
             self.out.display()
         );
         if let Some(log) = &log {

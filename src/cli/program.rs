@@ -1,6 +1,6 @@
 //! The program: its subcommands, exit codes and messages.
 
-use super::limit::LimitNotMet;
+use super::limit::{LimitNotMet, NothingTrusted};
 use super::show::{Color, Out};
 use super::{
     blind, c2d, check, compare, demo, estimate, excite, export, files, gap, gate, identify, list,
@@ -13,9 +13,9 @@ use std::ffi::OsString;
 use std::io::IsTerminal;
 use std::path::PathBuf;
 
-/// Dead time between command and response, from a measured log
+/// Dead time and the gap between simulator and machine, from measured logs
 ///
-/// Exit codes: 0 done, 1 a gate or a requested limit was not met, 2 could not run.
+/// Exit codes: 0 done, 1 a gate or a requested limit was not met, 2 could not run, 3 nothing trusted (estimate --require).
 #[derive(Debug, Parser)]
 #[command(name = "deadtime", version, about, long_about = None, arg_required_else_help = true, max_term_width = 100)]
 #[command(after_help = "Examples:
@@ -27,15 +27,15 @@ pub struct Cli {
     #[command(subcommand)]
     command: Command,
     /// Threads to use, four for each core at most; default: one for each
-    #[arg(long, global = true, value_name = "N")]
+    #[arg(long, global = true, value_name = "N", hide_short_help = true)]
     threads: Option<usize>,
-    /// Also write what was found as JSON; `-` is standard output, as for every file that is written: words then go to standard error
+    /// Also write the answer as JSON; `-` is standard output, and words then go to standard error
     #[arg(long, global = true, value_name = "FILE")]
     json: Option<PathBuf>,
     /// When to colour what is printed
-    #[arg(long, global = true, value_enum, value_name = "WHEN", default_value_t = Color::Auto)]
+    #[arg(long, global = true, value_enum, value_name = "WHEN", default_value_t = Color::Auto, hide_short_help = true)]
     color: Color,
-    /// Say nothing: only errors are printed, files are written as ever
+    /// Print errors only; files are written as ever
     #[arg(short, long, global = true)]
     quiet: bool,
 }
@@ -73,7 +73,7 @@ impl Cli {
     /// # Errors
     /// Whatever stopped it, with the file it is about.
     pub fn run(&self, matches: &clap::ArgMatches) -> anyhow::Result<()> {
-        let taken = files::apart(&Self::command(), matches)?;
+        let taken = files::apart(&command(), matches)?;
         if let Some(threads) = self.threads {
             let most = at_most(threads);
             if most < threads {
@@ -102,10 +102,42 @@ impl Cli {
             Command::Model(c) => c.run(to),
             Command::Study(c) => c.run(to),
             Command::Watch(c) => c.run(to),
-            Command::Completions(c) => c.run(to, Self::command()),
-            Command::Man(c) => c.run(to, Self::command()),
+            Command::Completions(c) => c.run(to, command()),
+            Command::Man(c) => c.run(to, command()),
         }
     }
+}
+
+/// Commands by the question that they answer.
+const GROUPS: [(&str, &[&str]); 5] = [
+    ("answer", &["estimate", "gap", "identify"]),
+    ("look", &["check", "log", "response", "simulate", "compare", "watch"]),
+    ("trust", &["study", "gate", "blind", "methods"]),
+    ("files", &["model", "c2d", "excite", "export"]),
+    ("shell", &["demo", "list", "completions", "man"]),
+];
+
+/// The first screen: commands by group, and where to begin.
+fn first_screen() -> String {
+    let mut text =
+        "Dead time and the gap between simulator and machine, from measured logs\n\n".to_owned();
+    text += "Usage: deadtime COMMAND [OPTIONS]\n";
+    for (group, names) in GROUPS {
+        text += &format!("  {group:<7} {}\n", names.join(", "));
+    }
+    text += "Begin:  deadtime demo\n";
+    text += "        deadtime estimate LOG.csv --input COMMAND --output RESPONSE\n";
+    text += "        deadtime gap --model MODEL.toml --log LOG.csv\n";
+    text + "        deadtime COMMAND -h (or --help, every option); deadtime --help lists the commands"
+}
+
+/// The definition of the command line, with its first screen.
+pub(super) fn command() -> clap::Command {
+    let plain = Cli::command();
+    let long = plain.clone().render_long_help().to_string();
+    let commands = long.find("Commands:").and_then(|from| long.get(from..)).unwrap_or(&long);
+    let long = format!("{}\n\n{}", first_screen(), commands.trim_end());
+    plain.before_help(first_screen()).before_long_help(long).help_template("{before-help}")
 }
 
 /// What a shell reports of a program that Ctrl-C ended.
@@ -126,7 +158,7 @@ pub fn end_when_asked() {
 
 /// Runs the program with the words that were typed, its own name first; errors go to standard error. The exit code.
 pub fn main(words: impl IntoIterator<Item = OsString>) -> u8 {
-    let typed = Cli::command().try_get_matches_from(words);
+    let typed = command().try_get_matches_from(words);
     let ran = match typed.and_then(|typed| Ok((Cli::from_arg_matches(&typed)?, typed))) {
         Ok((cli, typed)) => cli.run(&typed),
         // A wrong word, or a wish for help.
@@ -149,7 +181,11 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> u8 {
         Err(e) if e.chain().any(closed) => 0,
         Err(e) => {
             eprintln!("deadtime: {}", message(&said(&e)));
-            if e.is::<LimitNotMet>() { 1 } else { 2 }
+            match () {
+                () if e.is::<LimitNotMet>() => 1,
+                () if e.is::<NothingTrusted>() => 3,
+                () => 2,
+            }
         }
     }
 }
@@ -213,8 +249,39 @@ mod tests {
     }
 
     #[test]
+    fn the_first_screen_has_every_command_once_in_twelve_lines() {
+        let grouped: Vec<&str> =
+            GROUPS.iter().flat_map(|(_, names)| names.iter().copied()).collect();
+        let mut sorted = grouped.clone();
+        sorted.sort_unstable();
+        let cli = Cli::command();
+        let mut all: Vec<&str> = cli.get_subcommands().map(clap::Command::get_name).collect();
+        all.sort_unstable();
+        assert_eq!(sorted, all);
+        let screen = command().render_help().to_string();
+        assert!(screen.trim_end().lines().count() <= 12, "{screen}");
+        assert!(screen.lines().all(|l| l.chars().count() <= 90), "{screen}");
+    }
+
+    #[test]
+    fn a_short_help_fits_on_a_screen_and_keeps_the_rest_for_the_long_one() {
+        for one in command().get_subcommands() {
+            let mut one = one.clone().term_width(100);
+            let short = one.render_help().to_string();
+            assert!(short.lines().count() <= 60, "{} lines:\n{short}", short.lines().count());
+            let hidden = one.get_arguments().filter(|a| a.is_hide_short_help_set());
+            let hidden: Vec<String> =
+                hidden.filter_map(|a| Some(format!("--{} ", a.get_long()?))).collect();
+            let long = one.render_long_help().to_string() + " ";
+            for option in hidden {
+                assert!(long.contains(option.trim()), "{option}");
+            }
+        }
+    }
+
+    #[test]
     fn every_help_ends_with_examples_that_are_understood() {
-        Cli::command().debug_assert();
+        command().debug_assert();
         let mut commands = Vec::new();
         all(&Cli::command(), &mut commands);
         assert!(commands.len() > 18);

@@ -1,4 +1,4 @@
-//! What is being done and how far it is, on standard error; nothing where that is no terminal.
+//! What is being done and how far it is, on standard error: a bar on a terminal, a line a minute elsewhere.
 
 use std::io::{IsTerminal, Write, stderr};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -12,10 +12,13 @@ use deadtime_signal::text::shown;
 /// Cells of the bar.
 const CELLS: f64 = 24.0;
 
-/// How often a line is drawn anew; work that is done sooner draws none.
+/// How often a bar is drawn anew; work that is done sooner draws none.
 const EVERY: Duration = Duration::from_secs(1);
+/// How often a line is printed where standard error is no terminal.
+const LINE: Duration = Duration::from_secs(60);
 
-/// A bar: how far a command is, what it does, and for how long it has worked. A thread draws it anew each second; it goes when it is dropped.
+/// A bar: how far a command is, what it does, and for how long it has worked. A thread draws it anew each second, and it goes when it is dropped.
+/// Where standard error is no terminal, the thread prints a line a minute with the time that is left.
 #[derive(Debug)]
 pub(super) struct Bar {
     far: HowFar,
@@ -26,22 +29,24 @@ pub(super) struct Bar {
 impl Bar {
     pub(super) fn new(to: &Out<'_>) -> Self {
         let (far, quiet) = (HowFar::watched(), !to.tells_progress());
-        if quiet || !stderr().is_terminal() {
+        if quiet {
             return Self { far, quiet, drawing: None };
         }
         let (end, ended) = channel();
         let (began, shared) = (Instant::now(), far.clone());
+        let terminal = stderr().is_terminal();
+        let every = if terminal { EVERY } else { LINE };
         let draw = move || {
             let mut drawn = false;
-            while ended.recv_timeout(EVERY) == Err(RecvTimeoutError::Timeout) {
-                if let Some((share, what)) = shared.told() {
-                    let _ = write!(
-                        stderr().lock(),
-                        "\r\x1b[K{}",
-                        bar(share, &shown(&what), began.elapsed().as_secs())
-                    );
-                    drawn = true;
-                }
+            while ended.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
+                let (share, what) = shared.told().unwrap_or_else(|| (0.0, "begins".to_owned()));
+                let (what, seconds) = (shown(&what), began.elapsed().as_secs());
+                let mut out = stderr().lock();
+                let _ = match terminal {
+                    true => write!(out, "\r\x1b[K{}", bar(share, &what, seconds)),
+                    false => writeln!(out, "deadtime: {}", line(share, &what, seconds)),
+                };
+                drawn = terminal;
             }
             if drawn {
                 let _ = write!(stderr().lock(), "\r\x1b[K");
@@ -59,7 +64,7 @@ impl Bar {
         if self.quiet {
             return;
         }
-        let clear = if self.drawing.is_some() { "\r\x1b[K" } else { "" };
+        let clear = if stderr().is_terminal() { "\r\x1b[K" } else { "" };
         eprintln!("{clear}{line}");
     }
 
@@ -88,9 +93,30 @@ fn bar(share: f64, what: &str, seconds: u64) -> String {
     )
 }
 
+/// The same as a line, with the time that is left where enough is done to extrapolate.
+fn line(share: f64, what: &str, seconds: u64) -> String {
+    /// The share from which the time is extrapolated.
+    const LEAST: f64 = 0.02;
+    let spent = seconds as f64;
+    let left = (share > LEAST).then(|| spent * (1.0 - share).max(0.0) / share);
+    let left = left.map_or_else(String::new, |left| match left {
+        left if left < 90.0 => format!(", about {left:.0} s left"),
+        left => format!(", about {:.0} min left", left / 60.0),
+    });
+    format!("{:.0} % {what}, {seconds} s{left}", 100.0 * share)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_line_extrapolates_the_time_that_is_left() {
+        assert_eq!(line(0.5, "fitting", 60), "50 % fitting, 60 s, about 60 s left");
+        assert_eq!(line(0.1, "fitting", 60), "10 % fitting, 60 s, about 9 min left");
+        assert_eq!(line(0.01, "fitting", 60), "1 % fitting, 60 s");
+        assert_eq!(line(1.0, "fitting", 60), "100 % fitting, 60 s, about 0 s left");
+    }
 
     #[test]
     fn a_bar_is_as_full_as_the_work_is_done() {

@@ -24,8 +24,6 @@ pub(super) struct Response {
     /// Logs: records of one machine on one even grid
     #[arg(value_name = "LOG", required = true)]
     logs: Vec<PathBuf>,
-    #[command(flatten)]
-    reading: Reading,
     /// Input channel (the command); may be repeated
     #[arg(long, value_name = "U", required = true)]
     input: Vec<String>,
@@ -47,6 +45,8 @@ pub(super) struct Response {
     /// Also write a page with gain, phase and coherence, one file that needs no network
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
+    #[command(flatten)]
+    reading: Reading,
 }
 
 impl Response {

@@ -1,4 +1,4 @@
-//! What a command prints, and how: everything or nothing, with colour or without; and the JSON beside it.
+//! What a command prints, and how: everything or nothing, with colour or without; and its JSON.
 
 use std::io::{IsTerminal, Write, stderr, stdout};
 use std::path::{Path, PathBuf};

@@ -26,7 +26,7 @@ pub(super) struct Simulate {
     /// How the inputs run between samples
     #[arg(long, value_enum, default_value_t = HoldName::Zero)]
     hold: HoldName,
-    /// Delay of an input in seconds, beside the model's own; may be repeated
+    /// Delay of an input in seconds, added to the model's own; may be repeated
     #[arg(long, value_name = "INPUT=S")]
     delay: Vec<String>,
     /// Write the states too

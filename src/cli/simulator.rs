@@ -44,26 +44,34 @@ pub(super) struct SimulatorArgs {
         long,
         value_name = "NAME=VALUE[,STD]",
         requires = "simulator",
-        allow_hyphen_values = true
+        allow_hyphen_values = true,
+        hide_short_help = true
     )]
     start: Vec<String>,
-    /// The log's channels of the program's states, for a program whose free run says nothing, as that of an unstable machine: it is started again and again from
-    /// there, STD being the standard deviation of what the log says (left out: as far as the state moves)
+    /// The log's channels of the program's states, for a program whose free run diverges, as that of an unstable machine: it is restarted from
+    /// there, STD being the standard deviation of that channel (left out: that of the state's motion)
     #[arg(
         long,
         value_name = "STATE=CHANNEL[:STD],…",
         requires = "simulator",
-        value_delimiter = ','
+        value_delimiter = ',',
+        hide_short_help = true
     )]
     states: Vec<String>,
-    /// Seconds between two starts; default: as long as a push grows no more than tenfold
-    #[arg(long, value_name = "S", requires = "states")]
+    /// Seconds between two starts; default: as long as a perturbation grows tenfold at most
+    #[arg(long, value_name = "S", requires = "states", hide_short_help = true)]
     restart_every: Option<f64>,
     /// Start the program once and ask it line by line: `run N`, parameters, a table; it answers with a table
-    #[arg(long, requires = "simulator")]
+    #[arg(long, requires = "simulator", hide_short_help = true)]
     persistent: bool,
     /// Longest time that one run may take, seconds
-    #[arg(long, value_name = "S", default_value_t = 60.0, requires = "simulator")]
+    #[arg(
+        long,
+        value_name = "S",
+        default_value_t = 60.0,
+        requires = "simulator",
+        hide_short_help = true
+    )]
     timeout: f64,
 }
 

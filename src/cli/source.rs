@@ -27,9 +27,10 @@ pub(super) struct Source {
 
 /// How logs are read, one or several.
 #[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Reading the log")]
 pub(super) struct Reading {
     /// Split the file into records at each new value of this column
-    #[arg(long, value_name = "COLUMN")]
+    #[arg(long, value_name = "COLUMN", hide_short_help = true)]
     records: Option<String>,
     /// Start of the part to use, seconds from the log's first sample
     #[arg(long, value_name = "S")]
@@ -44,7 +45,7 @@ pub(super) struct Reading {
     #[arg(long, value_name = "MODEL_NAME=COLUMN")]
     map: Vec<String>,
     /// A channel calculated from others, such as "speed [m/s]=hypot(vx,vy)"; may be repeated, see docs/logs.md
-    #[arg(long, value_name = "NAME=EXPRESSION")]
+    #[arg(long, value_name = "NAME=EXPRESSION", hide_short_help = true)]
     channel: Vec<String>,
     #[command(flatten)]
     clock: Clock,
@@ -52,24 +53,25 @@ pub(super) struct Reading {
 
 /// How time stamps are to be understood.
 #[derive(Debug, Clone, clap::Args)]
+#[command(next_help_heading = "Reading the log")]
 pub(super) struct Clock {
     /// Column of time in a log of text; default: the one called `time`, or like it
-    #[arg(long, value_name = "COLUMN")]
+    #[arg(long, value_name = "COLUMN", hide_short_help = true)]
     time: Option<String>,
     /// Unit of that column; default: by its name and the size of its numbers, which is said
-    #[arg(long, value_enum, value_name = "s|ms|us|ns|min|h|d|iso")]
+    #[arg(long, value_enum, value_name = "s|ms|us|ns|min|h|d|iso", hide_short_help = true)]
     time_unit: Option<UnitName>,
     /// Which stamps of a ROS bag to use
-    #[arg(long, value_enum, default_value_t = StampsName::Arrival)]
+    #[arg(long, value_enum, default_value_t = StampsName::Arrival, hide_short_help = true)]
     stamps: StampsName,
     /// Read parts whose checksum does not match, too; default: they are named, left out and counted
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     unchecked: bool,
     /// A number that stands for a missing sample, such as -9999; may be repeated
-    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true, hide_short_help = true)]
     missing: Vec<i64>,
     /// Memory that reading a log may take, in GB; default: 4 times the file and 64 MiB
-    #[arg(long, value_name = "GB")]
+    #[arg(long, value_name = "GB", hide_short_help = true)]
     max_memory_gb: Option<f64>,
 }
 

@@ -51,9 +51,9 @@ pub(super) struct Study {
     /// Room on the disk that the study may need, GB
     #[arg(long, value_name = "GB", default_value_t = Budget::default().disk_gb)]
     max_disk_gb: f64,
-    /// Also draw errors beside the Cramér-Rao bound, for grids that lay out `over_bound: snr` or `over_bound: samples`, as SVG
-    #[arg(long, value_name = "FILE", value_parser = super::picture::picture())]
-    plot: Option<PathBuf>,
+    /// Also write a picture of errors and the Cramér-Rao bound, for grids that lay out `over_bound: snr` or `over_bound: samples`, as SVG
+    #[arg(long, alias = "plot", value_name = "FILE", value_parser = super::picture::picture())]
+    svg: Option<PathBuf>,
     /// Every column of every table, as wide as it comes
     #[arg(long)]
     full: bool,
@@ -90,11 +90,11 @@ impl Study {
         let study = study?;
         to.json(&study)?;
         save_study(&study, &plan, &folder)?;
-        if let Some(path) = &self.plot {
+        if let Some(path) = &self.svg {
             let drawing = bounds::svg(&study, &plan);
             let drawing = drawing.ok_or_else(|| {
                 anyhow::anyhow!(
-                    "--plot: no grid of {} lays out `over_bound: snr` or `over_bound: samples`",
+                    "--svg: no grid of {} lays out `over_bound: snr` or `over_bound: samples`",
                     plan.name
                 )
             })?;

@@ -41,10 +41,10 @@ pub(super) struct Watch {
     /// Samples that the plant needs to respond without any dead time (its relative degree when sampled)
     #[arg(long, value_name = "N", default_value_t = TrackerOptions::default().bias)]
     degree_bias: usize,
-    /// Samples from which the response is learnt before anything is told
+    /// Samples that the first response is fitted to, before anything is reported
     #[arg(long, value_name = "N", default_value_t = TrackerOptions::default().learn)]
     learn: usize,
-    /// What a change must gain before it is told, in units of the logarithm of the likelihood: the lower, the sooner and the oftener wrong
+    /// Log-likelihood that a change must gain before it is reported: a lower one reports sooner, with more false alarms
     #[arg(long, value_name = "GAIN", default_value_t = TrackerOptions::default().alarm)]
     alarm: f64,
     /// A model, deadtime/model@1, whose gap to the log is diagnosed stretch by stretch; the log has its channels by their names
@@ -69,7 +69,7 @@ pub(super) struct Watch {
 /// Refused rows that are named on standard error; those behind are counted.
 const NAMED: u64 = 20;
 
-/// A line of JSON; beside those of [`Told`].
+/// A line of JSON, in addition to those of [`Told`].
 #[derive(Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 enum Line<'a> {
@@ -229,7 +229,7 @@ impl Said<'_> {
             News::Replaced => {
                 self.line(&Line::Replaced {})?;
                 eprintln!(
-                    "{}: cut, or another file stands in its place: read from its beginning",
+                    "{}: truncated or replaced: read from its beginning",
                     deadtime_signal::text::shown(&self.log)
                 );
             }
@@ -280,7 +280,7 @@ impl Said<'_> {
         }
         if !learnt {
             text +=
-                "; the response is not learnt yet: more rows in which the input moves are needed";
+                "; the response is not fitted yet: more rows in which the input moves are needed";
         }
         self.to.line(&text)
     }

@@ -37,6 +37,7 @@ pub(super) fn option(remedy: &Remedy) -> String {
         Remedy::Identify => "`deadtime identify`",
         Remedy::RestartEvery => "--restart-every",
         Remedy::LookAt => "--look-at",
+        Remedy::Effects => "--effects or --max-minutes",
         Remedy::ExportOption { name } => return format!("--set {name}=VALUE"),
         Remedy::Resume => "`--resume`",
         Remedy::Update => "`--update`",

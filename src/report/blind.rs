@@ -76,7 +76,8 @@ pub(super) fn tables(scores: &BlindScore) -> Vec<(String, Table)> {
     let what = "how often a verdict of a given probability is exactly right";
     tables.push((what.to_owned(), reliability(&scores.reliability, ["verdicts", "exactly right"])));
     if scores.contributions.iter().any(|bin| bin.cases > 0) {
-        let what = "how often what is said to act with a given probability does, up to what could stand in its place";
+        let what =
+            "how often an effect that is reported with a given probability acts, up to its aliases";
         tables.push((what.to_owned(), reliability(&scores.contributions, ["effects", "act"])));
     }
     tables

@@ -1,4 +1,4 @@
-//! Errors beside the Cramér-Rao bound: a row of panels per class of methods, a column per grid, both axes logarithmic.
+//! Errors and the Cramér-Rao bound: a row of panels per class of methods, a column per grid, both axes logarithmic.
 
 use maud::{Markup, html};
 
@@ -17,9 +17,9 @@ const BETWEEN: f64 = 60.0;
 const ABOVE: f64 = 34.0;
 const BELOW: f64 = 44.0;
 const LEGEND: f64 = 190.0;
-/// The most that a character of a label takes, room beside it included.
+/// The most that a character of a label takes, its margin included.
 const CHARACTER: f64 = 8.0;
-/// Colours that are told apart with most kinds of colour blindness (Okabe and Ito 2008), and three more in dashes.
+/// Colours that are distinguishable with most kinds of colour blindness (Okabe and Ito 2008), and three more in dashes.
 const COLOURS: [&str; 7] =
     ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5c00"];
 const STYLE: &str = "text{font:13px sans-serif;fill:#222}text.title{font-size:16px}.frame{fill:none;stroke:#999}.grid{stroke:#e4e4e4}.line{fill:none;stroke-width:2}\

@@ -60,12 +60,12 @@ pub fn text(found: &Inspection) -> String {
     text + &lines(&found.checks)
 }
 
-/// One line per check: what failed, what cannot be told, what passed.
+/// One line per check: what failed, what is undecided, what passed.
 #[must_use]
 pub fn lines(checks: &[Check]) -> String {
     let mut text = String::new();
     for (ok, word) in [(Some(false), "LOOK"), (None, "  ? "), (Some(true), "  ok")] {
-        // What cannot be told for one reason is one line, whatever the number of checks.
+        // Checks that are undecided for one reason share a line.
         let mut said: Vec<(Vec<&str>, &str)> = Vec::new();
         for check in checks.iter().filter(|c| c.ok == ok) {
             let name = check.check.name();

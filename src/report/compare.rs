@@ -18,7 +18,7 @@ pub fn findings(found: &Diagnoses) -> Vec<String> {
     let mut said = Vec::new();
     let mode = found.diagnoses.first().map(|d| d.mode);
     if found.diagnoses.iter().any(|d| Some(d.mode) != mode) {
-        said.push("Errors of a free run stand beside errors of one-step predictions: they are not comparable.".to_owned());
+        said.push("Errors of free runs and of one-step predictions are not comparable.".to_owned());
     }
     let names = |rows: &[&CauseRow]| listed(rows.iter().map(|r| format!("`{}`", r.cause)));
     let common = found.common();

@@ -10,7 +10,7 @@ use deadtime_signal::text::{plus_minus, shown};
 
 /// Aliases that a sentence names; the others are counted.
 const NAMED: usize = 3;
-/// What stays is noise up to so many times its level, as in the verdict.
+/// The residual is noise up to so many times the noise floor, as in the verdict.
 const NOISE: f64 = 1.5;
 
 /// A line of the summary.
@@ -22,7 +22,7 @@ pub struct Line {
     pub text: String,
 }
 
-/// What to fix first, the cause, the reduction on held-out data, what stays, the next experiment; then size and place of the gap and nuisances of the model.
+/// What to fix first, the cause, the reduction on held-out data, the residual, the next experiment; then size and place of the gap and nuisances of the model.
 #[must_use]
 pub fn lines(found: &Diagnosed) -> Vec<Line> {
     let d = &found.diagnosis;
@@ -121,7 +121,7 @@ fn place(d: &Diagnosis) -> String {
 }
 
 /// The base name of a file.
-fn base(name: &str) -> &str {
+pub(super) fn base(name: &str) -> &str {
     std::path::Path::new(name).file_name().and_then(|n| n.to_str()).unwrap_or(name)
 }
 
@@ -253,7 +253,7 @@ fn single(d: &Diagnosis, effect: &FoundEffect) -> String {
     )
 }
 
-/// What stays, in multiples of the noise; `None` where nothing was found to act.
+/// The residual, in multiples of the noise; `None` where nothing was found to act.
 fn left(d: &Diagnosis) -> Option<String> {
     let times = d.cause.remainder.as_ref().and_then(|r| r.above_floor);
     let rest = described(d).map(|sentence| format!(" It looks like {sentence}."));

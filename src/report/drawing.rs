@@ -1,4 +1,4 @@
-//! Charts as SVG, for `--plot` and for pages: the document, panels with two axes, marks.
+//! Charts as SVG, for `--svg` and for pages: the document, panels with two axes, marks.
 
 use maud::{Markup, PreEscaped, html};
 

@@ -2,10 +2,11 @@
 
 use std::fmt::Write;
 
+use super::standing::{Standing, reason};
 use super::text::{Table, delay, delay_cells, deviation, seconds};
 use deadtime_delay::report::{Bias, Estimate, Pair, Report, Searched};
 use deadtime_delay::track::Tracked;
-use deadtime_delay::{DelayQuantile, Jitter, Outcome};
+use deadtime_delay::{DelayQuantile, Jitter};
 
 /// How long single events take: `Of 400 events 50 % take 0.128 s or less (0.124 to 0.132 s), …`.
 pub(super) fn single_events(jitter: &Jitter, step_s: f64) -> String {
@@ -125,10 +126,10 @@ pub fn full(report: &Report) -> String {
             (Some(delay_s), ci95_s) => {
                 let (value, ends) = delay(*delay_s, *ci95_s, step);
                 let ends = ends.map_or_else(String::new, |e| format!(" ({} s)", e.join(" to ")));
-                writeln!(text, "Believe a dead time of {value} s{ends}: {}.", pair.verdict.why)
+                writeln!(text, "Dead time {value} s{ends}: {}.", pair.verdict.why)
             }
             _ if pair.moving.is_some() => writeln!(text, "{}.", pair.verdict.why),
-            _ => writeln!(text, "Believe none of it: {}.", pair.verdict.why),
+            _ => writeln!(text, "No trusted dead time: {}.", pair.verdict.why),
         };
         if let Some(jitter) = &pair.jitter {
             let _ = writeln!(text, "{}.", single_events(jitter, step));
@@ -150,7 +151,7 @@ fn table(report: &Report, shown: &Shown<'_>) -> Table {
         "95 % interval (s)",
         "raw (s)",
         "bias (samples)",
-        "counts",
+        "in the verdict",
         "run time",
     ];
     let mut table = Table::new(&headings, &[0, 1, 8]);
@@ -165,13 +166,11 @@ fn table(report: &Report, shown: &Shown<'_>) -> Table {
         let [raw, _] = delay_cells(e.raw_delay_s, e.ci95_s, step);
         let bias =
             if e.delay_s.is_some() { e.degree_bias_samples.to_string() } else { "–".to_owned() };
-        let counts = match (e.outcome, e.distrust.as_slice()) {
-            (Outcome::Found, []) if e.contradicted => "no: contradicted".to_owned(),
-            (Outcome::Found, []) => "yes".to_owned(),
-            (Outcome::Found, reasons) => {
-                format!("no: {}", reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(", "))
-            }
-            _ => "–".to_owned(),
+        let standing = Standing::of(shown.pair, e);
+        let why = reason(e).filter(|_| standing == Standing::LeftOut);
+        let standing = match why {
+            Some(why) => format!("{}: {why}", standing.word()),
+            None => standing.word().to_owned(),
         };
         table.row(vec![
             e.method.clone(),
@@ -182,7 +181,7 @@ fn table(report: &Report, shown: &Shown<'_>) -> Table {
             interval,
             raw,
             bias,
-            counts,
+            standing,
             run_time(e.time_s),
         ]);
     }
@@ -210,18 +209,18 @@ fn track_table(track: &Tracked, step_s: f64) -> Table {
     table
 }
 
-/// That the data hardly tell neighbouring delays apart, if so.
+/// Poor excitation and outliers, if any.
 #[must_use]
 pub fn warning(pair: &Pair, sample_time_s: f64) -> Option<String> {
     let poor = |std_s: f64| {
         let std = deviation(Some(std_s));
         format!(
-            "poor data: a standard deviation of {std} s was to be expected before any method ran, so delays {sample_time_s} s apart are hardly told apart"
+            "poor excitation: the predicted standard deviation is {std} s, so delays one sample ({sample_time_s} s) apart are barely distinguishable"
         )
     };
     let off = |count: usize| {
         format!(
-            "{count} output samples stand alone, far off their neighbours: where they are no response but outliers, leave their cells empty, which makes them missing"
+            "{count} output samples lie far from their neighbours; if they are outliers, empty their cells, which marks them as missing"
         )
     };
     let warnings: Vec<String> =
@@ -237,6 +236,7 @@ pub(super) const A_HANDFUL: usize = 8;
 
 /// What a table shows of a pair.
 struct Shown<'a> {
+    pair: &'a Pair,
     rows: Vec<&'a Estimate>,
     /// Under the headings of the classes.
     headed: bool,
@@ -250,7 +250,7 @@ impl<'a> Shown<'a> {
             // Stable: within a class the order of the list.
             rows.sort_by_key(|e| e.class);
         }
-        Self { rows, headed }
+        Self { pair, rows, headed }
     }
 }
 

@@ -8,7 +8,7 @@ use deadtime_gap::{
 /// A label of the summary.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Label {
-    /// What has to be settled before the rest.
+    /// What has to be fixed first.
     First,
     /// The size of the gap.
     Gap,
@@ -18,7 +18,7 @@ pub enum Label {
     Cause,
     /// The reduction on held-out data.
     Shrink,
-    /// What stays.
+    /// The residual.
     Left,
     /// What every log has of its own.
     Nuisances,

@@ -2,9 +2,11 @@
 
 use serde_json::{Value, json};
 
+use super::styled::cut;
 use super::text::{Table, estimate};
+use deadtime_delay::Comparison;
 use deadtime_identify::Parametric;
-use deadtime_identify::subspace::{Fit, Identified, OutputCheck, Response, Root, Test};
+use deadtime_identify::subspace::{Fit, Identified, OutputCheck, Recordings, Response, Root, Test};
 
 /// Frequencies of every response.
 pub(super) const FREQUENCIES: usize = 40;
@@ -25,6 +27,10 @@ pub struct Report<'a> {
     pub held_out_samples: usize,
     /// Every output on data that the model has not seen.
     pub checks: Vec<OutputCheck>,
+    /// Those data, the inputs behind their delays.
+    pub judged: &'a Recordings,
+    /// The comparison that chose the method.
+    pub compared: Option<&'a Comparison>,
 }
 
 impl Report<'_> {
@@ -49,6 +55,9 @@ impl Report<'_> {
             "poles": m.poles(), "zeros": m.zeros(), "frequency_responses": responses,
             "held_out": { "data": self.held_out, "samples": self.held_out_samples, "outputs": self.checks }, "notes": m.notes,
         });
+        if let (Some(compared), Some(object)) = (self.compared, data.as_object_mut()) {
+            object.insert("compared".to_owned(), json!(compared));
+        }
         if let (Some(p), Some(object)) = (&m.parametric, data.as_object_mut()) {
             object.insert("structure".to_owned(), json!(p.structure));
             object.insert("parameters".to_owned(), json!(p.parameters));
@@ -61,6 +70,20 @@ impl Report<'_> {
     /// For a terminal.
     #[must_use]
     pub fn text(&self) -> String {
+        let compared = self.compared.map(|c| self.comparison(c)).unwrap_or_default();
+        compared + &self.text_of_model()
+    }
+
+    /// Every model that was tried, one row each.
+    fn comparison(&self, compared: &Comparison) -> String {
+        let kind = if compared.free_run { "free run" } else { "one step ahead" };
+        format!(
+            "Compared on validation data ({kind}); chosen: the fewest parameters within the noise of the best fit\n{}\n",
+            candidates(compared)
+        )
+    }
+
+    fn text_of_model(&self) -> String {
         let m = self.model;
         let order = &m.order;
         if let Some(p) = &m.parametric {
@@ -77,7 +100,7 @@ impl Report<'_> {
         );
         for (input, delay) in m.inputs.iter().zip(self.delays) {
             text += &format!(
-                "  {}: dead time {} taken out first\n",
+                "  {}: dead time {} removed before the states are identified\n",
                 input.name,
                 seconds(m.sample_time.to_seconds(*delay as f64))
             );
@@ -159,8 +182,8 @@ impl Report<'_> {
                 "simulation fit %",
                 "VAF %",
                 "nrmse",
-                "white, p",
-                "inputs, least p",
+                "p of whiteness",
+                "least p of inputs",
             ],
             &[0],
         );
@@ -192,10 +215,41 @@ impl Report<'_> {
             ""
         };
         format!(
-            "{note}A p below 0.01 says that the one-step errors still contain something that a larger model could explain.\n"
+            "{note}A p below 0.01 rejects that one-step errors are white, or independent of the inputs: a larger model could explain more.\n"
         )
     }
 }
+
+/// Every model that was tried: dead time, order, parameters, fit, and where it stands.
+pub(super) fn candidates(compared: &Comparison) -> Table {
+    let headings = ["model", "dead time (s)", "order", "parameters", "fit %", ""];
+    let mut table = Table::new(&headings, &[0, 5]);
+    let none = || "–".to_owned();
+    for c in &compared.candidates {
+        let orders = c.options.get("nf").zip(c.options.get("nb"));
+        let name =
+            orders.map_or_else(|| c.method.to_owned(), |(f, b)| format!("{} {f}/{b}", c.method));
+        let delays: Vec<String> = c.dead_time_s.iter().map(|s| digits(*s)).collect();
+        let word = match &c.why_not {
+            _ if c.chosen => "chosen".to_owned(),
+            Some(why) => cut(why, REASON),
+            None if c.as_good_as_best => "within the noise".to_owned(),
+            None => String::new(),
+        };
+        table.row(vec![
+            name,
+            if delays.is_empty() { none() } else { delays.join(", ") },
+            c.order.map_or_else(none, |n| n.to_string()),
+            c.parameters.map_or_else(none, |n| n.to_string()),
+            c.fit_percent.map_or_else(none, |f| format!("{f:.1}")),
+            word,
+        ]);
+    }
+    table
+}
+
+/// Columns of the reason why a model is not eligible.
+const REASON: usize = 60;
 
 /// Every number with its standard deviation and interval.
 pub(super) fn parameters(p: &Parametric) -> Table {

@@ -1,15 +1,17 @@
-//! What an excitation can tell apart, as a table.
+//! Which effects an excitation makes distinguishable, as a table.
 
 use super::styled::{WIDTH, wrapped};
 use super::text::{Table, unit};
 use deadtime_gap::{Isolability, Size};
 
-/// Every effect with the smallest size that would be seen and its closest rival, then the groups that look alike.
+/// Every effect with the smallest size that would be detected and its closest alternative, then the groups that look alike.
 #[must_use]
 pub fn text(found: &Isolability) -> String {
     let mode = found.prediction.words();
-    let mut table =
-        Table::new(&["effect", "channel", "seen from", "closest rival", "cosine"], &[0, 1, 2, 3]);
+    let mut table = Table::new(
+        &["effect", "channel", "seen from", "closest alternative", "cosine"],
+        &[0, 1, 2, 3],
+    );
     for e in &found.effects {
         let seen = e.smallest.as_ref().map_or_else(|| "not visible".to_owned(), size);
         let (rival, cosine) = e
@@ -31,7 +33,8 @@ pub fn text(found: &Isolability) -> String {
     if found.classes.is_empty() {
         text += &format!("No two of them look alike (cosine {} or more).\n", found.alike_from);
     } else {
-        text += &format!("These logs cannot tell apart (cosine {} or more):\n", found.alike_from);
+        text +=
+            &format!("Indistinguishable in these logs (cosine {} or more):\n", found.alike_from);
     }
     for class in &found.classes {
         let (members, next) =

@@ -1,4 +1,4 @@
-//! Every method beside the others: what each needs and cannot see, and how it did in the common study.
+//! All methods compared: what each needs and cannot see, and how it did in the common study.
 
 use std::fmt::Write;
 

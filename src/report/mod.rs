@@ -22,6 +22,7 @@ pub mod page;
 pub mod picture;
 pub mod response;
 pub mod speed;
+pub mod standing;
 pub mod structured;
 pub mod study;
 pub mod styled;

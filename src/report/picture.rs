@@ -29,7 +29,7 @@ const RESPONSE: f64 = 150.0;
 const BAND: f64 = 5.0;
 /// The picture stands alone, so that its colours are in it.
 const STYLE: &str = "text{font:14px sans-serif;fill:#222}text.caption{font-size:16px}text.aside{fill:#6e6e6e}\
-    .frame{fill:none;stroke:#999}.grid{stroke:#ddd}.tick{stroke:#999}.verdict{fill:#e1ecf7}.believed{stroke:#5a8cbe}\
+    .frame{fill:none;stroke:#999}.grid{stroke:#ddd}.tick{stroke:#999}.verdict{fill:#e1ecf7}.band{stroke:#5a8cbe}\
     .bar{stroke:#282828;stroke-width:3}.dot{fill:#c83c28}.bar.aside{stroke:#bebebe}.dot.aside{fill:#969696}\
     .band{fill:#cdcdcd}.stem{stroke:#464646;stroke-width:2}.stem.out{stroke:#c83c28}.tip{fill:#464646}.tip.out{fill:#c83c28}";
 
@@ -115,7 +115,7 @@ fn answers(pair: &Pair, rows: &[&Estimate], panel: &Panel) -> Markup {
         @if let (Some(delay), Some([from, to])) = (pair.verdict.delay_s, pair.verdict.ci95_s) {
             @let (left, right) = (panel.x(from), panel.x(to));
             rect .verdict x=(px(left)) y=(px(panel.top)) width=(px((right - left).max(0.5))) height=(px(panel.height)) {}
-            path .believed d={ "M" (px(panel.x(delay))) " " (px(panel.top)) "v" (px(panel.height)) } {}
+            path .band d={ "M" (px(panel.x(delay))) " " (px(panel.top)) "v" (px(panel.height)) } {}
         }
         (frame(panel, &caption))
         @for one in rows.iter().enumerate().map(row) { (one) }

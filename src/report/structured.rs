@@ -74,13 +74,13 @@ pub(super) fn fitted(value: f64, interval: Option<[f64; 2]>) -> (String, Option<
 pub(super) fn meaning(found: &StructuredFit, standing: Standing) -> Option<&'static str> {
     let said = match standing {
         Standing::Surrogate => {
-            "surrogate: it predicts, but it is not the physics: one step and many steps ahead ask for values that differ twofold, or a nominal value moved tenfold."
+            "surrogate: it predicts, but its value is not physical: fits over one and over many steps differ twofold, or a nominal value moved tenfold."
         }
         Standing::Open => {
-            "open: these logs do not fix it: its interval holds 0, or another parameter trades with it."
+            "open: these logs do not determine it: its interval holds 0, or it is correlated with another parameter."
         }
         Standing::Unchecked if found.parameters.iter().any(|p| p.one_step.is_some()) => {
-            "unchecked: nothing speaks against it, but what single steps ask for is too vague to agree."
+            "unchecked: no evidence contradicts it, but single steps fix its value too loosely to confirm it."
         }
         Standing::Physical | Standing::Unchecked => return None,
     };

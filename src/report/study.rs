@@ -203,7 +203,7 @@ pub(super) fn mean(cells: &[&Cell], value: impl Fn(&Cell) -> Option<f64>) -> Opt
     stats::mean(cells.iter().filter_map(|c| value(c)))
 }
 
-/// Where the data hardly tell the delay a bound is hundreds of samples: one such cell would be all of a mean.
+/// Where the data carry little information on the delay a bound is hundreds of samples: one such cell would dominate a mean.
 pub(super) fn median(cells: &[&Cell], value: impl Fn(&Cell) -> Option<f64>) -> Option<f64> {
     stats::upper_median(cells.iter().filter_map(|c| value(c)).collect())
 }
@@ -250,7 +250,41 @@ fn slope(cells: &[&Cell]) -> Option<f64> {
     inclination(&points).map(|error| 1.0 + error)
 }
 
-/// One row per cell of a grid; keys that are the same in all of them are told in the sentence before.
+/// The methods with the smallest errors over all cells, one row each, `rows` at most: error, answers, intervals that hold the truth.
+#[must_use]
+pub fn overview(study: &Study, rows: usize) -> Table {
+    let mut methods: Vec<&str> = Vec::new();
+    for cell in &study.cells {
+        if !methods.contains(&cell.method.as_str()) {
+            methods.push(&cell.method);
+        }
+    }
+    let of = |method: &str| {
+        let cells: Vec<&Cell> = study.cells.iter().filter(|c| c.method == method).collect();
+        let sum = |f: &dyn Fn(&Cell) -> f64| cells.iter().map(|c| f(c)).sum::<f64>();
+        let (trials, silent) = (sum(&|c| c.trials as f64), sum(&|c| c.flagged as f64));
+        let squares: Option<Vec<f64>> =
+            cells.iter().map(|c| c.rms_samples.map(|r| r.powi(2) * c.scored as f64)).collect();
+        let scored = sum(&|c| c.scored as f64);
+        let rms = squares.map(|s| (s.iter().sum::<f64>() / scored.max(1.0)).sqrt());
+        let held: f64 =
+            cells.iter().filter_map(|c| Some(c.coverage95? * c.scored as f64)).sum::<f64>();
+        (method.to_owned(), rms, 1.0 - silent / trials.max(1.0), held / scored.max(1.0))
+    };
+    let mut all: Vec<(String, Option<f64>, f64, f64)> = methods.into_iter().map(of).collect();
+    all.sort_by(|a, b| {
+        let key = |rms: Option<f64>| rms.unwrap_or(f64::INFINITY);
+        b.2.total_cmp(&a.2).then(key(a.1).total_cmp(&key(b.1)))
+    });
+    let headings = ["method", "rms error (samples)", "answered", "truth in the 95 % interval"];
+    let mut table = Table::new(&headings, &[0]);
+    for (method, rms, answered, held) in all.into_iter().take(rows) {
+        table.row(vec![method, number(rms), share(Some(answered)), share(Some(held))]);
+    }
+    table
+}
+
+/// One row per cell of a grid; keys that are the same in all of them stand in the sentence before.
 #[must_use]
 pub fn cells(study: &Study, grid: &str) -> (String, Table) {
     let members: Vec<&Cell> = study.cells.iter().filter(|c| c.grid == grid).collect();
@@ -311,7 +345,7 @@ pub(super) const KEYS: &[(&str, &str, KeyText)] = &[
     ("trials", "trials", |c| c.trials.to_string()),
 ];
 
-/// Every published number of a plan beside ours; `None` where the plan has none.
+/// Every published number of a plan and ours; `None` where the plan has none.
 #[must_use]
 pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
     let mut table =
@@ -359,7 +393,7 @@ pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
     any.then_some(table)
 }
 
-/// How many of a plan's published numbers stand how beside ours.
+/// How many of a plan's published numbers agree with ours.
 #[must_use]
 pub fn standings(study: &Study, plan: &Plan) -> String {
     let all: Vec<Standing> =
@@ -404,7 +438,7 @@ fn with_tables(
     let mut add =
         |told: &str, table: &Table| text += &format!("\n{}\n\n{}", say(told), show(table));
     if let Some((plan, table)) = plan.and_then(|p| Some((p, published(study, p)?))) {
-        add(&format!("Beside published numbers, {}:", standings(study, plan)), &table);
+        add(&format!("Published numbers and ours, {}:", standings(study, plan)), &table);
     }
     for (told, table) in plan.map(|p| layouts(study, p)).unwrap_or_default() {
         add(&format!("{told}:"), &table);
@@ -557,7 +591,7 @@ fn inclination(points: &[[f64; 2]]) -> Option<f64> {
     (spread > 0.0).then(|| points.iter().map(|p| (p[0] - x) * (p[1] - y)).sum::<f64>() / spread)
 }
 
-/// Every aim of a plan beside what was reached; `None` where the plan has none of these cells.
+/// Every aim of a plan and what was reached; `None` where the plan has none of these cells.
 #[must_use]
 pub fn aims(study: &Study, plan: &Plan) -> Option<Table> {
     let mut table =

@@ -100,7 +100,7 @@ pub(in crate::report) fn columns(text: &str) -> usize {
 }
 
 /// The beginning of a text that takes at most so many columns, and an ellipsis where something is missing.
-pub(super) fn cut(text: &str, width: usize) -> String {
+pub(in crate::report) fn cut(text: &str, width: usize) -> String {
     if columns(text) <= width {
         return text.to_owned();
     }

@@ -79,7 +79,7 @@ impl Table {
     }
 
     /// The same table in lines of at most `width` columns: words are wrapped inside their columns, and columns that still find no room stand in further tables below,
-    /// beside the leading columns of words.
+    /// with the leading columns of words repeated.
     #[must_use]
     pub fn fit(&self, width: usize) -> String {
         let rows: Vec<Vec<String>> =

@@ -153,7 +153,7 @@ fn an_output_without_samples() {
         }),
     )
     .words();
-    assert!(early.contains("Caveat: `y` has no sample in what is learnt from"), "{early}");
+    assert!(early.contains("Caveat: `y` has no sample in the training logs"), "{early}");
 }
 
 #[test]
@@ -173,7 +173,7 @@ fn an_input_without_a_sample_names_its_row() {
 fn a_constant_input() {
     let still = one(MODEL, &log(HEADER, 400, 1, |_, row| row[2] = "0.3".into())).words();
     assert!(
-        still.contains("Caveat: `load` never changes in what is learnt from")
+        still.contains("Caveat: `load` never changes in the training logs")
             && !still.contains("`u` never changes"),
         "{still}"
     );
@@ -258,7 +258,7 @@ fn what_is_held_out_was_learnt_from() {
     assert!(
         said.contains(caveat)
             && said.contains("renamed.csv")
-            && said.contains("a.csv, which was learnt from"),
+            && said.contains("a.csv, a training log"),
         "{said}"
     );
     let said = gap(MODEL, &files, &["--log", "a.csv", "--log", "renamed.csv"]).words();

@@ -136,7 +136,7 @@ fn what_cannot_be_told_is_said_with_the_reason() {
         let found = found(vec![a, b]);
         assert_eq!((found.offset_s, found.ci95_s), (None, None), "{why}: {found:?}");
         assert!(
-            found.finding.starts_with("cannot be told")
+            found.finding.starts_with("undecided")
                 && (found.finding.contains(why) || why == "flat"),
             "{why}: {found:?}"
         );

@@ -200,9 +200,13 @@ fn the_command_needs_no_folder_and_says_what_it_cannot_tell_apart() {
         text(&json),
     ])
     .words();
-    for part in
-        ["seen from", "closest rival", "cannot tell apart", "deadband:u", "two or more amplitudes"]
-    {
+    for part in [
+        "seen from",
+        "closest alternative",
+        "Indistinguishable",
+        "deadband:u",
+        "two or more amplitudes",
+    ] {
         assert!(said.contains(part), "`{part}` is not in: {said}");
     }
     let read: Isolability = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();

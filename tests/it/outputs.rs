@@ -57,7 +57,7 @@ impl Inputs {
         let mut all: Vec<(Vec<&str>, &str, Vec<&Path>)> = Vec::new();
         let (of_log, of_model): (Vec<&Path>, Vec<&Path>) = (vec![&self.log], vec![&self.model]);
         let both: Vec<&Path> = vec![&self.log, &self.model];
-        for option in ["--json", "--html", "--plot"] {
+        for option in ["--json", "--html", "--svg"] {
             let mut words = vec!["estimate", log, "--method", "crosscorr"];
             words.extend(pair);
             all.push((words, option, of_log.clone()));
@@ -102,7 +102,7 @@ fn run(words: &[&str], option: &str, to: &Path) -> crate::support::program::Run 
 /// A name of the right kind for an option that looks at it.
 fn name(option: &str, command: &str, stem: &str) -> String {
     match (option, command) {
-        ("--plot", _) => format!("{stem}.svg"),
+        ("--svg", _) => format!("{stem}.svg"),
         ("--out", "c2d") => format!("{stem}.toml"),
         _ => format!("{stem}.csv"),
     }

@@ -8,10 +8,13 @@ use std::process::Command;
 const README: &str = include_str!("../../README.md");
 const MODELS: &str = include_str!("../../docs/models.md");
 const EXPERIMENTS: &str = include_str!("../../docs/experiments.md");
-const PAGES: [&str; 6] = [
+const PAGES: [&str; 9] = [
     README,
     include_str!("../../docs/five-minutes.md"),
     include_str!("../../docs/estimating.md"),
+    include_str!("../../docs/awkward-records.md"),
+    include_str!("../../docs/reading-a-diagnosis.md"),
+    include_str!("../../docs/identifying.md"),
     include_str!("../../docs/tutorial.md"),
     EXPERIMENTS,
     MODELS,
@@ -148,7 +151,7 @@ fn every_method_excitation_and_conversion_is_named() {
 
 #[test]
 fn the_readme_is_short_and_true_and_the_citation_is_of_this_version() {
-    assert!(README.lines().count() <= 120, "{} lines", README.lines().count());
+    assert!(README.lines().count() <= 110, "{} lines", README.lines().count());
     assert!(README.contains("scripts/test"));
     assert!(
         include_str!("../../CITATION.cff")

@@ -286,7 +286,7 @@ fn what_is_shown_and_expected_of_a_pair_is_free_of_what_other_inputs_do() {
         let ratio = expected(pair) / expected(&alone[0]);
         assert!((0.5..2.0).contains(&ratio), "{}: {ratio}", pair.input);
         assert!(
-            pair.verdict.why.contains("taken off for methods that see one input"),
+            pair.verdict.why.contains("were removed for methods that model one input"),
             "{}",
             pair.verdict.why
         );

@@ -57,17 +57,46 @@ fn the_answer_comes_first_and_alone_where_it_is_asked_for_alone() {
     let lines: Vec<&str> = said.lines().collect();
     assert_eq!(lines[0], "r → ay");
     assert!(
-        lines[1].starts_with("Believe a dead time of 0.140 s (")
-            && lines[1].contains(" s), 7 samples: ")
-            && lines[3].starts_with("Against it: "),
+        lines[1].starts_with("Dead time 0.140 s (")
+            && lines[1].ends_with(" s), 7 samples.")
+            && lines[2].starts_with("Agreeing methods: ")
+            && lines[3].starts_with("Differing: "),
         "{said}"
     );
     let brief = flight(&["--brief"]);
+    let answers = brief.lines().filter(|l| l.contains("dead time 0.1")).count();
     assert!(
-        brief.starts_with(&lines[..4].join("\n")) && brief.lines().count() == 8,
-        "three lines of each of two pairs, two of them wrapped: {brief}"
+        brief.starts_with("r → ay: dead time 0.140 s (")
+            && answers == 2
+            && brief.lines().count() <= 6
+            && widest(&brief) <= 80,
+        "at most three lines of each of two pairs: {brief}"
     );
     assert_eq!(flight(&["--quiet"]), "");
+}
+
+#[test]
+fn a_refusal_is_three_lines_at_most_where_the_answer_alone_is_asked_for() {
+    let folder = Folder::new();
+    let mut state = 7_u32;
+    let mut next = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(state >> 8) / f64::from(1_u32 << 24) - 0.5
+    };
+    for (name, samples) in [("noise.csv", 600), ("short.csv", 19)] {
+        let rows: String = (0..samples)
+            .map(|k| format!("{},{},{}\n", f64::from(k) * 0.1, next(), next()))
+            .collect();
+        let log = folder.write(name, &format!("time,u,y\n{rows}"));
+        let words = ["estimate", text(&log), "--input", "u", "--output", "y"];
+        let brief = deadtime(&[&words[..], &["--brief"]].concat()).done();
+        assert!(brief.lines().count() <= 3 && widest(&brief) <= 80, "{brief}");
+        assert!(brief.contains("no trusted dead time"), "{brief}");
+        let required = deadtime(&[&words[..], &["--brief", "--require"]].concat());
+        assert_eq!(required.code, Some(3), "{}", required.stderr);
+        assert!(required.stderr.contains("no trusted dead time for u → y"), "{}", required.stderr);
+    }
+    assert!(flight(&["--require", "--brief"]).contains("0.140 s"));
 }
 
 #[test]
@@ -84,7 +113,7 @@ fn a_bar_stands_where_its_number_does() {
     ]);
     let row = |name: &str| said.lines().find(|l| l.starts_with(&format!("  {name} "))).unwrap();
     let at = |name: &str| row(name).chars().position(|c| c == '●');
-    assert!(at("oestruc").is_some() && at("oestruc") == at("believed"), "{said}");
+    assert!(at("oestruc").is_some() && at("oestruc") == at("verdict"), "{said}");
     for far in ["met1struc", "oedap"] {
         assert!(row(far).contains('›'), "what is far off is an arrow at the axis' end: {said}");
     }

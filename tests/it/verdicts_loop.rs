@@ -253,7 +253,7 @@ fn channels_that_were_exchanged_are_to_be_exchanged_and_nothing_moves() {
         assert!(pair.verdict.delay_s.is_none() && pair.moving.is_none(), "{:?}", pair.verdict);
         assert!(
             pair.verdict.why.starts_with("`y` leads `u` by about")
-                && pair.verdict.why.contains("exchange them"),
+                && pair.verdict.why.contains("swap them"),
             "{}",
             pair.verdict.why
         );

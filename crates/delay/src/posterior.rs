@@ -237,7 +237,7 @@ pub(super) fn unseen(records: &[Record], max_delay: usize) -> Option<String> {
     let na = na.min(longest.saturating_sub(max_delay + nb) / 4);
     let scan = arx_scan(records, na, nb, max_delay);
     if scan.rows <= 2 * (na + nb) || scan.input_rank.iter().all(|&r| r == 0) {
-        return Some("past outputs explain every lag of the input: it hardly moves where the output can answer".to_owned());
+        return Some("past outputs explain every lag of the input: it is almost constant where the output can answer".to_owned());
     }
     unseen_by(&scan, nb)
 }

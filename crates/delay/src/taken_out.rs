@@ -82,7 +82,7 @@ pub fn identify_behind_delays(
     stop.check()?;
     if *taken_out == TakenOut::Estimated && delays != none {
         if worse(learnt, line, options, &delays, far)? {
-            notes.push("the estimated delays make the model worse, so none was taken out; give them if they are known".to_owned());
+            notes.push("the estimated delays make the model worse, so none was removed; give them if they are known".to_owned());
             delays = none;
         } else {
             stop.check()?;
@@ -121,7 +121,7 @@ fn worse(
 }
 
 /// What records show of a loop that the method does not bear, for each input and output.
-fn feedback(line: &IdentifierLine, learnt: &Recordings) -> Vec<String> {
+pub(super) fn feedback(line: &IdentifierLine, learnt: &Recordings) -> Vec<String> {
     let mut notes = Vec::new();
     for (j, input) in learnt.inputs.iter().enumerate().filter(|_| line.open_loop) {
         for (i, output) in learnt.outputs.iter().enumerate() {
@@ -199,7 +199,7 @@ fn estimated(
     let each = learnt.inputs.iter().map(|input| match delay(&input.name) {
         Some(samples) => samples,
         None => {
-            notes.push(format!("{}: its dead time cannot be told beforehand, so none is taken out; give it if it is known", input.name));
+            notes.push(format!("{}: its dead time is not known beforehand, so none is removed; give it if it is known", input.name));
             0
         }
     });

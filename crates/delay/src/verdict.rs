@@ -148,12 +148,12 @@ impl<'a, 'b> Counted<'a, 'b> {
         if found.is_empty() {
             let advice = if looped { format!("; {EXPERIMENT}") } else { String::new() };
             let outcomes = outcomes(answers, |_| true);
-            return Err(format!("no method found a delay to believe ({outcomes}){advice}"));
+            return Err(format!("no method found a trusted delay ({outcomes}){advice}"));
         }
         let named = || named(found);
         if let Some(judges) = unseen(answers) {
             return Err(format!(
-                "{} withstand noise of any colour and feedback, and see no response; what others see is likely to be noise: {}",
+                "{} withstand coloured noise and feedback, and find no response; the answers of the others are likely to be noise: {}",
                 judges.join(", "),
                 named()
             ));
@@ -172,13 +172,13 @@ impl<'a, 'b> Counted<'a, 'b> {
         }
         if nobody && looped {
             return Err(format!(
-                "no method that answered withstands what the record shows beside feedback ({}): {EXPERIMENT}",
+                "no method with an answer withstands the record, feedback included ({}): {EXPERIMENT}",
                 named()
             ));
         }
         if let Some(vague) = too_many_poles(answers).filter(|_| nobody && facts.one_step) {
             return Err(format!(
-                "one step does not tell this plant's poles from dead time: models of few poles do not fit, and {vague} ({}); record a step with less noise, or one with a sample more often",
+                "one step does not separate the poles of this plant from dead time: models of few poles do not fit, and {vague} ({}); record a step with less noise, or one with a sample more often",
                 named()
             ));
         }
@@ -192,7 +192,7 @@ impl<'a, 'b> Counted<'a, 'b> {
             counted.retain(|f| !f.within);
             if counted.is_empty() {
                 return Err(format!(
-                    "what is seen comes within the sample of the command, sooner than a strictly proper plant answers, and the record shows no direct path: feedback, clocks that differ, or a command logged too seldom ({}); give the relative degree 0 if there is a direct path, else {EXPERIMENT}",
+                    "the response comes within one sample of the command, sooner than a strictly proper plant answers, and the record shows no direct path: feedback, clocks that differ, or a command logged too seldom ({}); give the relative degree 0 if there is a direct path, else {EXPERIMENT}",
                     named()
                 ));
             }
@@ -235,7 +235,7 @@ impl<'a, 'b> Counted<'a, 'b> {
         if self.nobody {
             grounds.doubt(
                 &mut why,
-                "no method is made for what the record shows, or the data contradict its model, so this is a guess",
+                "no method is made for this record, or the data contradict its model: treat the number as a guess",
             );
         }
         if !of_all_inputs.is_empty() {
@@ -302,10 +302,10 @@ fn who(chosen: &str, others: &[&str], differ: &[(&FoundDelay<'_>, f64)]) -> Stri
         }
     };
     for (f, _) in differ.iter().take(MOST_NAMED) {
-        why.push_str(&format!("; {} says {:.4} s", f.method, f.delay_s));
+        why.push_str(&format!("; {} {:.4} s", f.method, f.delay_s));
     }
     if differ.len() > MOST_NAMED {
-        why.push_str(&format!("; {} more say otherwise", differ.len() - MOST_NAMED));
+        why.push_str(&format!("; {} more differ", differ.len() - MOST_NAMED));
     }
     why
 }
@@ -315,7 +315,7 @@ fn left_out(found: &[FoundDelay<'_>], nobody: bool, implausible: bool) -> String
     let mut words = String::new();
     for (conditions, methods) in by_reason(found).iter().filter(|_| !nobody) {
         words.push_str(&format!(
-            "; not counted because of {}: {}",
+            "; left out because of {}: {}",
             joined(conditions.iter().map(|c| c.words())),
             methods.join(", ")
         ));
@@ -330,12 +330,12 @@ fn left_out(found: &[FoundDelay<'_>], nobody: bool, implausible: bool) -> String
     };
     if implausible {
         let within = those(&|f| f.within && !f.contradicted);
-        words.push_str(&format!("; not counted because they answer within the sample, where the record shows no direct path: {within}"));
+        words.push_str(&format!("; left out because they answer within the sample, where the record shows no direct path: {within}"));
     }
     let contradicted = those(&|f| f.contradicted);
     if !(nobody || contradicted.is_empty()) {
         words.push_str(&format!(
-            "; not counted because the data contradict their model: {contradicted}"
+            "; left out because the data contradict their model: {contradicted}"
         ));
     }
     words
@@ -385,7 +385,7 @@ fn named(found: &[FoundDelay<'_>]) -> String {
     found
         .iter()
         .take(MOST_NAMED)
-        .map(|f| format!("{} says {:.4} s", f.method, f.delay_s))
+        .map(|f| format!("{} {:.4} s", f.method, f.delay_s))
         .collect::<Vec<_>>()
         .join("; ")
 }
@@ -700,19 +700,19 @@ mod tests {
             &shows(Condition::Feedback),
         );
         assert_eq!(v.delay_s, Some(2.0));
-        assert!(v.why.contains("not counted because of feedback: oestruc, threshold"), "{}", v.why);
+        assert!(v.why.contains("left out because of feedback: oestruc, threshold"), "{}", v.why);
         let v = of(&[("oestruc", &open), ("threshold", &open)], &shows(Condition::Feedback));
         assert_eq!(v.delay_s, None, "a loop makes sharp answers wrong");
         assert!(v.why.contains("add a random binary signal to the command"), "{}", v.why);
         let v = of(&[("threshold", &open)], &shows(Condition::ColouredNoise));
         assert_eq!(v.delay_s, Some(1.0), "better a guess than nothing, and said");
-        assert!(v.why.contains("this is a guess"), "{}", v.why);
+        assert!(v.why.contains("as a guess"), "{}", v.why);
         let freed = DelayEstimate { open_part: true, ..open };
         let v = of(&[("oestruc", &freed), ("threshold", &freed)], &shows(Condition::Feedback));
         assert_eq!(v.delay_s, Some(1.0), "what the output did not cause is free of feedback");
         assert!(
             v.why.starts_with("oestruc alone")
-                && v.why.contains("not counted because of coloured noise: threshold"),
+                && v.why.contains("left out because of coloured noise: threshold"),
             "{}",
             v.why
         );

@@ -22,6 +22,7 @@ use crate::format::caveat::Caveat;
 use crate::format::diagnosis::Mode;
 use crate::format::error::not_finite;
 use crate::format::progress::Stage;
+use crate::input::cost::must_end_in_time;
 use crate::input::first_part::Parts;
 use crate::input::inputs::{Inputs, Simulator};
 use crate::input::log_caveats::whole_turns;
@@ -295,8 +296,12 @@ fn in_stages(
     );
     let checked =
         checks(system, &inputs.model_effects, &inputs.training, chosen, &HowFar::default());
-    let Catalogue { candidates, left_out } =
+    let Catalogue { mut candidates, left_out } =
         catalogue(system, &inputs.nuisances, inputs.probed.as_ref(), &scales);
+    if !options.effects.is_empty() {
+        candidates.retain(|c| options.effects.iter().any(|name| name == c.effect.name()));
+    }
+    must_end_in_time(system, &inputs.training, candidates.len(), options.longest_run_s)?;
     scales.scanned = scanned(&likelihood, &candidates, &scales);
     let Searched { likelihood, found } = search(
         likelihood,

@@ -59,7 +59,7 @@ pub enum IdentifyError {
         channel: String,
     },
     /// A channel that never moves.
-    #[error("`{channel}` never changes in the data that the model is learnt from: {remedy}")]
+    #[error("`{channel}` never changes in the training data: {remedy}")]
     Constant {
         /// The channel.
         channel: String,
@@ -93,7 +93,7 @@ pub enum IdentifyError {
     },
     /// Inputs of which one is a combination of the others.
     #[error(
-        "the input `{channel}` is a combination of the other inputs ({others}) at every sample: their effects cannot be told apart; \
+        "the input `{channel}` is a combination of the other inputs ({others}) at every sample: their effects are indistinguishable; \
              leave it out or move it on its own"
     )]
     Collinear {
@@ -104,7 +104,7 @@ pub enum IdentifyError {
     },
     /// An input that excites fewer directions than the model has.
     #[error(
-        "the inputs are not rich enough: `{channel}` is told apart from its own past at {orders} lags only, and an order of {needed} needs more; \
+        "the inputs are not rich enough: `{channel}` is distinguishable from its own past at {orders} lags only, and an order of {needed} needs more; \
          use an excitation such as a random binary or multisine signal (deadtime excite)"
     )]
     NotRich {
@@ -226,7 +226,7 @@ impl Remedied for IdentifyError {
             .and(Remedy::Resample)
             .and(")"),
             Self::OwnDelays { method } => {
-                Message::from(format!("{method} finds the dead times itself, so none is taken out first: leave "))
+                Message::from(format!("{method} finds the dead times itself, so none is removed first: leave "))
                     .and(Remedy::Delay)
                     .and(" out; of riv `nk=[LAG,…]` in samples says what is known")
             }

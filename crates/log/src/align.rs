@@ -2,9 +2,10 @@
 
 use std::collections::HashMap;
 
-use super::error::{self, LogError};
+use super::error::LogError;
 use super::log::{Channel, Log, Output};
 use super::recording::{Recording, Topic};
+use deadtime_signal::text::closest;
 use deadtime_signal::time::SampleTime;
 
 /// A step longer than this many median steps is a gap.
@@ -89,7 +90,7 @@ impl Recording {
                 Err(LogError::UnknownChannel {
                     file: self.source.clone(),
                     channel: wanted.into(),
-                    closest: error::closest(wanted, ends).map(Into::into),
+                    closest: closest(wanted, ends).map(Into::into),
                     existing: names,
                 })
             }

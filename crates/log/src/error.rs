@@ -5,10 +5,11 @@ use std::path::Path;
 use deadtime_signal::file::FileError;
 use deadtime_signal::remedied;
 use deadtime_signal::remedy::{Message, Remedied, Remedy};
+use deadtime_signal::text::closest;
 use deadtime_signal::time::{LEAST_S, TimeError};
 
 use super::frequency::FrequencyError;
-use super::place::{Place, neighbours};
+use super::place::Place;
 use crate::notes::Notes;
 
 /// Whatever keeps a log from being read or used.
@@ -628,58 +629,4 @@ fn listing(names: &[String]) -> String {
     let shown: Vec<String> = names.iter().take(LISTED).map(|name| format!("`{name}`")).collect();
     let rest = names.len() - shown.len();
     if rest == 0 { shown.join(", ") } else { format!("{} and {rest} more", shown.join(", ")) }
-}
-
-/// The name nearest to `wanted` by edit distance, capitals ignored, unless more than half of the letters differ.
-pub(super) fn closest<'a>(wanted: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    let wanted: Vec<char> = wanted.to_lowercase().chars().collect();
-    names
-        .map(|name| {
-            let letters: Vec<char> = name.to_lowercase().chars().collect();
-            (edit_distance(&wanted, &letters), wanted.len().max(letters.len()), name)
-        })
-        .filter(|(distance, length, _)| 2 * distance <= *length)
-        .min_by_key(|(distance, _, _)| *distance)
-        .map(|(_, _, name)| name)
-}
-
-/// Insertions, deletions and substitutions that lead from `a` to `b` (Levenshtein 1966), row by row.
-fn edit_distance(a: &[char], b: &[char]) -> usize {
-    let mut above: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.iter().enumerate() {
-        let mut row = Vec::with_capacity(above.len());
-        let mut left = i + 1;
-        row.push(left);
-        for (y, (diagonal, up)) in b.iter().zip(neighbours(&above)) {
-            left = (diagonal + usize::from(x != y)).min(up + 1).min(left + 1);
-            row.push(left);
-        }
-        above = row;
-    }
-    above.last().copied().unwrap_or(0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn distance(a: &str, b: &str) -> usize {
-        edit_distance(&a.chars().collect::<Vec<_>>(), &b.chars().collect::<Vec<_>>())
-    }
-
-    #[test]
-    fn edit_distance_counts_insertions_deletions_and_substitutions() {
-        assert_eq!(distance("kitten", "sitting"), 3);
-        assert_eq!(distance("", "abc"), 3);
-        assert_eq!(distance("abc", ""), 3);
-        assert_eq!(distance("same", "same"), 0);
-    }
-
-    #[test]
-    fn closest_ignores_capitals_and_offers_nothing_far_away() {
-        let names = ["heater", "temperature"];
-        assert_eq!(closest("Heater", names.into_iter()), Some("heater"));
-        assert_eq!(closest("temprature", names.into_iter()), Some("temperature"));
-        assert_eq!(closest("zzz", names.into_iter()), None);
-    }
 }

@@ -60,14 +60,14 @@ pub const READERS: &[Reader] = &[
     },
     Reader {
         name: "mat",
-        summary: "MAT 5 to 7 of MATLAB and Simulink: vectors beside a vector of time, structs of arrays, structures with time, timeseries, Datasets",
+        summary: "MAT 5 to 7 of MATLAB and Simulink: vectors with a vector of time, structs of arrays, structures with time, timeseries, Datasets",
         extensions: &["mat"],
         sniff: mat::is_mat5,
         open: mat::open,
     },
     Reader {
         name: "hdf5",
-        summary: "HDF5 and MAT 7.3: vectors and matrices beside a vector of time, groups and structs of them, MATLAB's objects",
+        summary: "HDF5 and MAT 7.3: vectors and matrices with a vector of time, groups and structs of them, MATLAB's objects",
         extensions: &["h5", "hdf5"],
         sniff: |head| {
             [0, 512].iter().any(|at| {
@@ -81,7 +81,7 @@ pub const READERS: &[Reader] = &[
     },
     Reader {
         name: "parquet",
-        summary: "Parquet: every column of numbers beside one of time; snappy, gzip, lz4 and zstd",
+        summary: "Parquet: every column of numbers, one of them time; snappy, gzip, lz4 and zstd",
         extensions: &["parquet", "pq"],
         sniff: |head| head.starts_with(b"PAR1"),
         #[cfg(feature = "tables")]
@@ -91,7 +91,7 @@ pub const READERS: &[Reader] = &[
     },
     Reader {
         name: "arrow",
-        summary: "Arrow IPC, files (Feather) and streams: every column of numbers beside one of time; lz4 and zstd",
+        summary: "Arrow IPC, files (Feather) and streams: every column of numbers, one of them time; lz4 and zstd",
         extensions: &["arrow", "arrows", "feather", "ipc"],
         sniff: |head| head.starts_with(b"ARROW1") || head.starts_with(&[0xff; 4]),
         #[cfg(feature = "tables")]

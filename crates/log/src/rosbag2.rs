@@ -28,7 +28,7 @@ pub(super) fn journal(path: &Path) -> Option<String> {
     let mut journal = path.as_os_str().to_owned();
     journal.push("-wal");
     let there = std::fs::metadata(&journal).is_ok_and(|m| m.len() > 0);
-    there.then(|| "what stands in the file beside it that ends in -wal is not read; open and close the bag once with sqlite3".to_owned())
+    there.then(|| "the write-ahead log (the file that ends in -wal) is not read; open and close the bag once with sqlite3".to_owned())
 }
 
 /// Reads a database, perhaps one of several, into a bag.

@@ -120,6 +120,7 @@ pub(super) fn call(remedy: &Remedy) -> String {
         Remedy::Identify => "`deadtime.identify`",
         Remedy::RestartEvery => "restart_every=",
         Remedy::LookAt => "rows=",
+        Remedy::Effects => "a smaller model",
         Remedy::ExportOption { name } => return format!("{name}="),
         Remedy::Resume => "resume=True",
         Remedy::Update => "update=True",

@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::text::shown;
+use super::text::{did_you_mean, shown};
 
 /// One line of a registry: a named implementor of `T`, built from its options.
 pub struct Entry<T: ?Sized + 'static> {
@@ -23,7 +23,7 @@ pub struct Entry<T: ?Sized + 'static> {
 #[non_exhaustive]
 pub enum RegistryError {
     /// No entry has this name.
-    #[error("there is no {kind} `{name}`; there are: {known}", name = shown(name), known = known.join(", "))]
+    #[error("there is no {kind} `{name}`{}; there are: {known}", did_you_mean(name, known.iter().copied()), name = shown(name), known = known.join(", "))]
     Unknown {
         /// What was looked for: method, excitation, conversion.
         kind: &'static str,

@@ -73,6 +73,8 @@ pub enum Remedy {
     RestartEvery,
     /// The rows that are looked at.
     LookAt,
+    /// The effects that are looked for, and the longest time that a diagnosis may take.
+    Effects,
     /// An option of the target of an export.
     ExportOption {
         /// Its name.
@@ -117,6 +119,7 @@ impl fmt::Display for Remedy {
             Self::Identify => "`identify`",
             Self::RestartEvery => "`restart_every`",
             Self::LookAt => "`look_at`",
+            Self::Effects => "`effects` or `longest_run_s`",
             Self::ExportOption { name } => return write!(f, "the option {name}"),
             Self::Resume => "`resume`",
             Self::Update => "`update`",

@@ -107,6 +107,51 @@ pub fn located(text: &str, at: Option<usize>, message: &str) -> String {
     }
 }
 
+/// ` (did you mean …?)` of the closest name; empty where none is near.
+#[must_use]
+pub fn did_you_mean<'a>(wanted: &str, names: impl Iterator<Item = &'a str> + Clone) -> String {
+    closest(wanted, names).map_or_else(String::new, |name| format!(" (did you mean `{name}`?)"))
+}
+
+/// Letters from which a word may be the beginning of a name.
+const BEGINS: usize = 2;
+
+/// The name that a mistyped one may mean, capitals ignored: the shortest that begins with it, else the nearest by edit distance, unless more than half of the letters differ.
+pub fn closest<'a>(wanted: &str, names: impl Iterator<Item = &'a str> + Clone) -> Option<&'a str> {
+    let lower = wanted.to_lowercase();
+    let wanted: Vec<char> = lower.chars().collect();
+    let begun = names.clone().filter(|name| name.to_lowercase().starts_with(&lower));
+    if let Some(name) = begun.filter(|_| wanted.len() >= BEGINS).min_by_key(|name| name.len()) {
+        return Some(name);
+    }
+    names
+        .map(|name| {
+            let letters: Vec<char> = name.to_lowercase().chars().collect();
+            (edit_distance(&wanted, &letters), wanted.len().max(letters.len()), name)
+        })
+        .filter(|(distance, length, _)| 2 * distance <= *length)
+        .min_by_key(|(distance, _, _)| *distance)
+        .map(|(_, _, name)| name)
+}
+
+/// Insertions, deletions and substitutions that lead from `a` to `b` (Levenshtein 1966), row by row.
+fn edit_distance(a: &[char], b: &[char]) -> usize {
+    let mut above: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.iter().enumerate() {
+        let mut row = Vec::with_capacity(above.len());
+        let mut left = i + 1;
+        row.push(left);
+        for (y, (diagonal, up)) in
+            b.iter().zip(above.windows(2).filter_map(|w| Some((*w.first()?, *w.last()?))))
+        {
+            left = (diagonal + usize::from(x != y)).min(up + 1).min(left + 1);
+            row.push(left);
+        }
+        above = row;
+    }
+    above.last().copied().unwrap_or(0)
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;

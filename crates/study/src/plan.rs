@@ -671,7 +671,7 @@ impl Grid {
             return Err("`trials`, `samples` and `max_delay` are 1 or more".to_owned());
         }
         if self.place.contains(&Place::R) && self.loops.iter().any(|l| *l != Loop::Closed) {
-            return Err("`place` r: only a closed loop has a reference beside u".to_owned());
+            return Err("`place` r: only a closed loop has a reference besides u".to_owned());
         }
         self.scoring.check()
     }

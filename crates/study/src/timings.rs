@@ -183,7 +183,7 @@ impl SpeedGate {
         let needed = (alpha / groups.len().max(1) as f64).log2().abs().ceil() as usize;
         if let Some((name, few)) = names.iter().zip(&groups).find(|(_, g)| g.len() < needed) {
             return wrong(format!(
-                "bench `{name}` has {} pairs: of {} benches nothing could be told at {} % with fewer than {needed}; time more rounds, fewer benches, or give a larger alpha",
+                "bench `{name}` has {} pairs: of {} benches no difference is detectable at {} % with fewer than {needed}; time more rounds, fewer benches, or give a larger alpha",
                 few.len(),
                 groups.len(),
                 100.0 * alpha

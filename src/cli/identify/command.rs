@@ -3,11 +3,13 @@
 use super::common::Common;
 use super::{linear, matching, structured};
 use crate::cli::show::Out;
+use crate::cli::source::Reading;
 
-/// Make a model file of logs, or fit the parameters of one (--structure) to logs or to an identified model (--match): with standard deviations, and how it does on data that it has not seen
+/// Identify a model from logs, or fit the parameters of a model file (--structure) to logs or to an identified model (--match), with standard deviations and the fit on held-out data
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  deadtime identify flight.csv --input rudder --output yaw_rate --out model.toml
+  deadtime identify flight.csv --input rudder --output yaw_rate
+  deadtime identify flight.csv --input rudder --output yaw_rate --method p1d --out model.toml
   deadtime identify flight.csv --structure model.toml --free mass,damping --out fitted.toml
   deadtime identify --structure model.toml --match identified.json --free mass,damping --norm hinf --band 1:30")]
 pub(crate) struct Identify {
@@ -19,6 +21,9 @@ pub(crate) struct Identify {
     structured: structured::Structured,
     #[command(flatten)]
     matched: matching::Matched,
+    // Last: options for reading logs end every help.
+    #[command(flatten)]
+    reading: Reading,
 }
 
 impl Identify {
@@ -30,8 +35,10 @@ impl Identify {
             (Some(structure), Some(identified)) => {
                 self.matched.run((&self.common, &self.structured.free), structure, identified, to)
             }
-            (Some(structure), None) => self.structured.run(&self.common, structure, to),
-            (None, _) => self.linear.run(&self.common, to),
+            (Some(structure), None) => {
+                self.structured.run((&self.common, &self.reading), structure, to)
+            }
+            (None, _) => self.linear.run((&self.common, &self.reading), to),
         }
     }
 }

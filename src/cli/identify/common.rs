@@ -1,6 +1,5 @@
 //! The options that all ways of `deadtime identify` take.
 
-use crate::cli::source::Reading;
 use std::path::PathBuf;
 
 /// Logs, and where results go.
@@ -9,8 +8,6 @@ pub(super) struct Common {
     /// Logs to learn from; of a linear model the last 30 % of each are held out unless --holdout names others
     #[arg(value_name = "LOG", required_unless_present = "matched")]
     pub(super) logs: Vec<PathBuf>,
-    #[command(flatten)]
-    pub(super) reading: Reading,
     /// A log to judge the model on, which takes no part in the fit; may be repeated
     #[arg(long, value_name = "LOG")]
     pub(super) holdout: Vec<PathBuf>,

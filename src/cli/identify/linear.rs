@@ -6,16 +6,18 @@ use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
 use super::common::Common;
+use crate::cli::aliases::identifier;
 use crate::cli::progress::Bar;
 use crate::cli::show::Out;
-use crate::cli::source::Needed;
+use crate::cli::source::{Needed, Reading};
 use crate::cli::words::delay_of;
 use crate::report::identify::Report;
 use crate::report::page;
-use deadtime_delay::{BehindDelays, TakenOut, identify_behind_delays};
+use deadtime_delay::{BehindDelays, Comparison, TakenOut, compare_models, identify_behind_delays};
 use deadtime_identify::subspace::{Direct, Recordings};
 use deadtime_log::Log;
 use deadtime_signal::file::{STANDARD_OUTPUT, write_atomic};
+use deadtime_signal::progress::HowFar;
 use deadtime_signal::registry;
 use deadtime_signal::stop::Stop;
 
@@ -39,63 +41,84 @@ pub(super) struct Linear {
         conflicts_with = "structure"
     )]
     output: Vec<String>,
-    /// Method; `deadtime list identifiers` shows them
-    #[arg(long, value_name = "NAME", default_value = "pbsidopt")]
-    method: String,
-    /// Number of states, or `auto`
+    /// Method (`deadtime list identifiers`); default: all are compared, and the simplest within the noise of the best is kept
+    #[arg(long, value_name = "NAME")]
+    method: Option<String>,
+    /// Number of states, or `auto`; without --method by pbsidopt
     #[arg(long, value_name = "N", default_value = "auto")]
     order: String,
     /// Samples of the past that predict, or `auto`
-    #[arg(long, value_name = "P", default_value = "auto")]
+    #[arg(long, value_name = "P", default_value = "auto", hide_short_help = true)]
     past: String,
-    /// Dead time of an input, taken out first: INPUT=SECONDS (may be repeated), `none`, or `auto` to estimate it
+    /// Dead time of an input, removed before a model of states is identified: INPUT=SECONDS (may be repeated), `none`, or `auto` to estimate it
     #[arg(long, value_name = "INPUT=S", default_value = "auto")]
     delay: Vec<String>,
     /// Estimate a direct path D too: the input acts within the sample
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     direct: bool,
     /// Write the continuous model behind a zero-order hold, not the sampled one
     #[arg(long)]
     continuous: bool,
     /// Another option of the method, such as `max_order=20`; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE")]
+    #[arg(long = "set", value_name = "KEY=VALUE", hide_short_help = true)]
     set: Vec<String>,
 }
 
-/// Share of each log that the model is learnt from where nothing is named to judge it on.
+/// Share of each log that the model is identified from where nothing is named to judge it on, or where the rest chooses.
 const LEARNT: f64 = 0.7;
+/// The part of the work that the comparison is.
+const COMPARED: f64 = 0.8;
+/// What a single method is where only its options are given.
+const DEFAULT: &str = "pbsidopt";
+
+/// What is to be identified by: the method, its options, and the comparison that chose it.
+struct Choice {
+    method: String,
+    options: Value,
+    taken_out: TakenOut,
+    compared: Option<Comparison>,
+}
 
 impl Linear {
-    pub(super) fn run(&self, common: &Common, to: &Out<'_>) -> anyhow::Result<()> {
-        let Some(out) = &common.out else {
-            bail!("--out FILE is missing: where the model is to be written")
-        };
-        let logs = self.read(common, to, &common.logs)?;
+    pub(super) fn run(
+        &self,
+        (common, reading): (&Common, &Reading),
+        to: &Out<'_>,
+    ) -> anyhow::Result<()> {
+        let logs = self.read(reading, to, &common.logs)?;
         let of = |logs: &[Log]| Recordings::from_logs(logs, &self.input, &self.output);
         let all = of(&logs)?;
         let (learnt, judged, held_out) = if common.holdout.is_empty() {
             let (learnt, judged) = all.split(LEARNT);
             (learnt, judged, format!("the last {:.0} % of each record", 100.0 * (1.0 - LEARNT)))
         } else {
-            let judged = of(&self.read(common, to, &common.holdout)?)?;
+            let judged = of(&self.read(reading, to, &common.holdout)?)?;
             all.sample_time.must_equal(judged.sample_time).context("--holdout")?;
-            (all, judged, names(&common.holdout).join(", "))
+            (all.clone(), judged, names(&common.holdout).join(", "))
         };
         let bar = Bar::new(to);
+        let own_holdout = !common.holdout.is_empty();
+        let chosen = self.choice(&all, &logs, bar.far())?;
+        let rest = bar.far().part(if chosen.compared.is_some() { COMPARED } else { 0.0 }, 1.0);
         let found = identify_behind_delays(
             &learnt,
             &logs,
-            &self.method,
-            &self.options()?,
-            &self.taken_out()?,
-            (&Stop::default(), bar.far()),
+            &chosen.method,
+            &chosen.options,
+            &chosen.taken_out,
+            (&Stop::default(), &rest),
         )?;
         let BehindDelays { model: identified, delays, notes: delay_notes } = found;
+        let held_out = match &chosen.compared {
+            Some(_) if !own_holdout => format!("{held_out}, which also chose the model"),
+            _ => held_out,
+        };
         let what = match self.continuous {
             true => "--continuous: leave it out to write the sampled model",
             false => "the model",
         };
-        let file = identified.file(&name(out), &delays, self.continuous).context(what)?;
+        let called = common.out.as_deref().map_or_else(|| "identified".to_owned(), name);
+        let file = identified.file(&called, &delays, self.continuous).context(what)?;
         let judged = judged.behind_delays(&delays)?;
         let report = Report {
             logs: names(&common.logs),
@@ -105,9 +128,13 @@ impl Linear {
             held_out,
             held_out_samples: judged.samples(),
             checks: identified.check(&judged),
+            judged: &judged,
+            compared: chosen.compared.as_ref(),
         };
         drop(bar);
-        file.write(out)?;
+        if let Some(out) = &common.out {
+            file.write(out)?;
+        }
         if let Some(path) = &common.html {
             let page = page::identify(&report)?;
             write_atomic(path, |to| to.write_all(page.as_bytes()))?;
@@ -115,15 +142,47 @@ impl Linear {
         if to.wants_json() {
             to.json(&report.data()?)?;
         }
-        say!(to, "{}\nwritten to {}", report.text().trim_end(), out.display());
+        say!(to, "{}", report.text().trim_end());
+        match &common.out {
+            Some(out) => say!(to, "\nWritten to {}.", out.display()),
+            None => say!(to, "\nNo model file was written: give --out MODEL.toml."),
+        }
         Ok(())
     }
 
-    fn read(&self, common: &Common, to: &Out<'_>, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
+    /// The method that was named; else the simplest that the best does not outdo.
+    fn choice(&self, all: &Recordings, logs: &[Log], far: &HowFar) -> anyhow::Result<Choice> {
+        let (options, taken_out) = (self.options()?, self.taken_out()?);
+        let nothing = options.as_object().is_some_and(serde_json::Map::is_empty);
+        let free = nothing && taken_out == TakenOut::Estimated;
+        let name = self.method.as_deref().filter(|name| *name != "all");
+        if name.is_none() && free {
+            let (learnt, validation) = all.split(LEARNT);
+            let compared = compare_models(
+                &learnt,
+                &validation,
+                logs,
+                (&Stop::default(), &far.part(0.0, COMPARED)),
+            )?;
+            let best = compared.chosen().context("no model predicts the validation data")?;
+            let (method, mut options) = (best.method.to_owned(), best.options.clone());
+            // The comparison draws no models; the one that is kept has its intervals.
+            options.as_object_mut().map(|o| o.remove("draws"));
+            let taken_out = TakenOut::Estimated;
+            return Ok(Choice { method, options, taken_out, compared: Some(compared) });
+        }
+        let (method, note) = identifier(name.unwrap_or(DEFAULT))?;
+        if let Some(note) = note {
+            eprintln!("deadtime: {note}");
+        }
+        Ok(Choice { method: method.to_owned(), options, taken_out, compared: None })
+    }
+
+    fn read(&self, reading: &Reading, to: &Out<'_>, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
         let needed = Needed { inputs: &self.input, outputs: &self.output, required: true };
         let records = paths
             .iter()
-            .map(|path| common.reading.read(to, path, &needed))
+            .map(|path| reading.read(to, path, &needed))
             .collect::<anyhow::Result<Vec<_>>>()?;
         Ok(records.into_iter().flatten().collect())
     }
@@ -151,7 +210,7 @@ impl Linear {
         Ok(options)
     }
 
-    /// Which delays are taken out first.
+    /// Which delays are removed before states are identified.
     fn taken_out(&self) -> anyhow::Result<TakenOut> {
         match self.delay.as_slice() {
             [one] if one == "auto" => Ok(TakenOut::Estimated),

@@ -19,24 +19,29 @@ pub(super) struct Matched {
     #[arg(long = "match", value_name = "IDENTIFIED", requires = "structure", conflicts_with_all = ["logs", "per_record"])]
     pub(super) matched: Option<PathBuf>,
     /// By what responses are compared: wls (the default), h2, hinf or nu-gap
-    #[arg(long, value_name = "NORM", requires = "matched")]
+    #[arg(long, value_name = "NORM", requires = "matched", hide_short_help = true)]
     norm: Option<String>,
     /// The frequencies that count, rad/s; default: those that the data show
-    #[arg(long, value_name = "LOW:HIGH", requires = "matched")]
+    #[arg(long, value_name = "LOW:HIGH", requires = "matched", hide_short_help = true)]
     band: Option<String>,
     /// Starts of the search, the file's values first; default: 8
-    #[arg(long, value_name = "N", requires = "matched")]
+    #[arg(long, value_name = "N", requires = "matched", hide_short_help = true)]
     starts: Option<usize>,
     /// What counts as one of a channel in gains (h2, hinf, nu-gap): CHANNEL=SIZE; may be repeated
-    #[arg(long = "unit", value_name = "CHANNEL=SIZE", requires = "matched")]
+    #[arg(
+        long = "unit",
+        value_name = "CHANNEL=SIZE",
+        requires = "matched",
+        hide_short_help = true
+    )]
     units: Vec<String>,
     /// Where equations are linearised: STATE=VALUE or INPUT=VALUE; default: initial states, and the identified model's operating inputs
-    #[arg(long, value_name = "NAME=VALUE", requires = "matched")]
+    #[arg(long, value_name = "NAME=VALUE", requires = "matched", hide_short_help = true)]
     at: Vec<String>,
 }
 
 impl Matched {
-    /// Without --match none of its options may stand: the parser lets them pass beside logs, which --match excludes.
+    /// Without --match none of its options may stand: the parser accepts them together with logs, which --match excludes.
     pub(super) fn must_be_absent(&self) -> anyhow::Result<()> {
         let given = [
             ("--norm", self.norm.is_some()),

@@ -7,6 +7,7 @@ use anyhow::{Context, bail};
 use super::common::Common;
 use crate::cli::progress::Bar;
 use crate::cli::show::{Out, write};
+use crate::cli::source::Reading;
 use crate::report::page;
 use crate::report::structured::{scores, text};
 use deadtime_identify::structured;
@@ -21,29 +22,29 @@ pub(super) struct Structured {
     /// The model whose parameters are fitted, deadtime/model@1; of a linear one they are the entries of A and B that are not 0, such as A_v_phi
     #[arg(long, value_name = "MODEL")]
     pub(super) structure: Option<PathBuf>,
-    /// Parameters to fit, NAME,… or `all`; with --match also delay:INPUT; without any, only the model's errors are told
+    /// Parameters to fit, NAME,… or `all`; with --match also delay:INPUT; without any, only the model's errors are reported
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(super) free: Vec<String>,
     /// Parameters that may stand off by record, NAME,…; a prediction of another log does not use that
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', hide_short_help = true)]
     per_record: Vec<String>,
     /// Steps that are predicted from each window's start
     #[arg(long, value_name = "STEPS", default_value_t = 50)]
     horizon: usize,
     /// Steps from one window's start to the next; default: the horizon
-    #[arg(long, value_name = "STEPS")]
+    #[arg(long, value_name = "STEPS", hide_short_help = true)]
     stride: Option<usize>,
     /// Errors above this many median errors count by their size, not their square (Huber); inf: never
-    #[arg(long, value_name = "RATIO", default_value_t = 1.345)]
+    #[arg(long, value_name = "RATIO", default_value_t = 1.345, hide_short_help = true)]
     threshold: f64,
     /// How the horizons of a group of outputs are weighed
-    #[arg(long, value_enum, default_value_t = BalanceName::Horizon)]
+    #[arg(long, value_enum, default_value_t = BalanceName::Horizon, hide_short_help = true)]
     balance: BalanceName,
     /// Shrinkage towards the file's values; default: what predicts left-out records (below three: stretches) best
-    #[arg(long, value_name = "SIZE")]
+    #[arg(long, value_name = "SIZE", hide_short_help = true)]
     shrinkage: Option<f64>,
     /// Leave out the fit over single steps, and with it the word on physical values and surrogates
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     no_one_step: bool,
 }
 
@@ -58,7 +59,7 @@ enum BalanceName {
 impl Structured {
     pub(super) fn run(
         &self,
-        common: &Common,
+        (common, reading): (&Common, &Reading),
         structure: &Path,
         to: &Out<'_>,
     ) -> anyhow::Result<()> {
@@ -71,8 +72,8 @@ impl Structured {
             bail!("--shrinkage must be finite and not negative");
         }
         let (logs, held_out) = (
-            read(common, to, &document, &common.logs)?,
-            read(common, to, &document, &common.holdout)?,
+            read(reading, to, &document, &common.logs)?,
+            read(reading, to, &document, &common.holdout)?,
         );
         if self.free.is_empty() && self.per_record.is_empty() {
             return self.only_score(common, file, &logs, to);
@@ -133,14 +134,14 @@ impl Structured {
 }
 
 fn read(
-    common: &Common,
+    reading: &Reading,
     to: &Out<'_>,
     document: &ModelDocument,
     paths: &[PathBuf],
 ) -> anyhow::Result<Vec<Log>> {
     let mut logs = Vec::new();
     for path in paths {
-        logs.extend(common.reading.read_for(to, path, document, true, &mut |_, _| {})?);
+        logs.extend(reading.read_for(to, path, document, true, &mut |_, _| {})?);
     }
     Ok(logs)
 }

@@ -45,7 +45,7 @@ pub(super) fn views(name: &str, hz: &[f64], curves: &[Curve<'_>]) -> [Value; 2] 
     // All curves begin in the turn of the first.
     let first = curves.first().and_then(|c| c.phase_deg.first()).copied().unwrap_or(0.0);
     let phase = |c: &Curve<'_>| {
-        // Whole turns between neighbours are taken out, of the interval too.
+        // Whole turns between neighbours are removed, from the interval too.
         let (mut turns, mut before) = (0.0, first);
         let turned = c.phase_deg.iter().zip(&c.phase_ci95_deg).map(|(own, ends)| {
             turns -= 360.0 * ((own + turns - before) / 360.0).round();

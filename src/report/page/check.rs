@@ -1,15 +1,52 @@
 //! What `deadtime check` found, as a page: what needs a look first.
 
 use maud::{Markup, html};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::bars::{bar, stretch};
-use super::frame::{Cell, number, page, percent, quoted, sorted};
+use super::frame::{Cell, figure, number, page, percent, quoted, sorted};
+use super::series::{brief, picked};
+use crate::report::diagnosis::base;
 use deadtime_gap::{Inspection, LogReport, Role};
 
-/// The page.
+/// A channel of a log with what the model makes of it.
+pub struct Measured {
+    /// The channel.
+    pub channel: String,
+    /// The log.
+    pub log: String,
+    /// Seconds from the log's first sample.
+    pub time_s: Vec<f64>,
+    /// As logged; NaN where a sample is missing.
+    pub measured: Vec<f64>,
+    /// A free run of the model.
+    pub simulated: Vec<f64>,
+}
+
+/// Points of a curve that are drawn.
+const POINTS: usize = 2000;
+
+/// Means of neighbouring values, as many as are drawn.
+fn thinned(values: &[f64]) -> Vec<Option<f64>> {
+    let parts = values.chunks(values.len().div_ceil(POINTS).max(1));
+    parts.map(|p| brief(p.iter().sum::<f64>() / p.len() as f64)).collect()
+}
+
+fn view(curve: &Measured) -> Value {
+    json!({
+        "kind": "lines", "keys": [curve.channel, base(&curve.log)],
+        "about": format!("{}, measured and simulated", curve.channel),
+        "x": { "label": "time (s)", "values": thinned(&curve.time_s), "tight": true }, "y": { "label": curve.channel },
+        "curves": [
+            { "label": "measured", "y": thinned(&curve.measured), "color": "measured", "points": false },
+            { "label": "simulated", "y": thinned(&curve.simulated), "color": "after", "points": false, "width": 2.0 },
+        ],
+    })
+}
+
+/// The page, with the curves of the channels that failed.
 #[must_use]
-pub fn check(found: &Inspection) -> String {
+pub fn check(found: &Inspection, curves: &[Measured]) -> String {
     let failed = found.checks.iter().filter(|c| c.ok == Some(false)).count();
     let faults = found
         .logs
@@ -27,10 +64,18 @@ pub fn check(found: &Inspection) -> String {
         p .verdict { strong { (verdict) } }
         @if let Some(why) = &found.not_run { p { strong { "The checks were not run:" } " " (quoted(why)) "." } }
         (checks(found))
+        @if !curves.is_empty() {
+            h2 { "Measured, and simulated by the model as it is" }
+            p { span .key.measured { "measured" } span .key.after { "simulated" } }
+            (figure("run", "The free run"))
+        }
         h2 { "Logs" }
         @for log in &found.logs { (channels(log)) }
     };
-    page(&format!("Check of {}", found.model), &body, &json!({ "kind": "check" }))
+    let figures = picked("run", &["channel", "log"], curves.iter().map(view).collect());
+    let figures: Vec<Value> = figures.into_iter().collect();
+    let data = json!({ "kind": "check", "figures": figures });
+    page(&format!("Check of {}", found.model), &body, &data)
 }
 
 /// Words and a mark: colour alone tells nothing.
@@ -93,7 +138,7 @@ fn channels(log: &LogReport) -> Markup {
     let caption =
         format!("{} samples, {every}, {} s in all", log.samples, number(Some(log.duration_s)));
     html! {
-        h3 { (log.log) }
+        h3 { (base(&log.log)) }
         @if let Some(time) = &log.time { p { span .look { "✗ time stamps" } ": " (quoted(time)) } }
         (sorted(&caption, &["channel", "usable", "is a", "unit of the model", "unit of the log", "missing", "share missing", "finding"], &rows))
     }

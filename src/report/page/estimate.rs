@@ -7,14 +7,16 @@ use super::bars::{bar, dot, stretch};
 use super::curves;
 use super::frame::{Cell, figure, page, plots, quoted, table};
 use super::series::{Thinning, base64, brief, picked};
+use crate::report::diagnosis::base;
 use crate::report::estimate::{preamble, single_events, warning};
 use crate::report::picture::{Shown, svg};
+use crate::report::standing::{Standing, reason};
 use crate::report::terminal::axis::Axis;
 use crate::report::terminal::delay::without_lists;
 use crate::report::text::{delay, delay_cells, seconds};
+use deadtime_delay::Evidence;
 use deadtime_delay::report::{Estimate, Pair, Report, Response};
 use deadtime_delay::track::Tracked;
-use deadtime_delay::{Evidence, Outcome};
 use deadtime_log::Log;
 
 /// Records that the page holds.
@@ -24,7 +26,7 @@ const LOGS: usize = 40;
 #[must_use]
 pub fn estimate(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> String {
     let body = html! {
-        h1 { "Dead time in " (report.log) }
+        h1 { "Dead time in " (base(&report.log)) }
         p .faint { (preamble(report)) "." }
         @for pair in &report.pairs { (verdict(pair, report.sample_time_s)) }
         @if !logs.is_empty() {
@@ -53,7 +55,7 @@ pub fn estimate(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) ->
             (figure("evidence", "The curve"))
         }
     };
-    page(&format!("Dead time in {}", report.log), &body, &data(report, logs, evidence))
+    page(&format!("Dead time in {}", base(&report.log)), &body, &data(report, logs, evidence))
 }
 
 fn target(pair: &Pair) -> &str {
@@ -65,14 +67,14 @@ fn verdict(pair: &Pair, step_s: f64) -> Markup {
         h3 { (pair.input) " → " (target(pair)) }
         @match pair.verdict.delay_s.map(|v| delay(v, pair.verdict.ci95_s, step_s)) {
             Some((value, Some([from, to]))) => p .verdict {
-                "Believe a dead time of " strong { (value) " s" } " (95 %: " (from) " to " (to) " s)."
+                "Dead time " strong { (value) " s" } " (95 %: " (from) " to " (to) " s)."
             },
             _ if pair.moving.is_some() => {},
-            _ => p .verdict { strong { "Believe none of it." } },
+            _ => p .verdict { strong { "No trusted dead time." } },
         }
         p { (quoted(&without_lists(&pair.verdict.why, pair))) "." }
         @if let Some(jitter) = &pair.jitter { p { (single_events(jitter, step_s)) "." } }
-        @if let Some(warning) = warning(pair, step_s) { p { strong { "Beware: " } (warning) "." } }
+        @if let Some(warning) = warning(pair, step_s) { p { strong { "Warning: " } (warning) "." } }
         @if !pair.findings.is_empty() {
             p { "The record shows " @for (at, f) in pair.findings.iter().enumerate() { @if at > 0 { "; " } (f.condition.words()) " (" (quoted(&f.evidence)) ")" } "." }
         }
@@ -81,25 +83,25 @@ fn verdict(pair: &Pair, step_s: f64) -> Markup {
 
 /// Every method on a common axis.
 fn methods(pair: &Pair, step_s: f64) -> Markup {
-    let counted = || pair.estimates.iter().filter(|e| e.counts()).filter_map(|e| e.ci95_s);
+    let used = |e: &&Estimate| Standing::of(pair, e).used();
+    let counted = || pair.estimates.iter().filter(used).filter_map(|e| e.ci95_s);
     let axis = match (pair.verdict.delay_s, pair.verdict.ci95_s) {
         (Some(delay), Some(ci)) => Axis::around(delay, ci, counted(), usize::MAX),
         _ => Axis::over(pair.estimates.iter().filter_map(|e| e.ci95_s), usize::MAX),
     };
     let row = |e: &Estimate| {
         let [value, interval] = delay_cells(e.delay_s, e.ci95_s, step_s);
-        let aside = if e.counts() { "" } else { "aside" };
-        let counts = match (e.outcome, e.distrust.as_slice()) {
-            (_, []) if e.counts() => "yes".to_owned(),
-            (Outcome::Found, []) => "no: the data contradict its model".to_owned(),
-            (Outcome::Found, reasons) => {
-                format!("no: {}", reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(", "))
-            }
-            _ => e.outcome.name().replace('_', " "),
+        let standing = Standing::of(pair, e);
+        let aside = if standing.used() { "" } else { "aside" };
+        let why = reason(e).filter(|_| standing == Standing::LeftOut);
+        let counts = match why {
+            Some(why) => format!("{}: {why}", standing.word()),
+            None if standing == Standing::Silent => e.outcome.name().replace('_', " "),
+            None => standing.word().to_owned(),
         };
         let drawn = html! {
             @if let (Some(axis), Some(delay)) = (axis, e.delay_s) {
-                @if let Some([from, to]) = pair.verdict.ci95_s { (stretch(axis.share(from), axis.share(to), "believed")) }
+                @if let Some([from, to]) = pair.verdict.ci95_s { (stretch(axis.share(from), axis.share(to), "band")) }
                 @if let Some([from, to]) = e.ci95_s { (stretch(axis.share(from), axis.share(to), &format!("range {aside}"))) }
                 (dot(axis.share(delay), aside))
             }
@@ -115,20 +117,16 @@ fn methods(pair: &Pair, step_s: f64) -> Markup {
         cells
     };
     let all = |counting: bool| {
-        pair.estimates
-            .iter()
-            .filter(|e| e.counts() == counting)
-            .map(row)
-            .collect::<Vec<Vec<Cell>>>()
+        pair.estimates.iter().filter(|e| used(e) == counting).map(row).collect::<Vec<Vec<Cell>>>()
     };
     let (open, aside) = (all(true), all(false));
     let ends =
         axis.map_or_else(String::new, |a| a.ends().map(|v| seconds(v, step_s)).join(" to ") + " s");
-    let headings = ["method", "answer (s)", "95 % interval (s)", &ends, "counts", "note"];
+    let headings = ["method", "answer (s)", "95 % interval (s)", &ends, "in the verdict", "note"];
     html! {
         h2 { "Methods: " (pair.input) " → " (target(pair)) }
-        @if !open.is_empty() { (table("Answers that count; the band is what is believed, and an arrow is an answer beyond the axis", &headings, &open)) }
-        @if !aside.is_empty() { details open[open.is_empty()] { summary { (aside.len()) " that do not count" } (table("Answers that do not count", &headings, &aside)) } }
+        @if !open.is_empty() { (table("Answers that the verdict uses; the band is the verdict's interval, and an arrow marks an answer beyond the axis", &headings, &open)) }
+        @if !aside.is_empty() { details open[open.is_empty()] { summary { (aside.len()) " left out or without an answer" } (table("Answers that the verdict leaves out", &headings, &aside)) } }
     }
 }
 
@@ -200,8 +198,11 @@ fn data(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> Value {
                 "delay_s": pair.verdict.delay_s,
             }))
         };
-        let name =
-            if logs.len() > 1 { format!("record {}", at + 1) } else { log.source().to_owned() };
+        let name = if logs.len() > 1 {
+            format!("record {}", at + 1)
+        } else {
+            base(log.source()).to_owned()
+        };
         json!({ "name": name, "bucket": thinning.bucket(), "time": thinning.times(&time_s), "pairs": pairs.iter().filter_map(one).collect::<Vec<Value>>() })
     };
     let tracks: Vec<Value> = report

@@ -1,11 +1,11 @@
-//! What stays of a gap, drawn as a missing force over what it goes with.
+//! The residual of a gap as a missing force, over the variable that it depends on.
 
 use serde_json::{Value, json};
 
 use super::series::briefly;
 use deadtime_gap::ForceProfile;
 
-/// The figure; `None` where nothing is told.
+/// The figure; `None` where nothing is reported.
 pub(super) fn figure(force: Option<&ForceProfile>) -> Option<Value> {
     let force = force?;
     let side = |end: usize| briefly(force.ci95.iter().map(|interval| interval[end]));

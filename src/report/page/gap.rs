@@ -54,8 +54,8 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
             (figure("laws", "The effect"))
         }
         @if missing.is_some() {
-            h3 { "What stays, as a missing force" }
-            p { "Fitted to what is left, with the 95 % interval of the noise in it, and the plain law that comes near it. It describes, and is no cause." }
+            h3 { "The residual, as a missing force" }
+            p { "Fitted to the residual, with the 95 % interval of its noise, and the simplest law that comes near it. It is a description, not a cause." }
             (figure("missing", "The force"))
         }
         (candidates(d))
@@ -63,7 +63,7 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
             h2 { "Next experiment" }
             div .next { p { (quoted(next_text)) } }
             @if let Some((_, file)) = &next {
-                p { "The commands, scaled from those of the first log that was learnt from. Keep them within what the machine stands." }
+                p { "The commands, scaled from those of the first training log. Keep them within the limits of the machine." }
                 (figure("experiment", "The commands"))
                 p { a href=(file) download="next_experiment.csv" { "The experiment as CSV" } }
             }
@@ -81,7 +81,7 @@ fn sentence(line: &Line) -> Markup {
     html! { p { strong { (line.label.word()) ":" } " " (quoted(&line.text)) } }
 }
 
-/// The answer at a glance: the error before and after, the cause, how sure it is, what stays.
+/// The answer at a glance: the error before and after, the cause, its probability, the residual.
 fn tiles(d: &Diagnosis) -> Markup {
     let tile = |title: &str, value: &str, about: &str| {
         html! { div .tile { span .faint { (title) } strong { (value) } span { (about) } } }
@@ -310,7 +310,7 @@ fn takes(what: &str, [learnt, held]: [String; 2], label: &str, drawn: &Markup) -
     ]
 }
 
-/// The waterfall of squared errors: nominal, each contribution, what stays, noise; `noise` is the floor's part of it.
+/// The waterfall of squared errors: nominal, each contribution, residual, noise; `noise` is the floor's part of it.
 fn waterfall(d: &Diagnosis, noise: f64) -> Vec<Vec<Cell>> {
     let shares = |share: &Share| [percent(share.learnt), percent(share.held_out)];
     let mut top = 1.0;
@@ -328,10 +328,9 @@ fn waterfall(d: &Diagnosis, noise: f64) -> Vec<Vec<Cell>> {
         top -= part;
     }
     if let Some(rest) = &d.cause.remainder {
-        let label =
-            format!("what stays above the noise: {} of the gap", percent(rest.share.learnt));
+        let label = format!("residual above the noise: {} of the gap", percent(rest.share.learnt));
         let drawn = stretch(noise.min(top), top, "rest");
-        rows.push(takes("what stays", shares(&rest.share), &label, &drawn));
+        rows.push(takes("residual", shares(&rest.share), &label, &drawn));
     }
     let dashes = ["–", "–"].map(str::to_owned);
     let drawn = stretch(0.0, noise, "noise");
@@ -350,8 +349,8 @@ fn budget(d: &Diagnosis) -> Markup {
     html! {
         h2 { "Which: the budget of the gap" }
         p { "The error falls from " (percent(Some(before))) " of the spread; the noise floor is " (percent(Some(floor))) ". Shares are of the gap between the two, in squared error." }
-        (table("From the nominal model down to the noise", &["what", "share learnt", "held out", "squared error"], &waterfall(d, noise)))
-        @if let Some(times) = left { p { (format!("What is left is {times:.1} times the noise floor.")) } }
+        (table("From the nominal model down to the noise", &["what", "share, training logs", "held out", "squared error"], &waterfall(d, noise)))
+        @if let Some(times) = left { p { (format!("The residual is {times:.1} times the noise floor.")) } }
         @if d.shrink.decoded.is_some() {
             p {
                 "These shares are taken once it is known which commands were lost or late. A simulation, which cannot know it, gains "
@@ -382,7 +381,7 @@ fn parameter([effect, channel, clear]: [&str; 3], p: &FoundParameter) -> Vec<Cel
     ]
 }
 
-/// Each parameter with its interval, beside zero.
+/// Each parameter with its interval on an axis that holds zero.
 fn parameters(d: &Diagnosis) -> Markup {
     if d.cause.contributions.is_empty() && recalibrated(d).is_none() {
         return html! {};
@@ -485,7 +484,7 @@ fn candidates(d: &Diagnosis) -> Markup {
     }
 }
 
-/// Every output, and all together: the gap on what was learnt from, the error on held-out data before, after and as noise.
+/// Every output, and all together: the gap on the training logs, the error on held-out data before, after and as noise.
 fn outputs(d: &Diagnosis, after: &dyn Fn(Option<f64>) -> String) -> Vec<Vec<Cell>> {
     let s = &d.shrink;
     let found = !d.cause.contributions.is_empty();
@@ -526,7 +525,7 @@ fn size(d: &Diagnosis) -> Markup {
     let headings = [
         "output",
         "share of the gap",
-        "learnt from: error",
+        "training: error",
         "floor",
         "held out: before",
         "after",
@@ -626,7 +625,7 @@ fn origin(d: &Diagnosis) -> Markup {
     let rows: Vec<Vec<Cell>> = d.holdout.iter().map(held).collect();
     html! {
         h2 { "Data" }
-        p { "Learnt from: " (names(&d.logs)) ". Simulated means " (mode) ": " (d.prediction.why) "." }
+        p { "Training logs: " (names(&d.logs)) ". Simulated means " (mode) ": " (d.prediction.why) "." }
         (table("What the shrink was measured on", &["log", "from (s)", "to (s)"], &rows))
     }
 }

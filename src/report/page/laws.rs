@@ -146,7 +146,7 @@ fn swept(
     output: bool,
 ) -> Option<Value> {
     let (system, plan) = alone(c)?;
-    // Twice: the first pass fills whatever the effect remembers.
+    // Twice: the first pass fills the memory of the effect.
     let up = between(low, high);
     let way: Vec<f64> = [&up, &up.iter().rev().copied().collect::<Vec<_>>()]
         .into_iter()

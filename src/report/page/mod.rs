@@ -1,4 +1,4 @@
-//! Pages: one file each, that needs nothing beside itself. The text is there without a script; curves are drawn by uPlot, which stands in the page (src/report/vendor/uplot says why).
+//! Pages: one file each, that needs no other. The text is there without a script; curves are drawn by uPlot, which stands in the page (src/report/vendor/uplot says why).
 
 mod bars;
 mod blind;
@@ -20,7 +20,7 @@ mod structured;
 mod study;
 
 pub use blind::blind;
-pub use check::check;
+pub use check::{Measured, check};
 pub use compare::{compared_diagnoses, compared_studies};
 pub use estimate::estimate;
 pub use gap::gap;

@@ -1,4 +1,4 @@
-//! What is left between measurement and model, looked at from four sides: against what the machine does, over frequency, beside the commands, over time and frequency.
+//! The residual between measurement and model in four views: against what the machine does, over frequency, against the commands, over time and frequency.
 
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
@@ -196,7 +196,7 @@ fn stretches(count: usize, series: &[&dyn Fn(usize) -> Option<f64>]) -> Vec<Vec<
     all
 }
 
-/// Spectra of the pairs of series `a` and `b`, their means taken out, over every stretch that holds a segment.
+/// Spectra of the pairs of series `a` and `b`, their means removed, over every stretch that holds a segment.
 fn averaged(parts: &[Vec<Vec<f64>>], a: usize, b: usize) -> Option<CrossSpectra> {
     let samples: usize = parts.iter().filter_map(|p| p.first()).map(Vec::len).sum();
     let longest = parts.iter().filter_map(|p| p.first()).map(Vec::len).max()?;

@@ -17,7 +17,7 @@ use deadtime_study::{Cell, Plan, Study};
 const VALUES: usize = 80;
 /// Curves that are shown at first; the legend shows the others.
 const OPEN_CURVES: usize = 8;
-/// What is left out where answers are compared.
+/// Answers that comparisons leave out.
 const MOSTLY: &str = "Methods that answer less than half of the records are left out.";
 /// A key whose largest value is this many times its smallest gets a logarithmic axis.
 const WIDE_RANGE: f64 = 20.0;
@@ -46,7 +46,7 @@ pub fn study(study: &Study, plan: Option<&Plan>) -> String {
         (given("Every method: means over the cells", &summary(study)))
         @if let Some((plan, table)) = plan.and_then(|p| Some((p, aims(study, p)?))) { (given(&format!("Aims of {}", plan.name), &table)) }
         @if let Some((plan, table)) = plan.and_then(|p| Some((p, published(study, p)?))) {
-            details { summary { "Beside published numbers: " (standings(study, plan)) } (given("Published and ours", &table)) }
+            details { summary { "Published numbers: " (standings(study, plan)) } (given("Published and ours", &table)) }
         }
         @for (told, table) in plan.map(|p| layouts(study, p)).unwrap_or_default() {
             details { summary { (told) } (given(&told, &table)) }

@@ -64,15 +64,15 @@ impl Axis {
             .then(|| ((share.clamp(0.0, 1.0) * self.cells as f64) as usize).min(self.cells - 1))
     }
 
-    /// An answer `●` on its interval `━`, before the stretch `·` that is believed; what lies beyond the axis is an arrow at its end.
+    /// An answer `●` on its interval `━`, before the interval `·` of the verdict; an answer beyond the axis is an arrow at its end.
     pub(super) fn bar(
         self,
         answer: f64,
         interval: Option<[f64; 2]>,
-        believed: Option<[f64; 2]>,
+        verdict: Option<[f64; 2]>,
     ) -> String {
         let mut line = vec![' '; self.cells];
-        for (ends, mark) in [(believed, '·'), (interval, '━')] {
+        for (ends, mark) in [(verdict, '·'), (interval, '━')] {
             let Some([from, to]) = ends.filter(|[from, to]| *from <= self.to && *to >= self.from)
             else {
                 continue;

@@ -2,7 +2,8 @@
 
 use super::axis::Axis;
 use crate::report::estimate::{A_HANDFUL, preamble, single_events, warning};
-use crate::report::styled::{Role, Styled, WIDTH, cell, columns, wrapped};
+use crate::report::standing::{Standing, counted as left_out, reason};
+use crate::report::styled::{Role, Styled, WIDTH, cell, columns, cut, wrapped};
 use crate::report::text::{delay, delay_cells, seconds};
 use deadtime_delay::Outcome;
 use deadtime_delay::report::{Bias, Estimate, Pair, Report, Searched};
@@ -16,20 +17,62 @@ const TRACK_LINES: usize = 20;
 /// A bar is as wide as the other columns leave it, within these bounds.
 const BAR: [usize; 2] = [10, 34];
 
-/// The answer to every pair, two lines each: what to believe and who says so; what speaks against it.
+/// Lines of an answer with `--brief`.
+const BRIEF: usize = 3;
+
+/// The answer to every pair in three lines at most: dead time, methods that agree and differ, the first warning.
 #[must_use]
 pub fn brief(report: &Report) -> Styled {
     let mut text = Styled::default();
     for pair in &report.pairs {
-        if report.pairs.len() > 1 {
-            title(&mut text, pair);
+        let name = format!("{} → {}: ", shown(&pair.input), shown(target(pair)));
+        let name = if report.pairs.len() > 1 { name } else { String::new() };
+        for (at, line) in brief_lines(pair, report, &name).into_iter().enumerate() {
+            let role = match (at, pair.verdict.delay_s) {
+                (0, None) => Role::Doubt,
+                (0, _) => Role::Strong,
+                _ => Role::Plain,
+            };
+            text.push(role, cut(&line, WIDTH)).push(Role::Plain, "\n");
         }
-        answer(&mut text, pair, report);
     }
     text
 }
 
-/// The answer to every pair, the methods that count on a common axis, how many do not count and why, and what was searched; no line is wider than 80 columns.
+fn brief_lines(pair: &Pair, report: &Report, name: &str) -> Vec<String> {
+    if pair.verdict.delay_s.is_none() {
+        let why = without_lists(&pair.verdict.why, pair);
+        let first = why.split("; ").next().unwrap_or_default();
+        let text = match pair.moving {
+            Some(_) => format!("{name}{first}."),
+            None => format!("{name}no trusted dead time: {first}."),
+        };
+        let lines = wrapped(&text, WIDTH, 2);
+        let all = lines.len();
+        let mut kept: Vec<String> = lines.into_iter().take(BRIEF).collect();
+        if let Some(last) = kept.last_mut().filter(|_| all > BRIEF) {
+            *last = cut(&format!("{last} …"), WIDTH);
+        }
+        return kept;
+    }
+    let methods = match differing(pair, report.sample_time_s) {
+        Some(differ) => format!("agree: {}; differ: {differ}", agreeing(pair)),
+        None => format!("agreeing methods: {}; none differs", agreeing(pair)),
+    };
+    let warning =
+        pair.verdict.grounds.doubts.iter().cloned().chain(warning(pair, report.sample_time_s));
+    let first = warning.map(|w| format!("  warning: {w}")).next();
+    let head = format!("{}{}", value(pair, report), counted(pair, report));
+    // The number is never cut, a long name is.
+    let room = WIDTH.saturating_sub(columns(&head) + 2);
+    let name = match name.strip_suffix(": ") {
+        Some(pair) => format!("{}: ", cut(pair, room)),
+        None => String::new(),
+    };
+    [name + &head, format!("  {methods}")].into_iter().chain(first).collect()
+}
+
+/// The answer to every pair, the methods that it uses on a common axis, how many are left out and why, and what was searched; no line is wider than 80 columns.
 #[must_use]
 pub fn short(report: &Report) -> Styled {
     let mut text = Styled::default();
@@ -52,86 +95,104 @@ pub fn short(report: &Report) -> Styled {
     text
 }
 
+/// What is estimated: an output, or the states.
+fn target(pair: &Pair) -> &str {
+    if pair.output == "*" { "the states" } else { &pair.output }
+}
+
 /// The pair that is meant.
 fn title(text: &mut Styled, pair: &Pair) {
-    let target = if pair.output == "*" { "the states" } else { &pair.output };
-    for line in wrapped(&format!("{} → {}", shown(&pair.input), shown(target)), WIDTH, 2) {
+    for line in wrapped(&format!("{} → {}", shown(&pair.input), shown(target(pair))), WIDTH, 2) {
         text.push(Role::Strong, line).push(Role::Plain, "\n");
     }
 }
 
-/// What to believe and who says so; what speaks against it.
-fn answer(text: &mut Styled, pair: &Pair, report: &Report) {
-    let step_s = report.sample_time_s;
-    let (verdict, grounds) = (&pair.verdict, &pair.verdict.grounds);
-    let why = without_lists(&verdict.why, pair);
-    match (verdict.delay_s, verdict.ci95_s) {
-        (Some(delay_s), Some(_)) => {
-            let who = match grounds.agree.as_slice() {
-                [] => why,
-                [one] => format!("{one} alone"),
-                [one, other] => format!("{one} and {other}"),
-                [one, rest @ ..] => format!("{one} and {} more", rest.len()),
-            };
-            let (value, ends) = delay(delay_s, verdict.ci95_s, step_s);
-            let ends = ends.map_or_else(String::new, |e| format!(" ({} s)", e.join(" to ")));
-            text.sentence(
-                (Role::Strong, &format!("Believe a dead time of {value} s")),
-                &format!("{ends}{}: {who}.", counted(delay_s, report)),
-                WIDTH,
-                2,
-            );
-        }
-        _ if pair.moving.is_some() => {
-            let (label, rest) =
-                why.split_once(": ").map_or(("", why.as_str()), |(label, rest)| (label, rest));
-            let label = if label.is_empty() { String::new() } else { format!("{label}:") };
-            text.sentence((Role::Strong, &label), &format!(" {rest}."), WIDTH, 2);
-        }
-        _ => {
-            text.sentence((Role::Doubt, "Believe none of it: "), &format!("{why}."), WIDTH, 2);
-        }
+/// `dead time 0.140 s (0.117 to 0.151 s)`.
+fn value(pair: &Pair, report: &Report) -> String {
+    let Some(delay_s) = pair.verdict.delay_s else { return String::new() };
+    let (value, ends) = delay(delay_s, pair.verdict.ci95_s, report.sample_time_s);
+    let ends = ends.map_or_else(String::new, |e| format!(" ({} s)", e.join(" to ")));
+    format!("dead time {value} s{ends}")
+}
+
+/// The methods that agree, the heaviest first.
+fn agreeing(pair: &Pair) -> String {
+    match pair.verdict.grounds.agree.as_slice() {
+        [] => "none".to_owned(),
+        [one] => format!("{one} alone"),
+        [one, other] => format!("{one} and {other}"),
+        [one, rest @ ..] => format!("{one} and {} more", rest.len()),
     }
-    if let Some(jitter) = &pair.jitter {
-        text.sentence((Role::Plain, ""), &format!("{}.", single_events(jitter, step_s)), WIDTH, 2);
-    }
+}
+
+/// The trusted methods that do not agree, with their answers.
+fn differing(pair: &Pair, step_s: f64) -> Option<String> {
+    let differ = &pair.verdict.grounds.differ;
     let ci95_s =
         |method: &str| pair.estimates.iter().find(|e| e.method == method).and_then(|e| e.ci95_s);
-    let mut others: Vec<String> = grounds
-        .differ
+    let mut others: Vec<String> = differ
         .iter()
         .take(NAMED)
         .map(|(m, d)| format!("{m} {} s", delay(*d, ci95_s(m), step_s).0))
         .collect();
-    if grounds.differ.len() > NAMED {
-        others.push(format!("{} more", grounds.differ.len() - NAMED));
+    if differ.len() > NAMED {
+        others.push(format!("{} more", differ.len() - NAMED));
     }
-    let against: Vec<String> = [others.join(", ")]
-        .into_iter()
-        .filter(|o| !o.is_empty())
-        .chain(grounds.doubts.iter().cloned())
-        .chain(warning(pair, step_s))
-        .collect();
-    if !against.is_empty() {
-        text.sentence((Role::Doubt, "Against it: "), &format!("{}.", against.join("; ")), WIDTH, 2);
-    } else if verdict.delay_s.is_some() {
-        text.sentence((Role::Doubt, "Against it: "), "nothing that counts.", WIDTH, 2);
+    (!others.is_empty()).then(|| others.join(", "))
+}
+
+/// The dead time, the methods that agree, those that differ, and warnings.
+fn answer(text: &mut Styled, pair: &Pair, report: &Report) {
+    let step_s = report.sample_time_s;
+    let why = without_lists(&pair.verdict.why, pair);
+    let mut sentence = |role, label: &str, rest: &str| {
+        text.sentence((role, label), rest, WIDTH, 2);
+    };
+    match pair.verdict.delay_s {
+        Some(_) => {
+            let line = value(pair, report).replacen('d', "D", 1);
+            sentence(Role::Strong, &line, &format!("{}.", counted(pair, report)));
+            sentence(Role::Label, "Agreeing methods: ", &format!("{}.", agreeing(pair)));
+        }
+        None if pair.moving.is_some() => {
+            let (label, rest) =
+                why.split_once(": ").map_or(("", why.as_str()), |(label, rest)| (label, rest));
+            let label = if label.is_empty() { String::new() } else { format!("{label}:") };
+            sentence(Role::Strong, &label, &format!(" {rest}."));
+        }
+        None => sentence(Role::Doubt, "No trusted dead time: ", &format!("{why}.")),
+    }
+    if let Some(jitter) = &pair.jitter {
+        sentence(Role::Plain, "", &format!("{}.", single_events(jitter, step_s)));
+    }
+    match differing(pair, step_s) {
+        Some(differ) => sentence(Role::Doubt, "Differing: ", &format!("{differ}.")),
+        None if pair.verdict.delay_s.is_some() => {
+            sentence(Role::Label, "Differing: ", "none of the trusted methods.");
+        }
+        None => {}
+    }
+    for doubt in pair.verdict.grounds.doubts.iter().cloned().chain(warning(pair, step_s)) {
+        sentence(Role::Doubt, "Warning: ", &format!("{doubt}."));
     }
 }
 
 /// The same in samples, and as MATLAB counts it, where the relative degree is one number.
-fn counted(delay_s: f64, report: &Report) -> String {
-    let Searched::Samples { bias, .. } = &report.searched else { return String::new() };
+fn counted(pair: &Pair, report: &Report) -> String {
+    let (Searched::Samples { bias, .. }, Some(delay_s)) = (&report.searched, pair.verdict.delay_s)
+    else {
+        return String::new();
+    };
     let samples = delay_s / report.sample_time_s;
     let shown = format!("{samples:.1}");
     let shown = shown.strip_suffix(".0").unwrap_or(&shown);
     let unit = if shown == "1" { "sample" } else { "samples" };
-    let (degree, holds) = match bias {
-        Bias::Assumed => (1, ", which counts the hold"),
-        Bias::Given(degree) => (*degree, ""),
+    let degree = match bias {
+        Bias::Assumed => 1,
+        Bias::Given(degree) => *degree,
         Bias::Model(_) => return format!(", {shown} {unit}"),
     };
-    format!(", {shown} {unit} (nk = {} in MATLAB{holds})", samples.round() as usize + degree)
+    format!(", {shown} {unit}, nk = {} in MATLAB", samples.round() as usize + degree)
 }
 
 /// A sentence whose lists of more methods than a few are counts.
@@ -163,14 +224,16 @@ pub(in crate::report) fn without_lists(why: &str, pair: &Pair) -> String {
     words.join(" ")
 }
 
-/// Of many methods those whose answers count, or else those that have one; of a handful all.
+/// Of many methods those that the verdict uses, or else those that have an answer; of a handful all. Agreeing ones come first.
 fn rows(pair: &Pair) -> Vec<&Estimate> {
     let all = || pair.estimates.iter();
     if pair.estimates.len() <= A_HANDFUL {
         return all().collect();
     }
-    let counted: Vec<&Estimate> = all().filter(|e| e.counts()).collect();
-    if !counted.is_empty() { counted } else { all().filter(|e| e.delay_s.is_some()).collect() }
+    let standing = |e: &&Estimate| Standing::of(pair, e);
+    let mut used: Vec<&Estimate> = all().filter(|e| standing(e).used()).collect();
+    used.sort_by_key(|e| standing(e) == Standing::Differs);
+    if !used.is_empty() { used } else { all().filter(|e| e.delay_s.is_some()).collect() }
 }
 
 /// The columns of the table of methods: their widths, and the axis of the last.
@@ -189,13 +252,14 @@ impl Columns {
             texts.chain([columns(heading), columns(least)]).max().unwrap_or(0)
         };
         let answer = |e: &Estimate, at: usize| delay_cells(e.delay_s, e.ci95_s, step_s)[at].clone();
-        let name = widest("method", "believed", &|e| e.method.clone());
+        let name = widest("method", "verdict", &|e| e.method.clone());
         let value = widest("answer (s)", &stated[0], &|e| answer(e, 0));
         let interval = widest("95 % interval (s)", &stated[1], &|e| answer(e, 1));
-        let counts = 6;
+        let counts = 8;
         let taken = 2 + name + 2 + value + 2 + interval + 2 + 2 + counts;
         let bar = WIDTH.saturating_sub(taken).clamp(BAR[0], BAR[1]);
-        let intervals = || rows.iter().filter(|e| e.counts()).filter_map(|e| e.ci95_s);
+        let intervals =
+            || rows.iter().filter(|e| Standing::of(pair, e).used()).filter_map(|e| e.ci95_s);
         let axis = match (pair.verdict.delay_s, pair.verdict.ci95_s) {
             (Some(delay), Some(ci)) => Axis::around(delay, ci, intervals(), bar),
             _ => Axis::over(rows.iter().filter_map(|e| e.ci95_s), bar),
@@ -220,7 +284,7 @@ fn ends(axis: Axis, bar: usize, step_s: f64) -> String {
     format!("{from}{}", cell(&to, bar.saturating_sub(columns(&from)), true))
 }
 
-/// One line a method: its answer, the interval, both on the common axis, whether it counts; the verdict above.
+/// One line a method: its answer, the interval, both on the common axis, where it stands in the verdict; the verdict above.
 fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
     if rows.is_empty() {
         return;
@@ -230,17 +294,18 @@ fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
     let shape = Columns::of(pair, rows, &stated, step_s);
     let labels = shape.axis.map_or_else(String::new, |axis| ends(axis, shape.bar, step_s));
     let heads = shape.line(["method", "answer (s)", "95 % interval (s)"]);
-    text.push(Role::Faint, format!("{heads}{}  counts\n", cell(&labels, shape.bar, false)));
+    text.push(Role::Faint, format!("{heads}{}\n", labels.trim_end()));
     if let (Some(delay), Some(ci)) = (verdict, believed) {
         let drawn = shape.axis.map_or_else(String::new, |a| a.bar(delay, Some(ci), None));
-        let line = shape.line(["believed", &stated[0], &stated[1]]) + &drawn;
+        let line = shape.line(["verdict", &stated[0], &stated[1]]) + &drawn;
         text.push(Role::Strong, line.trim_end()).push(Role::Plain, "\n");
     }
     for e in rows {
-        let (role, counts) = match (e.outcome, e.counts()) {
-            (_, true) => (Role::Counts, "yes"),
-            (Outcome::Found, false) => (Role::Faint, "no"),
-            _ => (Role::Faint, "–"),
+        let standing = Standing::of(pair, e);
+        let role = match standing {
+            Standing::Agrees => Role::Counts,
+            Standing::Differs => Role::Doubt,
+            Standing::LeftOut | Standing::Silent => Role::Faint,
         };
         let drawn = match (shape.axis, e.delay_s) {
             (Some(axis), Some(delay)) => axis.bar(delay, e.ci95_s, believed),
@@ -250,35 +315,39 @@ fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
         let plain = if role == Role::Faint { Role::Faint } else { Role::Plain };
         text.push(plain, shape.line([&e.method, &at, &between]))
             .push(role, cell(&drawn, shape.bar, false))
-            .push(plain, format!("  {counts}\n"));
+            .push(plain, format!("  {}\n", standing.word()));
     }
 }
 
-/// How many methods do not count or found nothing, with the reason; what the record shows; the notes of the rows.
+/// How many methods are left out or have no answer, with the reason; what the record shows; the notes of the rows.
 fn beneath(text: &mut Styled, pair: &Pair, rows: &[&Estimate]) {
     let mut groups: Vec<(bool, String, usize)> = Vec::new();
-    for e in pair.estimates.iter().filter(|e| !e.counts()) {
-        let (rejected, reason) = match (e.outcome, e.distrust.as_slice()) {
-            (Outcome::Found, []) => (true, "a model that the data contradict".to_owned()),
-            (Outcome::Found, reasons) => {
-                (true, reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(" and "))
-            }
-            _ => (false, e.outcome.name().replace('_', " ")),
+    for e in pair.estimates.iter().filter(|e| !Standing::of(pair, e).used()) {
+        // Without a verdict an answer is not left out for want of a reason.
+        let why = reason(e).filter(|_| pair.verdict.delay_s.is_some() || !e.counts());
+        let (rejected, why) = match why {
+            Some(why) => (true, why),
+            None if e.outcome == Outcome::Found => continue,
+            None => (false, e.outcome.name().replace('_', " ")),
         };
-        match groups.iter_mut().find(|(r, known, _)| *r == rejected && *known == reason) {
+        match groups.iter_mut().find(|(r, known, _)| *r == rejected && *known == why) {
             Some((_, _, count)) => *count += 1,
-            None => groups.push((rejected, reason, 1)),
+            None => groups.push((rejected, why, 1)),
         }
     }
     groups.sort_by_key(|(_, _, count)| std::cmp::Reverse(*count));
-    for (rejected, label, before) in [(true, "Not counted: ", "for "), (false, "No answer: ", "")] {
+    for (rejected, label) in [(true, "Left out: "), (false, "No answer: ")] {
         let all: Vec<String> = groups
             .iter()
             .filter(|g| g.0 == rejected)
-            .map(|(_, why, count)| format!("{count} {before}{why}"))
+            .map(|(_, why, count)| match rejected {
+                true => left_out(*count, why),
+                false => format!("{count} {why}"),
+            })
             .collect();
         if !all.is_empty() {
-            text.sentence((Role::Label, label), &format!("{}.", all.join("; ")), WIDTH, 2);
+            let joint = if rejected { ". " } else { "; " };
+            text.sentence((Role::Label, label), &format!("{}.", all.join(joint)), WIDTH, 2);
         }
     }
     if !pair.findings.is_empty() {

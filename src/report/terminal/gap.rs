@@ -66,7 +66,7 @@ fn notes(d: &Diagnosis, class: &CauseClass) -> Vec<String> {
     notes
 }
 
-/// Every class of causes with its share of the gap and its probability, then what stays.
+/// Every class of causes with its share of the gap and its probability, then the residual.
 fn causes(text: &mut Styled, d: &Diagnosis) {
     let classes = &d.cause.classes;
     let longest = classes.iter().map(|c| columns(&c.name)).max().unwrap_or(0);
@@ -91,7 +91,7 @@ fn causes(text: &mut Styled, d: &Diagnosis) {
         row(Role::Counts, &class.name, class.share.learnt, &sure, &notes(d, class));
     }
     if let Some(left) = &d.cause.remainder {
-        row(Role::Doubt, "what stays", left.share.learnt, "", &[]);
+        row(Role::Doubt, "residual", left.share.learnt, "", &[]);
     }
     if let Some(gained) = d.shrink.of_explainable.filter(|_| known) {
         let why = ["nobody knows the lost commands of a run that is still to come".to_owned()];

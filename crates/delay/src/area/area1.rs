@@ -155,7 +155,7 @@ impl PairMethod for Area1 {
         let told = gain.abs() > TOLD * noise;
         if !told {
             return Err(singular(
-                "the end of the response, by which areas are divided, is not told from noise",
+                "the final value of the response, by which areas are divided, does not exceed the noise",
             ));
         }
         let readings = readings(&response, gain, end).ok_or_else(|| {

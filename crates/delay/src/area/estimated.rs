@@ -188,7 +188,7 @@ read! {
     } as ("moment", "dead time of one lag from mean and variance of the impulse response", Moment),
     lags: Lags::One,
     readings: by_moments,
-    none: "the variance of the impulse response is negative or not told from noise: the moments have no real solution",
+    none: "the variance of the impulse response is negative or below the noise: the moments have no real solution",
 }
 
 /// The impulse response and its sum K.
@@ -204,7 +204,7 @@ fn pulse_response(
     let gain = fir.coefficients.sum();
     let told = gain.abs() > TOLD * fir.covariance.sum().max(0.0).sqrt();
     if !told {
-        let note = "the gain at frequency 0, by which areas and moments are divided, is not told from noise";
+        let note = "the gain at frequency 0, by which areas and moments are divided, does not exceed the noise";
         return Err(NoDelay::new(Outcome::Singular, note));
     }
     Ok((fir, gain))

@@ -469,12 +469,11 @@ impl Alike {
     /// The answer of a method.
     pub(crate) fn answer(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
         if self.leads {
-            let note = "the two are most alike where the output leads the input: exchange them, or look for feedback";
+            let note = "the two are most alike where the output leads the input: swap them, or look for feedback";
             return Err(NoDelay::new(Outcome::NotApplicable, note));
         }
         let Some(fraction) = self.fraction else {
-            let note =
-                "the correlation has no peak: the input hardly varies where the output can answer";
+            let note = "the correlation has no peak: the input is almost constant where the output can answer";
             return Err(NoDelay::new(Outcome::NotRichEnough, note));
         };
         let raw = real(self.lag) + fraction;

@@ -261,7 +261,7 @@ impl<'a> Matched<'a> {
         else {
             let note = Message::from("no offset puts the second sequence behind the first by a delay of the window: search a longer ")
                 .and(Remedy::MaxDelay)
-                .and(", or exchange them");
+                .and(", or swap them");
             return Err((Outcome::NotVisible, note));
         };
         let pairs = paired(best);

@@ -76,7 +76,7 @@ impl PairMethod for Firdap {
         let Some(found) =
             all_pass(fir.coefficients.as_slice(), [&fir.covariance; 2], max_delay.max(1) as f64)
         else {
-            let note = "the impulse response has no zeros that can be told apart";
+            let note = "the impulse response has no distinguishable zeros";
             return Err(NoDelay::new(Outcome::Singular, note));
         };
         found.behind(bias).answer(pair)

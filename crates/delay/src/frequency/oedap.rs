@@ -89,7 +89,7 @@ impl PairMethod for Oedap {
             .ok_or_else(|| singular("the regression on filtered signals has no solution"))?;
         let covariances = [&fit.covariance, &fit.given_poles];
         let found = all_pass(fit.b.as_slice(), covariances, max_delay.max(1) as f64)
-            .ok_or_else(|| singular("the numerator has no zeros that can be told apart"))?;
+            .ok_or_else(|| singular("the numerator has no distinguishable zeros"))?;
         let note = (experiment.longest() > self.max_samples)
             .then(|| format!("used the first {} samples", self.max_samples));
         noted(found.behind(bias).answer(pair), note)

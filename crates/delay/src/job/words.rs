@@ -7,7 +7,7 @@ use deadtime_signal::time::SampleTime;
 /// What to say where a controller leaves the input nothing of its own.
 pub(super) fn tied_note(input: &str, output: &str) -> String {
     format!(
-        "`{input}` is a function of `{output}` and of nothing else: the controller and the plant are one equation here, and no method can tell a dead time from it; {EXPERIMENT}"
+        "`{input}` is a function of `{output}` alone: the controller and the plant are one equation here, and no method can separate a dead time; {EXPERIMENT}"
     )
 }
 
@@ -17,7 +17,7 @@ pub(super) fn taken_off_note(inputs: &[String], shares: &[(usize, f64)]) -> Stri
         format!("`{}` ({:.0} % of the output's power)", inputs[*other], 100.0 * share)
     });
     format!(
-        "; what other inputs do was taken off for methods that see one input: {}",
+        "; the effects of other inputs were removed for methods that model one input: {}",
         each.collect::<Vec<_>>().join(", ")
     )
 }
@@ -74,7 +74,7 @@ pub(super) fn at_end_note(methods: &[&str], window_s: f64, ts: SampleTime) -> St
 pub(super) fn lead_note(input: &str, output: &str, samples: usize, ts: SampleTime) -> String {
     let by_s = digits(ts.to_seconds(samples as f64), ts);
     format!(
-        "`{output}` leads `{input}` by about {by_s} s: exchange them, what moves first is the input; or, if a controller makes `{input}` from `{output}`, {EXPERIMENT}"
+        "`{output}` leads `{input}` by about {by_s} s: the output leads the input; swap them; or, if a controller makes `{input}` from `{output}`, {EXPERIMENT}"
     )
 }
 

@@ -109,7 +109,7 @@ impl PairMethod for Lagudap {
             Some(all_pass(fit.c.as_slice(), [&fit.covariance; 2], longest)?.scaled(scale, 1.0, 0.0))
         };
         let Some(found) = read(best) else {
-            let note = "the series has no zeros that can be told apart";
+            let note = "the series has no distinguishable zeros";
             return Err(NoDelay::new(Outcome::Singular, note));
         };
         let apart: Vec<f64> = fits[1..]

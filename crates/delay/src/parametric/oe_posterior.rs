@@ -70,7 +70,7 @@ pub(crate) const METHOD: Method = Method {
     // Of the mean of two neighbours of which the second has a probability of 5 %, the most that a 95 % set leaves out.
     tolerance: 0.05,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
-    needs: "as `oestruc`, and a search window no wider than what is believed of the delay",
+    needs: "as `oestruc`, and a search window no wider than the prior of the delay",
     blind_to: "as `oestruc`; it leans towards the middle of the window where the data say little",
     exempt: &[(
         Law::Exact,

@@ -91,7 +91,7 @@ impl PairMethod for SamplingZero {
         let scan = OeScan { name: NAME, orders, max_samples: self.max_samples };
         let profile = scan.profile(pair, Weighing::Best)?;
         let Some(ZeroReading { raw, std, interval, note }) = read(&orders, &profile) else {
-            let note = "numerator and pole cannot be told apart on this record";
+            let note = "numerator and pole are indistinguishable on this record";
             return Err(NoDelay::new(Outcome::Singular, note));
         };
         let at_edge = raw + 0.5 >= as_f64(pair.max_delay);

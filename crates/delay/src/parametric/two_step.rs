@@ -49,7 +49,7 @@ pub(crate) const METHOD: Method = Method {
     blind_to: "what an unstable plant or feedback does; delays that lags of the model can stand for",
     exempt: &[(
         Law::Exact,
-        "a direct path beside slow motion is two input coefficients, which it takes for a fraction of a sample",
+        "a direct path together with slow motion is two input coefficients, which it takes for a fraction of a sample",
     )],
     ..method_line!(
         "two_step",

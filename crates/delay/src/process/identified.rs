@@ -136,7 +136,7 @@ impl ProcessOptions {
         let failed = |reason: &str| IdentifyError::Unfit { method, reason: reason.to_owned() };
         let Some(Coloured { covariance, d: noise, variance, .. }) = &solved.noise else {
             return Err(failed(
-                "the numbers cannot be told apart; take a smaller model, or record with a stronger excitation",
+                "the parameters are indistinguishable; take a smaller model, or record with a stronger excitation",
             ));
         };
         let spread = Spread::of(self, structure, step, &solved, covariance);
@@ -158,7 +158,7 @@ impl ProcessOptions {
         }
         if 1.0 + noise.iter().sum::<f64>() < DRIFTS {
             notes.push(
-                "what the model leaves drifts: a disturbance that the intervals hardly know of; p0di or p1di may suit, or shorter records"
+                "the residual drifts: a disturbance that the intervals do not include; p0di or p1di may suit, or shorter records"
                     .to_owned(),
             );
         }
@@ -276,7 +276,7 @@ impl ProcessOptions {
             .fold((0.0, 0.0), |(n, s), (l, r)| (n + r.len() as f64, s + l * r.len() as f64));
         solved.operating = [mean, sum / f64::max(total, 1.0)];
         if initial == Initial::Estimated {
-            let note = "records do not begin at rest: their starts were fitted, and the samples within the longest delay do not count";
+            let note = "records do not begin at rest: their initial states were fitted, and the samples within the longest delay are left out";
             solved.notes.push(note.to_owned());
         }
         if levels.len() > 1 {

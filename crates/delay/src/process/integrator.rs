@@ -52,7 +52,7 @@ impl Integrator<'_> {
             .collect();
         let mut notes = Vec::new();
         if lag.is_some_and(|l| l >= most - 1e-6) {
-            notes.push("the time constant is as long as the record shows: it cannot be told from a second integrator".to_owned());
+            notes.push("the time constant is as long as the record shows: it is indistinguishable from a second integrator".to_owned());
         }
         let level = stats::mean(self.records.iter().flat_map(|r| r.y.iter().copied()));
         let (k, slope) = (signals.coefficients[0], signals.coefficients[1]);

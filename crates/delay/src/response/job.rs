@@ -122,10 +122,10 @@ pub(super) fn verdict(
         .collect();
     let Some((name, chosen)) = found.iter().find(|(_, e)| !e.contradicted).or(found.first()) else {
         let said: Vec<String> = answers.iter().map(|(m, e, _)| silent(m, e)).collect();
-        return Verdict::none(format!("no method found a delay to believe: {}", said.join("; ")));
+        return Verdict::none(format!("no method found a trusted delay: {}", said.join("; ")));
     };
     let (Some(delay_s), Some(ci95_s)) = (chosen.delay_s, chosen.ci95_s) else {
-        return Verdict::none("no method found a delay to believe".to_owned());
+        return Verdict::none("no method found a trusted delay".to_owned());
     };
     if ci95_s[1] - ci95_s[0] > 0.5 * max_delay_s {
         return Verdict::none(format!(
@@ -143,7 +143,7 @@ pub(super) fn verdict(
         }
     }
     let doubts = [
-        (chosen.contradicted, "what its model leaves over contradicts it, so this is a guess"),
+        (chosen.contradicted, "its residuals contradict its model: treat the number as a guess"),
         (
             band < NARROW,
             "the band is less than two octaves wide: lag of poles outside it looks like delay",
@@ -173,7 +173,7 @@ fn why(name: &str, grounds: &Grounds) -> String {
         }
         _ => format!("{name} alone"),
     };
-    let differ = grounds.differ.iter().map(|(other, at)| format!("; {other} says {at:.4} s"));
+    let differ = grounds.differ.iter().map(|(other, at)| format!("; {other} {at:.4} s"));
     why.extend(differ.chain(grounds.doubts.iter().map(|doubt| format!("; {doubt}"))));
     why
 }

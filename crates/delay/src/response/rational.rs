@@ -25,7 +25,7 @@ use deadtime_signal::registry::entry;
 /// Resolution and cost: a fraction of the highest frequency's period, down to the Cramér-Rao bound; some thousand small least-squares problems.
 /// Interval: the 95 % of all minima of all orders, each weighed by Schwarz's criterion: a pole beyond the last frequency and a longer delay look alike, and so do delays a
 /// turn apart; where they do, the interval holds both. Errors that follow each other over frequency (windowed spectra) count as fewer.
-/// Fails when: the plant has more poles than allowed (contradicted: what is left over is smooth), is unstable, or the band is so narrow that any lag is a delay (`flat`). A zero in the
+/// Fails when: the plant has more poles than allowed (contradicted: the residual is smooth), is unstable, or the band is so narrow that any lag is a delay (`flat`). A zero in the
 /// right half-plane beyond the last frequency cannot be told from a delay by anybody; inside the band it is found and said.
 /// Source: Sanathanan and Koerner (1963), doi:10.1109/TAC.1963.1105517, for poles and zeros at a given delay; Pintelon and Van Biesen (1990), IEEE Trans. Instrum. Meas. 39(6),
 /// 932-938, doi:10.1109/19.65798, for the delay as a parameter of the same fit; Schwarz (1978), doi:10.1214/aos/1176344136, for the weights.
@@ -199,7 +199,7 @@ impl Asked<'_> {
             let times = (best.fitted.cost / freedom.max(1.0)).sqrt();
             if times > 2.0 {
                 notes.push(format!(
-                    "what is left over is {times:.1} times the given standard deviations"
+                    "the residual is {times:.1} times the given standard deviations"
                 ));
             }
         }

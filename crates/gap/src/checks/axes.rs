@@ -15,7 +15,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
         if let Fault::Swap(p, q) = f.fault {
             let (p, q) = (p.name(&e.view), q.name(&e.view));
             let finding = format!(
-                "`{p}` and `{q}` have changed places: correlation {} as logged, {} exchanged{}; use ",
+                "`{p}` and `{q}` are swapped: correlation {} as logged, {} exchanged{}; use ",
                 short(f.before),
                 short(f.correlation),
                 e.or_instead(f)
@@ -45,7 +45,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
         found.extend(e.twins().into_iter().map(|(i, j)| {
             let (i, j) = (e.output(i), e.output(j));
             let finding = format!(
-                "cannot be told: `{i}` and `{j}` move so much alike that either could be the other"
+                "undecided: `{i}` and `{j}` move so much alike that either could be the other"
             );
             result(CheckKind::Axes, i, None, finding)
         }));

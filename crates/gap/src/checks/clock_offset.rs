@@ -25,7 +25,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
         let text = e.timing.iter().flatten().map(|t| t.std).fold(f64::INFINITY, f64::min);
         if text.is_finite() {
             let finding = format!(
-                "cannot be told: the outputs' lags are known to {} s only",
+                "undecided: the outputs' lags are known to {} s only",
                 short(2.0 * text * ts)
             );
             return vec![result(CheckKind::ClockOffset, ALL, None, finding)];

@@ -41,7 +41,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let bound = best.map_or(0.0, |t| (t.growth.abs() + SURE * t.growth_std) * t.length);
     if found.is_empty() && bound > UNSEEN {
         let finding = format!(
-            "cannot be told: the outputs may drift against the commands by {} s over the log and it would not show",
+            "undecided: the outputs may drift against the commands by {} s over the log and it would not show",
             short(bound * ts)
         );
         found.push(result(CheckKind::ClockSkew, ALL, None, finding));

@@ -34,7 +34,7 @@ pub(super) fn result(
 
 /// What cannot be told of an uneven log.
 pub(super) fn uneven(what: &str) -> Message {
-    Message::from(format!("cannot be told{what}: the time stamps are uneven; use "))
+    Message::from(format!("undecided{what}: the time stamps are uneven; use "))
         .and(Remedy::Resample)
 }
 
@@ -66,7 +66,7 @@ impl Evidence<'_> {
         let why = |i: usize| match search.fits[i] {
             None => Some(format!("`{}` or its model stands still", self.output(i))),
             Some(fit) if fit.along < faults::AGREES => Some(format!(
-                "`{}` and its model hardly go together (correlation {} at best)",
+                "`{}` and its model are weakly correlated (correlation {} at best)",
                 self.output(i),
                 short(fit.along)
             )),
@@ -97,7 +97,7 @@ impl Evidence<'_> {
             } else {
                 (self.output(*i), String::new())
             };
-            found.push(result(check, name, None, format!("cannot be told{of}: {why}")));
+            found.push(result(check, name, None, format!("undecided{of}: {why}")));
         }
     }
 }

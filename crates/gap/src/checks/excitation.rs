@@ -66,7 +66,7 @@ fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) 
         return (
             false,
             format!(
-                "`{name}` is constant ({}{unit}): nothing that it does can be learnt; record a log in which it moves",
+                "`{name}` is constant ({}{unit}): its effect cannot be identified; record a log in which it moves",
                 short(low)
             ),
         );
@@ -105,7 +105,7 @@ fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) 
         let names: Vec<String> =
             with.iter().map(|&k| format!("`{}`", system.inputs[k].name)).collect();
         says.push(format!(
-            "{} of it follows {}: what each does cannot be told apart; move them one at a time",
+            "{} of it follows {}: their effects are indistinguishable; move them one at a time",
             short(share),
             names.join(", ")
         ));

@@ -52,7 +52,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let blurred = known.iter().map(|(_, t)| t.std).fold(f64::INFINITY, f64::min);
     if found.is_empty() && blurred.is_finite() && !known.iter().any(|(_, t)| t.is_sharp()) {
         let finding = format!(
-            "cannot be told: the outputs' lags are known to {} samples only",
+            "undecided: the outputs' lags are known to {} samples only",
             short(2.0 * blurred)
         );
         found.push(result(CheckKind::OneSampleShift, ALL, None, finding));
@@ -76,11 +76,11 @@ impl Evidence<'_> {
                 format!("{good} (lags of {measured} of {} outputs measured)", self.timing.len()),
             )
         } else if self.search.is_none() {
-            result(check, ALL, None, format!("cannot be told: {}", self.view.why_not))
+            result(check, ALL, None, format!("undecided: {}", self.view.why_not))
         } else if !self.view.is_even() {
             result(check, ALL, None, uneven(""))
         } else {
-            result(check, ALL, None, "cannot be told: no output goes with its model closely enough for its lag to be measured".to_owned())
+            result(check, ALL, None, "undecided: no output goes with its model closely enough for its lag to be measured".to_owned())
         };
         found.push(outcome);
     }

@@ -107,10 +107,8 @@ impl Said {
             self.found.push(result(CheckKind::Unit, ALL, Some(true), finding));
         }
         if !self.untold.is_empty() {
-            let finding = format!(
-                "cannot be told whether sensors go with each other: {}",
-                self.untold.join("; ")
-            );
+            let finding =
+                format!("undecided whether sensors go with each other: {}", self.untold.join("; "));
             self.found.push(result(CheckKind::Unit, ALL, None, finding));
         }
         self.found
@@ -458,7 +456,7 @@ fn one(e: &Evidence<'_>, pair: &Pair, fit: Option<Alike>, alone: bool, said: &mu
     };
     if fit.correlation.abs() < TOGETHER {
         said.untold.push(format!(
-            "`{rate}` and {words} hardly go together (correlation {}): little motion, noise, or other axes",
+            "`{rate}` and {words} are weakly correlated (correlation {}): little motion, noise, or other axes",
             short(fit.correlation)
         ));
         return;

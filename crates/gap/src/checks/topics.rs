@@ -186,7 +186,7 @@ fn offset(sides: [&Side<'_>; 2]) -> ClockOffset {
             second: b,
             offset_s: None,
             ci95_s: None,
-            finding: format!("cannot be told: {why}"),
+            finding: format!("undecided: {why}"),
         },
         Ok((ts, Lag { relation, samples, half })) => {
             let [offset_s, half_s] = [samples, half].map(|x| ts.to_seconds(x));

@@ -71,7 +71,7 @@ impl Remedied for ExportError {
             Self::NeedsModel { target } => Some(
                 Message::from(format!("{target} needs the model: give "))
                     .and(Remedy::Model)
-                    .and(", such as the model_with_effects.toml that stands beside the diagnosis"),
+                    .and(", such as the model_with_effects.toml in the diagnosis' folder"),
             ),
             Self::NeedsOption { target, option, why } => Some(
                 Message::from(format!("{target} needs "))

@@ -8,7 +8,7 @@ use deadtime_signal::remedy::{Message, Words};
 pub enum Caveat {
     /// A held-out log with the samples of a training log.
     #[error(
-        "{held} holds the same samples as {learnt}, which was learnt from: the shrink is not measured on unseen data; hold out another log"
+        "{held} holds the same samples as {learnt}, a training log: the reduction is not measured on unseen data; hold out another log"
     )]
     HeldOutIsTraining {
         /// The held-out log.
@@ -70,7 +70,7 @@ pub enum Caveat {
     /// The model is worse than none, and what was found does not make it good.
     #[error(
         "the model as it came misses `{output}` by {percent} % of its spread, so a constant would be nearer, and what was found leaves {left} %: \
-         it is a poor model of these logs, and a cause is no more than what mends it best; look at its parameters, signs, units and start first"
+         it is a poor model of these logs, and a cause is only what corrects it best; look at its parameters, signs, units and start first"
     )]
     PoorModel {
         /// The output.
@@ -94,7 +94,7 @@ pub enum Caveat {
     /// An angle that is logged within one turn, and not said to be one.
     #[error(
         "`{channel}` jumps by a whole turn {times} times in the logs, which the machine does not: give it `kind = \"angle\"` in the model file, or take the turns out of the \
-         column; until then nothing that is said of it can be believed"
+         column; until then no result about it can be trusted"
     )]
     WholeTurns {
         /// The channel.
@@ -104,14 +104,14 @@ pub enum Caveat {
     },
     /// A command that never changes in what is learnt from.
     #[error(
-        "`{input}` never changes in what is learnt from: nothing that acts on it can be seen; record a log in which it moves"
+        "`{input}` never changes in the training logs: no effect on it is detectable; record a log in which it moves"
     )]
     ConstantInput {
         /// The input.
         input: String,
     },
     /// An output without a sample in what is learnt from.
-    #[error("`{output}` has no sample in what is learnt from: nothing is said of it")]
+    #[error("`{output}` has no sample in the training logs: it is left out")]
     NothingToLearn {
         /// The output.
         output: String,
@@ -157,7 +157,7 @@ pub enum Caveat {
     NoStart,
     /// A simulator that remembers its start to the end of a log.
     #[error(
-        "of a push at the start {left} is left at the end of the log: the simulator integrates, and what is a little off at first stays so{}",
+        "of a perturbation of the initial state {left} is left at the end of the log: the simulator integrates, and what is a little off at first stays so{}",
         if *started { "" } else { "; name its states with their uncertainty" }
     )]
     NeverForgets {
@@ -168,7 +168,7 @@ pub enum Caveat {
     },
     /// An unstable simulator.
     #[error(
-        "what a push at the start does grows {factor}-fold over the log: the simulator is unstable there, and small causes pass for large ones; close the loop inside it, or cut the logs into shorter ones"
+        "a perturbation of the initial state grows {factor}-fold over the log: the simulator is unstable there, and small causes pass for large ones; close the loop inside it, or cut the logs into shorter ones"
     )]
     Grows {
         /// By how much.
@@ -178,7 +178,7 @@ pub enum Caveat {
     #[error(
         "the free run of the simulator has left the log: it misses `{output}` by {times} times what that moves and goes its own way{}. So does an unstable machine that fell over, \
          and no effect that is named here can be believed; name the log's channels of its states, from which it is then started again and again ({states}), \
-         or close the loop inside the simulator", grown.as_ref().map_or_else(String::new, |grown| format!(", and what a push at the start does grows {grown}-fold"))
+         or close the loop inside the simulator", grown.as_ref().map_or_else(String::new, |grown| format!(", and a perturbation of the initial state grows {grown}-fold"))
     )]
     LeftTheLog {
         /// The output.
@@ -210,7 +210,7 @@ pub enum Caveat {
     },
     /// Something is left beside what was found.
     #[error(
-        "beside what was found {times} times the noise floor is left of `{output}`: the simulator differs in something else, too"
+        "beside what was found {times} times the noise floor remain of `{output}`: something else differs too"
     )]
     Rest {
         /// The residual over the floor.

@@ -52,7 +52,7 @@ pub enum GapError {
     NoLogs,
     /// A horizon that is none, or that leaves nothing to begin from; or one where the mode needs none, or none where it needs one.
     #[error(
-        "a horizon of {given} samples: predictions over a horizon take 1 to {most} samples, a quarter of the shortest log, and go with no other prediction mode"
+        "a horizon of {given} samples: predictions over a horizon take 1 to {most} samples, 25 % of the shortest log, and go with no other prediction mode"
     )]
     Horizon {
         /// What was given, samples.
@@ -132,6 +132,24 @@ pub enum GapError {
         /// What is wrong, and the remedy.
         why: String,
     },
+    /// A diagnosis that would take longer than it may.
+    #[error("{}", self.remedied().unwrap_or_default())]
+    TooWide {
+        /// The model.
+        model: String,
+        /// Its states.
+        states: usize,
+        /// Its inputs.
+        inputs: usize,
+        /// Candidates of the catalogue.
+        candidates: usize,
+        /// Rows of all training logs.
+        rows: usize,
+        /// The estimated time, minutes.
+        minutes: f64,
+        /// The longest time, minutes.
+        most: f64,
+    },
     /// The nominal model cannot follow the log.
     #[error("{log}: the model cannot be simulated on it: {why}")]
     Nominal {
@@ -156,7 +174,7 @@ impl Remedied for GapError {
                 found.message().and("; say which column it is with ").and(Remedy::ColumnOf { channel: channel.clone() })
             }
             Self::Unstable { log, factor } => said(format!(
-                "{log}: what a small push does to the simulator grows {factor:.0e}-fold over the log, so that no free run says anything; \
+                "{log}: a small perturbation of the simulator grows {factor:.0e}-fold over the log, so that a free run carries no information; \
                  name the log's channels of its states, from which it is then started again and again ("
             ))
             .and(Remedy::States)
@@ -177,6 +195,13 @@ impl Remedied for GapError {
             .and(Remedy::LookAt)
             .and("), or give a longer time between starts (")
             .and(Remedy::RestartEvery)
+            .and(")"),
+            Self::TooWide { model, states, inputs, candidates, rows, minutes, most } => said(format!(
+                "{model}: {candidates} candidate effects on {states} states and {inputs} inputs over {rows} rows take about {minutes:.0} minutes on one core, more than {most:.0}; name the effects to try or allow more time ("
+            ))
+            .and(Remedy::Effects)
+            .and("), or use fewer rows (")
+            .and(Remedy::LookAt)
             .and(")"),
             _ => return None,
         })

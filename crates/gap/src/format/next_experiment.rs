@@ -196,7 +196,7 @@ impl fmt::Display for Signal {
             Self::Triangle { .. } => "move slowly to and fro, with reversals through zero",
             Self::Square { .. } => "command steps and hold them until everything has settled",
             Self::Release => {
-                "record motion that is not caused by the commands (a release from a displaced start, a push by hand), commands held"
+                "record motion that is not caused by the commands (a release from a displaced start, an impulse by hand), commands held"
             }
         })
     }
@@ -213,7 +213,7 @@ impl fmt::Display for Advice {
                 "excite with a broadband signal that reaches well above one over the lag, at two amplitudes"
             }
             Self::OtherMotion => {
-                "record motion that is not caused by the commands (a release from a displaced start, a push by hand), beside the same commands"
+                "record motion that is not caused by the commands (a release from a displaced start, an impulse by hand), together with the same commands"
             }
             Self::Multisine => {
                 "excite with a multisine over the whole bandwidth, at two amplitudes and two operating points"

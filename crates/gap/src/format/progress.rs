@@ -48,15 +48,17 @@ impl fmt::Display for Stage {
         match self {
             Self::Simulating => f.write_str("simulating the model as it is"),
             Self::Screening(candidates) => write!(f, "screening {candidates} candidates"),
-            Self::Fitting => f.write_str("fitting the most promising"),
-            Self::Pairing => f.write_str("looking for pairs"),
-            Self::Refitting(_) => f.write_str("fitting again under the noise of what leads"),
-            Self::Longer => f.write_str("a delay may be longer: once more"),
+            Self::Fitting => f.write_str("fitting the best candidates"),
+            Self::Pairing => f.write_str("searching pairs"),
+            Self::Refitting(_) => {
+                f.write_str("refitting under the noise of the leading candidates")
+            }
+            Self::Longer => f.write_str("a delay may be longer: searching again"),
             Self::Judging => f.write_str("judging"),
-            Self::Composing(0) => f.write_str("looking for several causes"),
-            Self::Composing(1) => f.write_str("looking for a cause beside the first"),
-            Self::Composing(causes) => write!(f, "looking for a cause beside {causes} others"),
-            Self::Describing => f.write_str("putting the answer together"),
+            Self::Composing(0) => f.write_str("searching several causes"),
+            Self::Composing(1) => f.write_str("searching a second cause"),
+            Self::Composing(causes) => write!(f, "searching a cause in addition to {causes}"),
+            Self::Describing => f.write_str("writing the answer"),
         }
     }
 }

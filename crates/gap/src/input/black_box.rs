@@ -414,20 +414,23 @@ fn forgetting(record: &LogRecord, responses: &[Response], found: &mut Probed) ->
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
     found.why = if growth > GROWS {
         found.caveats.push(Caveat::Grows { factor: format!("{growth:.0}") });
-        format!("{can}; what a push at the start does grows {growth:.0}-fold over {}", record.name)
+        format!(
+            "{can}; a perturbation of the initial state grows {growth:.0}-fold over {}",
+            record.name
+        )
     } else if left > LEFT {
         found
             .caveats
             .push(Caveat::NeverForgets { left: percent(left), started: !found.states.is_empty() });
         format!(
-            "{can}; of a push at the start {} is left at the end of {}",
+            "{can}; of a perturbation of the initial state {} is left at the end of {}",
             percent(left),
             record.name
         )
     } else if responses.iter().all(|r| largest(r) == 0.0) {
-        format!("{can}; no push moves it")
+        format!("{can}; no perturbation moves it")
     } else {
-        format!("{can}; it forgets a push within {settling_s:.3} s")
+        format!("{can}; a perturbation decays within {settling_s:.3} s")
     };
     Ok(())
 }

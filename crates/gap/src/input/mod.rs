@@ -2,6 +2,7 @@
 
 pub(crate) mod black_box;
 pub(crate) mod budget;
+pub(crate) mod cost;
 pub(crate) mod criteria;
 pub(crate) mod first_part;
 pub(crate) mod inputs;

@@ -18,6 +18,10 @@ pub struct GapOptions {
     pub rows: usize,
     /// Seed of the bootstrap. Default 1.
     pub seed: u64,
+    /// Effects of the catalogue that are tried, by name; empty: all.
+    pub effects: Vec<String>,
+    /// The longest time that a diagnosis of a linear model may take, s: one whose estimate is above it is refused. Default: infinite.
+    pub longest_run_s: f64,
     /// The thresholds on which the verdict rests.
     pub criteria: Criteria,
     /// A wish to stop, looked at before every prediction.
@@ -32,6 +36,8 @@ impl Default for GapOptions {
             longest_delay_s: None,
             rows: 100_000,
             seed: 1,
+            effects: Vec::new(),
+            longest_run_s: f64::INFINITY,
             criteria: Criteria::default(),
             stop: Stop::default(),
         }

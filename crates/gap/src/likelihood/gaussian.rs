@@ -155,9 +155,9 @@ impl<'a> Likelihood<'a> {
                 record,
                 likelihood.correction(at),
                 &likelihood.prior,
-                noise_std,
+                &noise_std,
             );
-            likelihood.rests.push(rests(system, record, &begin, noise_std));
+            likelihood.rests.push(rests(system, record, &begin, &noise_std));
             likelihood.starts.push(begin.clone());
             let scale: Vec<f64> =
                 likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();

@@ -113,7 +113,7 @@ fn hinf(at: &At, structured: &GainMatrix) -> GainMatrix {
 /// Source: Vinnicombe (1993), IEEE Trans. Automat. Contr. 38(9), 1371-1383.
 const NU_GAP: Norm = Norm {
     name: "nu-gap",
-    summary: "largest chordal distance within the band: what a controller cannot tell apart",
+    summary: "largest chordal distance within the band: what is the same for a controller",
     difference: nu_gap,
     powers: TO_THE_LARGEST,
 };

@@ -15,7 +15,7 @@ use serde_json::Value;
 pub const RESPONSES: &[Entry<dyn ResponseMethod>] = &[
     entry!(
         "lpm",
-        "local polynomials of response and transient, with the noise beside them: leakage goes",
+        "local polynomials of response and transient, with the noise: leakage goes",
         LocalPolynomial,
         dyn ResponseMethod
     ),

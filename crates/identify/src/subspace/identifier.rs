@@ -438,7 +438,7 @@ fn poor(
 fn notes(method: &str, weight: Option<Weight>, poor: Option<(String, usize)>) -> Vec<String> {
     let poor = poor.map(|(name, orders)| {
         format!(
-            "{name} is told apart from its past at {orders} lags only; twice the order would be safe: use a richer excitation"
+            "{name} is distinguishable from its past at {orders} lags only; twice the order would be safe: use a richer excitation"
         )
     });
     let biased = weight.map(|_| {

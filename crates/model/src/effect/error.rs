@@ -1,5 +1,7 @@
 //! Effects that cannot be applied.
 
+use deadtime_signal::text::did_you_mean;
+
 /// The result of work on effects.
 pub(crate) type Result<T, E = EffectError> = std::result::Result<T, E>;
 
@@ -8,7 +10,7 @@ pub(crate) type Result<T, E = EffectError> = std::result::Result<T, E>;
 #[non_exhaustive]
 pub enum EffectError {
     /// No effect has this name.
-    #[error("there is no effect `{name}`; there are: {known}", known = known.join(", "))]
+    #[error("there is no effect `{name}`{}; there are: {known}", did_you_mean(name, known.iter().copied()), known = known.join(", "))]
     Unknown {
         /// The name given.
         name: String,

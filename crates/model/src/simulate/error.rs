@@ -129,7 +129,7 @@ pub enum SimulateError {
     },
     /// A delay beside those of a sampled model.
     #[error(
-        "delays beside the model's own need a continuous model; {model} is sampled: write whole samples into its input_delay_s"
+        "delays in addition to the model's own need a continuous model; {model} is sampled: write whole samples into its input_delay_s"
     )]
     SampledDelay {
         /// The model's name.

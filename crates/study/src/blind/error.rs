@@ -111,7 +111,7 @@ pub enum BlindError {
         ids: Vec<String>,
     },
     /// The commitment beside the verdict is not the one beside the case.
-    #[error("case {ids}: the commitment beside the verdict differs from the one beside the case", ids = ids.join(", "))]
+    #[error("case {ids}: the commitment of the verdict differs from that of the case", ids = ids.join(", "))]
     CommitmentChanged {
         /// The cases.
         ids: Vec<String>,

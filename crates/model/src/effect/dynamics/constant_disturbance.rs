@@ -20,7 +20,7 @@ impl Effect for ConstantDisturbance {
         Facts {
             is_constant: true,
             told_by: Some(Telling::OperatingPoint),
-            ..Facts::of("constant_disturbance", Site::Dynamics, "something pushes all the time")
+            ..Facts::of("constant_disturbance", Site::Dynamics, "a constant force acts")
         }
     }
 
