@@ -15,6 +15,8 @@ use deadtime_model::effect::{Applied, Parameter, Role, Scales};
 
 /// Steps of a fit.
 const STEPS: usize = 6;
+/// A set that stays so far above the best is no alternative, and evidence beyond it is all alike.
+const FAR: f64 = 100.0;
 /// A step that lowers the score by less ends a fit: it changes no decision.
 const SMALL: f64 = 0.3;
 /// Derivatives are taken over this part of a parameter's distance from nominal: far above the tolerance of the integration.
@@ -34,6 +36,8 @@ pub(super) struct Fit<'f, 'l, 'a> {
     pub(super) scales: &'f Scales,
     /// The nominal model's residual.
     pub(super) nominal: &'f Stacked,
+    /// The lowest score of all sets so far.
+    pub(super) least: f64,
 }
 
 /// Derivatives of the predicted outputs at a set's values.
@@ -60,7 +64,9 @@ impl Fit<'_, '_, '_> {
         let mut residual = self.training.residual(&set)?;
         let (mut value, mut left) = self.profiled(&residual, &self.priors(&set), None)?;
         let mut directions = None;
-        for _ in 0..STEPS {
+        let single = |(e, _): &&(usize, usize)| !set.recalibrates(&set.effects[*e]);
+        let price = self.score.price(set.free.iter().filter(single).count(), set.singly().count());
+        for step in 1..=STEPS {
             let at =
                 Directions { columns: self.columns(&set, &residual), residual: residual.clone() };
             let gram = Gram::of(self.training, &at.all());
@@ -71,7 +77,9 @@ impl Fit<'_, '_, '_> {
             };
             let fall = value - cost;
             (set.effects, residual, value, left) = (better, there, cost, leaves);
-            if fall < SMALL {
+            // Steps fall less and less: what the others could still gain brings the set nowhere near the best.
+            let least = value + price - (STEPS - step) as f64 * fall;
+            if fall < SMALL || least > self.least + FAR {
                 break;
             }
         }

@@ -217,6 +217,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
             score: &self.score,
             scales: self.scales,
             nominal: &self.nominal,
+            least: self.sets.values().map(|s| self.score.total(s)).fold(f64::INFINITY, f64::min),
         }
     }
 
@@ -366,11 +367,12 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
                 fresh.push((key, trial));
             }
         }
+        let fit = self.fit();
         let one = |(key, trial): (SetKey, CauseSet)| {
-            let set = self.fit().of(trial)?;
+            let set = fit.of(trial)?;
             let Some(size) = size(&set) else { return Some((key, set)) };
             let again = CauseSet { recalibration: Some(size), ..set.clone() };
-            Some((key, self.fit().of(again).unwrap_or(set)))
+            Some((key, fit.of(again).unwrap_or(set)))
         };
         let fitted: Vec<(SetKey, CauseSet)> = fresh.into_par_iter().filter_map(one).collect();
         self.sets.extend(fitted);
