@@ -381,6 +381,7 @@ mod tests {
             states: 3,
             signals: 1,
             inputs: Vec::new(),
+            own: 0,
             outputs: Vec::new(),
             derivatives: rows.clone(),
             start: vec![0.2, -0.1, 0.5],
