@@ -97,7 +97,9 @@ class Servo:
         if kind == "inner_lag":
             self.lag = rng.uniform(0.15, 0.5) * ratio / omega
         if kind == "inner_delay":
-            self.delay = rng.uniform(0.15, 0.4) * ratio / omega
+            # Whole steps of the integration.
+            step = self.sample / SUBSTEPS
+            self.delay = round(rng.uniform(0.15, 0.4) * ratio / omega / step) * step
         if kind == "gain_and_delay":
             self.gain, self.command_delay = 1.05, float(rng.choice([1, 2, 3])) * self.sample
         if kind == "payload":
@@ -152,38 +154,39 @@ class Servo:
                 sent = late[-1 - round(self.command_delay / step)]
                 play = min(max(play, sent - self.play), sent + self.play) if self.play else sent
                 waiting.append(self.kp * (self.gain * play - state[0]) - self.kd * state[1])
-                arrived = waiting[-1 - round(self.delay / step)]
+                steps = round(self.delay / step)
+                arrived = (waiting[-1 - steps], waiting[-steps] if steps else 0.0)
                 state = self.advance(state, self.gain * play, arrived, step, now)
                 far = min(max(far, state[0] - self.output_play), state[0] + self.output_play)
                 now += step
         return np.array(outputs)
 
-    def advance(self, state, command: float, arrived: float, step: float, now: float) -> np.ndarray:
+    def advance(self, state, command: float, arrived: tuple[float, float], step: float, now: float) -> np.ndarray:
         inertia, gravity = self.inertia, self.gravity
         if self.event and now >= self.event[0]:
             inertia, gravity = inertia + self.event[1], gravity + self.event[2]
         direction = math.copysign(1.0, state[1]) if state[1] else 0.0
 
-        def others(x) -> float:
-            raw = arrived if self.delay else self.kp * (command - x[0]) - self.kd * x[1]
+        def others(x, part: float) -> float:
+            raw = arrived[0] + part * (arrived[1] - arrived[0]) if self.delay else self.kp * (command - x[0]) - self.kd * x[1]
             torque = x[2] if self.lag else raw
             torque = torque - min(max(torque, -self.dead_zone), self.dead_zone)
             return min(max(torque, -self.limit), self.limit) - gravity * math.cos(x[0]) - self.damping * x[1]
 
         if self.friction and direction == 0.0:
-            rest = others(state)
+            rest = others(state, 0.0)
             if abs(rest) <= self.friction:
                 return state
             direction = math.copysign(1.0, rest)
 
-        def rate(x) -> np.ndarray:
+        def rate(x, part: float) -> np.ndarray:
             raw = self.kp * (command - x[0]) - self.kd * x[1]
-            return np.array([x[1], (others(x) - self.friction * direction) / inertia, (raw - x[2]) / self.lag if self.lag else 0.0])
+            return np.array([x[1], (others(x, part) - self.friction * direction) / inertia, (raw - x[2]) / self.lag if self.lag else 0.0])
 
-        a = rate(state)
-        b = rate(state + 0.5 * step * a)
-        c = rate(state + 0.5 * step * b)
-        d = rate(state + step * c)
+        a = rate(state, 0.0)
+        b = rate(state + 0.5 * step * a, 0.5)
+        c = rate(state + 0.5 * step * b, 0.5)
+        d = rate(state + step * c, 1.0)
         new = state + step / 6.0 * (a + 2 * b + 2 * c + d)
         if self.friction and new[1] * direction < 0.0:
             new[1] = 0.0

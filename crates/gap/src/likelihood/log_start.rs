@@ -1,7 +1,7 @@
 //! Where a log begins: the model's initial state, conditioned on the first samples of the log.
 //!
 //! Equation: x = x0 + P·C′·(C·P·C′ + R)⁻¹·(y − ŷ), C = ∂y/∂x0 at the first sample, P the prior of the initial state, R the noise of the sensors (Kalman 1960).
-//! A state that no output shows stays as the model has it: a velocity of 0 is at rest.
+//! Outputs that commands move at once are left out. A state that no other output shows stays as the model has it: a velocity of 0 is at rest.
 //!
 //! How it can be wrong: it is only the point about which responses to the initial state are straight lines, and the state from which a law with a memory begins.
 //! Prior and posterior of the initial state do not depend on it where the model is linear. A first sample that is an outlier is outvoted by the two after it.
@@ -15,7 +15,7 @@ use deadtime_signal::stats;
 /// Samples whose median is the first measurement.
 const FIRST: usize = 3;
 /// Steps of the conditioning: two where outputs are linear in the states.
-const STEPS: usize = 4;
+const STEPS: usize = 3;
 
 /// The state at the first sample; that of the record where the log does not determine it. `prior`: standard deviations of the initial state.
 pub(super) fn log_start(
@@ -27,44 +27,64 @@ pub(super) fn log_start(
     noise_std: &[f64],
 ) -> Vec<f64> {
     let model = record.start.clone();
-    let usable = !system.is_black_box() && model.len() == prior.len();
-    if !usable || prior.iter().all(|s| *s == 0.0) {
+    if system.is_black_box() || model.len() != prior.len() || prior.iter().all(|s| *s == 0.0) {
+        return model;
+    }
+    let shown = (0..record.measured.len()).filter(|&i| shows_states(system, record, i));
+    let first: Vec<(usize, f64)> =
+        shown.filter_map(|i| Some((i, first_measurement(record, i)?))).collect();
+    if first.is_empty() {
         return model;
     }
     let plan = Plan { wanted: Wanted { samples: 1, states: false }, ..plan };
-    let condition = || -> Option<Vec<f64>> {
-        let first: Vec<(usize, f64)> = (0..record.measured.len())
-            .filter_map(|i| Some((i, first_measurement(record, i)?)))
-            .collect();
-        let mut start = model.clone();
-        for _ in 0..STEPS {
+    let mut start = model.clone();
+    for _ in 0..STEPS {
+        // Outputs and their slopes by the states, in units of the prior.
+        let run = || {
             let y = system.simulate(&plan, record.commands(), &start, correction).ok()?.y;
-            let slopes =
-                system.sensitivity(&plan, record.commands(), &start, prior, correction).ok()?;
-            let samples = record.time_s.len();
+            let all = system.sensitivity(&plan, record.commands(), &start, prior, correction);
+            let (slopes, samples) = (all.ok()?, record.time_s.len());
             let c = DMatrix::from_fn(first.len(), prior.len(), |i, j| {
                 slopes[(first[i].0 * samples, j)] * prior[j]
             });
-            let off = DVector::from_iterator(
-                prior.len(),
-                (0..prior.len())
-                    .map(|j| if prior[j] > 0.0 { (start[j] - model[j]) / prior[j] } else { 0.0 }),
-            );
-            // Of the measurement, what the model's own state leaves.
-            let left =
-                DVector::from_iterator(first.len(), first.iter().map(|&(i, v)| v - y[(0, i)]))
-                    + &c * &off;
-            let noise = DVector::from_iterator(
-                first.len(),
-                first.iter().map(|&(i, _)| noise_std[i].powi(2).max(f64::MIN_POSITIVE)),
-            );
-            let spread = &c * c.transpose() + DMatrix::from_diagonal(&noise);
-            let deviation = c.tr_mul(&spread.cholesky()?.solve(&left));
-            start = (0..prior.len()).map(|j| model[j] + prior[j] * deviation[j]).collect();
+            Some((y, c))
+        };
+        let Some((y, c)) = run() else { return model };
+        let off = DVector::from_fn(prior.len(), |j, _| {
+            if prior[j] > 0.0 { (start[j] - model[j]) / prior[j] } else { 0.0 }
+        });
+        // Of the measurement, what the model's own state leaves.
+        let left = DVector::from_fn(first.len(), |i, _| first[i].1 - y[(0, first[i].0)]) + &c * off;
+        let noise = DVector::from_fn(first.len(), |i, _| {
+            noise_std[first[i].0].powi(2).max(f64::MIN_POSITIVE)
+        });
+        let spread = &c * c.transpose() + DMatrix::from_diagonal(&noise);
+        let Some(factor) = spread.cholesky() else { return model };
+        let deviation = c.tr_mul(&factor.solve(&left));
+        start = (0..prior.len()).map(|j| model[j] + prior[j] * deviation[j]).collect();
+        if start.iter().any(|v| !v.is_finite()) {
+            return model;
         }
-        start.iter().all(|v| v.is_finite()).then_some(start)
+    }
+    start
+}
+
+/// States alone move an output. What a command moves at once shows the gap of that command too, above all a delay.
+fn shows_states(system: &System, record: &LogRecord, output: usize) -> bool {
+    let direct = match &system.dynamics {
+        Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => matrices.d.clone(),
+        Dynamics::Equations(equations, parameters) => {
+            let u = first_commands(record);
+            equations.linearise(0.0, &record.start, &u, parameters).d
+        }
+        Dynamics::BlackBox(..) => return false,
     };
-    condition().unwrap_or(model)
+    direct.row(output).iter().all(|v| *v == 0.0)
+}
+
+/// The first command of every input.
+fn first_commands(record: &LogRecord) -> Vec<f64> {
+    record.inputs.iter().map(|u| u.first().copied().unwrap_or(0.0)).collect()
 }
 
 /// The median of the first samples of an output, where the log begins with them.
@@ -82,7 +102,7 @@ pub(super) fn rests(
     noise_std: &[f64],
 ) -> Vec<Option<f64>> {
     let inputs = system.inputs.len();
-    let first: Vec<f64> = record.inputs.iter().map(|u| u.first().copied().unwrap_or(0.0)).collect();
+    let first = first_commands(record);
     let Some((moves, by_input)) =
         begins_at_rest(record, noise_std).then(|| slopes(system, start, &first)).flatten()
     else {
@@ -135,5 +155,76 @@ fn slopes(system: &System, x: &[f64], u: &[f64]) -> Option<(DVector<f64>, DMatri
             Some((DVector::from_vec(dx), by_input))
         }
         Dynamics::Sampled(..) | Dynamics::BlackBox(..) => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use deadtime_log::{Channel, Log};
+    use deadtime_model::ModelDocument;
+
+    const SERVO: &str = r#"
+format = "deadtime/model@1"
+name = "servo"
+kind = "equations"
+inputs = [{ name = "u" }]
+outputs = [{ name = "angle" }]
+[states]
+q = { initial = 0.0, initial_std = 0.3 }
+w = { initial = 0.0, initial_std = 0.1 }
+[derivatives]
+q = "w"
+w = "60*(u - q) - 5*cos(q) - 8*w"
+[output_equations]
+angle = "2*q"
+"#;
+
+    fn system(text: &str) -> System {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("servo.toml");
+        std::fs::write(&path, text).unwrap();
+        System::new(&ModelDocument::read(&path).unwrap(), |_| Ok(0.0)).unwrap()
+    }
+
+    /// A log whose command steps after 20 samples, and whose output is `angle` of the sample's number.
+    fn record(system: &System, angle: impl Fn(u32) -> f64) -> LogRecord {
+        let time_s: Vec<f64> = (0..60).map(|k| 0.02 * f64::from(k)).collect();
+        let u = (0..60).map(|k| if k < 20 { 0.5 } else { 0.9 }).collect();
+        let channels = vec![
+            Channel::new("u", None, u),
+            Channel::new("angle", None, (0..60).map(angle).collect()),
+        ];
+        LogRecord::new(&Log::new("a.csv", time_s, channels).unwrap(), system).unwrap()
+    }
+
+    fn start(system: &System, record: &LogRecord, prior: &[f64]) -> Vec<f64> {
+        log_start(system, Plan::new(system), record, None, prior, &[1e-3])
+    }
+
+    #[test]
+    fn a_run_begins_where_the_log_does_as_far_as_the_prior_allows() {
+        let system = system(SERVO);
+        let there = record(&system, |k| if k == 0 { 7.0 } else { 0.9 });
+        let found = start(&system, &there, &[0.3, 0.1]);
+        assert!((found[0] - 0.45).abs() < 1e-4 && found[1] == 0.0, "{found:?}");
+        // What is known exactly stays.
+        assert_eq!(start(&system, &there, &[0.0, 0.1]), [0.0, 0.0]);
+        // As far as the noise: half way where prior and noise of the state are one.
+        let found = start(&system, &there, &[0.5e-3, 0.0]);
+        assert!((found[0] - 0.225).abs() < 1e-6, "{found:?}");
+    }
+
+    #[test]
+    fn a_log_at_rest_shows_what_the_plant_receives() {
+        let system = system(SERVO);
+        let resting = record(&system, |k| if k < 25 { 0.9 } else { 1.4 });
+        let held = rests(&system, &resting, &[0.45, 0.0], &[1e-3]);
+        let want = 0.45 + 5.0 * 0.45_f64.cos() / 60.0;
+        assert!((held[0].unwrap() - want).abs() < 1e-12, "{held:?} for {want}");
+        let moving = record(&system, |k| 0.9 + 0.01 * f64::from(k));
+        assert_eq!(rests(&system, &moving, &[0.45, 0.0], &[1e-3]), [None]);
+        // A state that moves cannot be held by the command.
+        assert_eq!(rests(&system, &resting, &[0.45, 0.3], &[1e-3]), [None]);
     }
 }

@@ -135,3 +135,45 @@ fn kinematic(system: &System) -> Vec<String> {
 fn not_tried(effect: &dyn Effect, why: String) -> NotTried {
     NotTried { effect: effect.name().to_owned(), why }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use deadtime_model::ModelDocument;
+
+    #[test]
+    fn known_parameters_are_no_candidates() {
+        let text = r#"
+format = "deadtime/model@1"
+name = "servo"
+kind = "equations"
+inputs = [{ name = "u" }]
+outputs = [{ name = "q" }]
+[states]
+q = {}
+w = {}
+[parameters]
+kp = { value = 20.0, known = true }
+damping = { value = 3.0 }
+[derivatives]
+q = "w"
+w = "kp*(u - q) - damping*w"
+[output_equations]
+q = "q"
+"#;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.toml");
+        std::fs::write(&path, text).unwrap();
+        let system = System::new(&ModelDocument::read(&path).unwrap(), |_| Ok(0.0)).unwrap();
+        let found = catalogue(&system, &[], None, &Scales::default());
+        let channels = |effect: &str| -> Vec<&str> {
+            let of = found.candidates.iter().filter(|a| a.effect.name() == effect);
+            of.map(|a| a.channel.as_str()).collect()
+        };
+        assert_eq!(channels("parameter_error"), ["damping"]);
+        assert_eq!(channels("parameter_jump"), ["damping"]);
+        assert_eq!(channels("internal_saturation"), ["kp*(u - q)"]);
+        assert!(found.left_out.iter().any(|n| n.why.contains("`kp` is `known`")));
+        assert_eq!(numbers(&system).len(), 1);
+    }
+}

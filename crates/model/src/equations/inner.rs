@@ -56,7 +56,7 @@ impl Equations {
         for tree in &self.derivative_trees {
             let of = self.nodes_moved(tree, &moved);
             let mut terms = Vec::new();
-            terms_of(tree, &of, tree.nodes.len() - 1, true, &mut terms);
+            terms_of(tree, &of, tree.nodes.len() - 1, false, &mut terms);
             for node in terms {
                 // A name alone is found as such.
                 let named = matches!(tree.nodes[node].kind, NodeKind::Definition(_));
@@ -311,8 +311,8 @@ struct Opened {
     expression: String,
 }
 
-/// The terms of the innermost sums in which a command is compared with a state.
-fn terms_of(tree: &Tree, moved: &[Moved], node: usize, outermost: bool, found: &mut Vec<usize>) {
+/// The terms of the innermost sums in which a command is compared with a state. `is_term`: the node is a term of a sum itself.
+fn terms_of(tree: &Tree, moved: &[Moved], node: usize, is_term: bool, found: &mut Vec<usize>) {
     if !moved[node].compares {
         return;
     }
@@ -327,13 +327,16 @@ fn terms_of(tree: &Tree, moved: &[Moved], node: usize, outermost: bool, found: &
         };
     }
     let before = found.len();
-    if let NodeKind::Operation(Operation::Add | Operation::Subtract, a, b) = tree.nodes[inner].kind
-    {
-        for operand in [a, b] {
-            terms_of(tree, moved, operand, false, found);
+    let mut open = vec![inner];
+    while let Some(at) = open.pop() {
+        match tree.nodes[at].kind {
+            // The operands of a sum in a sum are terms of both.
+            NodeKind::Operation(Operation::Add | Operation::Subtract, a, b) => open.extend([b, a]),
+            _ if at != inner => terms_of(tree, moved, at, true, found),
+            _ => {}
         }
     }
-    if found.len() == before && !outermost {
+    if found.len() == before && is_term {
         found.push(node);
     }
 }
