@@ -36,9 +36,11 @@ fn read_options(
         Some("h") => Some(TimeUnit::H),
         Some("d") => Some(TimeUnit::D),
         Some("iso") => Some(TimeUnit::Iso),
+        Some("dmy") => Some(TimeUnit::Dmy),
+        Some("mdy") => Some(TimeUnit::Mdy),
         Some(other) => {
             return Err(PyValueError::new_err(format!(
-                "time_unit is {other:?}; it is one of s, ms, us, ns, min, h, d, iso"
+                "time_unit is {other:?}; it is one of s, ms, us, ns, min, h, d, iso, dmy, mdy"
             )));
         }
     };
