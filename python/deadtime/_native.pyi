@@ -33,6 +33,7 @@ class Log:
         unchecked: bool = False,
         max_memory_gb: float | None = None,
         missing: Sequence[int] = ...,
+        rows: tuple[Sequence[str], tuple[str, str] | None] = ...,
     ) -> list[Log]: ...
     @staticmethod
     def _listing(
@@ -41,6 +42,7 @@ class Log:
         unchecked: bool = False,
         max_memory_gb: float | None = None,
         missing: Sequence[int] = ...,
+        rows: tuple[Sequence[str], tuple[str, str] | None] = ...,
     ) -> str: ...
     def write_csv(self, path: str | os.PathLike[str]) -> None: ...
     def window(self, start: float | None = None, stop: float | None = None) -> Log: ...

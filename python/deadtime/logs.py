@@ -28,6 +28,11 @@ LogLike: TypeAlias = (
 )
 
 
+def _rows(columns: Iterable[str], where: tuple[str, object] | None) -> tuple[list[str], tuple[str, str] | None]:
+    """Columns and rows of a text file as the native half takes them."""
+    return list(columns), None if where is None else (where[0], str(where[1]))
+
+
 def read(
     path: str | os.PathLike[str],
     *,
@@ -36,11 +41,13 @@ def read(
     outputs: Iterable[str] | None = None,
     sample_time: float | None = None,
     time: str | None = None,
-    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso"] | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso", "dmy", "mdy"] | None = None,
     stamps: Literal["arrival", "header"] = "arrival",
     unchecked: bool = False,
     max_memory_gb: float | None = None,
     missing: Iterable[int] = (),
+    columns: Iterable[str] = (),
+    where: tuple[str, object] | None = None,
 ) -> Log:
     """The log in the file at `path`: text with a header row, a column `time` in seconds and channels as `name` or `name [unit]`, or another format
     (docs/logs.md). What was guessed, such as the unit of time, is a warning.
@@ -61,8 +68,8 @@ def read(
         Puts the channels of several topics onto an even grid instead, s between samples.
     time : str, optional
         The column of time, where it is not called `time` or like it.
-    time_unit : {"s", "ms", "us", "ns", "min", "h", "d", "iso"}, optional
-        The unit of that column, where its name and the size of its numbers do not tell; `iso` are dates.
+    time_unit : {"s", "ms", "us", "ns", "min", "h", "d", "iso", "dmy", "mdy"}, optional
+        The unit of that column, where its name and the size of its numbers do not tell; `iso` are dates, `dmy` and `mdy` those with slashes.
     stamps : {"arrival", "header"}
         The clock of a ROS bag: when the recorder got a message, or what its sender wrote into it.
     unchecked : bool
@@ -71,6 +78,10 @@ def read(
         Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
     missing : sequence of int
         Numbers that stand for a missing sample, such as -9999.
+    columns : sequence of str
+        The names of the columns of a text file without a header row.
+    where : tuple of str and value, optional
+        The rows of a text file that are read: those with this value in this column, such as ("I", 0).
 
     Raises
     ------
@@ -96,7 +107,7 @@ def read(
     """
     wanted = None if inputs is None and outputs is None else (_names("inputs", inputs), _names("outputs", outputs))
     grid = None if sample_time is None else float(sample_time)
-    read = Log._read(path, (time, time_unit, stamps), None, wanted, grid, unchecked, max_memory_gb, list(missing))
+    read = Log._read(path, (time, time_unit, stamps), None, wanted, grid, unchecked, max_memory_gb, list(missing), _rows(columns, where))
     return _calculated(read[0], channels)
 
 
@@ -116,10 +127,12 @@ def read_records(
     *,
     channels: Mapping[str, str] | None = None,
     time: str | None = None,
-    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso"] | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso", "dmy", "mdy"] | None = None,
     unchecked: bool = False,
     max_memory_gb: float | None = None,
     missing: Iterable[int] = (),
+    columns: Iterable[str] = (),
+    where: tuple[str, object] | None = None,
 ) -> list[Log]:
     """The records of the CSV file at `path`, a new one at each new value of `column`.
 
@@ -139,6 +152,10 @@ def read_records(
         Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
     missing : sequence of int
         Numbers that stand for a missing sample, such as -9999.
+    columns : sequence of str
+        The names of the columns of a text file without a header row.
+    where : tuple of str and value, optional
+        The rows of a text file that are read: those with this value in this column, such as ("I", 0).
 
     Raises
     ------
@@ -154,7 +171,7 @@ def read_records(
     ...     [log["u"].tolist() for log in deadtime.read_records(path, "run")]
     [[1.0, 2.0], [3.0, 4.0]]
     """
-    read = Log._read(path, (time, time_unit, "arrival"), column, None, None, unchecked, max_memory_gb, list(missing))
+    read = Log._read(path, (time, time_unit, "arrival"), column, None, None, unchecked, max_memory_gb, list(missing), _rows(columns, where))
     return [_calculated(log, channels) for log in read]
 
 
@@ -162,11 +179,13 @@ def listing(
     path: str | os.PathLike[str],
     *,
     time: str | None = None,
-    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso"] | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso", "dmy", "mdy"] | None = None,
     stamps: Literal["arrival", "header"] = "arrival",
     unchecked: bool = False,
     max_memory_gb: float | None = None,
     missing: Iterable[int] = (),
+    columns: Iterable[str] = (),
+    where: tuple[str, object] | None = None,
 ) -> dict[str, Any]:
     """What the file at `path` holds: its topics with rates, gaps and channels, as `deadtime log FILE --json` prints it (docs/logs.md).
 
@@ -182,6 +201,10 @@ def listing(
         Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
     missing : sequence of int
         Numbers that stand for a missing sample, such as -9999.
+    columns : sequence of str
+        The names of the columns of a text file without a header row.
+    where : tuple of str and value, optional
+        The rows of a text file that are read: those with this value in this column, such as ("I", 0).
 
     Raises
     ------
@@ -195,7 +218,7 @@ def listing(
     >>> [channel["name"] for channel in found["topics"][0]["channels"]]
     ['r', 'p', 'ay', 'v', 'phi']
     """
-    found = Log._listing(path, (time, time_unit, stamps), unchecked, max_memory_gb, list(missing))
+    found = Log._listing(path, (time, time_unit, stamps), unchecked, max_memory_gb, list(missing), _rows(columns, where))
     return json.loads(found)  # type: ignore[no-any-return]
 
 

@@ -59,7 +59,7 @@ pub(super) struct Clock {
     #[arg(long, value_name = "COLUMN", hide_short_help = true)]
     time: Option<String>,
     /// Unit of that column; default: by its name and the size of its numbers, which is said
-    #[arg(long, value_enum, value_name = "s|ms|us|ns|min|h|d|iso", hide_short_help = true)]
+    #[arg(long, value_enum, value_name = "s|ms|us|ns|min|h|d|iso|dmy|mdy", hide_short_help = true)]
     time_unit: Option<UnitName>,
     /// Which stamps of a ROS bag to use
     #[arg(long, value_enum, default_value_t = StampsName::Arrival, hide_short_help = true)]
@@ -67,6 +67,17 @@ pub(super) struct Clock {
     /// Read parts whose checksum does not match, too; default: they are named, left out and counted
     #[arg(long, hide_short_help = true)]
     unchecked: bool,
+    /// Names of the columns of a text file without a header row, such as time,u,y
+    #[arg(long, value_name = "NAME,NAME,…", value_delimiter = ',', hide_short_help = true)]
+    columns: Vec<String>,
+    /// Read the rows of a text file whose cell in this column has this value, such as I=0
+    #[arg(
+        long = "where",
+        value_name = "COLUMN=VALUE",
+        value_parser = one_of_rows,
+        hide_short_help = true
+    )]
+    only: Option<(String, String)>,
     /// A number that stands for a missing sample, such as -9999; may be repeated
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true, hide_short_help = true)]
     missing: Vec<i64>,
@@ -85,6 +96,10 @@ enum UnitName {
     H,
     D,
     Iso,
+    /// Dates with slashes, the day first
+    Dmy,
+    /// Dates with slashes, the month first
+    Mdy,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -93,6 +108,12 @@ enum StampsName {
     Arrival,
     /// What the sender wrote into `header.stamp` or `timestamp`
     Header,
+}
+
+/// A column and what stands in it.
+fn one_of_rows(text: &str) -> Result<(String, String), String> {
+    let (column, value) = text.split_once('=').ok_or("write it as COLUMN=VALUE")?;
+    Ok((column.to_owned(), value.to_owned()))
 }
 
 impl Clock {
@@ -109,12 +130,16 @@ impl Clock {
                 UnitName::H => TimeUnit::H,
                 UnitName::D => TimeUnit::D,
                 UnitName::Iso => TimeUnit::Iso,
+                UnitName::Dmy => TimeUnit::Dmy,
+                UnitName::Mdy => TimeUnit::Mdy,
             }),
             stamps: match self.stamps {
                 StampsName::Arrival => Stamps::Arrival,
                 StampsName::Header => Stamps::Header,
             },
             unchecked: self.unchecked,
+            columns: self.columns.clone(),
+            only: self.only.clone(),
             missing: self.missing.clone(),
             memory: self.max_memory_gb.map(|gb| (gb * 1e9) as u64),
             far: far.clone(),

@@ -83,7 +83,8 @@ pub(super) fn counted(count: usize, reason: &str) -> String {
 /// What a method assumes that does not withstand this condition, and what the record shows instead.
 fn assumption(of: Condition) -> [&'static str; 2] {
     match of {
-        Condition::UnstablePlant => ["a stable plant", "this one integrates or is unstable"],
+        Condition::UnstablePlant => ["a stable plant", "this one is unstable"],
+        Condition::Integrating => ["a plant that settles", "this one integrates"],
         Condition::Feedback => ["an open loop", "the input depends on the output"],
         Condition::ColouredNoise => ["white noise", "residuals are correlated"],
         Condition::Dynamics => ["a pure copy", "this plant is slow"],

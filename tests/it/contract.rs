@@ -770,7 +770,10 @@ fn complicated(condition: Condition, method: &Method, seed: u64) -> Option<Measu
             Measured::siso(ts(TS), u, y)
         }
         // Have tests of their own.
-        Condition::MissingOutputs | Condition::OtherInputs | Condition::InverseResponse => {
+        Condition::MissingOutputs
+        | Condition::OtherInputs
+        | Condition::InverseResponse
+        | Condition::Integrating => {
             return None;
         }
     })

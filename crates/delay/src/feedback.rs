@@ -92,7 +92,8 @@ impl InLoop {
 /// Looks for a loop in the records of a pair whose plant needs `bias` samples to respond.
 ///
 /// * Later inputs explain innovations of the output (Sims, 1972, Am. Econ. Rev. 62(4), 540-552: the causality test with the input's future, which stays valid for inputs
-///   that are no random process), by a share that matters, there or in the residual of the free response.
+///   that are no random process), by a share that matters, there or in the residual of the free response; and earlier outputs predict the input beyond its own past
+///   (Granger, 1969). A plant that is not linear fails the first test alone, an input with a long memory the second alone.
 /// * Where the plant cannot react within the sample (`bias` of 1 or more), the innovations of both channels go together within it, with a sign that is not the
 ///   response's: the controller reacts. With the response's sign and no later input that explains anything it is a direct path. So it is, whatever its sign, where the
 ///   input is autonomous: it rests while the output moves, and earlier outputs do not predict it.
@@ -105,6 +106,9 @@ pub fn in_loop(records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop 
     let [na, _] = ARX_ORDERS;
     let lags = lags(records, max_delay).max(na + 2);
     let (later, chance) = later(records, na, lags).unwrap_or((None, 1.0));
+    // What bends the response passes for a loop in one direction of the test only.
+    let reacts = if later.is_some() || chance < ALSO { reacts(records, na, lags) } else { 1.0 };
+    let (later, chance) = (later.filter(|_| reacts < BY_CHANCE), chance.max(reacts));
     let autonomous = later.is_none() && autonomous(records, na);
     let mut seen = InLoop { later, tied: !autonomous && tied(records, bias), ..InLoop::default() };
     if bias > 0
@@ -141,6 +145,22 @@ fn autonomous(records: &[Record<'_>], na: usize) -> bool {
     let both = residual(Regression { na, lags: na }, &turned);
     own.zip(both).is_some_and(|((own, rows), (both, _))| {
         explained(own, both, na, rows.saturating_sub(2 * na)).1 >= BY_CHANCE
+    })
+}
+
+/// The probability that earlier outputs predict the input by chance as well as they do beyond its own past: small where the input reacts to them, whatever the plant.
+///
+/// Source: Granger (1969), Econometrica 37(3), 424-438, doi:10.2307/1912791.
+fn reacts(records: &[Record<'_>], na: usize, lags: usize) -> f64 {
+    // The output takes the input's place, a sample earlier.
+    let turned: Vec<Record<'_>> = (records.iter().filter(|r| r.len() > 2 * lags))
+        .flat_map(|r| r.stretches(2 * lags))
+        .map(|r| Record::new(r.y[..r.len() - 1].to_vec(), r.u[1..].to_vec()))
+        .collect();
+    let own = residual(Regression { na: lags, lags: 0 }, &turned);
+    let both = residual(Regression { na: lags, lags: na }, &turned);
+    own.zip(both).map_or(0.0, |((own, _), (both, rows))| {
+        explained(own, both, na, rows.saturating_sub(lags + na)).1
     })
 }
 

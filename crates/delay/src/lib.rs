@@ -73,6 +73,7 @@ pub use crate::parametric::sampling_zero::SamplingZero;
 pub use crate::parametric::two_step::TwoStep;
 pub use crate::process::family::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process};
 pub use crate::process::identified::{Beginning, ProcessFit, ProcessOptions};
+pub use crate::process::integrating::{Integrating, P0di, P1di};
 pub use crate::process::model::{ProcessModel, Slopes};
 pub use crate::response::bode::BodePhase;
 pub use crate::response::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch};
@@ -100,7 +101,7 @@ pub use identifiers::{IDENTIFIERS, identifier};
 pub use method::{
     Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start,
 };
-pub use methods::{METHODS, method};
+pub use methods::{CONDITIONAL, METHODS, method};
 pub use richness::{Richness, richness};
 pub use taken_out::{BehindDelays, TakenOut, identify_behind_delays};
 pub use verdict::{Grounds, RecordFacts, Said, Verdict, distrust, verdict};

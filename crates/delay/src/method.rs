@@ -128,7 +128,7 @@ pub enum Start {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Condition {
-    /// A plant that integrates or is unstable.
+    /// A plant that is unstable.
     UnstablePlant,
     /// An input that depends on the output.
     Feedback,
@@ -142,6 +142,8 @@ pub enum Condition {
     OtherInputs,
     /// A step response that starts against its end, as a zero in the right half-plane makes it.
     InverseResponse,
+    /// A plant that integrates.
+    Integrating,
 }
 
 impl Condition {
@@ -156,6 +158,7 @@ impl Condition {
             Self::MissingOutputs => "missing outputs",
             Self::OtherInputs => "inputs that move together",
             Self::InverseResponse => "an inverse response",
+            Self::Integrating => "a plant that integrates",
         }
     }
 }
@@ -227,6 +230,8 @@ pub struct Method {
     pub basis: Basis,
     /// Samples to which it keeps the laws it promises, and within which its answer lies on its reference experiment (1 % noise).
     pub tolerance: f64,
+    /// What the record must show for it to be asked at all.
+    pub made_for: Option<Condition>,
     /// Complications that it withstands.
     pub withstands: &'static [Condition],
     /// What it needs, in a few words.
@@ -262,6 +267,7 @@ impl Method {
             information: Information::Response,
             basis: Basis::Own,
             tolerance: WHOLE,
+            made_for: None,
             withstands: &[],
             needs: "",
             blind_to: "",

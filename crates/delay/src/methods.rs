@@ -54,8 +54,16 @@ pub const METHODS: &[Method] = &[
     events::criteria::DELAY_VARIANCE,
 ];
 
+/// Estimators that are asked only where the record shows what they are made for.
+pub const CONDITIONAL: &[Method] = &[process::integrating::P1DI, process::integrating::P0DI];
+
+/// All of both lists.
+pub(crate) fn every() -> impl Iterator<Item = &'static Method> {
+    METHODS.iter().chain(CONDITIONAL)
+}
+
 /// The method called `name`.
 #[must_use]
 pub fn method(name: &str) -> Option<&'static Method> {
-    METHODS.iter().find(|m| m.entry.name == name)
+    every().find(|m| m.entry.name == name)
 }

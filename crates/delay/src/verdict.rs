@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::combined::{Answer, earned, interval, median};
+use super::combined::{Answer, earned, interval, leads, median};
 use super::estimate::{DelayEstimate, Outcome};
 use super::finding::Finding;
 use super::method::WHOLE;
@@ -103,10 +103,9 @@ pub(super) const EXPERIMENT: &str = "move the set point, or add a random binary 
 ///
 /// Methods that do not withstand what the record shows are not counted, nor answers that are contradicted by what they leave over, unless no other has answered; under
 /// feedback not even then. Where most say that the output reacts sooner than the plant can, and the record shows no direct path, those are not counted. Each class of methods has one vote, shared by those of its
-/// methods that found a delay ([`Class::vote_weight`]), and those that read the same intermediate result ([`Basis`]) share one part of it; an answer weighs its share of the vote over its squared error, that of the method in a study and its own (no
-/// method is taken for more certain than a sample allows, nor than the data let expect before it ran, because a model that is too small is wrong by more than it says).
+/// methods that found a delay ([`Class::vote_weight`]), and those that read the same intermediate result ([`Basis`]) share one part of it; an answer weighs its share of the vote over the squared error that its method had in a study.
 ///
-/// The delay that most votes hold inside their intervals gathers a group; the number is the group's weighted median, the interval that of the mixture of its answers
+/// The delay that most votes hold inside their intervals gathers a group; number and interval are those of the mixture of its answers whose methods led in the study
 /// (`combined`), as no method knows how wrong its own model is: answers which differ make it wide. Where other inputs
 /// act, number and interval are those of the models in the group that fit all inputs together, promise a fraction of a sample, leave nothing over, and that no larger model outdoes:
 /// the others see an output from which the rest was taken by such a model, and add their votes.
@@ -151,7 +150,7 @@ impl<'a, 'b> Counted<'a, 'b> {
             return Err(format!("no method found a trusted delay ({outcomes}){advice}"));
         }
         let named = || named(found);
-        if let Some(judges) = unseen(answers) {
+        if let Some(judges) = unseen(answers, findings) {
             return Err(format!(
                 "{} withstand coloured noise and feedback, and find no response; the answers of the others are likely to be noise: {}",
                 judges.join(", "),
@@ -214,7 +213,10 @@ impl<'a, 'b> Counted<'a, 'b> {
             .filter(|_| facts.others_act)
             .filter_map(|(f, _)| Some((*f, f.of_all_inputs_s?.powi(-2))))
             .collect();
-        let judges = if of_all_inputs.is_empty() { agree } else { &of_all_inputs };
+        let best = agree.iter().map(|(f, _)| earned(f.method)).fold(f64::INFINITY, f64::min);
+        let leading: Vec<(&FoundDelay<'_>, f64)> =
+            agree.iter().filter(|(f, _)| leads(f.method, best)).map(|(f, w)| (*f, *w)).collect();
+        let judges = if of_all_inputs.is_empty() { &leading } else { &of_all_inputs };
         let (chosen, mut delay_s, mut interval_s) = together(judges, lead, facts);
         let direct = facts.direct && self.group.within() > 0.5;
         if direct {
@@ -392,14 +394,19 @@ fn named(found: &[FoundDelay<'_>]) -> String {
 
 /// The methods that can tell a response from slow noise, resonant noise and feedback alike, if two or more of them looked and none saw one. The others test against noise that
 /// is white or nearly so, and take what rings or drifts by itself for a response.
-fn unseen<'a>(answers: &[Said<'a>]) -> Option<Vec<&'a str>> {
+fn unseen<'a>(answers: &[Said<'a>], findings: &[Finding]) -> Option<Vec<&'a str>> {
     let any = [
         Condition::UnstablePlant,
         Condition::Feedback,
         Condition::ColouredNoise,
         Condition::Dynamics,
     ];
-    let judges = || answers.iter().filter(|(m, _, _)| any.iter().all(|c| m.withstands(*c)));
+    // Of a plant that integrates the increments are noise to a regression.
+    let integrates = findings.iter().any(|f| f.condition == Condition::Integrating);
+    let judges = || {
+        let all = |m: &Method| !integrates && any.iter().all(|c| m.withstands(*c));
+        answers.iter().filter(move |(m, _, _)| all(m))
+    };
     let blind: Vec<&str> = judges()
         .filter(|(_, e, _)| e.outcome == Outcome::NotVisible)
         .map(|(m, _, _)| m.entry.name)
@@ -424,8 +431,8 @@ fn too_many_poles(answers: &[Said<'_>]) -> Option<String> {
     })
 }
 
-/// Standard deviation, samples, of an answer that states none.
-const VAGUE: f64 = 1e6;
+/// What an answer without a standard deviation adds to its squared error.
+const VAGUE: f64 = 1e12;
 
 /// Methods that are named where more would make the sentence unreadable.
 const MOST_NAMED: usize = 3;
@@ -465,7 +472,7 @@ struct FoundDelay<'a> {
     class: Class,
     basis: Basis,
     delay_s: f64,
-    /// Its squared error, s²: that of the method in a study, and its variance, no less than a count of samples leaves and than was to be expected.
+    /// The squared error of the method in a study, as a ratio.
     square_error: f64,
     /// The least standard deviation that it is taken for, s.
     least_s: f64,
@@ -489,11 +496,7 @@ impl<'a> FoundDelay<'a> {
         let delay_s = estimate.delay_s.filter(|_| estimate.outcome == Outcome::Found)?;
         let resolution_s = sample_time.to_seconds(RESOLUTION.sqrt());
         let interval_s = estimate.ci95_s.unwrap_or([delay_s, delay_s]);
-        let std_s = estimate
-            .std_s
-            .unwrap_or_else(|| sample_time.to_seconds(VAGUE))
-            .max(predicted_s.unwrap_or(0.0))
-            .max(resolution_s);
+        let vague = if estimate.std_s.is_none() { VAGUE } else { 0.0 };
         let resolves = estimate.enough_poles && method.tolerance > WHOLE && method.tolerance < 1.0;
         let least_s = sample_time.to_seconds(method.tolerance).max(predicted_s.unwrap_or(0.0));
         Some(Self {
@@ -501,7 +504,7 @@ impl<'a> FoundDelay<'a> {
             class: method.class,
             basis: method.basis,
             delay_s,
-            square_error: std_s.powi(2) + sample_time.to_seconds(earned(method.entry.name)).powi(2),
+            square_error: earned(method.entry.name).powi(2) + vague,
             least_s: if method.tolerance < 1.0 {
                 sample_time.to_seconds(method.tolerance)
             } else {

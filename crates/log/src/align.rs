@@ -2,8 +2,8 @@
 
 use std::collections::HashMap;
 
+use super::channels::{Channel, Log, Output};
 use super::error::LogError;
-use super::log::{Channel, Log, Output};
 use super::recording::{Recording, Topic};
 use deadtime_signal::text::closest;
 use deadtime_signal::time::SampleTime;

@@ -24,7 +24,8 @@ use super::columns::{Cells, Column, assemble, time_among};
 use super::counted::{READING, whole};
 use super::error::{Error, LogError};
 use super::guard::guarded;
-use super::recording::{ReadOptions, Recording, TimeUnit};
+use super::options::{ReadOptions, TimeUnit};
+use super::recording::Recording;
 use crate::notes::Notes;
 
 const NAME: &str = "Arrow IPC";

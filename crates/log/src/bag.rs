@@ -8,8 +8,9 @@ use serde_json::Value;
 
 use super::budget::Budget;
 use super::error::Error;
+use super::options::{ReadOptions, Stamps};
 use super::protobuf::Messages;
-use super::recording::{ReadOptions, Recording, Stamps, Table, Topic};
+use super::recording::{Recording, Table, Topic};
 use super::ros::{Decoder, Definitions, Encoding, MOST_ELEMENTS, Node};
 use crate::notes::Notes;
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::error::LogError;
-use super::recording::ReadOptions;
+use super::options::ReadOptions;
 
 /// What may be taken of any file, however small, bytes.
 const LEAST: u64 = 64 << 20;

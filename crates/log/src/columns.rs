@@ -2,7 +2,8 @@
 
 use super::error::{Error, LogError};
 use super::numbers::Numbers;
-use super::recording::{ReadOptions, Recording, Table, TimeUnit};
+use super::options::{ReadOptions, TimeUnit};
+use super::recording::{Recording, Table};
 use crate::csv::clock::{named_time, seconds};
 use crate::notes::Notes;
 use deadtime_signal::remedy::{Message, Remedy};

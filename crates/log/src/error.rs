@@ -96,6 +96,50 @@ pub enum LogError {
         /// The first cell of the header.
         found: String,
     },
+    /// The first row is numbers.
+    #[error("{}", self.remedied().unwrap_or_default())]
+    NoHeader {
+        /// The log.
+        file: String,
+        /// The first row.
+        row: usize,
+        /// Its cells.
+        cells: usize,
+    },
+    /// No row has the value that was asked for.
+    #[error("{file}: no row has `{value}` in the column `{column}`; there are {}", listing(there))]
+    NoSuchRows {
+        /// The log.
+        file: String,
+        /// The column.
+        column: String,
+        /// The value.
+        value: String,
+        /// Some values of it.
+        there: Vec<String>,
+    },
+    /// Rows of several instances take turns.
+    #[error("{}", self.remedied().unwrap_or_default())]
+    Instances {
+        /// The log.
+        file: String,
+        /// The first row whose time does not follow.
+        row: usize,
+        /// The column that separates them.
+        column: String,
+        /// Its values.
+        values: Vec<String>,
+    },
+    /// A date that may be read day first or month first.
+    #[error("{}", self.remedied().unwrap_or_default())]
+    DayOrMonth {
+        /// The log.
+        file: String,
+        /// The row.
+        row: usize,
+        /// The date.
+        text: String,
+    },
     /// Time in a unit that is not known.
     #[error("{}", self.remedied().unwrap_or_default())]
     TimeUnit {
@@ -551,6 +595,18 @@ impl Remedied for LogError {
             Self::FirstColumn { file, row, found } => {
                 said(format!("{file}, row {row}: no column is called `time` (the first is `{found}`); call it `time`, or say which it is with "))
                     .and(Remedy::TimeColumn)
+            }
+            Self::NoHeader { file, row, cells } => {
+                said(format!("{file}, row {row}: numbers only, where a header row should name the {cells} columns; name them with ")).and(Remedy::ColumnNames)
+            }
+            Self::Instances { file, row, column, values } => {
+                let value = values.first().cloned().unwrap_or_default();
+                let all = values.join(", ");
+                said(format!("{file}, row {row}: rows of several instances take turns, by the column `{column}` ({all}); read one of them with "))
+                    .and(Remedy::Only { column: column.clone(), value })
+            }
+            Self::DayOrMonth { file, row, text } => {
+                said(format!("{file}, row {row}: `{text}` may be read day first or month first; say which, `dmy` or `mdy`, with ")).and(Remedy::TimeUnit)
             }
             Self::TimeUnit { file, row, unit } => {
                 said(format!("{file}, row {row}: time is in `{unit}`; convert it to seconds, or say the unit with ")).and(Remedy::TimeUnit)

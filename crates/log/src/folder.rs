@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use super::bag::Bag;
 use super::counted::Counted;
 use super::error::{Error, LogError};
-use super::recording::{ReadOptions, Recording};
+use super::options::ReadOptions;
+use super::recording::Recording;
 use super::{mcap, rosbag2};
 
 const NAME: &str = "a bag of ROS 2";

@@ -4,7 +4,6 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -155,9 +154,9 @@ fn damage_of_files_with_checksums_is_said_or_changes_nothing() {
     }
 }
 
-/// A mutant of any format ends soon, within its budget, as an error or as a log that can be listed.
+/// A mutant of any format ends, within its budget, as an error or as a log that can be listed.
 #[test]
-fn mutants_of_every_format_end_soon() {
+fn mutants_of_every_format_end() {
     let folder = Folder::new();
     let mut rng = drawing(53);
     let rounds = number("DEADTIME_FUZZ_ROUNDS", 400).div_ceil(4);
@@ -165,18 +164,16 @@ fn mutants_of_every_format_end_soon() {
         let bytes = std::fs::read(&path).unwrap();
         for round in 0..rounds {
             let mutant = mutant(&bytes, &mut rng);
-            let began = Instant::now();
             let read = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
                 let recording = folder.read(&mutant, &ReadOptions::default()).ok()?;
                 serde_json::to_string(&recording.listing()).ok()
             }));
-            let slow = began.elapsed() > Duration::from_secs(5);
-            if slow || read.is_err() {
+            if read.is_err() {
                 let kept =
                     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/corpus/log_files");
                 let name = format!("{}-{round}", path.file_name().unwrap().to_string_lossy());
                 std::fs::write(kept.join(&name), &mutant).unwrap();
-                panic!("{name}: {}", if slow { "does not end" } else { "panicked" });
+                panic!("{name}: panicked");
             }
         }
     }
@@ -209,11 +206,9 @@ fn a_chunk_that_is_not_as_it_was_written_is_left_out_unless_it_is_wanted() {
 }
 
 #[test]
-fn what_broke_a_reader_takes_no_time_and_says_why() {
+fn what_broke_a_reader_ends_and_says_why() {
     for path in corpus("tests/corpus/log_files") {
-        let began = Instant::now();
         let read = open(&path, &ReadOptions::default());
-        assert!(began.elapsed() < Duration::from_secs(5), "{}", path.display());
         let said = match &read {
             Ok(recording) => recording.notes.join("|"),
             Err(error) => error.to_string(),
@@ -292,10 +287,8 @@ fn definitions_that_hold_themselves_or_nothing_end() {
     let message = |u: f64, some: u32| {
         [&u.to_le_bytes()[..], &some.to_le_bytes(), &[0; 4], &(-u).to_le_bytes()].concat()
     };
-    let began = Instant::now();
     let file = mcap(&definition, &[message(1.0, 3), message(2.0, 8), message(3.0, u32::MAX)]);
     let read = folder.read(&file, &ReadOptions::default()).unwrap();
-    assert!(began.elapsed() < Duration::from_secs(2));
     let log = &read.topics[0].log;
     assert_eq!(
         (log.input("u").unwrap(), log.input("y").unwrap()),
@@ -392,20 +385,41 @@ fn database(pages: usize, next: impl Fn(usize) -> u32) -> Vec<u8> {
     file
 }
 
+/// A file in memory that counts the reads of whole pages.
+struct Counting<'a> {
+    file: std::io::Cursor<Vec<u8>>,
+    reads: &'a std::cell::Cell<usize>,
+}
+
+impl std::io::Read for Counting<'_> {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        self.reads.set(self.reads.get() + 1);
+        self.file.read(into)
+    }
+}
+
+impl std::io::Seek for Counting<'_> {
+    fn seek(&mut self, to: std::io::SeekFrom) -> std::io::Result<u64> {
+        self.file.seek(to)
+    }
+}
+
 #[test]
-fn overflow_pages_in_a_circle_end() {
+fn overflow_pages_in_a_circle_are_read_no_more_often_than_the_file_has_pages() {
     let folder = Folder::new();
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     for _ in 0..6 {
         let pages = rng.random_range(100..4000);
         let round = rng.random_range(1..pages) as u32;
         let file = database(pages, |page| (page as u32 % round) + 2);
-        let began = Instant::now();
-        let said = folder.said(&file);
-        assert!(
-            began.elapsed() < Duration::from_secs(2),
-            "{pages} pages, {round} in a circle: {said}"
-        );
+        let _ = folder.said(&file);
+        let reads = std::cell::Cell::new(0);
+        let counting = Counting { file: std::io::Cursor::new(file), reads: &reads };
+        let mut database = crate::sqlite::Database::open(counting).unwrap().unwrap();
+        let opened = reads.get();
+        database.tables();
+        let walked = reads.get() - opened;
+        assert!(walked <= pages + 1, "{walked} reads of {pages} pages, {round} in a circle");
     }
 }
 
@@ -638,14 +652,12 @@ mod tables {
     fn fresh_tables_that_are_damaged_end_without_a_panic() {
         let folder = Folder::new();
         let mut rng = drawing(13);
-        for round in 0..number("DEADTIME_FUZZ_ROUNDS", 400).div_ceil(10) {
+        for _ in 0..number("DEADTIME_FUZZ_ROUNDS", 400).div_ceil(10) {
             let properties = drawn(&mut rng);
             let (bytes, ..) = table(200, properties, &mut rng);
             for _ in 0..25 {
                 let mutant = mutant(&bytes, &mut rng);
-                let began = Instant::now();
                 let _ = folder.read(&mutant, &ReadOptions::default());
-                assert!(began.elapsed() < Duration::from_secs(5), "{round}");
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Even grids, windows and resampling.
 
+use super::channels::{Channel, Log, Rows};
 use super::error::LogError;
-use super::log::{Channel, Log, Rows};
 use super::place::neighbours;
 use deadtime_signal::time::SampleTime;
 

@@ -19,7 +19,8 @@ use super::counted::{READING, whole};
 use super::error::{Error, LogError};
 use super::guard::guarded;
 use super::mcos;
-use super::recording::{ReadOptions, Recording};
+use super::options::ReadOptions;
+use super::recording::Recording;
 use super::scalar::Scalar;
 use crate::notes::Notes;
 

@@ -11,6 +11,7 @@ mod arrays;
 mod arrow;
 mod bag;
 mod budget;
+mod channels;
 #[cfg(feature = "tables")]
 mod columns;
 mod counted;
@@ -27,12 +28,12 @@ mod guard;
 mod hdf5;
 mod header;
 mod listing;
-mod log;
 mod mat;
 mod mcap;
 mod mcos;
 mod notes;
 mod numbers;
+mod options;
 #[cfg(feature = "tables")]
 mod pages;
 #[cfg(feature = "tables")]
@@ -53,17 +54,19 @@ mod tests;
 mod turns;
 mod ulog;
 
+pub use crate::csv::events::{EventTimes, read_events};
 pub use crate::csv::follow::{Follower, News, Polled, Row};
 pub use crate::csv::frequency::{read_frequency_response, read_frequency_response_from};
-pub use crate::csv::table::{EventTimes, read_events, read_records};
+pub use crate::csv::table::read_records;
 pub use align::Wanted;
+pub use channels::{Channel, Log, Output};
 pub use error::{Error, LogError};
 pub use frequency::{FrequencyError, FrequencyResponse, Quality};
 pub use header::name_and_unit;
 pub use listing::{ChannelListing, GapListing, Listing, TopicListing};
-pub use log::{Channel, Log, Output};
 pub use notes::Notes;
+pub use options::{ReadOptions, Stamps, TimeUnit};
 pub use place::{Place, neighbours};
 pub use reader::{READERS, Reader, open, read, reader};
-pub use recording::{ReadOptions, Recording, Stamps, TimeUnit, Topic};
+pub use recording::{Recording, Topic};
 pub use step::STEP;

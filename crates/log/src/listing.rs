@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::align::{GAP_STEPS, shortest_name};
 use crate::notes::Notes;
 
-use super::log::{Channel, Log};
+use super::channels::{Channel, Log};
 use super::place::neighbours;
 use super::recording::{Recording, Topic};
 

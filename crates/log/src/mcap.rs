@@ -14,7 +14,8 @@ use super::bag::{Bag, Schema};
 use super::budget::Budget;
 use super::counted::Counted;
 use super::error::{Error, LogError};
-use super::recording::{ReadOptions, Recording};
+use super::options::ReadOptions;
+use super::recording::Recording;
 
 pub(super) const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 const NAME: &str = "MCAP";

@@ -6,7 +6,7 @@
 use std::borrow::Cow;
 
 use super::arrays::Array;
-use super::recording::TimeUnit;
+use super::options::TimeUnit;
 use crate::notes::Notes;
 
 /// What numbers begin with that refer to an object.

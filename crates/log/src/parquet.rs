@@ -18,8 +18,9 @@ use super::budget::Budget;
 use super::columns::{Cells, Column, assemble, time_among};
 use super::error::{Error, LogError};
 use super::guard::{attempted, guarded};
+use super::options::{ReadOptions, TimeUnit};
 use super::pages::{Chunk, Lost, Pages};
-use super::recording::{ReadOptions, Recording, TimeUnit};
+use super::recording::Recording;
 use crate::notes::Notes;
 use deadtime_signal::remedy::{Message, Remedy};
 

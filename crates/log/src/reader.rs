@@ -3,9 +3,10 @@
 use std::io::Read;
 use std::path::Path;
 
+use super::channels::Log;
 use super::error::{Error, LogError};
-use super::log::Log;
-use super::recording::{ReadOptions, Recording};
+use super::options::ReadOptions;
+use super::recording::Recording;
 use super::{csv, folder, mat, mcap, rosbag2, sentinel, ulog};
 
 /// As many bytes as any format is recognised by.

@@ -3,94 +3,11 @@
 use std::collections::HashSet;
 
 use super::budget::Budget;
+use super::channels::{Channel, Log, Origin, Rows, TIME_LIMIT_S};
 use super::error::{Error, LogError};
-use super::log::{Channel, Log, Origin, Rows, TIME_LIMIT_S};
 use super::numbers::Numbers;
 use super::place::neighbours;
 use crate::notes::Notes;
-use deadtime_signal::progress::HowFar;
-
-/// The unit of time stamps in a file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum TimeUnit {
-    /// Seconds.
-    S,
-    /// Milliseconds.
-    Ms,
-    /// Microseconds.
-    Us,
-    /// Nanoseconds.
-    Ns,
-    /// Minutes.
-    Min,
-    /// Hours.
-    H,
-    /// Days, also as spreadsheets count them.
-    D,
-    /// Dates by ISO 8601.
-    Iso,
-}
-
-impl TimeUnit {
-    /// How many of them a second has, a part of one where they are longer; dates are counted in nanoseconds.
-    #[must_use]
-    pub fn per_second(self) -> f64 {
-        match self {
-            Self::S => 1.0,
-            Self::Ms => 1e3,
-            Self::Us => 1e6,
-            Self::Ns | Self::Iso => 1e9,
-            Self::Min => 1.0 / 60.0,
-            Self::H => 1.0 / 3600.0,
-            Self::D => 1.0 / 86_400.0,
-        }
-    }
-
-    /// Its name in a sentence.
-    #[must_use]
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::S => "seconds",
-            Self::Ms => "milliseconds",
-            Self::Us => "microseconds",
-            Self::Ns => "nanoseconds",
-            Self::Min => "minutes",
-            Self::H => "hours",
-            Self::D => "days",
-            Self::Iso => "dates",
-        }
-    }
-}
-
-/// Which clock stamps the messages of a bag.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Stamps {
-    /// When the recorder got them: the same clock for all topics.
-    #[default]
-    Arrival,
-    /// What the sender wrote into `header.stamp` or `timestamp`, of the topics that have it.
-    Header,
-}
-
-/// How a file is to be read.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct ReadOptions {
-    /// The column of time; `None`: by its name.
-    pub time: Option<String>,
-    /// The unit of time; `None`: by the name of its column and the size of its numbers.
-    pub time_unit: Option<TimeUnit>,
-    /// The clock of bags.
-    pub stamps: Stamps,
-    /// Reads parts whose checksum does not match, too; else they are left out and counted.
-    pub unchecked: bool,
-    /// Numbers that stand for a missing sample.
-    pub missing: Vec<i64>,
-    /// Memory that reading may take, bytes; `None`: 4 times the file and 64 MiB.
-    pub memory: Option<u64>,
-    /// Where it is said how much of the file is read.
-    pub far: HowFar,
-}
 
 /// A file that was read: its topics and what has to be said about the reading.
 #[derive(Debug, Clone, PartialEq)]

@@ -7,7 +7,8 @@ use std::path::Path;
 use super::bag::{Bag, Schema};
 use super::counted::Counted;
 use super::error::{Error, LogError};
-use super::recording::{ReadOptions, Recording};
+use super::options::ReadOptions;
+use super::recording::Recording;
 use super::sqlite::{Database, SqlTable};
 
 pub(super) const MAGIC: &[u8] = b"SQLite format 3\0";

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use deadtime_signal::remedy::{Message, Remedy};
 
-use super::log::{Channel, Log};
+use super::channels::{Channel, Log};
 use crate::notes::Notes;
 
 /// What recorders write where they have no number.

@@ -1,7 +1,7 @@
 //! Tables of a step response as logs: the step itself is put beside the response.
 
+use super::channels::{Channel, Log};
 use super::error::LogError;
-use super::log::{Channel, Log};
 use super::place::neighbours;
 use deadtime_signal::time::SampleTime;
 

@@ -143,9 +143,10 @@ fn header_only_is_refused() {
 
 #[test]
 fn a_column_of_time_is_needed_in_a_known_unit() {
-    for (text, found) in
-        [("0,1\n1,1\n", "`0`"), ("speed,t\n0,1\n", "`speed`"), ("u;v\n0;1\n", "`u`")]
-    {
+    let error = refusal("0,1\n1,1\n");
+    assert!(matches!(error, LogError::NoHeader { row: 1, cells: 2, .. }));
+    says(&error, &["a.csv", "row 1", "2 columns", "`columns`"]);
+    for (text, found) in [("speed,t\n0,1\n", "`speed`"), ("u;v\n0;1\n", "`u`")] {
         let error = refusal(text);
         assert!(matches!(error, LogError::FirstColumn { .. }));
         says(&error, &["a.csv", "row 1", found, "`time`", "which it is with `time`"]);
@@ -455,9 +456,12 @@ fn a_gzip_stream_that_is_cut_off_is_read_up_to_there() {
     let records = read_records_from("a.csv", &packed[..packed.len() - 4], "u").unwrap();
     assert_eq!(records.iter().map(Log::len).sum::<usize>(), 20_000);
     // Of events nobody would be told what is missing.
-    let error =
-        crate::csv::table::read_events_from("a.csv", &packed[..packed.len() - 4], ["time", "time"])
-            .unwrap_err();
+    let error = crate::csv::events::read_events_from(
+        "a.csv",
+        &packed[..packed.len() - 4],
+        ["time", "time"],
+    )
+    .unwrap_err();
     assert!(matches!(error, Error::Log(LogError::Gzip { .. })), "{error:?}");
 }
 
@@ -560,7 +564,7 @@ fn tables_of_pandas_loggers_and_spreadsheets_are_read() {
     );
     assert!(notes.contains("taken as the time"), "{notes}");
     let events =
-        crate::csv::table::read_events_from("a.csv", "a,b\n1,2\nNaN,3\n".as_bytes(), ["a", "b"])
+        crate::csv::events::read_events_from("a.csv", "a,b\n1,2\nNaN,3\n".as_bytes(), ["a", "b"])
             .unwrap();
     assert_eq!(
         (events[0].times.as_slice(), events[1].times.as_slice()),

@@ -4,8 +4,8 @@
 
 use std::collections::VecDeque;
 
+use super::channels::{Channel, Log, Output};
 use super::error::LogError;
-use super::log::{Channel, Log, Output};
 
 /// Jumps that miss a whole turn by less than this share of it are taken for one,
 const NEARLY: f64 = 0.1;

@@ -9,7 +9,8 @@ use std::path::Path;
 
 use super::counted::Counted;
 use super::error::{Error, LogError};
-use super::recording::{ReadOptions, Recording, Table, Topic};
+use super::options::ReadOptions;
+use super::recording::{Recording, Table, Topic};
 use super::scalar::Scalar;
 use crate::notes::Notes;
 

@@ -109,6 +109,10 @@ pub(super) fn call(remedy: &Remedy) -> String {
         Remedy::ResampleAt { seconds } => return format!("`log.resample({seconds})`"),
         Remedy::TimeColumn => "time=",
         Remedy::TimeUnit => "time_unit=",
+        Remedy::ColumnNames => "columns=",
+        Remedy::Only { column, value } => {
+            return format!("where=(\"{column}\", \"{value}\")");
+        }
         Remedy::Missing { number } => return format!("missing=[{number}]"),
         Remedy::Unchecked => "unchecked=True",
         Remedy::HeaderStamps => "stamps=\"header\"",

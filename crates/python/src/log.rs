@@ -36,9 +36,11 @@ fn read_options(
         Some("h") => Some(TimeUnit::H),
         Some("d") => Some(TimeUnit::D),
         Some("iso") => Some(TimeUnit::Iso),
+        Some("dmy") => Some(TimeUnit::Dmy),
+        Some("mdy") => Some(TimeUnit::Mdy),
         Some(other) => {
             return Err(PyValueError::new_err(format!(
-                "time_unit is {other:?}; it is one of s, ms, us, ns, min, h, d, iso"
+                "time_unit is {other:?}; it is one of s, ms, us, ns, min, h, d, iso, dmy, mdy"
             )));
         }
     };
@@ -58,10 +60,14 @@ fn read_options(
 fn limited(
     options: ReadOptions,
     (unchecked, max_memory_gb, missing): (bool, Option<f64>, Vec<i64>),
+    (columns, only): TextRows,
 ) -> ReadOptions {
     let memory = max_memory_gb.map(|gb| (gb * 1e9) as u64);
-    ReadOptions { unchecked, memory, missing, ..options }
+    ReadOptions { unchecked, memory, missing, columns, only, ..options }
 }
+
+/// Of text files the names of the columns, where there is no header row, and the column and value of the rows that are read.
+type TextRows = (Vec<String>, Option<(String, String)>);
 
 /// A measured log: time stamps and named channels of as many samples.
 ///
@@ -120,7 +126,7 @@ impl Log {
     /// The records of a CSV file (.csv or .csv.gz), one without `records`, else one per new value of that column. With the names of inputs and outputs the channels
     /// of several topics are put together, on an even grid where `sample_time` is given. `clock` is the column of time, its unit and which stamps of bags.
     #[staticmethod]
-    #[pyo3(signature = (path, clock, records = None, wanted = None, sample_time = None, unchecked = false, max_memory_gb = None, missing = Vec::new()))]
+    #[pyo3(signature = (path, clock, records = None, wanted = None, sample_time = None, unchecked = false, max_memory_gb = None, missing = Vec::new(), rows = (Vec::new(), None)))]
     #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
     fn _read(
         py: Python<'_>,
@@ -132,9 +138,10 @@ impl Log {
         unchecked: bool,
         max_memory_gb: Option<f64>,
         missing: Vec<i64>,
+        rows: TextRows,
     ) -> PyResult<Vec<Self>> {
         let grid = sample_time.map(SampleTime::new).transpose().or_raise(py)?;
-        let options = limited(read_options(clock)?, (unchecked, max_memory_gb, missing));
+        let options = limited(read_options(clock)?, (unchecked, max_memory_gb, missing), rows);
         let read = || match records {
             Some(column) => csv::records(&path, &column, &options),
             None => {
@@ -161,7 +168,7 @@ impl Log {
 
     /// What a file holds, `deadtime/log@1`, as JSON text.
     #[staticmethod]
-    #[pyo3(signature = (path, clock, unchecked = false, max_memory_gb = None, missing = Vec::new()))]
+    #[pyo3(signature = (path, clock, unchecked = false, max_memory_gb = None, missing = Vec::new(), rows = (Vec::new(), None)))]
     fn _listing(
         py: Python<'_>,
         path: PathBuf,
@@ -169,8 +176,9 @@ impl Log {
         unchecked: bool,
         max_memory_gb: Option<f64>,
         missing: Vec<i64>,
+        rows: TextRows,
     ) -> PyResult<String> {
-        let options = limited(read_options(clock)?, (unchecked, max_memory_gb, missing));
+        let options = limited(read_options(clock)?, (unchecked, max_memory_gb, missing), rows);
         let mut listing = py
             .detach(|| open(&path, &options).map(|recording| recording.listing()))
             .or_raise(py)?;

@@ -49,6 +49,15 @@ pub enum Remedy {
     HeaderStamps,
     /// Reading parts whose checksum does not match, too.
     Unchecked,
+    /// The names of the columns of a file without a header row.
+    ColumnNames,
+    /// The rows of a file that are read.
+    Only {
+        /// The column.
+        column: String,
+        /// What stands in it.
+        value: String,
+    },
     /// A number that stands for a missing sample.
     Missing {
         /// The number.
@@ -108,6 +117,8 @@ impl fmt::Display for Remedy {
             Self::ResampleAt { seconds } => return write!(f, "`resample({seconds})`"),
             Self::TimeColumn => "`time`",
             Self::TimeUnit => "`time_unit`",
+            Self::ColumnNames => "`columns`",
+            Self::Only { column, value } => return write!(f, "`only` ({column}, {value})"),
             Self::Missing { number } => return write!(f, "`missing` of {number}"),
             Self::Unchecked => "`unchecked`",
             Self::HeaderStamps => "`stamps` of the header",

@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::error::{DelayError, Result};
 use crate::estimator::DelayEstimator;
 use crate::method::{Method, Scope};
-use crate::methods::METHODS;
+use crate::methods::every;
 use deadtime_signal::registry::RegistryError;
 
 /// A method, ready to run.
@@ -22,7 +22,7 @@ impl Ready {
     /// Every method that looks at samples, with its default options.
     #[must_use]
     pub fn all() -> Vec<Self> {
-        let methods = METHODS.iter().filter(|m| m.scope != Scope::Events);
+        let methods = every().filter(|m| m.scope != Scope::Events);
         methods
             .filter_map(|method| Some(Self { method, estimator: method.entry.with(none()).ok()? }))
             .collect()
@@ -41,10 +41,10 @@ pub fn chosen(
     options: &BTreeMap<String, Value>,
     scopes: &[Scope],
 ) -> Result<Vec<Ready>> {
-    known("method", METHODS.iter().map(|m| m.entry.name), names, options)?;
+    known("method", every().map(|m| m.entry.name), names, options)?;
     let all = names.iter().any(|n| n == "all");
     let mut ready = Vec::new();
-    for method in METHODS {
+    for method in every() {
         let name = method.entry.name;
         let (named, events) = (names.iter().any(|n| n == name), method.scope == Scope::Events);
         if named && events != scopes.contains(&Scope::Events) {

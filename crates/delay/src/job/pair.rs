@@ -12,13 +12,14 @@ use super::words::{
 };
 use crate::conditions::{moving_together, of_the_plant, standing_off};
 use crate::error::{DelayError, Result};
-use crate::estimate::DelayEstimate;
+use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::Search;
 use crate::experiment::{Experiment, Recording, Series};
 use crate::feedback::{held_for, lead, open_part};
 use crate::finding::Finding;
 use crate::inverse::inverse_response;
 use crate::method::{Condition, Method, Start};
+use crate::process::integrating::integrates;
 use crate::process::orders::judge_orders;
 use crate::process::shares::Shares;
 use crate::report::Pair;
@@ -70,7 +71,7 @@ impl OnePair<'_, '_> {
             search.min_delay = search.bias(0, 0);
         }
         let records = self.seen.one.pair(0, 0)?;
-        let mut answers = self.answers(&search, closed)?;
+        let mut answers = self.answers(&search, &findings)?;
         let one_step = records.iter().all(Record::is_one_step);
         let others_act = self.seen.freed.is_some();
         if one_step || others_act {
@@ -150,7 +151,19 @@ impl OnePair<'_, '_> {
         let mut findings = of_the_plant(&seen.alone().pair(0, 0)?, max_delay);
         findings.extend(self.job.feedback.said().or_else(|| seen.looped.finding()));
         findings.extend(moving_together(&seen.together, max_delay));
-        if findings.iter().all(|f| f.condition != Condition::Feedback) {
+        let open = findings.iter().all(|f| f.condition != Condition::Feedback);
+        let integrating =
+            if open { integrates(&seen.alone().pair(0, 0)?, max_delay) } else { None };
+        if let Some(integrating) = integrating {
+            // What an integral shows besides: it lasts, its noise is not white, and its pole may be estimated outside the unit circle.
+            findings.retain(|f| {
+                !matches!(
+                    f.condition,
+                    Condition::UnstablePlant | Condition::Dynamics | Condition::ColouredNoise
+                )
+            });
+            findings.push(integrating);
+        } else if open {
             let coloured = findings.iter().any(|f| f.condition == Condition::ColouredNoise);
             findings.extend(inverse_response(&seen.alone().pair(0, 0)?, max_delay, coloured));
         }
@@ -159,8 +172,10 @@ impl OnePair<'_, '_> {
     }
 
     /// Every method's answer. In a loop, what does not withstand feedback sees what is free of it.
-    fn answers(&self, search: &Search, closed: bool) -> Result<Vec<MethodAnswer>> {
+    fn answers(&self, search: &Search, findings: &[Finding]) -> Result<Vec<MethodAnswer>> {
         let seen = &self.seen;
+        let shows = |condition| findings.iter().any(|f| f.condition == condition);
+        let closed = shows(Condition::Feedback);
         let open = if closed {
             open_experiment(&seen.one, search.max_delay, search.bias(0, 0))?
         } else {
@@ -171,11 +186,21 @@ impl OnePair<'_, '_> {
         // error.
         let predicted = richness(seen.by_start(Start::Rest), search, &looks)
             .unwrap_or_else(|_| vec![None; looks.len()]);
+        // A method that is made for something else than the record shows is no line of an answer, unless nothing else was asked.
+        let suits = |r: &Ready| r.method.made_for.is_none_or(shows);
+        let any = self.methods.iter().any(|r| suits(r));
+        let asked: Vec<(&Ready, _)> = (self.methods.iter().copied().zip(predicted))
+            .filter(|(ready, _)| !any || suits(ready))
+            .collect();
         let what = format!("answers of methods on {} and {}", self.input(), self.output());
         let answering = self.far.part(LOOKED, ANSWERED);
-        let steps = answering.steps(self.methods.len(), &what);
+        let steps = answering.steps(asked.len(), &what);
         let estimate = |ready: &Ready| -> Result<DelayEstimate, DelayError> {
             let method = ready.method;
+            if let Some(condition) = method.made_for.filter(|c| !shows(*c)) {
+                let note = format!("the record does not show {}", condition.words());
+                return Ok(DelayEstimate::without(Outcome::NotApplicable, note));
+            }
             match open.as_ref().filter(|_| !method.withstands(Condition::Feedback)) {
                 Some(freed) => Ok(ready.estimator.estimate(freed, search)?.of_open_part()),
                 None if ready.estimator.is_joint() => {
@@ -184,13 +209,13 @@ impl OnePair<'_, '_> {
                 None => ready.estimator.estimate(seen.by_start(method.start), search),
             }
         };
-        let answer = |(ready, predicted): (&&Ready, _)| {
+        let answer = |(ready, predicted): (&Ready, _)| {
             self.job.stop.check()?;
             let answer = MethodAnswer::of(ready, predicted, estimate)?;
             steps.one_more();
             Ok(answer)
         };
-        self.methods.par_iter().zip(predicted).map(answer).collect()
+        asked.into_par_iter().map(answer).collect()
     }
 }
 

@@ -25,6 +25,8 @@ pub(super) struct Integrator<'a> {
 
 /// Time constants that are tried, samples.
 const LAGS: [f64; 7] = [0.5, 2.0, 5.0, 12.0, 30.0, 100.0, 300.0];
+/// Delays of the grid.
+const PLACES: usize = 80;
 /// Best places of the grid that are descended from.
 const STARTS: usize = 4;
 /// Smallest time constant, samples.
@@ -79,23 +81,45 @@ impl Integrator<'_> {
         } else {
             vec![None]
         };
+        let cost = |delay: usize, lag| Some(self.signals(delay, 0.5, lag)?.normal(0).cost);
+        let mut stride = self.max_delay.div_ceil(PLACES);
         let mut grid: Vec<(f64, usize, Option<f64>)> = Vec::new();
         for lag in lags {
-            for delay in 1..=self.max_delay {
-                if let Some(s) = self.signals(delay, 0.5, lag) {
-                    grid.push((s.normal(0).cost, delay, lag));
-                }
-            }
+            let places = (1..=self.max_delay).step_by(stride);
+            grid.extend(places.filter_map(|delay| Some((cost(delay, lag)?, delay, lag))));
         }
         grid.sort_by(|a, b| a.0.total_cmp(&b.0));
         grid.truncate(STARTS);
+        // The cost of an integral bends slowly: halves of the stride lead to its bottom.
+        while stride > 1 {
+            stride = stride.div_ceil(2);
+            for at in &mut grid {
+                let near =
+                    [at.1.saturating_sub(stride).max(1), (at.1 + stride).min(self.max_delay)];
+                let found =
+                    near.into_iter().filter_map(|delay| Some((cost(delay, at.2)?, delay, at.2)));
+                *at = found.fold(*at, |best, next| if next.0 < best.0 { next } else { best });
+            }
+        }
         // One minimum for each sampling interval: that of the place, and those beside it.
         let descend = |(_, delay, lag): &(f64, usize, Option<f64>)| {
             let beside = delay.saturating_sub(1).max(1)..=(delay + 1).min(self.max_delay);
             let bottoms = beside.filter_map(|delay| self.descend(delay, *lag, most));
             bottoms.min_by(|a, b| a.0.total_cmp(&b.0))
         };
-        grid.iter().filter_map(descend).min_by(|a, b| a.0.total_cmp(&b.0))
+        let mut best = grid.iter().filter_map(descend).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        // The valley of delay and time constant crosses sampling intervals.
+        for _ in 0..self.max_delay {
+            let lag = (best.2.len() > 1).then(|| best.2[0]);
+            let near = [best.1.saturating_sub(1).max(1), (best.1 + 1).min(self.max_delay)];
+            let beside = near.into_iter().filter(|delay| *delay != best.1);
+            let bottoms = beside.filter_map(|delay| self.descend(delay, lag, most));
+            match bottoms.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|next| next.0 < best.0) {
+                Some(next) => best = next,
+                None => break,
+            }
+        }
+        Some(best)
     }
 
     /// The bottom within one sampling interval.

@@ -5,6 +5,7 @@ pub(crate) mod family;
 mod fit;
 mod guesses;
 pub(crate) mod identified;
+pub(crate) mod integrating;
 mod integrator;
 pub(crate) mod model;
 pub(crate) mod orders;

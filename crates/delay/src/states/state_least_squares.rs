@@ -72,6 +72,7 @@ pub(crate) const METHOD: Method = Method {
         Condition::Feedback,
         Condition::Dynamics,
         Condition::InverseResponse,
+        Condition::Integrating,
     ],
     needs: "the model, and a measured channel for each of its states",
     blind_to: "delays of inputs that move together; a model that does not describe the data",

@@ -1,7 +1,7 @@
 //! Time stamps as files write them: which column they stand in, in which unit they are, and dates.
 
+use crate::options::TimeUnit;
 use crate::place::neighbours;
-use crate::recording::TimeUnit;
 use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stats;
 
@@ -10,8 +10,9 @@ const COUNTED_FROM_FIRST: i128 = 100_000_000_000;
 /// Seconds since 1970 at the beginning of 2000 and of 2100: whole numbers between them are dates in seconds, and so on for thousandths.
 const DATES_S: std::ops::Range<f64> = 946_684_800.0..4_102_444_800.0;
 /// What a column of time may be called, lower case, its unit taken off.
-const NAMES: [&str; 23] = [
+const NAMES: [&str; 26] = [
     "time",
+    "__time",
     "timestamp",
     "time_stamp",
     "stamp",
@@ -34,6 +35,8 @@ const NAMES: [&str; 23] = [
     "zeitstempel",
     "uhrzeit",
     "datum",
+    "last_changed",
+    "last_updated",
 ];
 /// What stands in brackets behind a name of time and is no unit.
 const ZONES: [&str; 6] = ["utc", "gmt", "local", "gps", "cet", "iso"];
@@ -58,6 +61,12 @@ pub(super) fn named(name: &str, first: bool) -> Option<Option<TimeUnit>> {
     let name = name.trim().to_lowercase();
     if known(&name, first) {
         return Some(None);
+    }
+    // As autopilots write it.
+    if let Some(unit @ (TimeUnit::Ms | TimeUnit::Us | TimeUnit::Ns)) =
+        name.strip_prefix("time").and_then(unit)
+    {
+        return Some(Some(unit));
     }
     // `h` and `d` may be a height and a distance, `min` the least.
     if first && let Some(unit) = unit(&name).filter(|unit| !long(*unit) || name.len() > 3) {
@@ -164,6 +173,8 @@ pub(super) struct StampReader {
     whole: bool,
     /// Dates without a zone: the clocks may be changed among them.
     local: bool,
+    /// Dates with slashes, of which the day or the month comes first.
+    slashes: Option<Slashes>,
     /// Times of day without a date: the last one, and the midnights before it, nanoseconds.
     clock: Option<(i128, i128)>,
 }
@@ -178,13 +189,12 @@ impl StampReader {
     ) -> Option<f64> {
         let text = || std::str::from_utf8(cell).ok();
         if !self.started {
-            self.dates = unit == Some(TimeUnit::Iso)
+            self.dates = unit.is_some_and(TimeUnit::is_dates)
                 || (unit.is_none() && number(cell).is_none() && text().and_then(written).is_some());
-            self.local = self.dates && text().is_some_and(|t| date(t).is_some() && !zoned(t));
-            self.clock = text()
-                .filter(|t| self.dates && date(t).is_none())
-                .and_then(written)
-                .map(|ns| (ns, 0));
+            self.local = self.dates && text().is_some_and(|t| is_date(t) && !zoned(t));
+            self.slashes = text().filter(|_| self.dates).and_then(|t| Slashes::of(t, unit));
+            self.clock =
+                text().filter(|t| self.dates && !is_date(t)).and_then(written).map(|ns| (ns, 0));
             self.whole = true;
             self.started = true;
             let whole = |t: &str| {
@@ -196,6 +206,12 @@ impl StampReader {
                     || DATES_S.contains(&(*x as f64))
             };
             self.origin = first.filter(|x: &i128| self.dates || large(x));
+            if let Some(known) = self.slashes.as_ref().and_then(Slashes::known) {
+                self.origin = Some(known);
+            }
+        }
+        if let (Some(slashes), Some(origin)) = (&mut self.slashes, &mut self.origin) {
+            return slashes.read(text()?, origin).map(|ns| ns.saturating_sub(*origin) as f64);
         }
         let from = self.origin.unwrap_or(0);
         if self.dates {
@@ -211,6 +227,21 @@ impl StampReader {
             Some((whole, behind)) => Some(whole.saturating_sub(from) as f64 + behind),
             None => Some(x - from as f64),
         }
+    }
+
+    /// The last stamp was a date that may be read day first or month first.
+    pub(super) fn is_ambiguous(&self) -> bool {
+        self.slashes.as_ref().is_some_and(|slashes| slashes.ambiguous)
+    }
+
+    /// Stamps that are whole seconds so far, as this one is; `unit` where it is known.
+    pub(super) fn is_coarse(&self, raw: f64, unit: Option<TimeUnit>) -> bool {
+        let second = match unit {
+            Some(unit) => unit.per_second(),
+            None if self.dates => 1e9,
+            None => 1.0,
+        };
+        (self.dates || self.whole) && second >= 1.0 && raw % second == 0.0
     }
 
     /// A date, or a time of day, which goes on behind midnight.
@@ -245,7 +276,7 @@ impl StampReader {
     /// Where the stamps count from, as the end of a sentence; nothing where they are as written.
     pub(super) fn counted_from(&self, unit: TimeUnit) -> String {
         match self.origin {
-            Some(_) if unit == TimeUnit::Iso => ", counted from the first".to_owned(),
+            Some(_) if unit.is_dates() => ", counted from the first".to_owned(),
             Some(origin) if self.whole => format!(", counted from the first ({origin})"),
             Some(origin) => format!(", counted from {origin}"),
             None => String::new(),
@@ -306,7 +337,127 @@ fn zoned(text: &str) -> bool {
 
 /// A date, or a time of day alone.
 fn written(text: &str) -> Option<i128> {
-    date(text).or_else(|| clock_only(text))
+    date(text).or_else(|| Slashed::of(text)?.either()).or_else(|| clock_only(text))
+}
+
+/// Whether a cell is a date in any order of its parts.
+pub(super) fn is_date(text: &str) -> bool {
+    date(text).is_some() || Slashed::of(text).is_some_and(|s| s.either().is_some())
+}
+
+/// A date with slashes and the year behind: `3/5/2024`, `03/05/2024 10:00:00`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Slashed {
+    first: i128,
+    second: i128,
+    year: i128,
+    /// Since midnight.
+    clock_ns: Option<i128>,
+}
+
+impl Slashed {
+    fn of(text: &str) -> Option<Self> {
+        let text = text.trim();
+        let (day, clock) = match text.split_once(['T', ' ']) {
+            Some((day, clock)) => (day, Some(clock.trim())),
+            None => (text, None),
+        };
+        let mut parts = day.split('/');
+        let mut next = |least: usize, most: usize| {
+            let part = parts.next()?;
+            let digits = part.bytes().all(|b| b.is_ascii_digit());
+            (digits && (least..=most).contains(&part.len())).then(|| part.parse().ok())?
+        };
+        let (first, second, year) = (next(1, 2)?, next(1, 2)?, next(4, 4)?);
+        let clock_ns = clock.map(time_of_day);
+        if parts.next().is_some() || clock_ns == Some(None) {
+            return None;
+        }
+        Some(Self { first, second, year, clock_ns: clock_ns.flatten() })
+    }
+
+    /// Nanoseconds since 1970, the day first or the month.
+    fn read(&self, day_first: bool) -> Option<i128> {
+        let (day, month) =
+            if day_first { (self.first, self.second) } else { (self.second, self.first) };
+        let there = (1..=12).contains(&month) && (1..=31).contains(&day);
+        there.then(|| days(self.year, month, day) * DAY_NS + self.clock_ns.unwrap_or(0))
+    }
+
+    /// By the order that is possible, the day first where both are.
+    fn either(&self) -> Option<i128> {
+        self.read(true).or_else(|| self.read(false))
+    }
+}
+
+/// Which part of dates with slashes is the day, as far as the rows show it: a part above 12 does, and so does a midnight that only one order makes the next one.
+#[derive(Debug, Clone)]
+struct Slashes {
+    day_first: Option<bool>,
+    first: Slashed,
+    /// The stamp before.
+    last: Slashed,
+    ambiguous: bool,
+}
+
+impl Slashes {
+    fn of(text: &str, unit: Option<TimeUnit>) -> Option<Self> {
+        let first = Slashed::of(text).filter(|_| date(text).is_none())?;
+        let day_first = match unit {
+            Some(TimeUnit::Dmy) => Some(true),
+            Some(TimeUnit::Mdy) => Some(false),
+            _ => None,
+        };
+        Some(Self { day_first, first, last: first, ambiguous: false })
+    }
+
+    /// The first stamp, ns, where the order is given.
+    fn known(&self) -> Option<i128> {
+        self.first.read(self.day_first?)
+    }
+
+    /// Nanoseconds since 1970; `origin` is that of the first stamp, and moves where the order shows.
+    fn read(&mut self, text: &str, origin: &mut i128) -> Option<i128> {
+        let own = Slashed::of(text)?;
+        if self.day_first.is_none() {
+            self.day_first = self.shown(&own)?;
+            if let Some(day_first) = self.day_first {
+                *origin = self.first.read(day_first)?;
+            }
+        }
+        self.last = own;
+        match self.day_first {
+            Some(day_first) => own.read(day_first),
+            // The day of the first stamp still.
+            None => Some(*origin + own.clock_ns.unwrap_or(0) - self.first.clock_ns.unwrap_or(0)),
+        }
+    }
+
+    /// The order that a stamp shows; `Some(None)` while all are of one day, `None` where both are as likely.
+    fn shown(&mut self, own: &Slashed) -> Option<Option<bool>> {
+        let possible = [true, false].map(|day_first| {
+            Some((self.first.read(day_first)?, self.last.read(day_first)?, own.read(day_first)?))
+        });
+        let same = (own.first, own.second, own.year)
+            == (self.last.first, self.last.second, self.last.year);
+        match possible {
+            [Some(_), None] => Some(Some(true)),
+            [None, Some(_)] => Some(Some(false)),
+            [None, None] => None,
+            [Some(_), Some(_)] if same => Some(None),
+            [Some((_, day_before, day)), Some((_, month_before, month))] => {
+                let next = |before: i128, at: i128| (0..DAY_NS).contains(&(at - before));
+                match (next(day_before, day), next(month_before, month)) {
+                    (true, false) => Some(Some(true)),
+                    (false, true) => Some(Some(false)),
+                    _ => {
+                        self.ambiguous = true;
+                        None
+                    }
+                }
+            }
+        }
+    }
 }
 
 /// Nanoseconds since midnight of `HH:MM:SS`, with a fraction or AM or PM.
@@ -592,7 +743,7 @@ mod tests {
     #[test]
     fn a_change_of_the_clocks_moves_local_stamps_and_no_others() {
         use crate::csv::table::recording_from;
-        use crate::recording::ReadOptions;
+        use crate::options::ReadOptions;
         use rand::{RngExt, SeedableRng};
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(10);
         let day = |d: i128| d * 86_400;
@@ -636,7 +787,7 @@ mod tests {
     #[test]
     fn date_and_time_of_day_are_read_together_and_rows_written_twice_once() {
         use crate::csv::table::recording_from;
-        use crate::recording::ReadOptions;
+        use crate::options::ReadOptions;
         use rand::{RngExt, SeedableRng};
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
         for names in ["Date,Time", "date,time", "Datum,Uhrzeit", "Time,Date"] {
@@ -676,7 +827,7 @@ mod tests {
     #[test]
     fn rows_above_a_table_are_left_out_and_said() {
         use crate::csv::table::recording_from;
-        use crate::recording::ReadOptions;
+        use crate::options::ReadOptions;
         use rand::{RngExt, SeedableRng};
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(14);
         let above =
@@ -715,5 +866,46 @@ mod tests {
             said.to_string().contains("row 1") && said.to_string().contains("`Product`"),
             "{said}"
         );
+    }
+
+    #[test]
+    fn dates_with_slashes_are_read_by_the_order_that_they_show_or_refused() {
+        use crate::csv::table::recording_from;
+        use crate::options::ReadOptions;
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(51);
+        for _ in 0..300 {
+            let (day, month) = (rng.random_range(1..28_i64), rng.random_range(1..13_i64));
+            let day_first = rng.random_bool(0.5);
+            let (step, start) =
+                ([10, 60, 600][rng.random_range(0..3)], rng.random_range(0..86_400));
+            let rows = 120;
+            let padded = rng.random_bool(0.5);
+            let mut text = "time,u\n".to_owned();
+            for k in 0..rows {
+                let s = start + k * step;
+                let (d, s) = (day + s / 86_400, s % 86_400);
+                let (a, b) = if day_first { (d, month) } else { (month, d) };
+                let date =
+                    if padded { format!("{a:02}/{b:02}/2024") } else { format!("{a}/{b}/2024") };
+                text += &format!("{date} {:02}:{:02}:{:02},{k}\n", s / 3600, s / 60 % 60, s % 60);
+            }
+            let units = [None, Some(if day_first { TimeUnit::Dmy } else { TimeUnit::Mdy })];
+            for time_unit in units {
+                let options = ReadOptions { time_unit, ..ReadOptions::default() };
+                let log = recording_from("a.csv", text.as_bytes(), &options)
+                    .unwrap_or_else(|e| panic!("{e}\n{text}"))
+                    .into_log()
+                    .unwrap();
+                for (k, time_s) in log.time_s().iter().enumerate() {
+                    assert_eq!(*time_s, (k as i64 * step) as f64, "{text}");
+                }
+            }
+            // One row a day: both orders go on evenly or not, and none of them is shown.
+            let (a, b) = (1, rng.random_range(1..12));
+            let text = format!("time,u\n{a:02}/{b:02}/2024,1\n{a:02}/{:02}/2024,2\n", b + 1);
+            let said = recording_from("a.csv", text.as_bytes(), &ReadOptions::default());
+            assert!(said.unwrap_err().to_string().contains("`dmy` or `mdy`"), "{text}");
+        }
     }
 }

@@ -9,14 +9,14 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use super::clock::StampReader;
+use super::header::Header;
 use super::lines::{GZIP_MAGIC, LONGEST_LINE, Lines, Separator};
-use super::table::Header;
 use super::utf16::byte_order;
+use crate::channels::time_follows;
 use crate::error::{Error, LogError};
-use crate::log::time_follows;
+use crate::options::ReadOptions;
 use crate::place::Place;
 use crate::reader::regular;
-use crate::recording::ReadOptions;
 
 /// Bytes that are read at once.
 const CHUNK: u64 = 1 << 20;
@@ -255,6 +255,7 @@ impl Follower {
         }
         loop {
             match lines.next() {
+                Ok(true) if !header.wants(&lines) => {}
                 Ok(true) => match self.row(&lines, &header, &places) {
                     Ok(row) => self.take(row, &mut header, news),
                     Err(error) => news.push(News::Bad(error)),
@@ -295,7 +296,7 @@ impl Follower {
     /// Puts a row behind those before it, where its time allows it.
     fn take(&mut self, row: Row, header: &mut Header, news: &mut Vec<News>) {
         let raw = row.time_s;
-        if raw.abs() > crate::log::TIME_LIMIT_S {
+        if raw.abs() > crate::channels::TIME_LIMIT_S {
             news.push(News::Bad(LogError::TimeRange {
                 file: self.source.clone(),
                 place: Place::Row(row.row),

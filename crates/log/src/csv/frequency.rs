@@ -6,8 +6,9 @@ use std::path::Path;
 
 use nalgebra::Complex;
 
+use super::cell::{parse, shown};
 use super::lines::Lines;
-use super::table::{open, parse, shown};
+use super::table::open;
 use crate::error::{Error, LogError};
 use crate::frequency::{FrequencyError, FrequencyResponse, Quality};
 use crate::place::Place;

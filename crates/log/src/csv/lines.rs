@@ -29,6 +29,22 @@ pub(super) enum Separator {
 }
 
 impl Separator {
+    /// Names as a line that is cut into them.
+    fn joined(self, names: &[String]) -> Vec<u8> {
+        let line = match self {
+            Self::Byte(byte) => {
+                let quoted: Vec<String> =
+                    names.iter().map(|name| format!("\"{}\"", name.replace('"', "\"\""))).collect();
+                quoted.join(&char::from(byte).to_string())
+            }
+            Self::Blanks => {
+                let word = |name: &String| name.replace(' ', "_").replace("_[", " [");
+                names.iter().map(word).collect::<Vec<_>>().join(" ")
+            }
+        };
+        line.into_bytes()
+    }
+
     /// Whether a comma within a cell may be a decimal comma.
     pub(super) fn allows_decimal_comma(self) -> bool {
         self != Self::Byte(b',')
@@ -235,6 +251,21 @@ impl<'a> Lines<'a> {
         };
         self.ahead.extend(second);
         Ok(header)
+    }
+
+    /// Takes these names as the header of a file without one; false when the file holds nothing.
+    pub(super) fn named(&mut self, names: &[String]) -> Result<bool, Error> {
+        if !self.fetch_row()? {
+            return Ok(false);
+        }
+        let first = self.ahead();
+        let second = if self.fetch_row()? { Some(self.ahead()) } else { None };
+        self.separator = guess(&first.line, second.as_ref().map(|next| next.line.as_slice()));
+        let line = self.separator.joined(names);
+        self.ahead.push_back(first);
+        self.ahead.extend(second);
+        self.take(Ahead { row: 1, line, open: false })?;
+        Ok(true)
     }
 
     /// Takes the next line as the header in place of the one at hand; false at the end.

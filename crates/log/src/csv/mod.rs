@@ -3,16 +3,22 @@
 //! Lines are read and counted here rather than by the csv crate, whose positions are off behind blank lines and in files with CRLF line
 //! ends: the row in a message is the line that an editor shows. The csv crate takes apart lines with quotes.
 
+mod cell;
 pub(crate) mod clock;
+mod entities;
+pub(crate) mod events;
 pub(super) mod follow;
 pub(super) mod frequency;
+mod header;
+mod instances;
 mod lines;
 mod number;
+mod partial;
+mod sparse;
 pub(crate) mod table;
 mod utf16;
+mod write;
 
 pub use crate::header::name_and_unit;
-pub use table::{
-    EventTimes, read_events, read_events_from, read_from, read_records, read_records_from,
-    recording_from, records,
-};
+pub use events::{EventTimes, read_events, read_events_from};
+pub use table::{read_from, read_records, read_records_from, recording_from, records};

@@ -1,0 +1,360 @@
+//! Dead times of plants that integrate: P0DI and P1DI, and whether a record is of such a plant.
+//!
+//! Equation: (τ̂, θ̂) = argmin Σ (y(t) − ŷ(t))², ŷ = K/s·e^(−τs)·u or K/(s(1 + T₁s))·e^(−τs)·u, with a slope and a level for each record (see `integrator`).
+//! How it can be wrong: a stable plant whose time constant is as long as the record; a load that changes within the record, which bends what the slope keeps straight.
+
+use super::chain::Shape;
+use super::family::{CONTINUOUS, EDGE, Fitted, RESOLVED};
+use super::fit::Problem;
+use super::integrator::Integrator;
+use super::solved::Solved;
+use crate::error::LengthRemedy;
+use crate::estimate::{DelayEstimate, Misfit, Outcome};
+use crate::estimator::{NoDelay, PairMethod, PairRecords};
+use crate::finding::Finding;
+use crate::method::{Condition, Information, Method, ReferenceExperiment, Start, method_line};
+use crate::posterior;
+use deadtime_identify::{Initial, Record};
+use deadtime_signal::stats;
+use deadtime_signal::stop::Stop;
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
+/// The options of an integrating process model.
+///
+/// Inputs: u, held between its samples, and y on one even grid; every record has a level of its own, and all share one slope. Output: seconds, positive = y lags u.
+/// The hold's own sample is in the model: nothing is taken off the answer, whatever degree bias was assumed.
+///
+/// Assumes: a plant that integrates, in open loop, and noise that does not depend on the input.
+/// Resolution and cost: a fraction of a sample; one filter pass for each place of a coarse grid, and a dozen descents.
+/// Interval: 95 % by the covariance under the autoregression that the residuals are fitted with, Student's quantile.
+/// Fails when: the plant settles (`contradicted` where the residuals follow the input); outputs are missing (`not_applicable`); the load changes within the record (biased).
+/// Source: MATLAB `procest`, idproc models P0DI and P1DI, for the models; Ljung (1999), "System Identification", 2nd ed., section 9.4, for the covariance; Akaike (1974), IEEE
+/// Trans. Autom. Control 19(6), 716-723, doi:10.1109/TAC.1974.1100705, for the choice between them.
+///
+/// # Example
+/// ```
+/// use deadtime_delay::{DelayEstimator, Experiment, P0di, Search};
+/// use deadtime_signal::time::SampleTime;
+/// // A tank behind 0.43 s, its pump switched on and off.
+/// let u: Vec<f64> = (0..300).map(|k| f64::from(u8::from(k % 90 > 40))).collect();
+/// let mut y = vec![0.0; 300];
+/// for t in 6..300 {
+///     y[t] = y[t - 1] + 0.07 * u[t - 5] + 0.03 * u[t - 6];
+/// }
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
+/// let answer = P0di::default().estimate(&experiment, &Search::default())?;
+/// assert!((answer.delay_s.unwrap() - 0.43).abs() < 1e-3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Integrating {
+    /// Longest part of a record that is used, samples; default 50 000.
+    pub max_samples: usize,
+}
+
+impl Default for Integrating {
+    fn default() -> Self {
+        Self { max_samples: 50_000 }
+    }
+}
+
+/// The methods, one a line: type, line in the list, name, summary, time constant, model.
+macro_rules! integrating {
+    ($($type:ident, $line:ident, $name:literal, $summary:literal, $lag:literal, $model:literal;)+) => {$(
+        #[doc = $model]
+        #[doc = "\n\nOptions, assumptions and failures as [`Integrating`] has them."]
+        #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+        #[serde(transparent)]
+        pub struct $type(pub Integrating);
+
+        #[doc = $model]
+        pub(crate) const $line: Method = Method {
+            start: Start::Any,
+            reference: ReferenceExperiment::Process { poles: $lag as usize, zero: false },
+            information: Information::Response,
+            tolerance: 0.1,
+            withstands: &[Condition::ColouredNoise, Condition::Integrating],
+            needs: "open loop, a held input, a plant that integrates",
+            blind_to: "lag beyond its own: it takes it for dead time; a load that changes",
+            exempt: CONTINUOUS,
+            made_for: Some(Condition::Integrating),
+            ..method_line!($name, $summary, $type, Process)
+        };
+
+        impl PairMethod for $type {
+            fn pair(&self, pair: &PairRecords<'_>) -> Result<DelayEstimate, NoDelay> {
+                self.0.answer($name, $lag, pair)
+            }
+        }
+    )+};
+}
+
+integrating! {
+    P0di, P0DI, "p0di", "continuous model that integrates, fractional dead time", false, "K/s·e^(−τs).";
+    P1di, P1DI, "p1di", "continuous model that integrates behind one pole, fractional dead time", true, "K/(s(1 + T₁s))·e^(−τs).";
+}
+
+impl Integrating {
+    fn answer(
+        &self,
+        method: &'static str,
+        lag: bool,
+        pair: &PairRecords<'_>,
+    ) -> Result<DelayEstimate, NoDelay> {
+        let max_delay = pair.max_delay.max(1);
+        pair.at_least(method, max_delay + LEAST_ROWS, LengthRemedy::Window)?;
+        pair.measured_throughout("its rows are one sequence, without missing samples")?;
+        let (heads, note) = pair.heads(self.max_samples);
+        let records = owned(&heads);
+        let unseen = |reason: String| NoDelay::new(Outcome::NotVisible, reason);
+        let fit = Fit::of(&records, max_delay, lag).map_err(unseen)?;
+        let larger = if lag { None } else { Fit::of(&records, max_delay, true).ok() };
+        let outdone = larger.filter(|larger| larger.outdoes(&fit)).map(|_| {
+            "p1di fits better than its further parameters let expect: lag may be in its dead time"
+                .to_owned()
+        });
+        let estimate = fit.estimate(pair)?;
+        let left = outdone.or_else(|| fit.leaves(&records, max_delay).then(|| LEFT.to_owned()));
+        Ok(estimate.noting(note).contradicted(left))
+    }
+}
+
+/// Rows beyond the longest delay.
+const LEAST_ROWS: usize = 20;
+/// What is said of residuals that follow the input.
+const LEFT: &str = "the residuals still follow the input: a plant of another shape, whose lag may be in the dead time";
+
+fn owned(records: &[Record<'_>]) -> Vec<Record<'static>> {
+    records.iter().map(|r| Record::new(r.u.to_vec(), r.y.to_vec())).collect()
+}
+
+/// An integrating model of records.
+struct Fit {
+    solved: Solved,
+    poles: usize,
+    /// Samples that count under the colour of the residuals.
+    counting: f64,
+}
+
+impl Fit {
+    fn of(records: &[Record<'static>], max_delay: usize, lag: bool) -> Result<Self, String> {
+        let mean = stats::mean(records.iter().flat_map(|r| r.u.iter().copied())).unwrap_or(0.0);
+        let solved = Integrator { lag, records, max_delay, mean }.solve()?;
+        let poles = usize::from(lag);
+        let by_delay = solved.jacobian.get(poles).map_or(&[][..], Vec::as_slice);
+        let counting =
+            posterior::samples_under(by_delay, &solved.residual).min(solved.residual.len() as f64);
+        Ok(Self { solved, poles, counting })
+    }
+
+    fn cost(&self) -> f64 {
+        self.solved.residual.iter().map(|e| e * e).sum()
+    }
+
+    /// By Akaike's criterion: a lag that is left out is a bias, one too many a little scatter.
+    fn outdoes(&self, smaller: &Self) -> bool {
+        let more = self.solved.jacobian.len().saturating_sub(smaller.solved.jacobian.len());
+        let gain = smaller.counting * (smaller.cost() / self.cost().max(f64::MIN_POSITIVE)).ln();
+        gain > 2.0 * more as f64
+    }
+
+    /// The residuals visibly follow the input.
+    fn leaves(&self, records: &[Record<'static>], max_delay: usize) -> bool {
+        let mut rows = self.solved.residual.iter().copied();
+        let left: Vec<Record<'static>> = (records.iter().zip(&self.solved.lengths))
+            .map(|(r, length)| {
+                let y: Vec<f64> = rows.by_ref().take(*length).collect();
+                Record::new(r.u[r.len() - length..].to_vec(), y)
+            })
+            .collect();
+        let power: f64 = records.iter().flat_map(|r| r.y.iter()).map(|y| y * y).sum();
+        self.cost() > ROUNDING * power && posterior::unseen(&left, max_delay).is_none()
+    }
+
+    fn estimate(&self, pair: &PairRecords<'_>) -> Result<DelayEstimate, NoDelay> {
+        let Some(noise) = &self.solved.noise else {
+            return Err(NoDelay::new(
+                Outcome::Singular,
+                "the model cannot be evaluated at its own minimum; scale the channels",
+            ));
+        };
+        let delay = self.solved.values[self.poles];
+        let std = noise.covariance[(self.poles, self.poles)].max(0.0).sqrt().max(RESOLVED);
+        let freedom =
+            (self.solved.residual.len() as f64 - self.solved.jacobian.len() as f64).max(1.0);
+        let quantile =
+            StudentsT::new(0.0, 1.0, freedom).map_or(stats::NORMAL_95, |t| t.inverse_cdf(0.975));
+        let longest = pair.max_delay as f64;
+        let ends = [(delay - quantile * std).max(0.0), delay + quantile * std];
+        if ends[1] - ends[0] > 0.5 * longest.max(1.0) {
+            let note =
+                format!("delays from {:.1} to {:.1} samples fit equally well", ends[0], ends[1]);
+            return Err(NoDelay::new(Outcome::Flat, note));
+        }
+        let misfit = Misfit {
+            log_cost: self.cost().max(f64::MIN_POSITIVE).ln(),
+            counting: self.counting,
+            parameters: self.solved.jacobian.len(),
+        };
+        let estimate = pair.measured(delay, std, ends, delay >= longest - EDGE, 0.0);
+        Ok(DelayEstimate { misfit: Some(Box::new(misfit)), ..estimate })
+    }
+}
+
+/// Share of the output's power below which no error is told from rounding.
+const ROUNDING: f64 = 1e-18;
+/// Longest part of a record that is looked at.
+const LOOKED_AT: usize = 4000;
+
+/// The finding of a plant that integrates, in open loop: a model that integrates holds the record, and one of two poles whose time constants the record shows several times
+/// fits it worse by more than chance.
+///
+/// Equation: n·ln(Σe²(p2d)/Σe²(p1di)) ≥ the χ² point of two parameters, over the rows that both have; n counts the samples under the residuals' colour.
+/// How it can be wrong: a plant whose slowest time constant is as long as the record shows no difference and is taken for a stable one.
+pub(crate) fn integrates(records: &[Record<'_>], max_delay: usize) -> Option<Finding> {
+    let max_delay = max_delay.max(1);
+    let long = |r: &&Record<'_>| r.len() > max_delay + LEAST_ROWS;
+    if records.iter().any(|r| r.present.is_some()) || records.iter().filter(long).count() == 0 {
+        return None;
+    }
+    let heads: Vec<Record<'_>> = records.iter().filter(long).map(|r| r.head(LOOKED_AT)).collect();
+    let records = owned(&heads);
+    let fit = Fit::of(&records, max_delay, true).ok()?;
+    if fit.leaves(&records, max_delay) {
+        return None;
+    }
+    let settles = stable(&records, max_delay, &fit.solved.lengths)?;
+    let gain = fit.counting * (settles / fit.cost().max(f64::MIN_POSITIVE)).ln();
+    (gain > posterior::visible_gain(2, 1)).then(|| Finding {
+        condition: Condition::Integrating,
+        evidence: "the output keeps the sum of the input: no model that settles within the record fits it as well"
+            .to_owned()
+            .into(),
+    })
+}
+
+/// What the best stable model of two poles leaves of the last `lengths` samples of each record, Σ e²; the least of records from rest and of records in motion. None where it
+/// cannot be fitted.
+fn stable(records: &[Record<'static>], max_delay: usize, lengths: &[usize]) -> Option<f64> {
+    let shape = Shape { poles: 2, zero: false };
+    let mean = stats::mean(records.iter().flat_map(|r| r.u.iter().copied())).unwrap_or(0.0);
+    let stop = Stop::default();
+    let cost = |initial: Initial| -> Option<f64> {
+        let centred: Vec<Record<'static>> = records
+            .iter()
+            .map(|r| {
+                let resting = initial == Initial::Zero;
+                let off = if resting { r.u.first().copied().unwrap_or(0.0) } else { mean };
+                Record::new(r.u.iter().map(|u| u - off).collect::<Vec<f64>>(), r.y.to_vec())
+            })
+            .collect();
+        let problem =
+            Problem::new(shape, true, initial, &centred, max_delay, &stop).of_seen_poles();
+        let fitted = Fitted::of(problem, None).ok()?;
+        let residual = &fitted.knowledge.residual;
+        let every: usize = records.iter().map(Record::len).sum();
+        if residual.len() != every {
+            return None;
+        }
+        // With a start that is fitted the samples within the longest delay do not count.
+        let left_out = if initial == Initial::Estimated { max_delay } else { 0 };
+        let (mut from, mut cost) = (0, 0.0);
+        for (r, length) in records.iter().zip(lengths) {
+            from += r.len();
+            let counted = (*length).min(r.len() - left_out.min(r.len() - 1));
+            let squares: f64 = residual[from - counted..from].iter().map(|e| e * e).sum();
+            cost += squares * *length as f64 / counted as f64;
+        }
+        Some(cost)
+    };
+    [Initial::Zero, Initial::Estimated].into_iter().filter_map(cost).min_by(f64::total_cmp)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::asked::Job;
+    use crate::job::chosen::chosen;
+    use crate::method::Scope;
+    use crate::report::Pair;
+    use deadtime_log::{Channel, Log};
+    use rand::RngExt;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// A plant in steps of a tenth of a sample, each lag exact: an integrator behind a lag, or the lag alone; input, output and dead time.
+    fn drawn(seed: u64, integrates: bool) -> (Vec<f64>, Vec<f64>, f64) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let samples = rng.random_range(400..900_usize);
+        let lag: f64 = if seed % 2 == 0 { 0.0 } else { rng.random_range(2.0..12.0) };
+        let lag = if integrates { lag } else { lag + 4.0 };
+        let delay = rng.random_range(0..150_usize);
+        let (at, lasts) = (rng.random_range(40..120), rng.random_range(15..60));
+        let level = |k: usize| match seed % 3 {
+            0 => f64::from(u8::from(k >= at)),
+            1 if k < at => 0.0,
+            1 => [1.0, 0.0, -1.0, 0.0][((k - at) / lasts) % 4],
+            _ => [1.0, -1.0][(k / 11 + k / 17) % 2],
+        };
+        let u: Vec<f64> = (0..samples).map(level).collect();
+        let (mut x, mut sum, mut y) = (0.0, 0.0, Vec::with_capacity(samples));
+        let keeps = if lag > 0.0 { (-0.1 / lag).exp() } else { 0.0 };
+        for k in 0..samples {
+            y.push(if integrates { sum } else { x });
+            for i in 0..10 {
+                let input = (10 * k + i).checked_sub(delay).map_or(0.0, |t| u[t / 10]);
+                // The mean of the lag's output over the step is what is integrated.
+                let mean =
+                    if lag > 0.0 { input + (x - input) * lag / 0.1 * (1.0 - keeps) } else { input };
+                sum += 0.1 * mean;
+                x = keeps * x + (1.0 - keeps) * input;
+            }
+        }
+        let size = y.iter().fold(0.0, |m: f64, v| m.max(v.abs())) * rng.random_range(0.002..0.02);
+        for v in &mut y {
+            let e: f64 = StandardNormal.sample(&mut rng);
+            *v += size * e;
+        }
+        (u, y, 0.1 * delay as f64)
+    }
+
+    fn pair(u: Vec<f64>, y: Vec<f64>) -> Pair {
+        let time_s = (0..u.len()).map(|k| k as f64).collect();
+        let channels = vec![Channel::new("u", None, u), Channel::new("y", None, y)];
+        let log = Log::new("drawn", time_s, channels).unwrap();
+        let names = ["oestruc", "arxstruc", "p2d", "p0di", "p1di"].map(str::to_owned);
+        let methods = chosen(&names, &Default::default(), &[Scope::Pair]).unwrap();
+        Job { methods, ..Job::new(vec![log], ["u"], ["y"]) }.run().unwrap().pairs.remove(0)
+    }
+
+    fn says(pair: &Pair) -> bool {
+        pair.findings.iter().any(|f| f.condition == Condition::Integrating)
+    }
+
+    #[test]
+    fn an_integrating_plant_is_recognised_and_its_dead_time_held() {
+        let (mut held, mut said) = (0, 0);
+        for seed in 0..20 {
+            let (u, y, truth) = drawn(seed, true);
+            let pair = pair(u, y);
+            said += usize::from(says(&pair));
+            held += usize::from(pair.verdict.ci95_s.is_some_and(|[from, to]| {
+                from - 1e-6 <= truth && truth <= to + 1e-6 && to - from < 6.0
+            }));
+        }
+        assert!(said >= 18 && held >= 18, "{said} said and {held} held of 20");
+    }
+
+    #[test]
+    fn a_plant_that_settles_is_none() {
+        let said: Vec<u64> = (100..120)
+            .filter(|seed| {
+                let (u, y, _) = drawn(*seed, false);
+                says(&pair(u, y))
+            })
+            .collect();
+        assert!(said.is_empty(), "{said:?}");
+    }
+}

@@ -1,0 +1,493 @@
+//! How good the verdict of `deadtime estimate` is on drawn records of the kinds that engineers bring: one JSON object a line of rates, or of single records.
+//!
+//! `cargo run --release --package deadtime-lab --bin verdict_study -- [--each] DRAWS FIRST_SEED [KIND ...]`
+//!
+//! Plants are advanced by their matrix exponential over a twentieth of a sample, apart from the crate's own simulation; dead times are multiples of that, so that a held input
+//! changes between steps only.
+
+use std::error::Error;
+
+use deadtime::delay::Job;
+use deadtime::delay::report::Pair;
+use deadtime::log::{Channel, Log};
+use nalgebra::{SMatrix, SVector};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+/// Steps of a sample.
+const FINE: usize = 20;
+/// States of a plant at most.
+const STATES: usize = 4;
+/// Samples from which a jump is to be seen.
+const LEAST_JUMP: f64 = 2.0;
+
+/// ẋ = A·x + b·w, y = c·x + d·w, time in samples.
+struct Plant {
+    a: SMatrix<f64, STATES, STATES>,
+    b: SVector<f64, STATES>,
+    c: SVector<f64, STATES>,
+    d: f64,
+}
+
+impl Plant {
+    /// K(1 + zs)/Π(1 + Tᵢs), divided by s where it integrates.
+    fn lags(lags: &[f64], zero: f64, integrates: bool) -> Self {
+        let (mut a, mut b, mut c) = (SMatrix::zeros(), SVector::zeros(), SVector::zeros());
+        for (i, lag) in lags.iter().enumerate() {
+            a[(i, i)] = -1.0 / lag;
+            if i == 0 { b[0] = 1.0 / lag } else { a[(i, i - 1)] = 1.0 / lag }
+        }
+        let n = lags.len();
+        let mut d = 0.0;
+        if integrates {
+            // A pure integrator reads the input itself.
+            if n == 0 {
+                b[0] = 1.0
+            } else {
+                a[(n, n - 1)] = 1.0
+            }
+            c[n] = 1.0;
+        } else if n == 0 {
+            d = 1.0;
+        } else {
+            let last = lags[n - 1];
+            c[n - 1] = 1.0 - zero / last;
+            if n == 1 { d = zero / last } else { c[n - 2] = zero / last }
+        }
+        Self { a, b, c, d }
+    }
+
+    /// A pair of poles of this natural frequency, rad a sample, and damping.
+    fn resonance(frequency: f64, damping: f64) -> Self {
+        let mut plant =
+            Self { a: SMatrix::zeros(), b: SVector::zeros(), c: SVector::zeros(), d: 0.0 };
+        plant.a[(0, 1)] = 1.0;
+        plant.a[(1, 0)] = -frequency * frequency;
+        plant.a[(1, 1)] = -2.0 * damping * frequency;
+        plant.b[1] = frequency * frequency;
+        plant.c[0] = 1.0;
+        plant
+    }
+
+    /// From rest; `delay` in steps at a step's number.
+    fn respond(&self, u: &[f64], delay: impl Fn(usize) -> usize) -> Vec<f64> {
+        let mut whole = SMatrix::<f64, { STATES + 1 }, { STATES + 1 }>::zeros();
+        whole.view_mut((0, 0), (STATES, STATES)).copy_from(&self.a);
+        whole.view_mut((0, STATES), (STATES, 1)).copy_from(&self.b);
+        let step = (whole / FINE as f64).exp();
+        let mut x = SVector::<f64, { STATES + 1 }>::zeros();
+        let mut y = Vec::with_capacity(u.len());
+        for k in 0..u.len() {
+            for i in 0..FINE {
+                let at = k * FINE + i;
+                x[STATES] = at.checked_sub(delay(at)).map_or(0.0, |at| u[at / FINE]);
+                if i == 0 {
+                    // The output is read before the command of its sample acts.
+                    let before = at.checked_sub(delay(at) + 1).map_or(0.0, |at| u[at / FINE]);
+                    let direct = if delay(at) == 0 { x[STATES] } else { before };
+                    y.push(self.c.dot(&x.fixed_rows::<STATES>(0)) + self.d * direct);
+                }
+                let held = x[STATES];
+                x = step * x;
+                x[STATES] = held;
+            }
+        }
+        y
+    }
+}
+
+fn normal(rng: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(rng)
+}
+
+/// Levels that are held for some samples each: of two values, or of any.
+fn held(rng: &mut ChaCha8Rng, samples: usize, least: usize, most: usize, binary: bool) -> Vec<f64> {
+    let mut u = Vec::with_capacity(samples);
+    while u.len() < samples {
+        let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
+        let level = if binary { sign } else { normal(rng) };
+        let lasts = rng.random_range(least..=most).min(samples - u.len());
+        u.extend(std::iter::repeat_n(level, lasts));
+    }
+    u
+}
+
+/// Noise of this pole and standard deviation.
+fn noise(rng: &mut ChaCha8Rng, samples: usize, pole: f64, std: f64) -> Vec<f64> {
+    let (scale, mut e) = ((1.0 - pole * pole).sqrt(), 0.0);
+    (0..samples)
+        .map(|_| {
+            e = pole * e + scale * normal(rng);
+            std * e
+        })
+        .collect()
+}
+
+fn std_dev(x: &[f64]) -> f64 {
+    let mean = x.iter().sum::<f64>() / x.len() as f64;
+    (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / x.len() as f64).sqrt()
+}
+
+/// A record in samples, its dead time, and whether the delay jumps.
+struct Drawn {
+    u: Vec<f64>,
+    y: Vec<f64>,
+    truth: Option<f64>,
+    jumps: bool,
+}
+
+/// A plant of one to three lags, a zero on the left or a resonance, as most are.
+fn plant(rng: &mut ChaCha8Rng) -> Plant {
+    let mut lag = |most: f64| -> f64 { (rng.random_range(0.7_f64.ln()..most.ln())).exp() };
+    let (a, b, c) = (lag(20.0), lag(6.0), lag(3.0));
+    match rng.random_range(0..6) {
+        0 => Plant::lags(&[a], 0.0, false),
+        1 | 2 => Plant::lags(&[a, b], 0.0, false),
+        3 => Plant::lags(&[a, b, c], 0.0, false),
+        4 => Plant::lags(&[a, b], 0.7 * b.min(a), false),
+        _ => Plant::resonance(1.0 / a.max(2.0), rng.random_range(0.2..0.9)),
+    }
+}
+
+/// What moves it: random bits, held ones, slow levels.
+fn input(rng: &mut ChaCha8Rng, samples: usize) -> Vec<f64> {
+    match rng.random_range(0..4) {
+        0 => held(rng, samples, 1, 1, true),
+        1 => held(rng, samples, 2, 8, true),
+        2 => held(rng, samples, 3, 30, false),
+        _ => noise(rng, samples, 0.8, 1.0),
+    }
+}
+
+fn steps(rng: &mut ChaCha8Rng, most: f64) -> usize {
+    (rng.random_range(0.0..most) * FINE as f64).round() as usize
+}
+
+fn noisy(rng: &mut ChaCha8Rng, y: Vec<f64>, ratio: f64, pole: f64) -> Vec<f64> {
+    let std = std_dev(&y) / ratio.sqrt();
+    let e = noise(rng, y.len(), pole, std);
+    y.iter().zip(&e).map(|(y, e)| y + e).collect()
+}
+
+fn ratio(rng: &mut ChaCha8Rng) -> f64 {
+    [3.0, 10.0, 30.0, 100.0, 1000.0][rng.random_range(0..5)]
+}
+
+fn colour(rng: &mut ChaCha8Rng) -> f64 {
+    [0.0, 0.0, 0.5, 0.9][rng.random_range(0..4)]
+}
+
+fn stationary(
+    rng: &mut ChaCha8Rng,
+    plant: &Plant,
+    u: Vec<f64>,
+    delay: usize,
+    ratio: f64,
+    pole: f64,
+) -> Drawn {
+    let y = plant.respond(&u, |_| delay);
+    let y = noisy(rng, y, ratio, pole);
+    Drawn { u, y, truth: Some(delay as f64 / FINE as f64), jumps: false }
+}
+
+fn ordinary(rng: &mut ChaCha8Rng) -> Drawn {
+    let samples = rng.random_range(300..1200);
+    let (plant, u, delay) = (plant(rng), input(rng, samples), steps(rng, 15.0));
+    let (ratio, pole) = (ratio(rng), colour(rng));
+    stationary(rng, &plant, u, delay, ratio, pole)
+}
+
+/// Björklund's plants and inputs, with a dead time that is drawn.
+fn benchmark(rng: &mut ChaCha8Rng) -> Drawn {
+    let plant = match rng.random_range(0..3) {
+        0 => Plant::lags(&[10.0, 1.0], 0.0, false),
+        1 => Plant::lags(&[1.0, 0.1], 0.0, false),
+        _ => Plant::lags(&[10.0, 1.0 / 0.3, 1.0], 0.5, false),
+    };
+    let u = match rng.random_range(0..3) {
+        0 => held(rng, 500, 1, 1, true),
+        1 => held(rng, 500, 3, 10, true),
+        _ => (0..500)
+            .map(|k| {
+                if k < 50 {
+                    0.0
+                } else if (200..350).contains(&k) {
+                    -1.0
+                } else {
+                    1.0
+                }
+            })
+            .collect(),
+    };
+    let (delay, ratio) = (steps(rng, 15.0), [1.0, 100.0][rng.random_range(0..2)]);
+    stationary(rng, &plant, u, delay, ratio, 0.0)
+}
+
+fn inverse(rng: &mut ChaCha8Rng) -> Drawn {
+    let slow = rng.random_range(4.0..22.0);
+    let fast = slow * rng.random_range(0.15..0.6);
+    let plant = Plant::lags(&[slow, fast], -rng.random_range(0.4..1.2) * slow, false);
+    let samples = rng.random_range(700..1800);
+    let (u, delay) = (held(rng, samples, 1, 20, false), steps(rng, 15.0));
+    let ratio = [100.0, 1000.0][rng.random_range(0..2)];
+    stationary(rng, &plant, u, delay, ratio, 0.0)
+}
+
+fn slow(rng: &mut ChaCha8Rng) -> Drawn {
+    let plant = Plant::lags(&[rng.random_range(4.0_f64.ln()..6.0).exp()], 0.0, false);
+    let (u, delay) = (held(rng, 2000, 1, 60, true), steps(rng, 30.0));
+    let ratio = ratio(rng).max(30.0);
+    stationary(rng, &plant, u, delay, ratio, 0.0)
+}
+
+fn far(rng: &mut ChaCha8Rng) -> Drawn {
+    let samples = rng.random_range(700..2000_usize);
+    let (plant, u) = (plant(rng), held(rng, samples, 1, 8, true));
+    let delay = 36 * FINE + steps(rng, samples as f64 / 4.0 - 36.0);
+    let ratio = ratio(rng).max(10.0);
+    stationary(rng, &plant, u, delay, ratio, 0.0)
+}
+
+fn integrating(rng: &mut ChaCha8Rng) -> Drawn {
+    let lag = rng.random_range(1.0..15.0);
+    let lags: &[f64] = if rng.random::<bool>() { &[lag] } else { &[] };
+    let plant = Plant::lags(lags, 0.0, true);
+    let samples = rng.random_range(400..1200_usize);
+    let delay = steps(rng, 20.0);
+    let u = match rng.random_range(0..3) {
+        0 => {
+            let at = rng.random_range(40..samples / 3);
+            (0..samples).map(|k| f64::from(u8::from(k >= at))).collect()
+        }
+        1 => {
+            let (at, lasts) = (rng.random_range(40..samples / 3), rng.random_range(10..60));
+            (0..samples)
+                .map(|k| if k < at { 0.0 } else { [1.0, 0.0, -1.0, 0.0][((k - at) / lasts) % 4] })
+                .collect()
+        }
+        _ => held(rng, samples, 5, 30, true),
+    };
+    let y = plant.respond(&u, |_| delay);
+    let std = std_dev(&y) * [0.005, 0.02, 0.05][rng.random_range(0..3)];
+    let e = noise(rng, samples, 0.0, std);
+    let y = y.iter().zip(&e).map(|(y, e)| y + e).collect();
+    Drawn { u, y, truth: Some(delay as f64 / FINE as f64), jumps: false }
+}
+
+/// A delayed copy: two sensors of one signal. By the convention that the answer takes the dead time is a sample less.
+fn copy(rng: &mut ChaCha8Rng) -> Drawn {
+    let samples = rng.random_range(500..2000);
+    let (u, delay) = (noise(rng, samples, 0.5, 1.0), FINE * rng.random_range(1..20_usize));
+    let ratio = ratio(rng);
+    let mut drawn = stationary(rng, &Plant::lags(&[], 0.0, false), u, delay, ratio, 0.0);
+    drawn.truth = None;
+    drawn
+}
+
+fn direct(rng: &mut ChaCha8Rng) -> Drawn {
+    let lag = rng.random_range(2.0..20.0);
+    let plant = Plant::lags(&[lag], rng.random_range(0.2..3.0) * lag, false);
+    let samples = rng.random_range(500..1500);
+    let u = held(rng, samples, 1, 8, true);
+    let ratio = ratio(rng).max(30.0);
+    stationary(rng, &plant, u, 0, ratio, 0.0)
+}
+
+/// A motor whose friction holds it under a slow ramp, then a step.
+fn friction(rng: &mut ChaCha8Rng) -> Drawn {
+    let samples = rng.random_range(800..1500_usize);
+    let (lag, delay, holds) =
+        (rng.random_range(3.0..15.0), steps(rng, 8.0), rng.random_range(0.1..0.4));
+    let u: Vec<f64> = (0..samples)
+        .map(|k| {
+            let share = k as f64 / samples as f64;
+            if share < 0.5 {
+                2.0 * share
+            } else if share < 0.6 {
+                0.0
+            } else {
+                1.5
+            }
+        })
+        .collect();
+    let moved: Vec<f64> = u.iter().map(|u| (u - holds).max(0.0)).collect();
+    let mut drawn = stationary(rng, &Plant::lags(&[lag], 0.0, false), moved, delay, 1000.0, 0.0);
+    drawn.u = u;
+    drawn
+}
+
+fn sparse(rng: &mut ChaCha8Rng) -> Drawn {
+    let samples = rng.random_range(600..2000_usize);
+    let mut u = vec![0.0; samples];
+    for _ in 0..rng.random_range(2..6) {
+        let (at, lasts) = (rng.random_range(20..samples - 60), rng.random_range(3..40));
+        u[at..at + lasts].fill(rng.random_range(0.5..2.0));
+    }
+    let (plant, delay, ratio) = (plant(rng), steps(rng, 15.0), ratio(rng).max(30.0));
+    stationary(rng, &plant, u, delay, ratio, 0.0)
+}
+
+fn step(rng: &mut ChaCha8Rng) -> Drawn {
+    let samples = rng.random_range(200..800_usize);
+    let at = samples / 4;
+    let u = (0..samples).map(|k| f64::from(u8::from(k >= at))).collect();
+    let (plant, delay, ratio) = (plant(rng), steps(rng, 15.0), ratio(rng).max(100.0));
+    stationary(rng, &plant, u, delay, ratio, 0.0)
+}
+
+/// A lag in a loop with a proportional and integrating controller and a set point.
+fn looped(rng: &mut ChaCha8Rng) -> Drawn {
+    let samples = rng.random_range(800..2000);
+    let (lag, delay): (f64, usize) = (rng.random_range(5.0..20.0), rng.random_range(1..8));
+    let pole = (-1.0 / lag).exp();
+    let reference = held(rng, samples, 20, 80, false);
+    let (gain, integral) = (0.3 * lag / (delay as f64 + 2.0), 0.3 / (delay as f64 + 2.0));
+    let shade = colour(rng);
+    let e = noise(rng, samples, shade, 0.05);
+    let (mut x, mut sum): (f64, f64) = (0.0, 0.0);
+    let (mut u, mut y) = (Vec::with_capacity(samples), Vec::with_capacity(samples));
+    for k in 0..samples {
+        let before: f64 = k.checked_sub(delay + 1).map_or(0.0, |at| u[at]);
+        x = pole * x + (1.0 - pole) * before;
+        y.push(x + e[k]);
+        let off = reference[k] - y[k];
+        sum += integral * off;
+        u.push(gain * off + sum);
+    }
+    Drawn { u, y, truth: Some(delay as f64), jumps: false }
+}
+
+fn jump(rng: &mut ChaCha8Rng) -> Drawn {
+    let samples = rng.random_range(700..1500_usize);
+    let (plant, u) = (plant(rng), held(rng, samples, 1, 6, true));
+    let before = steps(rng, 12.0);
+    let by = FINE * rng.random_range(LEAST_JUMP..8.0) as usize;
+    let after = if before >= by && rng.random::<bool>() { before - by } else { before + by };
+    let at = FINE * rng.random_range(3 * samples / 10..7 * samples / 10);
+    let y = plant.respond(&u, |k| if k < at { before } else { after });
+    let ratio = ratio(rng).max(30.0);
+    let y = noisy(rng, y, ratio, 0.0);
+    Drawn { u, y, truth: None, jumps: true }
+}
+
+type Kind = (&'static str, fn(&mut ChaCha8Rng) -> Drawn);
+
+const KINDS: [Kind; 13] = [
+    ("ordinary", ordinary),
+    ("benchmark", benchmark),
+    ("inverse", inverse),
+    ("slow", slow),
+    ("far", far),
+    ("integrating", integrating),
+    ("copy", copy),
+    ("direct", direct),
+    ("friction", friction),
+    ("sparse", sparse),
+    ("step", step),
+    ("loop", looped),
+    ("jump", jump),
+];
+
+/// The method that the verdict is held against.
+const AGAINST: &str = "oe_posterior";
+
+/// What was answered of one record, in samples.
+fn answered(drawn: &Drawn) -> Result<Pair, Box<dyn Error + Send + Sync>> {
+    let time_s = (0..drawn.u.len()).map(|k| k as f64).collect();
+    let channels =
+        vec![Channel::new("u", None, drawn.u.clone()), Channel::new("y", None, drawn.y.clone())];
+    let log = Log::new("drawn", time_s, channels)?;
+    let mut report = Job::new(vec![log], ["u"], ["y"]).run()?;
+    Ok(report.pairs.remove(0))
+}
+
+/// One record as a JSON object: truth, verdict and every method's answer.
+fn single(kind: &str, seed: u64, drawn: &Drawn, pair: &Pair) -> Value {
+    let estimates: Vec<Value> = pair
+        .estimates
+        .iter()
+        .map(|e| {
+            json!({
+                "m": e.method, "class": format!("{:?}", e.class), "o": format!("{:?}", e.outcome), "d": e.delay_s,
+                "std": e.std_s, "ci": e.ci95_s, "raw": e.raw_delay_s, "bias": e.degree_bias_samples,
+                "pred": e.predicted_std_s, "counts": e.counts(), "contra": e.contradicted,
+                "distrust": e.distrust.iter().map(|c| format!("{c:?}")).collect::<Vec<_>>(), "t": e.time_s,
+            })
+        })
+        .collect();
+    json!({
+        "kind": kind, "seed": seed, "n": drawn.u.len(), "truth": drawn.truth, "jumps": drawn.jumps,
+        "delay": pair.verdict.delay_s, "ci": pair.verdict.ci95_s, "why": pair.verdict.why,
+        "moving": pair.moving.is_some(), "agree": pair.verdict.grounds.agree,
+        "findings": pair.findings.iter().map(|f| format!("{:?}", f.condition)).collect::<Vec<_>>(),
+        "estimates": estimates,
+    })
+}
+
+/// The median; none of nothing.
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+fn rms(errors: &[f64]) -> Option<f64> {
+    (!errors.is_empty())
+        .then(|| (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt())
+}
+
+/// The rates of a kind.
+fn rates(kind: &str, records: &[(Drawn, Pair)]) -> Value {
+    let (mut errors, mut against, mut widths, mut held) = (Vec::new(), Vec::new(), Vec::new(), 0);
+    for (drawn, pair) in records {
+        let Some(truth) = drawn.truth else { continue };
+        let (Some(delay), Some([from, to])) = (pair.verdict.delay_s, pair.verdict.ci95_s) else {
+            continue;
+        };
+        held += usize::from(from - 1e-6 <= truth && truth <= to + 1e-6);
+        widths.push(to - from);
+        let other = pair.estimates.iter().find(|e| e.method == AGAINST).and_then(|e| e.delay_s);
+        if let Some(other) = other {
+            errors.push(delay - truth);
+            against.push(other - truth);
+        }
+    }
+    let moving = records.iter().filter(|(_, p)| p.moving.is_some()).count();
+    let jumping = records.iter().filter(|(d, _)| d.jumps).count();
+    json!({
+        "kind": kind, "records": records.len(), "answered": widths.len(), "held": held,
+        "rms_samples": rms(&errors), "rms_of_oe_posterior": rms(&against), "width_samples": median(widths),
+        "jumps": jumping, "said_to_move": moving,
+    })
+}
+
+fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
+    let mut arguments: Vec<String> = std::env::args().skip(1).collect();
+    let each =
+        arguments.iter().position(|a| a == "--each").map(|at| arguments.remove(at)).is_some();
+    let draws: u64 = arguments.first().map_or(Ok(10), |a| a.parse())?;
+    let first: u64 = arguments.get(1).map_or(Ok(1), |a| a.parse())?;
+    let asked = arguments.get(2..).unwrap_or_default();
+    for (kind, draw) in
+        KINDS.iter().filter(|(k, _)| asked.is_empty() || asked.iter().any(|a| a == k))
+    {
+        let one = |seed: u64| {
+            let drawn = draw(&mut ChaCha8Rng::seed_from_u64(seed));
+            let pair = answered(&drawn)?;
+            if each {
+                println!("{}", single(kind, seed, &drawn, &pair));
+            }
+            Ok((drawn, pair))
+        };
+        let records: Result<Vec<_>, Box<dyn Error + Send + Sync>> =
+            (first..first + draws).into_par_iter().map(one).collect();
+        let records = records?;
+        if !each {
+            println!("{}", rates(kind, &records));
+        }
+    }
+    Ok(())
+}
