@@ -35,7 +35,9 @@ impl Identify {
             (Some(structure), Some(identified)) => {
                 self.matched.run((&self.common, &self.structured.free), structure, identified, to)
             }
-            (Some(structure), None) => self.structured.run((&self.common, &self.reading), structure, to),
+            (Some(structure), None) => {
+                self.structured.run((&self.common, &self.reading), structure, to)
+            }
             (None, _) => self.linear.run((&self.common, &self.reading), to),
         }
     }

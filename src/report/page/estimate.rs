@@ -198,8 +198,11 @@ fn data(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> Value {
                 "delay_s": pair.verdict.delay_s,
             }))
         };
-        let name =
-            if logs.len() > 1 { format!("record {}", at + 1) } else { base(log.source()).to_owned() };
+        let name = if logs.len() > 1 {
+            format!("record {}", at + 1)
+        } else {
+            base(log.source()).to_owned()
+        };
         json!({ "name": name, "bucket": thinning.bucket(), "time": thinning.times(&time_s), "pairs": pairs.iter().filter_map(one).collect::<Vec<Value>>() })
     };
     let tracks: Vec<Value> = report

@@ -473,8 +473,7 @@ impl Alike {
             return Err(NoDelay::new(Outcome::NotApplicable, note));
         }
         let Some(fraction) = self.fraction else {
-            let note =
-                "the correlation has no peak: the input is almost constant where the output can answer";
+            let note = "the correlation has no peak: the input is almost constant where the output can answer";
             return Err(NoDelay::new(Outcome::NotRichEnough, note));
         };
         let raw = real(self.lag) + fraction;

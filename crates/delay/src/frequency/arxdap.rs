@@ -69,7 +69,8 @@ impl PairMethod for Arxdap {
         pair.at_least(NAME, needed, LengthRemedy::WindowOr("set smaller na and nb"))?;
         let ahead: Vec<Record> = records.iter().map(|r| r.ahead(bias)).collect();
         let Some(solution) = regression.factor(&ahead).solve() else {
-            let note = "the input is almost constant in the rows used, or too many outputs are missing";
+            let note =
+                "the input is almost constant in the rows used, or too many outputs are missing";
             return Err(NoDelay::new(Outcome::NotRichEnough, note));
         };
         // Columns that repeat the past outputs are no fault of the input; those that repeat each other are.

@@ -186,7 +186,8 @@ pub(super) fn answer(
     pair: &PairRecords,
 ) -> Result<DelayEstimate, NoDelay> {
     if scan.input_rank.iter().all(|&r| r == 0) {
-        let note = "past outputs explain every lag of the input: it is almost constant in the rows used";
+        let note =
+            "past outputs explain every lag of the input: it is almost constant in the rows used";
         return Err(NoDelay::new(Outcome::NotRichEnough, note));
     }
     let (Some(minimum), Some(posterior)) = (

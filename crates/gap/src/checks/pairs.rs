@@ -107,10 +107,8 @@ impl Said {
             self.found.push(result(CheckKind::Unit, ALL, Some(true), finding));
         }
         if !self.untold.is_empty() {
-            let finding = format!(
-                "undecided whether sensors go with each other: {}",
-                self.untold.join("; ")
-            );
+            let finding =
+                format!("undecided whether sensors go with each other: {}", self.untold.join("; "));
             self.found.push(result(CheckKind::Unit, ALL, None, finding));
         }
         self.found

@@ -50,7 +50,9 @@ impl fmt::Display for Stage {
             Self::Screening(candidates) => write!(f, "screening {candidates} candidates"),
             Self::Fitting => f.write_str("fitting the best candidates"),
             Self::Pairing => f.write_str("searching pairs"),
-            Self::Refitting(_) => f.write_str("refitting under the noise of the leading candidates"),
+            Self::Refitting(_) => {
+                f.write_str("refitting under the noise of the leading candidates")
+            }
             Self::Longer => f.write_str("a delay may be longer: searching again"),
             Self::Judging => f.write_str("judging"),
             Self::Composing(0) => f.write_str("searching several causes"),

@@ -414,7 +414,10 @@ fn forgetting(record: &LogRecord, responses: &[Response], found: &mut Probed) ->
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
     found.why = if growth > GROWS {
         found.caveats.push(Caveat::Grows { factor: format!("{growth:.0}") });
-        format!("{can}; a perturbation of the initial state grows {growth:.0}-fold over {}", record.name)
+        format!(
+            "{can}; a perturbation of the initial state grows {growth:.0}-fold over {}",
+            record.name
+        )
     } else if left > LEFT {
         found
             .caveats
