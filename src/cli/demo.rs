@@ -10,7 +10,7 @@ use super::show::write_json;
 use crate::report::folder::{save, save_study};
 use crate::report::study::overview;
 use crate::report::terminal::delay::brief;
-use crate::report::terminal::diagnosis;
+use crate::report::terminal::short_diagnosis;
 use deadtime_delay::{Class, Job, METHODS, Method, Scope};
 use deadtime_gap::{GapOptions, diagnose};
 use deadtime_log as log;
@@ -116,7 +116,7 @@ impl Demo {
         });
         drop(bar);
         let found = found?.worded(option);
-        to.styled(&diagnosis(&found))?;
+        to.styled(&short_diagnosis(&found))?;
         save(&found, &self.out)?;
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::log::number;
 use deadtime_gap::{Check, Inspection};
 
 /// What `deadtime check` says: the logs and what is wrong with them, then every check, what needs a look first.
@@ -9,9 +10,10 @@ use deadtime_gap::{Check, Inspection};
 pub fn text(found: &Inspection) -> String {
     let mut text = String::new();
     for log in &found.logs {
-        let every = log
-            .sample_time_s
-            .map_or_else(|| "unevenly sampled".to_owned(), |ts| format!("one every {ts} s"));
+        let every = log.sample_time_s.map_or_else(
+            || "unevenly sampled".to_owned(),
+            |ts| format!("one every {} s", number(ts)),
+        );
         let usable = log.channels.iter().filter(|c| c.ok).count();
         let _ = writeln!(
             text,
@@ -44,8 +46,12 @@ pub fn text(found: &Inspection) -> String {
             {
                 let _ = writeln!(
                     text,
-                    "{name}: {} stamps, {middle:.4e} s apart; 90 % of the steps {low:.4e} s to {high:.4e} s, the longest {longest:.4e} s",
-                    topic.samples
+                    "{name}: {} stamps, {} s apart; 90 % of the steps {} s to {} s, the longest {} s",
+                    topic.samples,
+                    number(middle),
+                    number(low),
+                    number(high),
+                    number(longest)
                 );
             }
         }

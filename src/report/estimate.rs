@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use super::log::number;
 use super::standing::{Standing, reason};
 use super::text::{Table, delay, delay_cells, deviation, seconds};
 use deadtime_delay::report::{Bias, Estimate, Pair, Report, Searched};
@@ -72,7 +73,7 @@ pub fn preamble(report: &Report) -> String {
             let caveat = if *early_s > 0.0 { early() } else { String::new() };
             format!(
                 "{name}: {samples} samples{records}, one every {} s; searched 0 to {until:.4} s; {bias}{caveat}",
-                report.sample_time_s
+                number(report.sample_time_s)
             )
         }
         Searched::Events { counts, interval_s } => {
@@ -215,7 +216,8 @@ pub fn warning(pair: &Pair, sample_time_s: f64) -> Option<String> {
     let poor = |std_s: f64| {
         let std = deviation(Some(std_s));
         format!(
-            "poor excitation: the predicted standard deviation is {std} s, so delays one sample ({sample_time_s} s) apart are barely distinguishable"
+            "poor excitation: the predicted standard deviation is {std} s, so delays one sample ({} s) apart are barely distinguishable",
+            number(sample_time_s)
         )
     };
     let off = |count: usize| {

@@ -95,7 +95,7 @@ fn course(channel: &ChannelListing) -> String {
 }
 
 /// Six digits, powers of ten where they are shorter.
-fn number(x: f64) -> String {
+pub(super) fn number(x: f64) -> String {
     let rounded: f64 = format!("{x:.5e}").parse().unwrap_or(x);
     let size = rounded.abs();
     if size == 0.0 {

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use serde_json::{Value, json};
 
 use super::identify::seconds;
+use super::structured::digits;
 use super::text::Table;
 use deadtime_identify::response::{Point, Responses};
 
@@ -113,8 +114,8 @@ pub(super) fn table(points: &[Point]) -> Table {
         );
         table.row(vec![
             format!("{:.4}", hz(p)),
-            format!("{:.4e}", p.gain()),
-            format!("[{low:.3e}, {high:.3e}]"),
+            digits(p.gain()),
+            format!("[{}, {}]", digits(low), digits(high)),
             format!("{:.1}", p.phase_rad().to_degrees()),
             phase,
             format!("{:.3}", p.coherence),

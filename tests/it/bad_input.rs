@@ -54,7 +54,7 @@ fn refused(text: &str, more: &[&str], says: &[&str]) -> String {
 fn the_good_log_that_the_bad_ones_are_made_from_is_fine() {
     let folder = Folder::new();
     let log = folder.write("log.csv", &good(400));
-    assert!(estimate(&log, &[]).words().contains("Believe a dead time of 0.2"));
+    assert!(estimate(&log, &[]).words().contains("Dead time 0.2"));
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn nan_and_infinity_name_row_and_channel() {
         refused(&with_row(&good(400), 100, &format!("{nothing},1,1")), &[], &["row 100", "`time`"]);
         let folder = Folder::new();
         let log = folder.write("log.csv", &with_row(&good(400), 100, &format!("9.8,1,{nothing}")));
-        assert!(estimate(&log, &[]).words().contains("Believe a dead time of 0.2"), "{nothing}");
+        assert!(estimate(&log, &[]).words().contains("Dead time 0.2"), "{nothing}");
     }
     for bad in ["inf", "-inf", "Infinity", "1e999"] {
         refused(
@@ -149,7 +149,7 @@ fn time_that_runs_back_offers_records_and_the_offer_works() {
     let folder = Folder::new();
     let log = folder.write("two.csv", &two);
     let out = estimate(&log, &["--records", "run"]).words();
-    assert!(out.contains("in 2 records") && out.contains("Believe a dead time of 0.2"), "{out}");
+    assert!(out.contains("in 2 records") && out.contains("Dead time 0.2"), "{out}");
     estimate(&log, &["--records", "runn"]).refused(&["`runn`", "did you mean `run`"]);
 }
 
@@ -174,7 +174,7 @@ fn uneven_time_offers_resample_and_the_offer_works() {
     let folder = Folder::new();
     let log = folder.write("uneven.csv", &text);
     let out = estimate(&log, &["--resample", &offered]).words();
-    assert!(out.contains("Believe a dead time of"), "{out}");
+    assert!(out.contains("Dead time 0"), "{out}");
     for bad in ["0", "-1", "NaN", "inf"] {
         estimate(&log, &[&format!("--resample={bad}")]).refused(&["sample time", "above 0"]);
     }
@@ -231,18 +231,18 @@ fn a_log_too_short_for_some_methods_still_answers_by_the_others() {
             && out.contains("--max-delay"),
         "{out}"
     );
-    assert!(out.contains("Believe a dead time of 0.2"), "{out}");
+    assert!(out.contains("Dead time 0.2"), "{out}");
     let tiny = folder.write("tiny.csv", &good(20));
     let short = estimate(&tiny, &["--max-delay", "1.8"]).words();
     assert!(
-        short.contains("Believe none of it") && short.contains("20 samples are too few"),
+        short.contains("No trusted dead time") && short.contains("20 samples are too few"),
         "{short}"
     );
     let out = estimate(&tiny, &["--max-delay", "1.8", "--full"]).words();
     for method in ["oestruc", "arxstruc", "threshold_step"] {
         assert!(out.contains(&format!("{method}: too few samples")), "{out}");
     }
-    assert!(out.contains("Believe none of it"), "{out}");
+    assert!(out.contains("No trusted dead time"), "{out}");
     let single = folder.write("single.csv", &good(1));
     estimate(&single, &[]).refused(&["single.csv", "1 samples", "at least 2"]);
 }
@@ -265,7 +265,7 @@ fn missing_cells_are_refused_in_an_input_and_taken_in_an_output() {
     }
     let log = folder.write("gaps.csv", &text);
     let out = estimate(&log, &[]).words();
-    assert!(out.contains("Believe a dead time of 0.2"), "{out}");
+    assert!(out.contains("Dead time 0.2"), "{out}");
     let rows: Vec<String> =
         good(300).lines().skip(1).map(|l| l.rsplit_once(',').unwrap().0.to_owned() + ",").collect();
     refused(&format!("time,u,y\n{}\n", rows.join("\n")), &[], &["`y`", "no sample in any row"]);
@@ -486,8 +486,7 @@ fn three_million_rows_are_answered() {
         clock.elapsed().as_secs_f64()
     );
     assert!(
-        out.contains("3000000 samples, one every 1 s")
-            && out.contains("Believe a dead time of 3.00 s"),
+        out.contains("3000000 samples, one every 1 s") && out.contains("Dead time 3.00 s"),
         "{out}"
     );
 }
@@ -499,8 +498,7 @@ fn oestruc_says_how_much_of_a_long_log_it_used() {
     long(&log, 3000);
     let out = estimate(&log, &["--method", "oestruc", "--set", "oestruc.max_samples=1000"]).words();
     assert!(
-        out.contains("used the first 1000 of 3000 samples")
-            && out.contains("Believe a dead time of 3.00 s"),
+        out.contains("used the first 1000 of 3000 samples") && out.contains("Dead time 3.00 s"),
         "{out}"
     );
     let all = estimate(&log, &["--method", "oestruc"]).words();

@@ -248,8 +248,7 @@ fn the_command_line_reads_two_columns_of_event_times() {
         assert!(out.contains(method.entry.name), "{out}");
     }
     assert!(
-        out.contains("40 events of `entry` and 38 of `exit`")
-            && out.contains("Believe a dead time of 2.5"),
+        out.contains("40 events of `entry` and 38 of `exit`") && out.contains("Dead time 2.5"),
         "{out}"
     );
     assert!(!out.contains("oestruc"), "{out}");

@@ -350,11 +350,7 @@ mod program {
             json.to_str().unwrap(),
         ])
         .words();
-        assert!(
-            said.contains("Believe a dead time of 0.05")
-                || said.contains("Believe a dead time of 0.049"),
-            "{said}"
-        );
+        assert!(said.contains("Dead time 0.05") || said.contains("Dead time 0.049"), "{said}");
         assert!(
             said.contains("`magnitude [dB]` as magnitude (dB), `phase [deg]` as phase (deg), `coherence` as squared coherence"),
             "{said}"

@@ -43,6 +43,8 @@ fn the_model_of_a_log_simulates_the_log() {
             "--json",
             text(&json),
             "--continuous",
+            "--method",
+            "pbsidopt",
         ],
     )
     .done();
@@ -65,6 +67,47 @@ fn the_model_of_a_log_simulates_the_log() {
         .unwrap();
     // From the model's own start, which is not the log's.
     assert!(nrmse < 0.15, "{said}");
+}
+
+#[test]
+fn without_a_method_all_are_compared_and_the_simplest_good_one_is_kept() {
+    let folder = Folder::new();
+    let data = folder.write("log.csv", &log(800, |k| k as f64 / 10.0));
+    let json = folder.path("model.json");
+    let words = ["--input", "u", "--output", "y", "--json", text(&json)];
+    let said = identify(&data, &words).done();
+    assert!(
+        said.contains("Compared on validation data") && said.contains("No model file"),
+        "{said}"
+    );
+    let found: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+    let tried = found["compared"]["candidates"].as_array().unwrap();
+    let chosen: Vec<&Value> = tried.iter().filter(|c| c["chosen"] == true).collect();
+    let [chosen] = chosen[..] else { panic!("{tried:?}") };
+    assert_eq!(chosen["method"], found["method"]);
+    assert!(chosen["parameters"].as_u64().unwrap() <= 4, "{chosen}");
+    assert!((chosen["dead_time_s"][0].as_f64().unwrap() - 0.3).abs() <= 0.05, "{chosen}");
+    for kind in ["pbsidopt", "riv", "p1d"] {
+        assert!(tried.iter().any(|c| c["method"] == kind), "{kind}: {tried:?}");
+    }
+}
+
+#[test]
+fn names_of_other_tools_lead_to_the_method_or_say_which_command_answers() {
+    let folder = Folder::new();
+    let data = folder.write("log.csv", &log(400, |k| k as f64 / 10.0));
+    let words = ["--input", "u", "--output", "y", "--method"];
+    for (name, method) in [("tfest", "riv"), ("OE", "riv"), ("arx", "pbsidopt")] {
+        let run = identify(&data, &[&words[..], &[name]].concat());
+        assert!(run.stderr.contains(&format!("{method} is used")), "{}", run.stderr);
+        assert!(run.done().starts_with(method), "{name}");
+    }
+    for (name, instead) in
+        [("procest", "p1d"), ("delayest", "deadtime estimate"), ("spa", "deadtime response")]
+    {
+        identify(&data, &[&words[..], &[name]].concat()).refused(&[name, instead]);
+    }
+    identify(&data, &[&words[..], &["p1s"]].concat()).refused(&["did you mean `p1d`"]);
 }
 
 /// The simulated output of `model` on `data`, as `simulate` writes it.
@@ -119,7 +162,9 @@ fn process_models_and_transfer_functions_make_files_that_simulate_the_machine() 
             !found["parameters"].as_array().unwrap().is_empty() && found["structure"].is_string(),
             "{found}"
         );
-        assert!(std::fs::read_to_string(&page).unwrap().contains("Its numbers"));
+        assert!(
+            std::fs::read_to_string(&page).unwrap().contains("Parameters, with 95 % intervals")
+        );
         let y = simulated(&folder, &model, &data);
         // The file starts at its operating point, which is the mean, and not at rest: after ten time constants that is forgotten.
         let far = y.iter().zip(&machine).skip(350).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);

@@ -321,7 +321,7 @@ fn the_page_of_an_estimate_holds_its_curves_and_every_method() {
     elements(&page);
     let read = read(&page);
     for part in [
-        "Believe a dead time of",
+        "Dead time",
         "arxstruc",
         "oestruc",
         "threshold",

@@ -508,7 +508,7 @@ def test_equal_calls_are_made_once() -> None:
 def test_progress_is_told_and_its_exceptions_end_the_work() -> None:
     told: list[tuple[float, str]] = []
     diagnosed(biased, progress=lambda share, words: told.append((share, words)))
-    assert told[0][1] == "simulating the model as it is" and told[-1] == (0.95, "putting the answer together")
+    assert told[0][1] == "simulating the model as it is" and told[-1] == (0.95, "writing the answer")
     assert all(0.0 <= share <= 1.0 for share, _ in told)
 
     class Enough(Exception):

@@ -80,6 +80,8 @@ pub fn diagnose<'a>(
         let (logs, holdout) = (subject.completed(logs)?, subject.completed(holdout)?);
         let parts = Parts::of(&logs, &holdout, options.rows)?;
         let simulator = Simulator::of(subject, &parts.logs, &options.stop)?;
+        let rows = parts.logs.iter().map(Log::len).sum();
+        must_end_in_time(&simulator.system, rows, options)?;
         let mut found =
             in_stages(subject, &simulator, &parts.logs, &parts.holdout, options, progress)?;
         let later = match (subject, &found.model, found.diagnosis.prediction.mode) {
@@ -301,7 +303,6 @@ fn in_stages(
     if !options.effects.is_empty() {
         candidates.retain(|c| options.effects.iter().any(|name| name == c.effect.name()));
     }
-    must_end_in_time(system, &inputs.training, candidates.len(), options.longest_run_s)?;
     scales.scanned = scanned(&likelihood, &candidates, &scales);
     let Searched { likelihood, found } = search(
         likelihood,

@@ -29,6 +29,14 @@ pub fn verdict(d: &Diagnosis) -> Styled {
     text
 }
 
+/// What to fix first, the cause, the reduction on held-out data, the residual, the next experiment; no table.
+#[must_use]
+pub fn short_diagnosis(found: &Diagnosed) -> Styled {
+    let mut text = Styled::default();
+    lines(found).iter().take_while(|l| l.label != Label::Gap).for_each(|l| line(&mut text, l));
+    text
+}
+
 /// The answer, size and place of the gap, and the causes with their shares. No line is wider than 80 columns.
 #[must_use]
 pub fn diagnosis(found: &Diagnosed) -> Styled {

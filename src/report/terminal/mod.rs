@@ -5,4 +5,4 @@ pub(crate) mod delay;
 mod gap;
 
 pub use delay::{brief, short};
-pub use gap::{diagnosis, verdict};
+pub use gap::{diagnosis, short_diagnosis, verdict};

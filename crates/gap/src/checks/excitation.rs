@@ -83,11 +83,11 @@ fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) 
     let mut ok = true;
     if let Some(slowest) = view.time_constants_s.last().copied() {
         let changes = changes(u, slowest / view.sample_time_s());
-        says.push(format!(
-            "the model's time constants are {} to {} s",
-            short(view.time_constants_s[0]),
-            short(slowest)
-        ));
+        let [fast, slow] = [view.time_constants_s[0], slowest].map(short);
+        says.push(match fast == slow {
+            true => format!("the model's time constant is {slow} s"),
+            false => format!("the model's time constants are {fast} to {slow} s"),
+        });
         if changes < CHANGES {
             ok = false;
             says.push(

@@ -3,8 +3,9 @@
 //! How it can be wrong: the estimate counts operations of one thread at a rate that was measured once, and a search that stops early or composes many causes takes
 //! 30 % or 300 % of it. It refuses what is out of reach, and promises nothing.
 
-use super::record::LogRecord;
+use super::options::GapOptions;
 use crate::format::error::GapError;
+use deadtime_model::effect::{EFFECTS, Effect};
 use deadtime_model::simulate::{Dynamics, System};
 
 /// Operations of a matrix exponential of n states, over n³: scaling and squaring of order 13 (Higham 2005, doi:10.1137/04061101X), eight squarings.
@@ -15,32 +16,33 @@ const RATE: f64 = 1.0e9;
 /// (1.8, 3.3 and 31 s), over the operations of one simulation and the candidates (17, 19 and 18).
 const SIMULATIONS: f64 = 18.0;
 
+/// Candidates of the catalogue, before it is known which of them are visible.
+fn candidates(system: &System, effects: &[String]) -> usize {
+    let wanted = |e: &&&dyn Effect| effects.is_empty() || effects.iter().any(|n| n == e.name());
+    EFFECTS.iter().filter(wanted).map(|effect| effect.channels(system).len()).sum()
+}
+
 /// The time of a diagnosis on one core, s; 0 where it cannot be estimated (equations and programs).
-pub(crate) fn estimated_s(system: &System, records: &[LogRecord], candidates: usize) -> f64 {
+fn estimated_s(system: &System, rows: usize, candidates: usize) -> f64 {
     let Dynamics::Linear(matrices) = &system.dynamics else { return 0.0 };
     let n = matrices.a.nrows() as f64;
     let ports = (system.inputs.len() + system.outputs.len()) as f64;
-    let rows = rows(records) as f64;
-    let one = EXPONENTIAL * n.powi(3) + 2.0 * rows * (n * n + n * ports);
+    let one = EXPONENTIAL * n.powi(3) + 2.0 * rows as f64 * (n * n + n * ports);
     candidates as f64 * SIMULATIONS * one / RATE
 }
 
-fn rows(records: &[LogRecord]) -> usize {
-    records.iter().map(|r| r.time_s.len()).sum()
-}
-
-/// Refuses a diagnosis whose estimate exceeds the longest time that it may take.
+/// Refuses a diagnosis of so many rows whose estimate exceeds the longest time that it may take.
 ///
 /// # Errors
 /// [`GapError::TooWide`] with the estimate.
 pub(crate) fn must_end_in_time(
     system: &System,
-    records: &[LogRecord],
-    candidates: usize,
-    longest_s: f64,
+    rows: usize,
+    options: &GapOptions,
 ) -> Result<(), GapError> {
-    let seconds = estimated_s(system, records, candidates);
-    if seconds <= longest_s {
+    let candidates = candidates(system, &options.effects);
+    let seconds = estimated_s(system, rows, candidates);
+    if seconds <= options.longest_run_s {
         return Ok(());
     }
     Err(GapError::TooWide {
@@ -48,9 +50,9 @@ pub(crate) fn must_end_in_time(
         states: system.states.len(),
         inputs: system.inputs.len(),
         candidates,
-        rows: rows(records),
+        rows,
         minutes: seconds / 60.0,
-        most: longest_s / 60.0,
+        most: options.longest_run_s / 60.0,
     })
 }
 
@@ -84,23 +86,38 @@ mod tests {
         System::new(&file, |_| Ok(0.0)).unwrap()
     }
 
+    fn refused(
+        states: usize,
+        inputs: usize,
+        effects: &[&str],
+        longest_run_s: f64,
+    ) -> Option<String> {
+        let effects = effects.iter().map(|e| (*e).to_owned()).collect();
+        let options = GapOptions { effects, longest_run_s, ..GapOptions::default() };
+        must_end_in_time(&wide(states, inputs), 600, &options).err().map(|e| e.to_string())
+    }
+
     #[test]
-    fn the_estimate_grows_with_states_inputs_and_candidates_and_refuses_only_what_is_out_of_reach()
-    {
-        let estimate =
-            |states, inputs, candidates| estimated_s(&wide(states, inputs), &[], candidates);
-        assert!(estimate(12, 1, 400) < 60.0);
-        assert!(estimate(100, 1, 400) > 5.0 * estimate(50, 1, 400));
-        assert!(estimate(300, 1, 1000) > 3600.0);
-        let refused = must_end_in_time(&wide(300, 1), &[], 1000, 600.0).unwrap_err().to_string();
-        for part in [
-            "wide: 1000 candidate effects on 300 states and 1 inputs",
-            "minutes on one core",
-            "`effects`",
-        ] {
-            assert!(refused.contains(part), "{refused}");
+    fn what_is_out_of_reach_is_refused_with_the_estimate_and_named_effects_narrow_it() {
+        for (states, inputs) in [(300, 1), (100, 10)] {
+            let why = refused(states, inputs, &[], 600.0).unwrap();
+            let said =
+                format!("candidate effects on {states} states and {inputs} inputs over 600 rows");
+            assert!(why.contains(&said) && why.contains("on one core, more than 10"), "{why}");
+            assert!(why.contains("`effects`"), "{why}");
+            assert_eq!(refused(states, inputs, &["input_delay", "actuator_lag"], 600.0), None);
+            assert_eq!(refused(states, inputs, &[], f64::INFINITY), None);
         }
-        assert!(must_end_in_time(&wide(300, 1), &[], 1000, f64::INFINITY).is_ok());
-        assert!(must_end_in_time(&wide(12, 4), &[], 600, 600.0).is_ok());
+        for (states, inputs) in [(4, 1), (12, 4), (20, 4)] {
+            assert_eq!(refused(states, inputs, &[], 600.0), None, "{states} {inputs}");
+        }
+    }
+
+    #[test]
+    fn the_estimate_grows_with_states_inputs_and_rows() {
+        let of = |states, inputs, rows| estimated_s(&wide(states, inputs), rows, 400);
+        assert!(of(100, 1, 600) > 5.0 * of(50, 1, 600));
+        assert!(of(10, 100, 600) > 5.0 * of(10, 1, 600));
+        assert!(of(10, 1, 60_000) > 50.0 * of(10, 1, 600));
     }
 }
