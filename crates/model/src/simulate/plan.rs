@@ -281,7 +281,7 @@ impl InnerFilter {
         match self {
             Self::Lag(time_s) => (time_s, vec![1.0], vec![1.0, 1.0]),
             Self::Delay(time_s) => {
-                let sign = |k: usize| if k % 2 == 0 { 1.0 } else { -1.0 };
+                let sign = |k: usize| if k.is_multiple_of(2) { 1.0 } else { -1.0 };
                 let over = (0..=m).map(|k| sign(k) * coefficient(m, k)).collect();
                 (time_s, over, (0..=n).map(|k| coefficient(n, k)).collect())
             }
