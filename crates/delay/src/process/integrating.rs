@@ -335,21 +335,27 @@ mod tests {
 
     #[test]
     fn an_integrating_plant_is_recognised_and_its_dead_time_held() {
-        let (mut held, mut said) = (0, 0);
-        for seed in 0..20 {
+        let (mut held, mut said, mut widths, mut missed) = (0, 0, Vec::new(), Vec::new());
+        for seed in 0..12 {
             let (u, y, truth) = drawn(seed, true);
             let pair = pair(u, y);
             said += usize::from(says(&pair));
-            held += usize::from(pair.verdict.ci95_s.is_some_and(|[from, to]| {
-                from - 1e-6 <= truth && truth <= to + 1e-6 && to - from < 6.0
-            }));
+            match pair.verdict.ci95_s {
+                Some([from, to]) if from - 1e-6 <= truth && truth <= to + 1e-6 => {
+                    held += 1;
+                    widths.push(to - from);
+                }
+                ends => missed.push((seed, truth, ends, pair.verdict.why)),
+            }
         }
-        assert!(said >= 18 && held >= 18, "{said} said and {held} held of 20");
+        widths.sort_by(f64::total_cmp);
+        assert!(said >= 11 && held >= 11, "{said} said and {held} held of 12: {missed:?}");
+        assert!(widths[held / 2] < 3.0, "{widths:?}");
     }
 
     #[test]
     fn a_plant_that_settles_is_none() {
-        let said: Vec<u64> = (100..120)
+        let said: Vec<u64> = (100..110)
             .filter(|seed| {
                 let (u, y, _) = drawn(*seed, false);
                 says(&pair(u, y))

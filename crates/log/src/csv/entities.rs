@@ -52,11 +52,14 @@ pub(super) struct Entities {
     name: String,
 }
 
+/// Stamps and values of one entity.
+type Events = (Vec<f64>, Vec<Option<f64>>);
+
 /// Rows while they are read.
 #[derive(Default)]
 struct Rows {
     /// Of each entity its stamps in the unit of the file, and its values.
-    of: BTreeMap<Vec<u8>, (Vec<f64>, Vec<Option<f64>>)>,
+    of: BTreeMap<Vec<u8>, Events>,
     /// Entities whose states are text.
     text: BTreeMap<Vec<u8>, usize>,
 }
@@ -107,7 +110,7 @@ impl Entities {
         let mut notes = header.notes;
         let topics = rows.topics(source, &self.name, scale, &budget, &mut notes)?;
         notes.push(format!("one row is one event: each of {} entities is a channel", topics.len()));
-        Ok(Recording::of_topics(source, ("csv", "a table of events"), topics, notes)?)
+        Recording::of_topics(source, ("csv", "a table of events"), topics, notes)
     }
 }
 

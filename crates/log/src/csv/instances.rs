@@ -30,8 +30,7 @@ pub(super) fn instances(
     let row = lines.row;
     let mut stamps = StampReader::default();
     let (mut time, mut cells) = (Vec::new(), vec![Vec::new(); header.columns.len()]);
-    loop {
-        let Ok(raw) = header.stamp(source, lines, &mut stamps) else { break };
+    while let Ok(raw) = header.stamp(source, lines, &mut stamps) {
         time.push(raw);
         for (column, (place, ..)) in cells.iter_mut().zip(&header.columns) {
             column.push(lines.cell(*place).trim_ascii().to_vec());
