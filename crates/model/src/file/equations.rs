@@ -40,6 +40,17 @@ pub struct ParameterEntry {
     pub unit: Option<String>,
     /// Its value.
     pub value: f64,
+    /// Its value is certain (kinematics, gravity): a fit of `all` parameters leaves it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub known: bool,
+}
+
+impl ParameterEntry {
+    /// A parameter that a fit may change.
+    #[must_use]
+    pub fn new(unit: Option<String>, value: f64) -> Self {
+        Self { unit, value, known: false }
+    }
 }
 
 /// What the outputs of a group are together.
@@ -173,7 +184,7 @@ impl EquationsFile {
             parameters: model
                 .parameters()
                 .iter()
-                .map(|p| (p.name.clone(), ParameterEntry { unit: p.unit.clone(), value: p.value }))
+                .map(|p| (p.name.clone(), ParameterEntry::new(p.unit.clone(), p.value)))
                 .collect(),
             definitions: model
                 .definitions()
