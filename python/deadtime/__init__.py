@@ -49,6 +49,7 @@ from .responses import FrequencyResponse, frequency_response
 from .signals import Excitation, add_noise, excitations, excite
 from .structures import FittedParameter, StructuredFit, StructureMatch, identify_structure, match_structure
 from .studies import GateResult, Plan, Study, gate, plans, plants, read_study, study
+from .systems import Filter, care, dlqe, dlyap, era, feedback, kalman, lqe, lqr, lyap, markov, norm, nu_gap, okid, pade, parallel, series, thiran
 from .tracking import Alarm, Tracker, Tracking
 
 __all__ = ["DeadtimeError", "__version__", "blind", "bounds", "errors"]
@@ -59,6 +60,7 @@ __all__ += ["Excitation", "add_noise", "excitations", "excite"]
 # Models.
 __all__ += ["Model", "StateSpace", "TransferFunction", "as_model", "as_system", "c2d", "conversions", "d2c", "dare", "dlqr", "effects"]
 __all__ += ["impulse_response", "lsim", "simulate", "step_response", "to_control", "to_scipy", "uav"]
+__all__ += ["Filter", "care", "dlqe", "dlyap", "era", "feedback", "kalman", "lqe", "lqr", "lyap", "markov", "norm", "nu_gap", "okid", "pade", "parallel", "series", "thiran"]
 __all__ += ["FrequencyResponse", "Identified", "frequency_response", "identify"]
 __all__ += ["FittedParameter", "StructureMatch", "StructuredFit", "identify_structure", "match_structure"]
 # Dead time.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import scipy.signal
 
 #: How a model is identified.
-Identifier: TypeAlias = Literal["pbsidopt", "n4sid", "moesp", "riv", "p1d", "p1dz", "p2d", "p2dz", "p0di", "p1di"]
+Identifier: TypeAlias = Literal["pbsidopt", "n4sid", "moesp", "riv", "srivc", "p1d", "p1dz", "p2d", "p2dz", "p0di", "p1di"]
 
 _Array: TypeAlias = "NDArray[numpy.float64]"
 
@@ -176,8 +176,8 @@ def identify(
         A `Log`, the path of a CSV file, a frame, a dict of arrays with a key `time`; several are records of one machine on one even grid.
     inputs, outputs : str or sequence of str
         Channels: commands and responses.
-    method : {"pbsidopt", "n4sid", "moesp", "riv", "p1d", "p1dz", "p2d", "p2dz", "p0di", "p1di"}
-        States by `pbsidopt` (also under feedback and for unstable plants), `n4sid` or `moesp`; a transfer function of one output by `riv`; a process model of one input
+    method : {"pbsidopt", "n4sid", "moesp", "riv", "srivc", "p1d", "p1dz", "p2d", "p2dz", "p0di", "p1di"}
+        States by `pbsidopt` (also under feedback and for unstable plants), `n4sid` or `moesp`; a transfer function of one output by `riv`, in continuous time by `srivc`; a process model of one input
         and one output with one or two lags, with a zero (z) or behind an integrator (i).
     order : int, optional
         Number of states; default by Schwarz's criterion. Of `riv` the number of poles; default 2.

@@ -158,12 +158,30 @@ def _of_tuple(system: tuple[Any, ...], sample_time: float | None) -> StateSpace:
 
 
 def _of_roots(zeros: Any, poles: Any, gain: Any, sample_time: float | None) -> StateSpace:
-    return TransferFunction.from_zeros_poles_gain(zeros, poles, float(gain), sample_time).to_state_space()
+    """A gain may be an array of one number, as scipy has it, and one gain for each output has the zeros of each in its row."""
+    gains = _real("the gain", gain).reshape(-1)
+    if gains.size == 1:
+        return TransferFunction.from_zeros_poles_gain(numpy.reshape(zeros, -1), poles, float(gains[0]), sample_time).to_state_space()
+    rows = numpy.atleast_2d(numpy.asarray(zeros))
+    if len(rows) != gains.size:
+        raise errors.ModelError(f"{gains.size} gains and {len(rows)} rows of zeros: write one row of zeros for each gain")
+    pairs = [TransferFunction.from_zeros_poles_gain(row[numpy.isfinite(row)], poles, float(g), sample_time) for row, g in zip(rows, gains, strict=True)]
+    return _of_polynomials([[pair.num] for pair in pairs], [[pair.den] for pair in pairs], sample_time)
+
+
+def _real(what: str, values: Any) -> Array:
+    """Complex numbers without an imaginary part are real ones."""
+    array = numpy.asarray(values)
+    if numpy.iscomplexobj(array):
+        if numpy.any(array.imag):
+            raise errors.ModelError(f"{what} has an imaginary part: a real system has none")
+        array = array.real
+    return numpy.asarray(array, dtype=float)
 
 
 def _of_scipy_polynomials(num: Any, den: Any, sample_time: float | None) -> StateSpace:
     """A numerator of two dimensions has one row per output."""
-    rows = numpy.atleast_2d(numpy.asarray(num))
+    rows, den = numpy.atleast_2d(_real("the numerator", num)), _real("the denominator", den).reshape(-1)
     return _of_polynomials([[row] for row in rows], [[den]] * len(rows), sample_time)
 
 
@@ -358,13 +376,21 @@ def c2d(system: SystemLike, sample_time: float, method: str = "zoh", **options: 
     return _native._c2d(as_system(system), sample_time, method, options)
 
 
-def d2c(system: SystemLike) -> StateSpace:
-    """The continuous model whose zero-order-hold conversion is `system`, a sampled one.
+def d2c(system: SystemLike, method: Literal["zoh", "tustin", "matched"] = "zoh") -> StateSpace:
+    """The continuous model of a sampled one.
+
+    Parameters
+    ----------
+    system : SystemLike
+        Sampled; whole samples of delay become seconds.
+    method : "zoh", "tustin" or "matched"
+        The conversion of which this is the way back. "zoh": a simple pole on the negative real axis becomes a pair, and the order rises by one for each.
+        "matched": poles and zeros by their logarithms, of one input and one output; zeros at −1 go.
 
     Raises
     ------
     ModelError
-        It has a pole at z = 0 or on the negative real axis, which no real continuous model has.
+        A pole at z = 0 ("zoh"), at −1 ("tustin"), or at 0 and below ("matched"), which no real continuous model has.
 
     Examples
     --------
@@ -373,7 +399,7 @@ def d2c(system: SystemLike) -> StateSpace:
     >>> round(float(deadtime.d2c(sampled).A[0, 0]), 6)
     -1.0
     """
-    return _native._d2c(as_system(system))
+    return _native._d2c(as_system(system), method)
 
 
 def conversions() -> list[dict[str, Any]]:
@@ -512,7 +538,9 @@ def lsim(
     return Response(stamps, signal, y[:, 0] if ours.outputs == 1 else y, x)
 
 
-def step_response(system: SystemLike, duration: float | None = None, sample_time: float | None = None) -> TimeResponse:
+def step_response(
+    system: SystemLike, duration: float | None = None, sample_time: float | None = None, x0: ArrayLike | None = None
+) -> TimeResponse:
     """The response to a step of each input from 0 to 1 at time 0, from rest, delays included.
 
     Parameters
@@ -523,6 +551,8 @@ def step_response(system: SystemLike, duration: float | None = None, sample_time
         s. Without it as long as the slowest motion needs to settle, or an unstable one to grow a thousandfold.
     sample_time : float, optional
         s, of the result for a continuous system; without it a five-hundredth of the duration. A sampled system has its own.
+    x0 : array_like, shape (n,), optional
+        The state at time 0, whose free motion adds to the response to every input; from rest without it.
 
     Examples
     --------
@@ -532,11 +562,13 @@ def step_response(system: SystemLike, duration: float | None = None, sample_time
     >>> deadtime.step_response(([1.0], [1.0, 1.0]), 1.0, 0.5).y.round(6)
     array([0.      , 0.393469, 0.632121])
     """
-    return _response(as_system(system), duration, sample_time, StateSpace._step_response)
+    return _response(as_system(system), duration, sample_time, StateSpace._step_response, x0)
 
 
-def impulse_response(system: SystemLike, duration: float | None = None, sample_time: float | None = None) -> TimeResponse:
-    """The response to an impulse of unit area at each input at time 0, from rest, delays included: `system`, `duration` and `sample_time` as of `step_response`.
+def impulse_response(
+    system: SystemLike, duration: float | None = None, sample_time: float | None = None, x0: ArrayLike | None = None
+) -> TimeResponse:
+    """The response to an impulse of unit area at each input at time 0, from rest or from `x0`, delays included: arguments as of `step_response`.
 
     In continuous time the impulse that a direct path passes on is not shown, and the value at the impulse is the one right after it. In sampled time
     the pulse is one sample long and 1/sample_time high, as MATLAB and python-control have it: the Markov parameters over the sample time.
@@ -549,10 +581,10 @@ def impulse_response(system: SystemLike, duration: float | None = None, sample_t
     >>> deadtime.impulse_response(([1.0], [1.0, 1.0]), 1.0, 0.5).y.round(6)
     array([1.      , 0.606531, 0.367879])
     """
-    return _response(as_system(system), duration, sample_time, StateSpace._impulse_response)
+    return _response(as_system(system), duration, sample_time, StateSpace._impulse_response, x0)
 
 
-def _response(system: StateSpace, duration: float | None, sample_time: float | None, response: Any) -> TimeResponse:
+def _response(system: StateSpace, duration: float | None, sample_time: float | None, response: Any, x0: ArrayLike | None) -> TimeResponse:
     step = system.sample_time if sample_time is None else sample_time
     if duration is None:
         duration = _settling(system) if step is None else max(_settling(system), 10 * step)
@@ -563,6 +595,9 @@ def _response(system: StateSpace, duration: float | None, sample_time: float | N
     # A last sample that only rounding puts behind the end belongs to it.
     samples = int(numpy.floor(duration / step * (1 + 1e-12) + 1e-9)) + 1 if step > 0 else 1
     y = response(system, step, samples)
+    if x0 is not None:
+        still = numpy.zeros((samples, system.inputs))
+        y = y + _native._lsim(system, still, None, step, x0, "zero", "rest")[0][:, :, None]
     return TimeResponse(_grid(samples, step), y[:, 0, 0] if y.shape[1:] == (1, 1) else y)
 
 
@@ -673,7 +708,7 @@ def dlqr(*arguments: Any, N: ArrayLike | None = None) -> Lqr:
     *arguments
         A (n, n), B (n, m), Q, R and perhaps N; or a sampled system without delays, whatever `as_system` takes, in place of A and B.
     Q, R : array_like, shapes (n, n), (m, m)
-        Symmetric; R positive definite.
+        Symmetric; R positive definite, or singular where every input moves a state that costs.
     N : array_like, shape (n, m), optional
         The cross term; 0 without it.
 
@@ -722,8 +757,11 @@ def _is_system(value: object) -> bool:
     return ours or _is(value, "control", "StateSpace", "TransferFunction") or _is(value, "scipy.signal", "lti", "dlti")
 
 
-def dare(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike | None = None) -> Array:
-    """The stabilising solution X of AᵀXA − X − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0; arguments as of `dlqr`.
+def dare(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike | None = None, E: ArrayLike | None = None) -> Array:
+    """The stabilising solution X of AᵀXA − EᵀXE − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0.
+
+    Arguments as of `dlqr`; N is what scipy and MATLAB's `idare` call S, and E, shape (n, n), regular, is the identity without it. R may be singular where
+    R + BᵀXB is not.
 
     Returns
     -------
@@ -738,7 +776,7 @@ def dare(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike | 
     >>> round(float(deadtime.dare([[1.0]], [[1.0]], [[1.0]], [[1.0]])[0, 0]), 6)
     1.618034
     """
-    return _native._dare(A, B, Q, R, N)
+    return _native._dare(A, B, Q, R, N) if E is None else _native._gdare(A, B, Q, R, N, E)
 
 
 # Neighbours

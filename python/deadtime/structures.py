@@ -38,7 +38,7 @@ class FittedParameter:
     one_step : (float, float) or None
         Value and standard deviation of windows of one step.
     standing : str
-        `physical`, `surrogate`, `open` or `unchecked`.
+        `physical`, `surrogate`, `open`, `held` or `unchecked`.
     """
 
     name: str
@@ -253,6 +253,7 @@ def match_structure(
     norm: MatchNorm = "wls",
     band_rad_s: tuple[float, float] | None = None,
     starts: int = 8,
+    prior: float | None = None,
     units: Mapping[str, float] | None = None,
     at: Mapping[str, float] | None = None,
     threads: int | None = None,
@@ -266,13 +267,16 @@ def match_structure(
     model : Model, path, dict, or a linear system
         What `as_model` takes.
     free : str or sequence of str
-        Parameters to find, "all", or "delay:INPUT" for the dead time of an input.
+        Parameters to find, or "delay:INPUT" for the dead time of an input; "all": every parameter that the model does not call known, and all dead times.
     norm : {"wls", "h2", "hinf", "nu-gap"}
         By what responses are compared: squares in standard deviations, energy, largest gain, largest chordal distance.
     band_rad_s : (float, float), optional
         The frequencies that count, rad/s; default those that the data show.
     starts : int
         Starts of the search, the file's values first.
+    prior : float, optional
+        How far the model's values are believed to be off, as a share of each (one standard deviation), by `wls` and `h2`; `inf`: not held. Default what the
+        evidence says, from 0.1 to 10. What the responses do not fix stays at the model's value then. Dead times are not held.
     units : dict of str to float, optional
         What counts as one of a channel in gains (`h2`, `hinf`, `nu-gap`).
     at : dict of str to float, optional
@@ -288,7 +292,7 @@ def match_structure(
     Raises
     ------
     ModelError
-        Channels or units that do not fit, no such parameter, a pole on a frequency of the band.
+        Channels or units that do not fit, no such parameter, a pole on a frequency of the band, a search that ends at no minimum.
     RegistryError
         An unknown norm.
 
@@ -317,6 +321,7 @@ def match_structure(
         "norm": norm,
         "band": None if band_rad_s is None else [float(end) for end in band_rad_s],
         "starts": starts,
+        "prior": None if prior is None else float(prior),
         "units": [(name, float(value)) for name, value in (units or {}).items()],
         "at": [(name, float(value)) for name, value in (at or {}).items()],
     }

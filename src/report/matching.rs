@@ -43,13 +43,18 @@ pub(super) fn how(found: &Matched) -> String {
         .sample_time_s
         .map_or_else(|| "in continuous time".to_owned(), |ts| format!("sampled at {ts} s"));
     let [starts, alike] = found.starts;
+    let held = found.prior.map_or_else(String::new, |spread| {
+        format!(
+            "; the file's values are held within {:.0} % (one standard deviation)",
+            100.0 * spread
+        )
+    });
     format!(
-        "by {}, {time}: {} frequencies from {} to {} rad/s; {alike} of {starts} starts ended at the lowest minimum{}",
+        "by {}, {time}: {} frequencies from {} to {} rad/s{held}; {alike} of {starts} starts ended at the lowest minimum",
         found.norm,
         found.frequencies,
         digits(low),
-        digits(high),
-        if found.converged { "" } else { "; the search did not end at a minimum" }
+        digits(high)
     )
 }
 
@@ -63,6 +68,10 @@ pub(super) fn meanings(found: &Matched) -> Vec<&'static str> {
         (
             Standing::Open,
             "open: the response does not fix it: its interval holds 0, or another parameter trades with it.",
+        ),
+        (
+            Standing::Held,
+            "held: the response does not fix it; a prior keeps it near the file's value.",
         ),
     ];
     all.into_iter()

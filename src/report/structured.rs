@@ -82,7 +82,7 @@ pub(super) fn meaning(found: &StructuredFit, standing: Standing) -> Option<&'sta
         Standing::Unchecked if found.parameters.iter().any(|p| p.one_step.is_some()) => {
             "unchecked: no evidence contradicts it, but single steps fix its value too loosely to confirm it."
         }
-        Standing::Physical | Standing::Unchecked => return None,
+        Standing::Physical | Standing::Unchecked | Standing::Held => return None,
     };
     found.parameters.iter().any(|p| p.standing == standing).then_some(said)
 }
@@ -94,6 +94,7 @@ pub(super) fn standing(of: Standing) -> &'static str {
         Standing::Surrogate => "surrogate",
         Standing::Unchecked => "unchecked",
         Standing::Open => "open",
+        Standing::Held => "held",
     }
 }
 

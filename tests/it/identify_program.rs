@@ -192,7 +192,7 @@ fn process_models_and_transfer_functions_make_files_that_simulate_the_machine() 
     with(&["--method", "p0di"]).refused(&["p0di"]);
     let listed = deadtime(&["list", "identifiers"]).done();
     assert!(
-        ["riv", "p1d", "p1dz", "p2d", "p2dz", "p0di", "p1di"]
+        ["riv", "srivc", "p1d", "p1dz", "p2d", "p2dz", "p0di", "p1di"]
             .iter()
             .all(|name| listed.contains(&format!("{name}\n"))),
         "{listed}"

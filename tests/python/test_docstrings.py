@@ -16,7 +16,7 @@ import pytest
 
 import deadtime
 
-MODULES = ("blind", "bounds", "comparing", "dask", "delays", "diagnosis", "exports", "identification", "logs", "models", "signals", "studies", "tracking")
+MODULES = ("blind", "bounds", "comparing", "dask", "delays", "diagnosis", "exports", "identification", "logs", "models", "signals", "studies", "systems", "tracking")
 
 
 def examples_of(module: str) -> list[doctest.DocTest]:

@@ -2,7 +2,7 @@
 
 use crate::process::identified::ProcessFit;
 use deadtime_identify::subspace::{IdentifierLine, MOESP, N4SID, PBSIDOPT};
-use deadtime_identify::{Identifier, Riv};
+use deadtime_identify::{Identifier, Riv, Srivc};
 use deadtime_signal::registry::{RegistryError, entry};
 
 /// A process model's line: name, summary, poles, zero, integrator.
@@ -37,6 +37,17 @@ pub const IDENTIFIERS: &[IdentifierLine] = &[
         finds_delays: true,
         open_loop: true,
     },
+    IdentifierLine {
+        entry: entry!(
+            "srivc",
+            "transfer functions in continuous time by refined instrumental variables, with real-valued dead times (tfest)",
+            Srivc,
+            dyn Identifier
+        ),
+        needs: "rich inputs held between samples that do not depend on the output (no feedback), a stable plant without a direct path, one output",
+        finds_delays: true,
+        open_loop: true,
+    },
     process!("p1d", "process model K/(1 + T1·s)·e^(−τ·s)", 1, false, false),
     process!(
         "p1dz",
@@ -51,12 +62,16 @@ pub const IDENTIFIERS: &[IdentifierLine] = &[
     process!("p1di", "integrating process model K/(s(1 + T1·s))·e^(−τ·s)", 1, false, true),
 ];
 
-/// The line called `name`.
+/// Other tools' names of methods.
+const ALIASES: [(&str, &str); 1] = [("tfest", "srivc")];
+
+/// The line called `name`, here or in other tools.
 ///
 /// # Errors
 /// [`RegistryError::Unknown`], with the names there are.
 pub fn identifier(name: &str) -> Result<&'static IdentifierLine, RegistryError> {
-    IDENTIFIERS.iter().find(|line| line.entry.name == name).ok_or_else(|| RegistryError::Unknown {
+    let own = ALIASES.iter().find(|(other, _)| *other == name).map_or(name, |(_, own)| *own);
+    IDENTIFIERS.iter().find(|line| line.entry.name == own).ok_or_else(|| RegistryError::Unknown {
         kind: "identification method",
         name: name.to_owned(),
         known: IDENTIFIERS.iter().map(|line| line.entry.name).collect(),

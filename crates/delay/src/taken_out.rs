@@ -11,7 +11,7 @@ use super::identifiers::identifier;
 use super::job::asked::Job;
 use super::job::chosen::chosen;
 use super::method::Scope;
-use deadtime_identify::subspace::{Identified, IdentifierLine, Recordings};
+use deadtime_identify::subspace::{Identified, IdentifierLine, Recordings, Stretch};
 use deadtime_identify::{IdentifyError, Record};
 use deadtime_log::Log;
 use deadtime_signal::progress::HowFar;
@@ -20,7 +20,7 @@ use deadtime_signal::stop::Stop;
 /// Which dead times of the inputs are taken out.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TakenOut {
-    /// Those that estimators find, unless the model behind them is worse.
+    /// Those with the best model behind them, of all that estimators leave possible.
     Estimated,
     /// None.
     Nothing,
@@ -42,12 +42,14 @@ pub struct BehindDelays {
 const DELAYS: f64 = 0.4;
 /// What the delays are estimated by: established, fast, and of several classes.
 const METHODS: [&str; 3] = ["arxstruc", "oestruc", "threshold"];
-/// A delay that misses a whole sample by less than this is that whole sample.
-const NEARLY_WHOLE: f64 = 0.1;
 /// Lags over which a loop is looked for.
 const LOOP: usize = 35;
-/// A delay stays unless the model behind it is worse by this much in twice the log-likelihood.
+/// No delay is taken out where the model without one is better by this much in twice the log-likelihood.
 const WORSE: f64 = 6.0;
+/// Steps over the delays that estimators leave possible; between the best ones they are halved.
+const STEPS: usize = 8;
+/// Turns over several inputs, each with the others' delays as they are.
+const TURNS: usize = 2;
 
 /// The model by `method` with `options` (a JSON object) of `learnt`, and the delays that were taken out first; `logs` are the records that delays are estimated in.
 ///
@@ -73,51 +75,113 @@ pub fn identify_behind_delays(
         let delays = own.unwrap_or_else(|| vec![0; learnt.inputs.len()]);
         return Ok(BehindDelays { model, delays, notes: Vec::new() });
     }
-    let none = vec![0; learnt.inputs.len()];
-    let (mut delays, mut notes) = match taken_out {
-        TakenOut::Estimated => estimated(learnt, logs, (stop, &far.part(0.0, DELAYS)))?,
-        TakenOut::Nothing => (none.clone(), Vec::new()),
+    let (delays, notes) = match taken_out {
+        TakenOut::Estimated => {
+            let (ranges, mut notes) = estimated(learnt, logs, (stop, &far.part(0.0, DELAYS)))?;
+            let asked = Asked { learnt, line, options, ranges: &ranges };
+            (asked.best((stop, &far.part(DELAYS, 0.6)), &mut notes)?, notes)
+        }
+        TakenOut::Nothing => (vec![0; learnt.inputs.len()], Vec::new()),
         TakenOut::Given(given) => whole_samples(learnt, given)?,
     };
     stop.check()?;
-    if *taken_out == TakenOut::Estimated && delays != none {
-        if worse(learnt, line, options, &delays, far)? {
-            notes.push("the estimated delays make the model worse, so none was removed; give them if they are known".to_owned());
-            delays = none;
-        } else {
-            stop.check()?;
-        }
-    }
     let model = whole.identify(&learnt.behind_delays(&delays)?, &far.part(0.6, 1.0))?;
     Ok(BehindDelays { model, delays, notes })
 }
 
-/// The model behind the delays is worse than the one with them.
-fn worse(
-    learnt: &Recordings,
-    line: &IdentifierLine,
-    options: &Value,
-    delays: &[usize],
-    far: &HowFar,
-) -> Result<bool> {
-    let mut quick = options.clone();
-    if let Some(object) = quick.as_object_mut() {
-        object.insert("draws".to_owned(), json!(0));
+/// The delays that estimators leave possible, samples: from and to, of each input.
+type Ranges = [[usize; 2]];
+
+/// A model whose delays are chosen with it.
+struct Asked<'a> {
+    learnt: &'a Recordings,
+    line: &'a IdentifierLine,
+    options: &'a Value,
+    ranges: &'a Ranges,
+}
+
+impl Asked<'_> {
+    /// The delays of the model with the least criterion, one input after the other; none where the model without any is better still.
+    fn best(&self, (stop, far): (&Stop, &HowFar), notes: &mut Vec<String>) -> Result<Vec<usize>> {
+        let none = vec![0; self.ranges.len()];
+        if self.ranges.iter().all(|[_, to]| *to == 0) {
+            return Ok(none);
+        }
+        let mut delays: Vec<usize> = self.ranges.iter().map(|[from, _]| *from).collect();
+        let turns = if delays.len() == 1 { 1 } else { TURNS };
+        let steps = far.steps(turns * delays.len(), "dead times tried");
+        let mut least = f64::INFINITY;
+        for _ in 0..turns {
+            let before = delays.clone();
+            for input in 0..delays.len() {
+                stop.check()?;
+                (delays[input], least) = self.along(&delays, input)?;
+                steps.one_more();
+            }
+            if delays == before {
+                break;
+            }
+        }
+        if delays != none && self.criterion(&none)? + WORSE < least {
+            notes.push("the estimated delays make the model worse, so none was taken out; give them if they are known".to_owned());
+            return Ok(none);
+        }
+        Ok(delays)
     }
-    let quick = line.entry.with(quick)?;
-    let longest = delays.iter().max().copied().unwrap_or(0);
-    let same_rows =
-        learnt.behind_delays(&vec![longest; delays.len()]).and(learnt.behind_delays(delays))?;
-    let with = quick.identify(&same_rows, &far.part(DELAYS, 0.5))?;
-    let without = quick.identify(learnt, &far.part(0.5, 0.6))?;
-    let criterion = |m: &Identified| {
-        let parameters = m.order.order * (m.inputs.len() + 2 * m.outputs.len());
-        let chosen = m.order.candidates.get(m.order.order - 1);
+
+    /// The best delay of one input, the others' staying, and the criterion there.
+    fn along(&self, delays: &[usize], input: usize) -> Result<(usize, f64)> {
+        let [from, to] = self.ranges[input];
+        let mut tried: BTreeMap<usize, f64> = BTreeMap::new();
+        let mut step = ((to - from) / STEPS).max(1);
+        let mut next: Vec<usize> = (from..=to).step_by(step).collect();
+        loop {
+            for at in next {
+                if !tried.contains_key(&at) {
+                    let mut own = delays.to_vec();
+                    own[input] = at;
+                    tried.insert(at, self.criterion(&own)?);
+                }
+            }
+            let best = tried.iter().min_by(|a, b| a.1.total_cmp(b.1)).map(|(at, c)| (*at, *c));
+            let (at, least) = best.unwrap_or((from, f64::INFINITY));
+            if step == 1 {
+                return Ok((at, least));
+            }
+            step = step.div_ceil(2);
+            next = [at.saturating_sub(step).max(from), (at + step).min(to)].to_vec();
+        }
+    }
+
+    /// Schwarz's criterion of the model behind these delays, over the rows that all candidates have; infinite where there is none.
+    fn criterion(&self, delays: &[usize]) -> Result<f64> {
+        let mut quick = self.options.clone();
+        if let Some(object) = quick.as_object_mut() {
+            object.insert("draws".to_owned(), json!(0));
+        }
+        // Rows that the longest delay leaves.
+        let longest = self.ranges.iter().map(|[_, to]| *to).max().unwrap_or(0);
+        let fewer = longest - delays.iter().max().copied().unwrap_or(0).min(longest);
+        let mut same_rows = self.learnt.behind_delays(delays)?;
+        same_rows.stretches.retain(|s| s.len() > fewer);
+        for s in &mut same_rows.stretches {
+            *s = Stretch {
+                u: s.u.columns(fewer, s.len() - fewer).into_owned(),
+                y: s.y.columns(fewer, s.len() - fewer).into_owned(),
+            };
+        }
+        let Ok(model) = self.line.entry.with(quick)?.identify(&same_rows, &HowFar::default())
+        else {
+            return Ok(f64::INFINITY);
+        };
+        let parameters = model.order.order * (model.inputs.len() + 2 * model.outputs.len());
+        let chosen = model.order.candidates.get(model.order.order - 1);
         let loss = chosen.and_then(|c| c.log_loss).unwrap_or(f64::INFINITY);
-        loss * m.rows as f64 + parameters as f64 * (m.rows as f64).ln()
-    };
-    let scaled = criterion(&without) * with.rows as f64 / without.rows as f64;
-    Ok(criterion(&with) > scaled + WORSE)
+        let rows = model.rows as f64;
+        // The past window, and with it the rows, depend on the delay: by row.
+        let all = self.learnt.samples() as f64;
+        Ok((loss + parameters as f64 * rows.ln() / rows) * all)
+    }
 }
 
 /// What records show of a loop that the method does not bear, for each input and output.
@@ -166,12 +230,12 @@ fn whole_samples(
     Ok((delays, notes))
 }
 
-/// The shortest delay of each input to any output that is to be believed.
+/// The delays of each input that the verdicts of all its outputs leave possible: the shortest of any output is taken out of all.
 fn estimated(
     learnt: &Recordings,
     logs: &[Log],
     (stop, far): (&Stop, &HowFar),
-) -> Result<(Vec<usize>, Vec<String>)> {
+) -> Result<(Vec<[usize; 2]>, Vec<String>)> {
     let step_s = learnt.sample_time.seconds();
     let mut notes = Vec::new();
     let methods = chosen(&METHODS.map(str::to_owned), &BTreeMap::new(), &[Scope::Pair])?;
@@ -186,23 +250,151 @@ fn estimated(
         ..Job::new(logs.to_vec(), names(&learnt.inputs), names(&learnt.outputs))
     };
     let report = job.run()?;
-    let delay = |input: &str| {
+    let range = |input: &str| {
         let of_input = report.pairs.iter().filter(|p| p.input == input);
         let believed = of_input.filter_map(|p| {
             let delay_s = p.verdict.delay_s?;
-            // Where the interval is wider than two samples, its lower end: too long a delay harms, too short a one costs a state.
-            let unsure = p.verdict.ci95_s.filter(|ci| ci[1] - ci[0] > 2.0 * step_s);
-            Some(unsure.map_or(delay_s, |ci| ci[0].min(delay_s)))
+            let [from, to] = p.verdict.ci95_s.unwrap_or([delay_s; 2]);
+            Some([from.min(delay_s), to.max(delay_s)])
         });
-        believed.reduce(f64::min).map(|s| (s.max(0.0) / step_s + NEARLY_WHOLE).floor() as usize)
+        let ends = believed.reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1])])?;
+        // A sample to either side: what a verdict calls the first response may be the last sample without one.
+        let [from, to] = ends.map(|s| s.max(0.0) / step_s);
+        Some([(from.floor() as usize).saturating_sub(1), to.ceil() as usize + 1])
     };
-    let each = learnt.inputs.iter().map(|input| match delay(&input.name) {
-        Some(samples) => samples,
-        None => {
+    let each = learnt.inputs.iter().map(|input| {
+        range(&input.name).unwrap_or_else(|| {
             notes.push(format!("{}: its dead time is not known beforehand, so none is removed; give it if it is known", input.name));
-            0
-        }
+            [0, 0]
+        })
     });
-    let delays = each.collect();
-    Ok((delays, notes))
+    let ranges = each.collect();
+    Ok((ranges, notes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use deadtime_identify::matching::{Matching, Target};
+    use deadtime_identify::structured::Standing;
+    use deadtime_log::Channel;
+    use deadtime_model::c2d::{Conversion, ZeroOrderHold};
+    use deadtime_model::{ModelDocument, StateSpace};
+    use deadtime_signal::time::SampleTime;
+    use nalgebra::{DMatrix, DVector};
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    /// A second-order plant with and without a direct path behind a dead time of any fraction of a sample; white noise of a hundredth of the output's power.
+    fn drawn(seed: u64) -> (Log, f64, bool) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let (ts, direct) = (0.02, seed.is_multiple_of(2));
+        let delay_s = ts * (1.0 + 9.0 * random.random::<f64>());
+        let wn = 3.0 + 9.0 * random.random::<f64>();
+        let damping = 0.2 + 0.8 * random.random::<f64>();
+        let m = |rows: usize, entries: &[f64]| {
+            DMatrix::from_row_slice(rows, entries.len() / rows, entries)
+        };
+        let plant = StateSpace::continuous(
+            m(2, &[0.0, 1.0, -wn * wn, -2.0 * damping * wn]),
+            m(2, &[0.0, wn * wn]),
+            m(1, &[1.0, 0.1]),
+            m(1, &[if direct { 0.7 } else { 0.0 }]),
+        )
+        .unwrap()
+        .with_input_delay(vec![delay_s])
+        .unwrap();
+        let sampled = ZeroOrderHold {}.c2d(&plant, SampleTime::new(ts).unwrap()).unwrap();
+        let samples = 1500;
+        let mut level = 1.0;
+        let u: Vec<f64> = (0..samples)
+            .map(|_| {
+                if random.random::<f64>() < 0.2 {
+                    level = -level;
+                }
+                level
+            })
+            .collect();
+        let sampled = sampled.with_delays_as_states().unwrap();
+        let mut x = DVector::zeros(sampled.order());
+        let respond = |u: &f64| {
+            let y = (sampled.c() * &x)[0] + sampled.d()[(0, 0)] * u;
+            x = sampled.a() * &x + sampled.b() * *u;
+            y
+        };
+        let y: Vec<f64> = u.iter().map(respond).collect();
+        let power = y.iter().map(|v| v * v).sum::<f64>() / samples as f64;
+        let noise = 0.1 * power.sqrt();
+        let y = y.iter().map(|v| v + noise * random.sample::<f64, _>(StandardNormal)).collect();
+        let time = (0..samples).map(|k| k as f64 * ts).collect();
+        let channels = vec![Channel::new("u", None, u), Channel::new("y", None, y)];
+        (Log::new("drawn", time, channels).unwrap(), delay_s / ts, direct)
+    }
+
+    /// The whole samples before the first response: with a direct path the sample at which it begins, else the one before.
+    #[test]
+    fn the_dead_time_is_that_of_the_best_model_behind_it() {
+        let mut right = 0;
+        for seed in 0..10_u64 {
+            let (log, samples, direct) = drawn(seed);
+            let names = [["u".to_owned()], ["y".to_owned()]];
+            let records = Recordings::from_logs(&[log.clone()], &names[0], &names[1]).unwrap();
+            let options = json!({ "direct": if direct { "free" } else { "none" }, "draws": 0 });
+            let run = (&Stop::default(), &HowFar::default());
+            let found = identify_behind_delays(
+                &records,
+                &[log],
+                "pbsidopt",
+                &options,
+                &TakenOut::Estimated,
+                run,
+            )
+            .unwrap();
+            let truth = if direct { samples.ceil() } else { samples.floor() };
+            // The part of a sample that stays is within the matrices; a tenth of a sample of response is below the noise.
+            let near = (found.delays[0] as f64 - truth).abs() <= 1.0;
+            assert!(near, "{seed}: {} for {samples}", found.delays[0]);
+            right += usize::from(found.delays[0] as f64 == truth);
+        }
+        assert!(right >= 7, "{right} of 10");
+    }
+
+    /// The flight that ships with the project, behind 0.13 s of dead time: from the log to the parameters as a user types it, from files whose values are off.
+    #[test]
+    fn the_shipped_flight_gives_dead_time_and_parameters_back() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples");
+        let log = deadtime_log::read(&folder.join("uav_flight.csv")).unwrap();
+        let truth = ModelDocument::read(&folder.join("uav_lateral_stabilised.toml")).unwrap();
+        let truth = truth.structure().unwrap();
+        let outputs = ["p".to_owned(), "ay".to_owned()];
+        let records = Recordings::from_logs(&[log.clone()], &["r".to_owned()], &outputs).unwrap();
+        let (options, taken_out) = (json!({ "direct": "free" }), TakenOut::Estimated);
+        let run = (&Stop::default(), &HowFar::default());
+        let found = identify_behind_delays(&records, &[log], "pbsidopt", &options, &taken_out, run)
+            .unwrap();
+        assert_eq!((found.delays.as_slice(), found.model.order.order), ([7].as_slice(), 3));
+        let target = Target::from_identified("flight", &found.model, &found.delays).unwrap();
+        let off = [[1.0; 9], [1.5, 0.7, 1.2, 0.8, 0.7, 1.3, 1.4, 0.7, 1.0], [0.6; 9]];
+        for factors in off {
+            let mut file = truth.clone();
+            for ((_, p), factor) in file.parameters.iter_mut().zip(factors) {
+                p.value *= if p.known { 1.0 } else { factor };
+            }
+            let all = Matching { free: vec!["all".to_owned()], ..Matching::default() };
+            let fit = all.fit(&file, &target).unwrap();
+            assert!(!fit.parameters.iter().any(|p| p.name == "A_phi_p"), "{:?}", fit.parameters);
+            for p in &fit.parameters {
+                let delay = p.name == "delay:r";
+                let own = truth.parameters.iter().find(|(n, _)| *n == p.name);
+                let value = if delay { 0.13 } else { own.unwrap().1.value };
+                let [from, to] = p.interval.unwrap();
+                let wide = 0.5 * (to - from);
+                assert!(from - wide <= value && value <= to + wide, "{value}: {p:?}");
+                assert!(!delay || (p.value - 0.13).abs() < 0.004, "{p:?}");
+                assert!(p.standing != Standing::Surrogate, "{p:?}");
+            }
+            assert!(fit.converged && fit.prior.is_some(), "{fit:?}");
+        }
+    }
 }

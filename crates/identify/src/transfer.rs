@@ -10,6 +10,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 use super::error::IdentifyError;
 use super::iv::{IvFit, IvInput, IvProblem, RefinedIv, noise_model};
 use super::parametric::{Cloud, Parameter, Parametric, given, usable};
+use crate::rival::{FAR, Rival, polynomial};
 use crate::subspace::identifier::{Identified, Identifier};
 use crate::subspace::innovations::{Direct, InnovationsModel};
 use crate::subspace::recordings::{Recordings, Scales, Stretch};
@@ -155,7 +156,12 @@ impl Identifier for Riv {
             (None, Some(noise)) => RefinedIv { noise: noise.d.len(), ..rough },
             _ => rough,
         };
-        let begun = std::iter::once(found.fit.f.clone()).chain(orders.filtered_starts(&problem));
+        let delays: Vec<usize> = found.lags.iter().map(|lag| lag.saturating_sub(1)).collect();
+        let rival = Rival::of(&used, &delays, nf);
+        let subspace = rival.as_ref().map(|r| polynomial(r.poles.iter().copied()));
+        let begun = std::iter::once(found.fit.f.clone())
+            .chain(orders.filtered_starts(&problem))
+            .chain(subspace);
         let fit = smallest(&orders, &problem, begun.collect())
             .ok_or_else(|| failed("the rounds have no finite end; take smaller orders"))?;
         let rows: usize = outputs.iter().map(Vec::len).sum();
@@ -167,6 +173,14 @@ impl Identifier for Riv {
         if gain(&outputs, orders.noise, fit.loss) < limit {
             return Err(failed(
                 "the output does not visibly follow the inputs; check the channels, or record with a stronger excitation",
+            ));
+        }
+        let left = orders.left(&problem, &fit).concat();
+        let mean_square = left.iter().map(|e| e * e).sum::<f64>() / rows as f64;
+        if rival.is_some_and(|r| mean_square > FAR * r.mean_square) {
+            return Err(failed(
+                "a subspace model of the same order explains the output far better, so this is not the best model of its orders; take more coefficients of B (nb), \
+                 other orders, or --method pbsidopt",
             ));
         }
         let covariance = orders.covariance(&problem, &fit);

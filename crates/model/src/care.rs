@@ -3,13 +3,12 @@
 //! How it can be wrong: a solution that is not the stabilising one (the poles of the loop are looked at), rounding (Newton steps take it off), units far apart
 //! (states are brought to like ones).
 
-use nalgebra::{Complex, DMatrix, SymmetricEigen};
+use nalgebra::{Complex, DMatrix};
 
 use super::balance::Units;
 use super::error::ModelError;
 use super::lyapunov::lyap;
-use super::riccati::{Lqr, dlqr, doubling};
-use super::shape::check_matrix;
+use super::riccati::{Lqr, check_weights, dlqr, doubling, smallest_eigenvalue, symmetric};
 use super::zeros;
 
 /// Newton steps, each of which halves the residual at least.
@@ -40,7 +39,7 @@ pub fn care(
 /// doi:10.1016/j.laa.2004.10.010; Kleinman (1968), doi:10.1109/TAC.1968.1098829.
 ///
 /// # Errors
-/// [`ModelError::Shape`], [`ModelError::NotFinite`], [`ModelError::WeightR`]; [`ModelError::IllConditioned`] where no stabilising solution was found.
+/// [`ModelError::Shape`], [`ModelError::NotFinite`], [`ModelError::NotSymmetric`], [`ModelError::WeightR`]; [`ModelError::IllConditioned`] where no stabilising solution was found.
 pub fn lqr(
     a: &DMatrix<f64>,
     b: &DMatrix<f64>,
@@ -51,18 +50,9 @@ pub fn lqr(
     let (order, inputs) = (a.nrows(), b.ncols());
     let zero = DMatrix::zeros(order, inputs);
     let n = n.unwrap_or(&zero);
-    for (matrix, got, rows, columns) in [
-        ("A", a, order, order),
-        ("B", b, order, inputs),
-        ("Q", q, order, order),
-        ("R", r, inputs, inputs),
-        ("N", n, order, inputs),
-    ] {
-        check_matrix(matrix, got, (rows, columns))?;
-    }
+    check_weights([a, b, q, r, n])?;
     let Some(inverse) = r.clone().cholesky().map(|c| c.inverse()) else {
-        let smallest = SymmetricEigen::new((r + r.transpose()) * 0.5).eigenvalues.min();
-        return Err(ModelError::WeightR { smallest });
+        return Err(ModelError::WeightR { smallest: smallest_eigenvalue(r) });
     };
     if order == 0 || inputs == 0 {
         let poles = zeros::eigenvalues(a);
@@ -88,7 +78,6 @@ fn in_units(
     [a, b, q, r, n]: [&DMatrix<f64>; 5],
     inverse: &DMatrix<f64>,
 ) -> Result<Lqr, ModelError> {
-    let symmetric = |m: DMatrix<f64>| (&m + m.transpose()) * 0.5;
     let ill = |residual| ModelError::IllConditioned { residual };
     let gain = |x: &DMatrix<f64>| inverse * (b.transpose() * x + n.transpose());
     let residual = |x: &DMatrix<f64>, k: &DMatrix<f64>| {

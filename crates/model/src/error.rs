@@ -223,6 +223,21 @@ pub enum ModelError {
         /// Smallest eigenvalue of the symmetric part.
         smallest: f64,
     },
+    /// A connection would leave a continuous delay inside.
+    #[error(
+        "a delay of {delay_s} s {what} has no states in continuous time: convert both systems with c2d first, or approximate it by pade"
+    )]
+    DelayInside {
+        /// Where.
+        what: &'static str,
+        /// The delay, s.
+        delay_s: f64,
+    },
+    /// The direct paths of a loop leave no solution.
+    #[error(
+        "the loop has no solution: its direct paths make I − D₁D₂ singular; leave one of them out"
+    )]
+    AlgebraicLoop,
     /// A weight is not symmetric.
     #[error(
         "{matrix} is not symmetric: entries ({row}, {column}) and ({column}, {row}) differ by {difference:e}"

@@ -331,3 +331,27 @@ proptest! {
         prop_assert!(sum.amax() < 1e-8 * size, "{:e} {size:e}", sum.amax());
     }
 }
+
+/// Entries that a file calls known are marked so among its parameters, and come back with the file; a name that is no entry is refused.
+#[test]
+fn known_entries_of_a_linear_model_are_known_parameters() {
+    let text = |known: &str| {
+        format!(
+            "format = \"deadtime/model@1\"\nname = \"roll\"\nkind = \"lti\"\ninputs = [{{ name = \"r\" }}]\nstates = [{{ name = \"p\" }}, {{ name = \"phi\" }}]\n\
+             outputs = [{{ name = \"y\" }}]\nknown = {known}\nA = [[-2.0, 0.5], [1.0, 0.0]]\nB = [[3.0], [0.0]]\nC = [[1.0, 0.0]]\nD = [[0.0]]\n"
+        )
+    };
+    let path = std::path::Path::new("roll.toml");
+    let read = |known: &str| crate::ModelDocument::from_toml(&text(known), path);
+    let document = read("[\"A_phi_p\"]").unwrap();
+    let structure = document.structure().unwrap();
+    let known: Vec<&str> =
+        structure.parameters.iter().filter(|(_, p)| p.known).map(|(n, _)| n.as_str()).collect();
+    assert_eq!((known, structure.parameters.len()), (vec!["A_phi_p"], 4));
+    assert_eq!(
+        crate::ModelDocument::from_toml(&document.to_toml().unwrap(), path).unwrap(),
+        document
+    );
+    let refused = read("[\"A_phi_phi\"]").unwrap_err().to_string();
+    assert!(refused.contains("A_phi_phi") && refused.contains("A_state_from"), "{refused}");
+}

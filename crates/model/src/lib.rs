@@ -11,12 +11,14 @@ mod equations;
 mod error;
 mod file;
 mod hinf;
+mod interconnection;
 #[cfg(test)]
 mod laws;
 mod lyapunov;
 mod matrices;
 mod matrix;
 mod nu_gap;
+mod pade;
 mod parts;
 mod riccati;
 mod shape;
@@ -41,13 +43,15 @@ pub use crate::file::equations::{
 pub use crate::file::lti::{ModelFile, State};
 pub use crate::file::nuisance::NuisanceEntry;
 pub use care::{Filter, care, dlqe, lqe, lqr};
-pub use d2c::d2c;
+pub use d2c::{D2c, d2c, d2c_by};
 pub use derived::{Derived, DerivedError};
 pub use error::{Error, ModelError, Result};
 pub use hinf::Peak;
+pub use interconnection::{feedback, parallel, series};
 pub use lyapunov::{dlyap, lyap};
 pub use nu_gap::{NuGap, nu_gap};
-pub use riccati::{Lqr, dare, dlqr};
+pub use pade::pade;
+pub use riccati::{Lqr, dare, dlqr, gdare};
 pub use state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 pub use transfer_function::TransferFunction;
 

@@ -1,7 +1,9 @@
 //! The discrete algebraic Riccati equation and the linear-quadratic regulator.
 
 use nalgebra::allocator::Allocator;
-use nalgebra::{Complex, Const, DMatrix, DefaultAllocator, DimMin, OMatrix, SymmetricEigen};
+use nalgebra::{
+    Cholesky, Complex, Const, DMatrix, DefaultAllocator, DimMin, Dyn, OMatrix, SymmetricEigen,
+};
 
 use super::balance::Units;
 use super::error::ModelError;
@@ -59,8 +61,43 @@ pub fn dare(
     Ok(Regulation { a, b, q, r, n }.solve()?.x)
 }
 
+/// The stabilising solution X of the generalised equation AᵀXA − EᵀXE − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0, with the gain of u = −K x over
+/// E x(k+1) = A x(k) + B u(k); as scipy's `solve_discrete_are` and MATLAB's `idare` with E, which is regular (n×n).
+///
+/// # Errors
+/// As [`dare`]; [`ModelError::IllConditioned`] for a singular E.
+pub fn gdare(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    n: Option<&DMatrix<f64>>,
+    e: &DMatrix<f64>,
+) -> Result<Lqr, ModelError> {
+    check_matrix("E", e, (a.nrows(), a.nrows()))?;
+    Regulation { a, b, q, r, n }.check()?;
+    // In E x as the state: A E⁻¹, E⁻ᵀQE⁻¹ and E⁻ᵀN, with X as it is.
+    let back = e.clone().lu();
+    let ahead = e.transpose().lu();
+    let singular = || ModelError::IllConditioned { residual: f64::INFINITY };
+    let behind = |m: &DMatrix<f64>| ahead.solve(&m.transpose()).map(|m| m.transpose());
+    let own_a = behind(a).ok_or_else(singular)?;
+    let own_q = ahead.solve(&behind(q).ok_or_else(singular)?).map(symmetric);
+    let own_q = own_q.ok_or_else(singular)?;
+    let own_n = n.map(|n| ahead.solve(n).ok_or_else(singular)).transpose()?;
+    if back.determinant() == 0.0 || !own_a.iter().all(|v| v.is_finite()) {
+        return Err(singular());
+    }
+    let lqr = Regulation { a: &own_a, b, q: &own_q, r, n: own_n.as_ref() }.solve()?;
+    Ok(Lqr { k: lqr.k * e, ..lqr })
+}
+
 /// Newton steps against what rounding left; each one after the first halves the residual at least.
 const NEWTON_STEPS: usize = 12;
+/// The residual relative to the solution above which it is refused.
+const TRUSTED: f64 = 1e-8;
+/// What inputs without a cost cost in the first regulator, as a share of what they move.
+const COSTLIER: f64 = 1e-3;
 
 /// A regulator's plant and weights: x(k+1) = A x(k) + B u(k) at the cost Σ xᵀQx + uᵀRu + 2xᵀNu.
 #[derive(Clone, Copy)]
@@ -72,38 +109,38 @@ struct Regulation<'a> {
     n: Option<&'a DMatrix<f64>>,
 }
 
-impl Regulation<'_> {
-    fn check(self) -> Result<(), ModelError> {
-        let Self { a, b, q, r, n } = self;
-        let (order, inputs) = (a.nrows(), b.ncols());
-        let zero = DMatrix::zeros(order, inputs);
-        let n = n.unwrap_or(&zero);
-        for (matrix, got, rows, columns) in [
-            ("A", a, order, order),
-            ("B", b, order, inputs),
-            ("Q", q, order, order),
-            ("R", r, inputs, inputs),
-            ("N", n, order, inputs),
-        ] {
-            check_matrix(matrix, got, (rows, columns))?;
-        }
-        for (matrix, weight) in [("Q", q), ("R", r)] {
-            let tolerance = 1e-10 * weight.norm();
-            for j in 0..weight.ncols() {
-                for i in 0..j {
-                    let difference = (weight[(i, j)] - weight[(j, i)]).abs();
-                    if difference > tolerance {
-                        return Err(ModelError::NotSymmetric {
-                            matrix,
-                            row: i + 1,
-                            column: j + 1,
-                            difference,
-                        });
-                    }
+/// Shapes of A n×n, B n×m, Q n×n, R m×m and N n×m, finite entries, and symmetric weights.
+pub(super) fn check_weights([a, b, q, r, n]: [&DMatrix<f64>; 5]) -> Result<(), ModelError> {
+    let (order, inputs) = (a.nrows(), b.ncols());
+    for (matrix, got, rows, columns) in [
+        ("A", a, order, order),
+        ("B", b, order, inputs),
+        ("Q", q, order, order),
+        ("R", r, inputs, inputs),
+        ("N", n, order, inputs),
+    ] {
+        check_matrix(matrix, got, (rows, columns))?;
+    }
+    for (matrix, weight) in [("Q", q), ("R", r)] {
+        let tolerance = 1e-10 * weight.norm();
+        for j in 0..weight.ncols() {
+            for i in 0..j {
+                let difference = (weight[(i, j)] - weight[(j, i)]).abs();
+                if difference > tolerance {
+                    let (row, column) = (i + 1, j + 1);
+                    return Err(ModelError::NotSymmetric { matrix, row, column, difference });
                 }
             }
         }
-        Ok(())
+    }
+    Ok(())
+}
+
+impl Regulation<'_> {
+    fn check(self) -> Result<(), ModelError> {
+        let Self { a, b, q, r, n } = self;
+        let zero = DMatrix::zeros(a.nrows(), b.ncols());
+        check_weights([a, b, q, r, n.unwrap_or(&zero)])
     }
 
     /// The solution with its gain and closed loop, which prove it; states and inputs that nothing
@@ -224,10 +261,7 @@ impl Regulation<'_> {
             let still = Regulation { b: &b, r: &r, n: None, ..self }.solve_in_units()?;
             return Ok(Lqr { k: DMatrix::zeros(0, order), ..still });
         }
-        let r_factor = r
-            .clone()
-            .cholesky()
-            .ok_or_else(|| ModelError::WeightR { smallest: smallest_eigenvalue(r) })?;
+        let Some(r_factor) = r.clone().cholesky() else { return self.with_free_inputs() };
         // The cross term goes into A and Q: u = v − R⁻¹Nᵀx.
         let (a0, q0) = match n {
             None => (a.clone(), q.clone()),
@@ -239,7 +273,7 @@ impl Regulation<'_> {
         let g0 = symmetric(b * r_factor.solve(&b.transpose()));
         let polished = |first| self.polished(first);
         let without = Regulation { a: &a0, q: &q0, n: None, ..self };
-        let trusted = |lqr: &Lqr| self.relative(lqr) <= 1e-8 * (1.0 + a.norm().powi(2));
+        let trusted = |lqr: &Lqr| self.relative(lqr) <= TRUSTED * (1.0 + a.norm().powi(2));
         let doubled = doubling(&a0, &g0, &q0).and_then(polished);
         if let Some(lqr) = doubled.filter(trusted) {
             return Ok(lqr);
@@ -256,6 +290,26 @@ impl Regulation<'_> {
             }
         }
         Err(ill)
+    }
+
+    /// As [`Self::solve_in_units`] where some input costs nothing but what it moves: R is singular, R + BᵀXB is not. Policy iteration starts from the regulator of
+    /// costlier inputs, or from none where the plant decays by itself.
+    fn with_free_inputs(self) -> Result<Lqr, ModelError> {
+        let Self { a, b, q, r, .. } = self;
+        let smallest = smallest_eigenvalue(r);
+        let refused = || ModelError::WeightR { smallest };
+        if smallest < -1e-12 * r.norm() {
+            return Err(refused());
+        }
+        let cost = COSTLIER * (r.norm() + q.norm() * b.norm_squared()).max(f64::MIN_POSITIVE);
+        let costlier = r + DMatrix::from_diagonal_element(r.nrows(), r.nrows(), cost);
+        let regulator = Regulation { r: &costlier, ..self }.solve_in_units().ok().map(|lqr| lqr.k);
+        let none = (radius(a) < 1.0).then(|| DMatrix::zeros(b.ncols(), a.nrows()));
+        let found = [regulator, none].into_iter().flatten().find_map(|gain| {
+            let lqr = self.polished(self.policy_iteration(gain)?)?;
+            (self.relative(&lqr) <= TRUSTED * (1.0 + a.norm().powi(2))).then_some(lqr)
+        });
+        found.ok_or_else(refused)
     }
 
     /// A solution with its gain and the poles of its loop; `None` where it is not the stabilising one.
@@ -308,7 +362,7 @@ impl Regulation<'_> {
     /// for the discrete optimal regulator", IEEE Trans. Automatic Control 16(4), 382-384,
     /// doi:10.1109/TAC.1971.1099755.
     fn policy_iteration(self, mut k: DMatrix<f64>) -> Option<DMatrix<f64>> {
-        let Self { a, b, q, r, .. } = self;
+        let Self { a, b, q, r, n } = self;
         let mut x: Option<DMatrix<f64>> = None;
         let mut least = f64::INFINITY;
         for _ in 0..60 {
@@ -316,7 +370,12 @@ impl Regulation<'_> {
             if radius(&loop_matrix) >= 1.0 {
                 return None;
             }
-            let next = symmetric(stein(&loop_matrix, &symmetric(q + k.transpose() * r * &k)));
+            let mut cost = q + k.transpose() * r * &k;
+            if let Some(n) = n {
+                let nk = n * &k;
+                cost -= &nk + nk.transpose();
+            }
+            let next = symmetric(stein(&loop_matrix, &symmetric(cost)));
             let change = x.as_ref().map_or(f64::INFINITY, |x| (&next - x).norm() / next.norm());
             // Changes fall until rounding makes them stand.
             if change <= 1e-14 || (change < 1e-6 && change >= least) {
@@ -376,8 +435,10 @@ impl Regulation<'_> {
         if a.is_empty() || b.is_empty() {
             return Some(DMatrix::zeros(b.ncols(), a.nrows()));
         }
-        if b.ncols() > b.nrows() {
-            return self.gain_of_many_inputs(x);
+        if b.ncols() > b.nrows()
+            && let Some(factor) = r.clone().cholesky()
+        {
+            return self.gain_of_many_inputs(x, &factor);
         }
         let xb = x * b;
         let weight = r + b.transpose() * &xb;
@@ -390,9 +451,12 @@ impl Regulation<'_> {
 
     /// As [`Self::gain`] for more inputs than states, R⁻¹Nᵀ + R⁻¹BᵀX(I + GX)⁻¹(A − BR⁻¹Nᵀ): in directions that move nothing R alone decides, and a sum with
     /// BᵀXB would round it off.
-    fn gain_of_many_inputs(self, x: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-        let Self { a, b, r, n, .. } = self;
-        let factor = r.clone().cholesky()?;
+    fn gain_of_many_inputs(
+        self,
+        x: &DMatrix<f64>,
+        factor: &Cholesky<f64, Dyn>,
+    ) -> Option<DMatrix<f64>> {
+        let Self { a, b, n, .. } = self;
         let through = factor.solve(&b.transpose());
         let mut w = b * &through * x;
         for i in 0..w.nrows() {
@@ -506,11 +570,11 @@ fn stein(f: &DMatrix<f64>, e: &DMatrix<f64>) -> DMatrix<f64> {
     sum
 }
 
-fn symmetric(m: DMatrix<f64>) -> DMatrix<f64> {
+pub(super) fn symmetric(m: DMatrix<f64>) -> DMatrix<f64> {
     (&m + m.transpose()) * 0.5
 }
 
-fn smallest_eigenvalue(m: &DMatrix<f64>) -> f64 {
+pub(super) fn smallest_eigenvalue(m: &DMatrix<f64>) -> f64 {
     SymmetricEigen::new(symmetric(m.clone()))
         .eigenvalues
         .iter()
@@ -640,10 +704,62 @@ mod tests {
 
     #[test]
     fn an_input_without_cost_is_named() {
-        for r in [0.0, -1.0] {
-            let error =
-                dlqr(&identity(1), &identity(1), &identity(1), &m(1, 1, &[r]), None).unwrap_err();
+        // An input that moves nothing has no gain of least cost, one that costs less than nothing none at all.
+        for (b, r) in [(0.0, 0.0), (1.0, -1.0)] {
+            let (half, b) = (m(1, 1, &[0.5]), m(1, 1, &[b]));
+            let error = dlqr(&half, &b, &identity(1), &m(1, 1, &[r]), None).unwrap_err();
             assert!(matches!(error, ModelError::WeightR { smallest } if smallest == r), "{error}");
+        }
+    }
+
+    /// R singular, R + BᵀXB regular: deadbeat and a chain of three, by hand.
+    #[test]
+    fn inputs_that_cost_only_what_they_move_are_solved() {
+        let one = identity(1);
+        let deadbeat = dlqr(&m(1, 1, &[1.7]), &one, &one, &m(1, 1, &[0.0]), None).unwrap();
+        assert_abs_diff_eq!(deadbeat.x[(0, 0)], 1.0, epsilon = 1e-14);
+        assert_abs_diff_eq!(deadbeat.k[(0, 0)], 1.7, epsilon = 1e-14);
+        let (a, b) = (
+            m(3, 3, &[0.0, 0.1, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0]),
+            m(3, 2, &[1.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+        );
+        let q = DMatrix::from_diagonal(&nalgebra::DVector::from_vec(vec![1e5, 1e3, 10.0]));
+        let found = dlqr(&a, &b, &q, &m(2, 2, &[0.0, 0.0, 0.0, 1.0]), None).unwrap();
+        // x₁₁ = q₁₁, x₂₂ = q₂₂ (the first input undoes what x₁ gets), x₃₃ = q₃₃ + 0.01²·x₂₂.
+        let mut by_hand = q.clone();
+        by_hand[(2, 2)] = 10.1;
+        assert_abs_diff_eq!(found.x, by_hand, epsilon = 1e-10);
+    }
+
+    #[test]
+    fn the_generalised_equation_holds_on_drawn_plants() {
+        let entry = |seed: usize| {
+            move |i: usize, j: usize| {
+                (1.3 + seed as f64 + 2.1 * i as f64 + 3.7 * (j * j) as f64).sin()
+            }
+        };
+        for (n, inputs) in [(1, 1), (2, 1), (3, 2), (5, 2)] {
+            let (a, b) = (DMatrix::from_fn(n, n, entry(1)), DMatrix::from_fn(n, inputs, entry(2)));
+            let e = identity(n) * 2.0 + DMatrix::from_fn(n, n, entry(3)) * 0.4;
+            let s = DMatrix::from_fn(n, inputs, entry(4)) * 0.1;
+            let mut r = identity(inputs);
+            r[(0, 0)] = if inputs > 1 { 0.0 } else { 1.0 };
+            let s = if inputs > 1 { s * 0.0 } else { s };
+            let q = identity(n);
+            let found = gdare(&a, &b, &q, &r, Some(&s), &e).unwrap();
+            let x = &found.x;
+            let k = (&r + b.transpose() * x * &b)
+                .lu()
+                .solve(&(b.transpose() * x * &a + s.transpose()))
+                .unwrap();
+            let left = a.transpose() * x * &a
+                - e.transpose() * x * &e
+                - (a.transpose() * x * &b + &s) * &k
+                + &q;
+            assert!(left.norm() < 1e-12 * (1.0 + x.norm()), "{n}: {left}");
+            assert_abs_diff_eq!(found.k, k, epsilon = 1e-11);
+            let poles = zeros::eigenvalues(&(e.lu().solve(&(&a - &b * &found.k)).unwrap()));
+            assert!(poles.iter().all(|p| p.norm() < 1.0), "{n}");
         }
     }
 

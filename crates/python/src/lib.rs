@@ -14,6 +14,7 @@ mod error;
 mod export;
 mod file;
 mod identify;
+mod linear;
 mod log;
 mod model;
 mod response;
@@ -57,6 +58,11 @@ mod native {
     use super::file::{_read_text, _write_whole, Lock};
     #[pymodule_export]
     use super::identify::_identify;
+    #[pymodule_export]
+    use super::linear::{
+        _care, _connect, _era, _filter, _gdare, _lqr, _lyap, _markov, _norm_h2, _norm_linf,
+        _nu_gap, _pade, _thiran,
+    };
     #[pymodule_export]
     use super::log::{_name_and_unit, _of_columns, Log};
     #[pymodule_export]

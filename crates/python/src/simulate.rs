@@ -14,7 +14,7 @@ use super::state_space::{Either, StateSpace, numbers, table};
 use super::work::long;
 use deadtime::effect::{OnLog, check_units};
 use deadtime::model::c2d::CONVERSIONS;
-use deadtime::model::{ModelError, d2c, dare, dlqr};
+use deadtime::model::{D2c, ModelError, d2c_by, dare, dlqr};
 use deadtime::simulate::{Grid, Hold, Options, Prehistory, lsim};
 use deadtime::time::SampleTime;
 
@@ -42,9 +42,19 @@ pub(super) fn _c2d(
 }
 
 #[pyfunction]
-pub(super) fn _d2c(py: Python<'_>, system: &StateSpace) -> PyResult<StateSpace> {
+pub(super) fn _d2c(py: Python<'_>, system: &StateSpace, method: &str) -> PyResult<StateSpace> {
+    let way = match method {
+        "zoh" => D2c::ZeroOrderHold,
+        "tustin" => D2c::Tustin,
+        "matched" => D2c::Matched,
+        other => {
+            return Err(PyValueError::new_err(format!(
+                "method is `{other}`; it is `zoh`, `tustin` or `matched`"
+            )));
+        }
+    };
     match &system.0 {
-        Either::Sampled(sys) => Ok(StateSpace(Either::Continuous(d2c(sys).or_raise(py)?))),
+        Either::Sampled(sys) => Ok(StateSpace(Either::Continuous(d2c_by(sys, way).or_raise(py)?))),
         Either::Continuous(_) => Err(raise(py, domain("d2c", "sampled", "continuous"))),
     }
 }

@@ -39,6 +39,7 @@ pub(super) struct ByFrequency {
     norm: Option<String>,
     band: Option<[f64; 2]>,
     starts: usize,
+    prior: Option<f64>,
     units: Vec<(String, f64)>,
     at: Vec<(String, f64)>,
 }
@@ -122,6 +123,7 @@ pub(super) fn _match_structure(
             norm: asked.norm.unwrap_or(default.norm),
             band: asked.band,
             starts: asked.starts,
+            prior: asked.prior,
             units: asked.units,
             at: asked.at,
         };

@@ -27,6 +27,9 @@ pub(super) struct Matched {
     /// Starts of the search, the file's values first; default: 8
     #[arg(long, value_name = "N", requires = "matched", hide_short_help = true)]
     starts: Option<usize>,
+    /// How far the file's values are believed to be off, as a share of each; inf: not held; default: by evidence (wls, h2)
+    #[arg(long, value_name = "SHARE", requires = "matched")]
+    prior: Option<f64>,
     /// What counts as one of a channel in gains (h2, hinf, nu-gap): CHANNEL=SIZE; may be repeated
     #[arg(
         long = "unit",
@@ -47,6 +50,7 @@ impl Matched {
             ("--norm", self.norm.is_some()),
             ("--band", self.band.is_some()),
             ("--starts", self.starts.is_some()),
+            ("--prior", self.prior.is_some()),
             ("--unit", !self.units.is_empty()),
             ("--at", !self.at.is_empty()),
         ];
@@ -81,6 +85,7 @@ impl Matched {
             norm: self.norm.clone().unwrap_or(norm),
             band: self.band.as_deref().map(band).transpose()?,
             starts: self.starts.unwrap_or(starts),
+            prior: self.prior,
             units: pairs("--unit", &self.units)?,
             at: pairs("--at", &self.at)?,
         };

@@ -22,7 +22,7 @@ pub(super) struct Structured {
     /// The model whose parameters are fitted, deadtime/model@1; of a linear one they are the entries of A and B that are not 0, such as A_v_phi
     #[arg(long, value_name = "MODEL")]
     pub(super) structure: Option<PathBuf>,
-    /// Parameters to fit, NAME,… or `all`; with --match also delay:INPUT; without any, only the model's errors are reported
+    /// Parameters to fit, NAME,… or `all` that the file does not call known; with --match also delay:INPUT, part of `all`; without any, only the model's errors are reported
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(super) free: Vec<String>,
     /// Parameters that may stand off by record, NAME,…; a prediction of another log does not use that

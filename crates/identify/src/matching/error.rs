@@ -92,4 +92,17 @@ pub enum MatchingError {
         /// The model's name.
         model: String,
     },
+    /// No search ended at a minimum.
+    #[error(
+        "the search for the parameters of {model} did not end at a minimum after {steps} steps (norm of the difference {difference:.3e}): free fewer parameters, \
+         choose another band or norm, or hold the values by a prior"
+    )]
+    NoMinimum {
+        /// The structured model's name.
+        model: String,
+        /// Steps that were taken, at most.
+        steps: usize,
+        /// The norm of the difference there.
+        difference: f64,
+    },
 }

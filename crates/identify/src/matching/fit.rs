@@ -3,6 +3,7 @@
 use super::error::MatchingError;
 use super::norms::{self, At, NORMS, Norm};
 use super::options::Matching;
+use super::prior::{HELD, Prior};
 use super::problem::{Descent, MatchProblem, Parts};
 use super::structure::{Free, Structure};
 use super::system::{GainMatrix, System};
@@ -134,6 +135,8 @@ pub struct Matched {
     pub starts: [usize; 2],
     /// The search ended at a minimum.
     pub converged: bool,
+    /// How far the file's values were believed to be off, as a share of each (one standard deviation); `None` where nothing held them.
+    pub prior: Option<f64>,
     /// What a user should know.
     pub notes: Vec<String>,
     /// The structured model with what was found.
@@ -159,6 +162,10 @@ impl Matching {
     /// [`MatchingError`]; [`deadtime_model::ModelError`] for equations that do not compile; [`deadtime_signal::registry::RegistryError`] for an unknown norm.
     pub fn fit(&self, file: &EquationsFile, target: &Target) -> Result<Matched> {
         let norm = norms::norm(&self.norm)?;
+        if let Some(value) = self.prior.filter(|share| share.is_nan() || *share <= 0.0) {
+            let rule = "it must be above 0; inf holds nothing".to_owned();
+            return Err(MatchingError::Option { option: "prior", value, rule }.into());
+        }
         let structure = Structure::new(self, file, target)?;
         let band = grid::band(&structure.target, target.lowest_rad_s, self.band)?;
         let omegas = grid::frequencies(&structure.target, band);
@@ -171,10 +178,18 @@ impl Matching {
         };
         problem.sizes = sizes(&problem).ok_or_else(no_response)?;
         let zero = vec![0.0; problem.sizes.len()];
-        let (mut found, mut alike) = problem.best(norm, self.starts).ok_or_else(no_response)?;
+        let prior = problem.prior(norm, self.prior);
+        let first =
+            if norm.name == NORMS[0].name { prior } else { problem.prior(&NORMS[0], self.prior) };
+        let (mut found, mut alike) =
+            problem.best(norm, [first, prior], self.starts).ok_or_else(no_response)?;
         if norm.name == "hinf" {
             found = problem.refined(norm, found, band).ok_or_else(no_response)?;
             alike = alike.max(1);
+        }
+        if !found.converged {
+            let (model, steps) = (file.name.clone(), problem::MOST_STEPS);
+            return Err(MatchingError::NoMinimum { model, steps, difference: found.value }.into());
         }
         let own = |z: &[f64]| {
             Some(problem::normal(&problem.parts(norm, z)?, *norm.powers.last()?).cost.sqrt())
@@ -205,10 +220,11 @@ impl Matching {
             uncertainty: target.has_uncertainty(),
             starts: [self.starts.max(1), alike],
             converged: found.converged,
+            prior: prior.map(|p| p.spread),
             notes: structure.notes.clone(),
             model: Some(structure.file_with(&problem.values(&found.z))),
         };
-        know(&problem, norm, &found, &mut answer).ok_or_else(no_response)?;
+        know(&problem, norm, (&found, prior), &mut answer).ok_or_else(no_response)?;
         answer.remark();
         Ok(answer)
     }
@@ -254,7 +270,7 @@ impl MatchProblem<'_> {
             self.omegas.push(peak.omega_rad_s);
             self.omegas.sort_by(f64::total_cmp);
             self.at = points(self.structure, &self.omegas)?;
-            found = self.descend(norm, norm.powers, &found.z)?;
+            found = self.descend(norm, norm.powers, None, &found.z)?;
         }
         Some(found)
     }
@@ -434,7 +450,7 @@ pub(super) fn compared(
 pub(super) fn know(
     problem: &MatchProblem<'_>,
     norm: &Norm,
-    found: &Descent,
+    (found, prior): (&Descent, Option<Prior>),
     answer: &mut Matched,
 ) -> Option<()> {
     let (structure, count) = (problem.structure, found.z.len());
@@ -445,17 +461,20 @@ pub(super) fn know(
     let target: Vec<GainMatrix> = problem.at.iter().map(|at| at.target.clone()).collect();
     let deviations = deviations(structure, &problem.omegas, &target)?;
     let mut covariance = if norm.powers == [2.0] {
-        to_first_order(problem, norm, &parts, &deviations, &eigen)
+        let freed = inverted(&eigen);
+        to_first_order(problem, norm, &parts, &deviations, &freed)
     } else {
         of_draws(problem, norm, found, &deviations)
     };
+    let mut posterior = prior
+        .filter(|_| !deviations.is_empty())
+        .and_then(|prior| with_prior(problem, norm, (&parts, &deviations), (&information, &prior)));
     for at in 0..count {
-        // The identified model's dead times are whole samples, and its covariance takes them for exact: half a sample either way is as good.
-        let late = structure
-            .identified_delay_s(at)
-            .filter(|(delay_s, _)| *delay_s > 0.0)
-            .map_or(0.0, |(_, step_s)| step_s);
-        covariance[(at, at)] += (late * late / 12.0) / (problem.sizes[at] * problem.sizes[at]);
+        let late = delay_variance(problem, at);
+        covariance[(at, at)] += late;
+        if let Some(posterior) = &mut posterior {
+            posterior[(at, at)] += late;
+        }
     }
     // Without uncertainty all that is told is what nothing can resolve: the rest is taken to be known.
     let scaled = if deviations.is_empty() {
@@ -469,6 +488,7 @@ pub(super) fn know(
         let direction = eigen.eigenvectors.column(k);
         covariance += direction * direction.transpose();
     }
+    let covariance = posterior.unwrap_or(covariance);
     let values = problem.values(&found.z);
     let names: Vec<String> = (0..count).map(|at| structure.name(at)).collect();
     // A delay that was found is its own size; for the search it was what the highest frequency sees.
@@ -497,6 +517,9 @@ pub(super) fn know(
         let lost = traded[at]
             || answer.unseen.iter().any(|u| u.parts.iter().any(|(part, _)| part == name));
         let (value, nominal) = (values[at], structure.nominal[at]);
+        let held = prior.is_some_and(|p| {
+            problem.held()[at] && covariance[(at, at)] >= (HELD * p.spread).powi(2)
+        });
         answer.parameters.push(MatchedParameter {
             name: name.clone(),
             unit: structure.unit(at),
@@ -504,10 +527,32 @@ pub(super) fn know(
             value,
             std,
             interval: std.map(|s| interval95(value, s)),
-            standing: standing(nominal, [value, std.unwrap_or(0.0)], None, lost),
+            standing: if held {
+                Standing::Held
+            } else {
+                standing(nominal, [value, std.unwrap_or(0.0)], None, lost)
+            },
         });
     }
     Some(())
+}
+
+/// What half a sample either way adds to the variance of a delay, in its size: the identified model's dead times are whole samples, and its covariance takes them
+/// for exact.
+fn delay_variance(problem: &MatchProblem<'_>, at: usize) -> f64 {
+    let late = problem
+        .structure
+        .identified_delay_s(at)
+        .filter(|(delay_s, _)| *delay_s > 0.0)
+        .map_or(0.0, |(_, step_s)| step_s);
+    (late * late / 12.0) / (problem.sizes[at] * problem.sizes[at])
+}
+
+/// The inverse of an information over the directions that it resolves.
+fn inverted(eigen: &SymmetricEigen<f64, nalgebra::Dyn>) -> DMatrix<f64> {
+    let most = eigen.eigenvalues.max();
+    let inverse = eigen.eigenvalues.map(|v| if v > RESOLVED * most { 1.0 / v } else { 0.0 });
+    &eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose()
 }
 
 /// The covariance of a sum of squares: to first order the minimum moves by H⁻¹Jᵀ of what the
@@ -517,10 +562,9 @@ fn to_first_order(
     norm: &Norm,
     parts: &Parts,
     deviations: &[Vec<GainMatrix>],
-    eigen: &SymmetricEigen<f64, nalgebra::Dyn>,
+    inverse: &DMatrix<f64>,
 ) -> DMatrix<f64> {
-    let count = eigen.eigenvalues.len();
-    let most = eigen.eigenvalues.max();
+    let count = inverse.nrows();
     let mut covariance = DMatrix::zeros(count, count);
     for deviation in deviations {
         let mut pull = DVector::zeros(count);
@@ -530,14 +574,28 @@ fn to_first_order(
             debug_assert_eq!(psi.shape(), moved.shape());
             slopes.iter().enumerate().for_each(|(a, slope)| pull[a] += slope.dotc(&moved).re);
         }
-        let mut step = DVector::<f64>::zeros(count);
-        for k in (0..count).filter(|k| eigen.eigenvalues[*k] > RESOLVED * most) {
-            let direction = eigen.eigenvectors.column(k);
-            step += direction * (direction.dot(&pull) / eigen.eigenvalues[k]);
-        }
+        let step = inverse * pull;
         covariance += &step * step.transpose();
     }
     covariance
+}
+
+/// The same of a minimum that a prior holds, over the noise and over the truths that the prior allows: A (Σ + w²τ²) A with A = (H + w)⁻¹, w on what is held.
+fn with_prior(
+    problem: &MatchProblem<'_>,
+    norm: &Norm,
+    (parts, deviations): (&Parts, &[Vec<GainMatrix>]),
+    (information, prior): (&DMatrix<f64>, &Prior),
+) -> Option<DMatrix<f64>> {
+    let weights: Vec<f64> =
+        problem.held().iter().map(|held| if *held { prior.weight } else { 0.0 }).collect();
+    let weights = DMatrix::from_diagonal(&DVector::from_vec(weights));
+    let inverse = (information + &weights).cholesky()?.inverse();
+    let by_truth = &inverse * (&weights * prior.spread);
+    Some(
+        to_first_order(problem, norm, parts, deviations, &inverse)
+            + &by_truth * by_truth.transpose(),
+    )
 }
 
 /// The covariance where the largest value is no smooth function of the response: the match is made
@@ -569,7 +627,7 @@ fn of_draws(
             }
         }
         let last = &norm.powers[norm.powers.len().saturating_sub(AGAIN)..];
-        drawn.descend(norm, last, &found.z).map(|d| d.z)
+        drawn.descend(norm, last, None, &found.z).map(|d| d.z)
     };
     let drawn: Vec<Option<Vec<f64>>> = (0..DRAWS).into_par_iter().map(again).collect();
     let ends: Vec<Vec<f64>> = drawn.into_iter().flatten().collect();

@@ -17,6 +17,7 @@ mod fit;
 mod grid;
 mod norms;
 mod options;
+mod prior;
 mod problem;
 mod structure;
 mod system;

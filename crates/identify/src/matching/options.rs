@@ -5,7 +5,7 @@ use super::norms::NORMS;
 /// What is matched, and how.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matching {
-    /// Parameters to find, by name; `all`: every parameter; `delay:INPUT`: the dead time of an input.
+    /// Parameters to find, by name; `all`: every parameter that the file does not call known, and all dead times; `delay:INPUT`: the dead time of an input.
     pub free: Vec<String>,
     /// The norm's name in [`NORMS`]; default `wls`.
     pub norm: String,
@@ -13,6 +13,9 @@ pub struct Matching {
     pub band: Option<[f64; 2]>,
     /// Starts, the file's values first; default 8.
     pub starts: usize,
+    /// How far the file's values are believed to be off, as a share of each (one standard deviation), by `wls` and `h2`; default: what the evidence says, from 0.1
+    /// to 10; ∞: not held at all. Dead times are not held.
+    pub prior: Option<f64>,
     /// What counts as one of a channel in norms of gains, by name; default 1 of its unit.
     pub units: Vec<(String, f64)>,
     /// States and inputs where the equations are linearised, by name; default: the file's initial states and the identified model's operating inputs.
@@ -26,6 +29,7 @@ impl Default for Matching {
             norm: NORMS[0].name.to_owned(),
             band: None,
             starts: 8,
+            prior: None,
             units: Vec::new(),
             at: Vec::new(),
         }

@@ -1,5 +1,7 @@
 //! The search: cost, gradient and information of the differences' singular values in a power, from several starts.
 
+use std::cmp::Ordering;
+
 use nalgebra::{Complex, DMatrix, DVector};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -8,9 +10,10 @@ use rand_distr::StandardNormal;
 use rayon::prelude::*;
 
 use super::norms::{At, NORMS, Norm};
+use super::prior::Prior;
 use super::structure::{Free, Structure};
 use super::system::GainMatrix;
-use deadtime_signal::fit::{LevenbergMarquardt, Normal};
+use deadtime_signal::fit::{LevenbergMarquardt, Normal, Stopped};
 
 /// Differences are differentiated over this share of the response.
 const STEP: f64 = 1e-4;
@@ -20,6 +23,14 @@ const FACTOR: f64 = 3.0;
 const NOTHING: f64 = 1e-16;
 /// A cost below this share of the identified model's own size, squared, is rounding.
 const FLOOR: f64 = 1e-26;
+
+/// Steps of a search, and how often it is continued where they run out.
+const ITERATIONS: usize = 100;
+const CONTINUED: usize = 20;
+/// The most steps of one search.
+pub(super) const MOST_STEPS: usize = ITERATIONS * (1 + CONTINUED);
+/// Costs that differ by less than this share are one minimum.
+const SAME: f64 = 1e-6;
 
 /// A difference below this share of the identified model's own size is none, whatever the search says of its minimum: at whole samples of delay a response bends.
 const NONE: f64 = 1e-7;
@@ -38,6 +49,8 @@ pub(super) struct Descent {
     pub(super) z: Vec<f64>,
     /// The norm.
     pub(super) value: f64,
+    /// Its square and what the prior costs.
+    pub(super) cost: f64,
     pub(super) converged: bool,
 }
 
@@ -75,51 +88,79 @@ impl MatchProblem<'_> {
     }
 
     /// One search after another, of each of the norm's powers (or the last of them) from where the one before ended.
-    pub(super) fn descend(&self, norm: &Norm, powers: &[f64], start: &[f64]) -> Option<Descent> {
+    pub(super) fn descend(
+        &self,
+        norm: &Norm,
+        powers: &[f64],
+        prior: Option<Prior>,
+        start: &[f64],
+    ) -> Option<Descent> {
         let delays = self.structure.free.iter().zip(&self.structure.nominal).zip(&self.sizes);
         let lower = delays.map(|((free, nominal), size)| match free {
             Free::Delay(_) => -nominal / size,
             Free::Parameter(_) => f64::NEG_INFINITY,
         });
-        let (lower, whole) = (lower.collect::<Vec<f64>>(), self.whole(norm));
+        let (lower, whole, held) = (lower.collect::<Vec<f64>>(), self.whole(norm), self.held());
+        let prior_cost = |z: &[f64]| -> f64 {
+            let squares = z.iter().zip(&held).filter(|(_, h)| **h).map(|(z, _)| z * z);
+            prior.map_or(0.0, |p| p.weight * squares.sum::<f64>())
+        };
         let mut found: Option<Descent> = None;
         for &power in powers {
+            let evaluate = |z: &[f64]| {
+                let mut all = normal(&self.parts(norm, z)?, power);
+                if let Some(Prior { weight, .. }) = prior {
+                    all.cost += prior_cost(z);
+                    for at in (0..z.len()).filter(|at| held[*at]) {
+                        all.gradient[at] += weight * z[at];
+                        all.information[(at, at)] += weight;
+                    }
+                }
+                Some(all)
+            };
             let exact = if power == 2.0 { 1e-10 } else { 1e-7 };
             let search = LevenbergMarquardt {
-                max_iterations: 100,
+                max_iterations: ITERATIONS,
                 gradient_tolerance: exact,
                 step_tolerance: exact,
                 cost_floor: FLOOR * whole,
                 lower: lower.clone(),
                 ..LevenbergMarquardt::default()
             };
-            let z = found.as_ref().map_or(start, |f| &f.z);
-            let fit = search.minimise(z, |z| Some(normal(&self.parts(norm, z)?, power)));
+            let fit = search.minimise(found.as_ref().map_or(start, |f| &f.z), evaluate);
             if fit.normal.cost.is_infinite() {
                 return None;
             }
-            let still = fit.normal.slope(&vec![true; z.len()]) < 1e-4;
+            let still = fit.normal.slope(&vec![true; lower.len()]) < 1e-4;
             let none = fit.normal.cost <= NONE * NONE * whole;
-            let converged = none
-                || fit.stopped.converged()
-                || fit.stopped == deadtime_signal::fit::Stopped::Stalled && still;
-            found = Some(Descent { z: fit.parameters, value: fit.normal.cost.sqrt(), converged });
+            // Large powers bend within a rounding of their minimum: where no step lowers them the search is at its end.
+            let stalled = fit.stopped == Stopped::Stalled && (still || power > 2.0);
+            let converged = none || fit.stopped.converged() || stalled;
+            let cost = fit.normal.cost;
+            let value = (cost - prior_cost(&fit.parameters)).max(0.0).sqrt();
+            found = Some(Descent { z: fit.parameters, value, cost, converged });
         }
         found
     }
 
     /// The best of several starts and how many of them ended as low: the file's values, then values that are off by factors. Norms other than the first begin where
-    /// least squares end, which see all frequencies alike.
-    pub(super) fn best(&self, norm: &Norm, starts: usize) -> Option<(Descent, usize)> {
+    /// least squares end, which see all frequencies alike. Of ends that differ by rounding alone the one nearest the file's values is taken.
+    pub(super) fn best(
+        &self,
+        norm: &Norm,
+        priors: [Option<Prior>; 2],
+        starts: usize,
+    ) -> Option<(Descent, usize)> {
+        let [first_prior, prior] = priors;
         let from = |k: usize| {
-            let start = self.start(k);
+            let start = if k == 0 { self.near(&NORMS[0]) } else { self.start(k) };
             let first = &NORMS[0];
             let warm = if norm.name == first.name {
                 None
             } else {
-                self.descend(first, first.powers, &start).map(|d| d.z)
+                self.descend(first, first.powers, first_prior, &start).map(|d| d.z)
             };
-            self.descend(norm, norm.powers, &warm.unwrap_or(start))
+            self.descend(norm, norm.powers, prior, &warm.unwrap_or(start))
         };
         let ends: Vec<Descent> = (0..starts.max(1))
             .into_par_iter()
@@ -128,16 +169,41 @@ impl MatchProblem<'_> {
             .into_iter()
             .flatten()
             .collect();
-        let best = ends.iter().min_by(|a, b| a.value.total_cmp(&b.value))?.clone();
-        let floor = NONE * self.whole(norm).sqrt();
-        let alike = ends.iter().filter(|e| e.value <= best.value * 1.001 + floor).count();
-        Some((best, alike))
+        let lowest = ends.iter().map(|e| e.cost).fold(f64::INFINITY, f64::min);
+        let floor = NONE * NONE * self.whole(norm);
+        let within =
+            |share: f64| ends.iter().filter(move |e| e.cost <= lowest * (1.0 + share) + floor);
+        let held = self.held();
+        let away = |e: &Descent| -> f64 {
+            e.z.iter().zip(&held).filter(|(_, h)| **h).map(|(z, _)| z * z).sum()
+        };
+        let best = within(SAME)
+            .min_by(|a, b| {
+                (!a.converged, away(a))
+                    .partial_cmp(&(!b.converged, away(b)))
+                    .unwrap_or(Ordering::Equal)
+            })?
+            .clone();
+        let alike = within(2e-3).count();
+        Some((self.continued(norm, prior, best), alike))
+    }
+
+    /// A search that ran out of steps goes on from where it ended.
+    fn continued(&self, norm: &Norm, prior: Option<Prior>, mut end: Descent) -> Descent {
+        let last = &norm.powers[norm.powers.len().saturating_sub(1)..];
+        for _ in 0..CONTINUED {
+            if end.converged {
+                break;
+            }
+            match self.descend(norm, last, prior, &end.z) {
+                Some(next) if next.cost < end.cost || next.converged => end = next,
+                _ => break,
+            }
+        }
+        end
     }
 
     fn start(&self, k: usize) -> Vec<f64> {
-        if k == 0 {
-            return vec![0.0; self.sizes.len()];
-        }
         let mut random = ChaCha8Rng::seed_from_u64(1);
         random.set_stream(k as u64);
         let off = |(nominal, size): (&f64, &f64)| {

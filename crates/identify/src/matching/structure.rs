@@ -65,7 +65,7 @@ impl<'a> Structure<'a> {
         let equations = file.equations()?;
         let (outputs, inputs, notes) = channels(options, file, target)?;
         let (x, u) = point(options, file, target)?;
-        let free = free(options, file)?;
+        let free = free(options, file, &inputs)?;
         let delays = &file.input_delay_s;
         let nominal = free
             .iter()
@@ -381,11 +381,14 @@ fn point(
     Ok((x, u))
 }
 
-fn free(options: &Matching, file: &EquationsFile) -> Result<Vec<Free>> {
+/// Of `all`: the parameters that are not known, and the delays of the identified model's inputs.
+fn free(options: &Matching, file: &EquationsFile, inputs: &[Shared]) -> Result<Vec<Free>> {
     let mut found = Vec::new();
     for name in &options.free {
         if name == "all" {
-            found.extend((0..file.parameters.len()).map(Free::Parameter));
+            let unknown = (0..file.parameters.len()).filter(|i| !file.parameters[*i].1.known);
+            found.extend(unknown.map(Free::Parameter));
+            found.extend(inputs.iter().map(|input| Free::Delay(input.structured)));
             continue;
         }
         let parameter = file.parameters.iter().position(|(n, _)| n == name).map(Free::Parameter);

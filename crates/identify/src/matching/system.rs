@@ -13,6 +13,9 @@ pub(super) type Matrices = [DMatrix<f64>; 4];
 /// Beyond so many states an eigenvalue problem of twice the size for each level takes longer than the match.
 const MOST_STATES: usize = 150;
 
+/// A difference of delays that turns the fastest pole's phase by less than this is rounding.
+const ROUNDING: f64 = 1e-8;
+
 /// A linear model in either time.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum System {
@@ -167,7 +170,7 @@ impl System {
 /// Both without the delays that they share; sampled ones have the rest as states.
 fn behind_common_delays(one: &System, two: &System) -> Option<(System, System)> {
     match (one, two) {
-        (System::Continuous(a), System::Continuous(b)) if a.input_delay() == b.input_delay() => {
+        (System::Continuous(a), System::Continuous(b)) if alike(a, b) => {
             Some((one.clone(), two.clone()))
         }
         (System::Sampled(a), System::Sampled(b)) => {
@@ -185,6 +188,13 @@ fn behind_common_delays(one: &System, two: &System) -> Option<(System, System)> 
         }
         _ => None,
     }
+}
+
+/// Delays that differ by rounding alone, for the fastest pole of either.
+fn alike(one: &StateSpace<Continuous>, two: &StateSpace<Continuous>) -> bool {
+    let fastest = one.a().norm().max(two.a().norm());
+    let apart = |(a, b): (&f64, &f64)| (a - b).abs() * fastest;
+    one.input_delay().iter().zip(two.input_delay()).map(apart).all(|phase| phase <= ROUNDING)
 }
 
 fn difference<T: TimeDomain>(one: &StateSpace<T>, two: &StateSpace<T>) -> Option<StateSpace<T>> {

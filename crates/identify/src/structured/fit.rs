@@ -278,8 +278,8 @@ impl Structured {
         held_out: &[Log],
     ) -> Result<StructuredFit> {
         let prepared = Prepared::new(file, logs)?;
-        let free = self.indices(&prepared.equations, &self.free)?;
-        let own = self.indices(&prepared.equations, &self.per_record)?;
+        let free = indices(file, &prepared.equations, &self.free)?;
+        let own = indices(file, &prepared.equations, &self.per_record)?;
         if free.is_empty() && own.is_empty() {
             return Err(StructuredError::NothingFree.into());
         }
@@ -316,24 +316,6 @@ impl Structured {
         answer.windows = records.iter().map(|r| r.windows.len()).sum();
         answer.model = Some(model);
         Ok(answer)
-    }
-
-    fn indices(&self, equations: &Equations, names: &[String]) -> Result<Vec<usize>> {
-        let parameters = equations.parameters();
-        if names.iter().any(|name| name == "all") {
-            return Ok((0..parameters.len()).collect());
-        }
-        let find = |name: &String| {
-            let known = || parameters.iter().map(|p| p.name.clone()).collect();
-            let at = parameters.iter().position(|p| p.name == *name);
-            at.ok_or_else(|| {
-                StructuredError::NoParameter { name: name.clone(), known: known() }.into()
-            })
-        };
-        let mut found: Vec<usize> = names.iter().map(find).collect::<Result<_>>()?;
-        found.sort_unstable();
-        found.dedup();
-        Ok(found)
     }
 
     /// Sizes of the parameters, weights, shrinkage and the fit.
@@ -477,4 +459,23 @@ pub(super) fn with_values(file: &EquationsFile, found: &[FreeParameter]) -> Equa
         }
     }
     model
+}
+
+/// The named parameters; of `all` those that are not known.
+fn indices(file: &EquationsFile, equations: &Equations, names: &[String]) -> Result<Vec<usize>> {
+    let parameters = equations.parameters();
+    if names.iter().any(|name| name == "all") {
+        let unknown =
+            |i: &usize| !file.parameters.iter().any(|(n, p)| p.known && *n == parameters[*i].name);
+        return Ok((0..parameters.len()).filter(unknown).collect());
+    }
+    let find = |name: &String| {
+        let known = || parameters.iter().map(|p| p.name.clone()).collect();
+        let at = parameters.iter().position(|p| p.name == *name);
+        at.ok_or_else(|| StructuredError::NoParameter { name: name.clone(), known: known() }.into())
+    };
+    let mut found: Vec<usize> = names.iter().map(find).collect::<Result<_>>()?;
+    found.sort_unstable();
+    found.dedup();
+    Ok(found)
 }

@@ -29,6 +29,8 @@ pub enum Standing {
     Unchecked,
     /// Another parameter can trade with it, or its interval holds anything from nothing to twice its value.
     Open,
+    /// The data do not fix it, and a prior keeps it at the file's value.
+    Held,
 }
 
 /// A combination of parameters that the data do not show, or hardly.

@@ -29,5 +29,6 @@ pub use hold::{delayed_taps, transition};
 pub use impulse::{Feedthrough, ImpulseInvariant};
 pub use least_squares::LeastSquares;
 pub use matched::ZeroPoleMatching;
+pub use thiran::thiran;
 pub use tustin::Tustin;
 pub use zero_order_hold::ZeroOrderHold;

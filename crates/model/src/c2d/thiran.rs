@@ -27,6 +27,30 @@ pub(super) fn with_delays(
     cascade_inputs(&sys, &filters)?.with_input_delay(whole)
 }
 
+/// A delay as an all-pass filter in sampled time, maximally flat at low frequencies. Without `order` of ⌈delay/sample_time⌉ states, as MATLAB's
+/// `thiran(tau, Ts)`; with it of at most so many, behind whole samples of input delay. A whole number of samples is an input delay alone.
+///
+/// Source: Thiran (1971), doi:10.1109/TCT.1971.1083363.
+///
+/// # Errors
+/// [`ModelError::Time`] for a delay that is negative or no number.
+pub fn thiran(
+    delay_s: f64,
+    sample_time: SampleTime,
+    order: Option<usize>,
+) -> Result<StateSpace<Sampled>, ModelError> {
+    let delay = sample_time.samples(delay_s)?;
+    let (samples, filter) = match order {
+        Some(order) => split(delay, order)?,
+        None if delay.fraction == 0.0 => (delay.whole, None),
+        None => (0, Some(all_pass(delay.whole + 1, delay.total())?)),
+    };
+    let (none, one) = (DMatrix::zeros(0, 0), DMatrix::from_element(1, 1, 1.0));
+    let gain =
+        StateSpace::sampled(none, DMatrix::zeros(0, 1), DMatrix::zeros(1, 0), one, sample_time)?;
+    cascade_inputs(&gain, &[filter])?.with_input_delay(vec![samples])
+}
+
 /// The whole samples to which a delay is rounded; `None` where a filter of at most `order` states carries its fraction, or it has none.
 pub(super) fn rounded(delay: Samples, order: usize) -> Option<usize> {
     let nearest = nearest(delay);
@@ -110,4 +134,29 @@ fn cascade_inputs(
         at += m;
     }
     StateSpace::sampled(a, b, c, d, sys.sample_time())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// All-pass, and late by its delay at low frequencies, of any order.
+    #[test]
+    fn filters_are_late_by_their_delay() {
+        let ts = SampleTime::new(0.1).unwrap();
+        for (samples, order, states, whole) in
+            [(2.4, None, 3, 0), (2.4, Some(1), 1, 1), (3.0, None, 0, 3), (17.6, Some(20), 18, 0)]
+        {
+            let filter = thiran(samples * 0.1, ts, order).unwrap();
+            assert_eq!((filter.order(), filter.input_delay()[0]), (states, whole), "{samples}");
+            for omega in [0.1, 1.0, 20.0] {
+                let response = filter.frequency_response(omega)[(0, 0)];
+                assert!((response.norm() - 1.0).abs() < 1e-11, "{samples} {omega}");
+            }
+            let late = Complex::from_polar(1.0, -0.3 * samples * 0.1);
+            let response = filter.frequency_response(0.3)[(0, 0)];
+            assert!((response - late).norm() < 1e-4, "{samples}: {response} {late}");
+        }
+        assert!(thiran(-0.1, ts, None).is_err());
+    }
 }

@@ -45,12 +45,9 @@ impl EquationsFile {
                 )));
             }
             let first = extended.parameters.len();
-            let added = parameters.iter().map(|(name, p)| {
-                (
-                    name.clone(),
-                    ParameterEntry { unit: p.unit.clone(), value: p.value, known: false },
-                )
-            });
+            let added = parameters
+                .iter()
+                .map(|(name, p)| (name.clone(), ParameterEntry::new(p.unit.clone(), p.value)));
             extended.parameters.extend(added);
             if let Some((_, derivative)) =
                 extended.derivatives.iter_mut().find(|(of, _)| *of == entry.state)

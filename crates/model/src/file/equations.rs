@@ -40,9 +40,17 @@ pub struct ParameterEntry {
     pub unit: Option<String>,
     /// Its value.
     pub value: f64,
-    /// The value is exact: no cause of a gap is looked for in it.
+    /// The value is exact (kinematics, gravity): no cause of a gap is looked for in it, and a fit of `all` parameters leaves it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub known: bool,
+}
+
+impl ParameterEntry {
+    /// A parameter that a fit may change.
+    #[must_use]
+    pub fn new(unit: Option<String>, value: f64) -> Self {
+        Self { unit, value, known: false }
+    }
 }
 
 /// What the outputs of a group are together.
@@ -181,12 +189,7 @@ impl EquationsFile {
             parameters: model
                 .parameters()
                 .iter()
-                .map(|p| {
-                    (
-                        p.name.clone(),
-                        ParameterEntry { unit: p.unit.clone(), value: p.value, known: false },
-                    )
-                })
+                .map(|p| (p.name.clone(), ParameterEntry::new(p.unit.clone(), p.value)))
                 .collect(),
             definitions: model
                 .definitions()

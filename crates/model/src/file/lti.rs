@@ -9,6 +9,7 @@ use super::candidate::CandidateEntry;
 use super::channel::{Channel, EffectEntry, Operating};
 use super::check::{
     Sign, check_channels, check_list, check_names, check_sample_time, check_sizes, number,
+    unmatched,
 };
 use super::equations::{EquationsFile, ParameterEntry, StateEntry};
 use super::nuisance::{NuisanceEntry, check_nuisances};
@@ -56,6 +57,9 @@ pub struct ModelFile {
     /// Standard deviation of `initial`; empty: the start is unknown.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub initial_std: Vec<f64>,
+    /// Entries of A and B whose values are certain, as `A_phi_p` for φ' = p: a fit of `all` parameters leaves them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub known: Vec<String>,
     #[serde(rename = "A")]
     a: Vec<Vec<f64>>,
     #[serde(rename = "B")]
@@ -92,6 +96,7 @@ impl ModelFile {
         check_list(path, "initial", &self.initial, states.len(), Sign::Any)?;
         check_list(path, "initial_std", &self.initial_std, states.len(), Sign::NotNegative)?;
         check_sample_time(path, self.sample_time_s)?;
+        self.check_known(path)?;
         let named =
             |e: ModelError| ModelError::File { path: path.to_owned(), detail: e.to_string() };
         if !self.candidates.is_empty() {
@@ -102,6 +107,25 @@ impl ModelFile {
         } else {
             self.continuous().map(drop).map_err(named)
         }
+    }
+
+    /// Every entry that is called known is an entry of A or B that is not 0.
+    fn check_known(&self, path: &Path) -> Result<(), ModelError> {
+        if self.known.is_empty() {
+            return Ok(());
+        }
+        if self.is_sampled() {
+            let rule = "entries of a sampled model are no parameters";
+            return Err(unmatched(path, "`known`", &self.known.join(", "), rule));
+        }
+        let parameters = self.to_equations([&[], &[], &[]])?.parameters;
+        for name in &self.known {
+            if !parameters.iter().any(|(entry, _)| entry == name) {
+                let rule = "is no entry of A or B that is not 0; write it as A_state_from or B_state_input";
+                return Err(unmatched(path, "`known`", name, rule));
+            }
+        }
+        Ok(())
     }
 
     /// A file for a continuous model.
@@ -215,6 +239,7 @@ impl ModelFile {
             input_delay_s,
             initial: Vec::new(),
             initial_std: Vec::new(),
+            known: Vec::new(),
             a: rows(a),
             b: rows(b),
             c: rows(c),
@@ -306,10 +331,9 @@ impl ModelFile {
                 if matrix[(i, j)] != 0.0 {
                     let name = format!("{letter}_{state}_{column}");
                     derivative.push_str(&format!(" + {name}*{value}"));
-                    parameters.push((
-                        name,
-                        ParameterEntry { unit: None, value: matrix[(i, j)], known: false },
-                    ));
+                    let known = self.known.contains(&name);
+                    let entry = ParameterEntry { unit: None, value: matrix[(i, j)], known };
+                    parameters.push((name, entry));
                 }
             }
             derivatives.push((state.to_owned(), derivative));
