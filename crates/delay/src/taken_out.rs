@@ -1,6 +1,7 @@
 //! Dead times that are taken out of records before a state-space model is identified: shorter pasts, fewer states.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 
 use serde_json::{Value, json};
 
@@ -123,7 +124,7 @@ impl Asked<'_> {
             }
         }
         if delays != none && self.criterion(&none)? + WORSE < least {
-            notes.push("the estimated delays make the model worse, so none was taken out; give them if they are known".to_owned());
+            notes.push("the estimated delays make the model worse, so none was removed; give them if they are known".to_owned());
             return Ok(none);
         }
         Ok(delays)
@@ -137,10 +138,10 @@ impl Asked<'_> {
         let mut next: Vec<usize> = (from..=to).step_by(step).collect();
         loop {
             for at in next {
-                if !tried.contains_key(&at) {
+                if let Entry::Vacant(place) = tried.entry(at) {
                     let mut own = delays.to_vec();
                     own[input] = at;
-                    tried.insert(at, self.criterion(&own)?);
+                    place.insert(self.criterion(&own)?);
                 }
             }
             let best = tried.iter().min_by(|a, b| a.1.total_cmp(b.1)).map(|(at, c)| (*at, *c));
@@ -339,7 +340,8 @@ mod tests {
         for seed in 0..10_u64 {
             let (log, samples, direct) = drawn(seed);
             let names = [["u".to_owned()], ["y".to_owned()]];
-            let records = Recordings::from_logs(&[log.clone()], &names[0], &names[1]).unwrap();
+            let records =
+                Recordings::from_logs(std::slice::from_ref(&log), &names[0], &names[1]).unwrap();
             let options = json!({ "direct": if direct { "free" } else { "none" }, "draws": 0 });
             let run = (&Stop::default(), &HowFar::default());
             let found = identify_behind_delays(
@@ -368,7 +370,8 @@ mod tests {
         let truth = ModelDocument::read(&folder.join("uav_lateral_stabilised.toml")).unwrap();
         let truth = truth.structure().unwrap();
         let outputs = ["p".to_owned(), "ay".to_owned()];
-        let records = Recordings::from_logs(&[log.clone()], &["r".to_owned()], &outputs).unwrap();
+        let records =
+            Recordings::from_logs(std::slice::from_ref(&log), &["r".to_owned()], &outputs).unwrap();
         let (options, taken_out) = (json!({ "direct": "free" }), TakenOut::Estimated);
         let run = (&Stop::default(), &HowFar::default());
         let found = identify_behind_delays(&records, &[log], "pbsidopt", &options, &taken_out, run)

@@ -112,9 +112,9 @@ pub enum LogError {
         /// The log.
         file: String,
         /// The column.
-        column: String,
+        column: Box<str>,
         /// The value.
-        value: String,
+        value: Box<str>,
         /// Some values of it.
         there: Vec<String>,
     },
@@ -603,7 +603,7 @@ impl Remedied for LogError {
                 let value = values.first().cloned().unwrap_or_default();
                 let all = values.join(", ");
                 said(format!("{file}, row {row}: rows of several instances take turns, by the column `{column}` ({all}); read one of them with "))
-                    .and(Remedy::Only { column: column.clone(), value })
+                    .and(Remedy::Only { column: column.as_str().into(), value: value.into() })
             }
             Self::DayOrMonth { file, row, text } => {
                 said(format!("{file}, row {row}: `{text}` may be read day first or month first; say which, `dmy` or `mdy`, with ")).and(Remedy::TimeUnit)

@@ -75,6 +75,8 @@ pub(super) fn _identify(
             held_out,
             held_out_samples: judged.samples(),
             checks: found.model.check(&judged),
+            judged: &judged,
+            compared: None,
         };
         Ok((file, report.data()?, report.text()))
     })?;

@@ -54,9 +54,9 @@ pub enum Remedy {
     /// The rows of a file that are read.
     Only {
         /// The column.
-        column: String,
-        /// What stands in it.
-        value: String,
+        column: Box<str>,
+        /// The value of the rows to read.
+        value: Box<str>,
     },
     /// A number that stands for a missing sample.
     Missing {

@@ -288,7 +288,7 @@ mod tests {
     fn drawn(seed: u64, integrates: bool) -> (Vec<f64>, Vec<f64>, f64) {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let samples = rng.random_range(400..900_usize);
-        let lag: f64 = if seed % 2 == 0 { 0.0 } else { rng.random_range(2.0..12.0) };
+        let lag: f64 = if seed.is_multiple_of(2) { 0.0 } else { rng.random_range(2.0..12.0) };
         let lag = if integrates { lag } else { lag + 4.0 };
         let delay = rng.random_range(0..150_usize);
         let (at, lasts) = (rng.random_range(40..120), rng.random_range(15..60));

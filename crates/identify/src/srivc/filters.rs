@@ -14,9 +14,9 @@ pub(super) struct Poles {
 impl Poles {
     /// (p + 1)ⁿ.
     pub(super) fn equal(omega: f64, order: usize) -> Self {
-        let mut a = vec![1.0];
+        let mut a = vec![0.0; order + 1];
+        a[0] = 1.0;
         for _ in 0..order {
-            a.push(0.0);
             for i in (1..a.len()).rev() {
                 a[i] += a[i - 1];
             }

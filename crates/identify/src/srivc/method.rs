@@ -295,7 +295,8 @@ impl Weighed {
                 break;
             };
             let Some((found, _)) = look(&next, &own) else { break };
-            if !(found.variance <= noise.variance * (1.0 + 1e-3)) {
+            let (there, here) = (found.variance, noise.variance * (1.0 + 1e-3));
+            if there.is_nan() || there > here {
                 break;
             }
             (point, linear, noise) = (next, own, found);
@@ -522,8 +523,8 @@ fn parameters(
     }
     all.extend((0..n).map(|i| one(format!("a{}", i + 1), None, None, i, of_a[i])));
     for (j, input) in used.inputs.iter().enumerate() {
-        for i in 0..nb {
-            let factor = of_b[i] * build.units[j];
+        for (i, of_b) in of_b.iter().enumerate().take(nb) {
+            let factor = of_b * build.units[j];
             all.push(one(format!("b{i}"), Some(input.name.clone()), None, at + j * nb + i, factor));
         }
     }

@@ -126,7 +126,10 @@ impl Data {
         let qr = shared.qr();
         let (shared, r) = (qr.q(), qr.r());
         let largest = r.diagonal().amax();
-        if !(largest > 0.0) || r.diagonal().iter().any(|v| v.abs() <= NONE * largest) {
+        if largest.is_nan()
+            || largest <= 0.0
+            || r.diagonal().iter().any(|v| v.abs() <= NONE * largest)
+        {
             return None;
         }
         let explained = shared.tr_mul(&target);

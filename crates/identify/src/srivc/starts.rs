@@ -91,6 +91,6 @@ impl Data {
         let right = DVector::from_fn(k, |i, _| product(&instruments[i], &target) / size[i]);
         let found = gram.lu().solve(&right)?;
         let a: Vec<f64> = (0..n).map(|i| found[i] / size[i]).collect();
-        a.iter().all(|v| v.is_finite()).then(|| Poles { omega: filter.omega, a })
+        a.iter().all(|v| v.is_finite()).then_some(Poles { omega: filter.omega, a })
     }
 }

@@ -185,8 +185,8 @@ impl Only {
     fn nowhere(&self, file: &str) -> LogError {
         LogError::NoSuchRows {
             file: file.to_owned(),
-            column: self.column.clone(),
-            value: self.value.clone(),
+            column: self.column.as_str().into(),
+            value: self.value.as_str().into(),
             there: self.others.clone(),
         }
     }
