@@ -30,12 +30,15 @@ fn of_filter(py: Python<'_>, filter: Filter) -> PyResult<Solution<'_>> {
     Ok((array2(py, filter.gain)?, array2(py, filter.covariance)?, filter.poles.into_pyarray(py)))
 }
 
+/// Four matrices and the cross weight, where there is one.
+type Tables = ([DMatrix<f64>; 4], Option<DMatrix<f64>>);
+
 /// Four matrices by their names, and one that may be absent.
 fn tables(
     names: [&'static str; 4],
     given: [&Bound<'_, PyAny>; 4],
     cross: Option<&Bound<'_, PyAny>>,
-) -> PyResult<([DMatrix<f64>; 4], Option<DMatrix<f64>>)> {
+) -> PyResult<Tables> {
     let one = |k: usize| table(names[k], given[k]);
     Ok(([one(0)?, one(1)?, one(2)?, one(3)?], cross.map(|n| table("N", n)).transpose()?))
 }

@@ -1,10 +1,37 @@
 //! Means, medians and the like: one of each, for everybody. Of nothing there is none.
 
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
 /// The normal distribution's 97.5 % point: 95 % lie within so many standard deviations.
 pub const NORMAL_95: f64 = 1.96;
 
 /// The same to every digit, for scores that other tools compute alike.
 pub const NORMAL_95_EXACT: f64 = 1.959_963_984_540_054;
+
+/// The quantile of Student's t distribution of this many degrees of freedom; `None` where there is none. By bisection of the distribution function: the library's own
+/// inverse does not end at some degrees of freedom.
+#[must_use]
+pub fn students_t(probability: f64, freedom: f64) -> Option<f64> {
+    let t = StudentsT::new(0.0, 1.0, freedom).ok().filter(|_| freedom.is_finite())?;
+    if !(probability > 0.0 && probability < 1.0) {
+        return None;
+    }
+    let above = probability.max(1.0 - probability);
+    let mut end = 1.0;
+    while t.cdf(end) < above && end < 1e300 {
+        end *= 2.0;
+    }
+    let (mut from, mut to) = (0.0, end);
+    // Each half is exact; the interval ends at neighbouring numbers.
+    for _ in 0..1100 {
+        let middle = from + 0.5 * (to - from);
+        if middle <= from || middle >= to {
+            break;
+        }
+        if t.cdf(middle) < above { from = middle } else { to = middle }
+    }
+    Some(if probability < 0.5 { -to } else { to })
+}
 
 /// The arithmetic mean.
 #[must_use]
@@ -74,6 +101,25 @@ pub fn interval95(centre: f64, std: f64) -> [f64; 2] {
 mod tests {
     use super::*;
     use approx::assert_relative_eq;
+
+    /// Points of Student's table (Abramowitz and Stegun 1964, table 26.10), to its three digits; of all degrees of freedom they end, and fall towards the normal one.
+    #[test]
+    fn points_of_students_table_are_found_at_all_degrees_of_freedom() {
+        for (freedom, point) in [
+            (1.0, 12.706),
+            (2.0, 4.303),
+            (5.0, 2.571),
+            (10.0, 2.228),
+            (30.0, 2.042),
+            (120.0, 1.980),
+        ] {
+            let found = students_t(0.975, freedom).unwrap();
+            assert!((found - point).abs() < 6e-4, "{freedom}: {found}");
+            assert_relative_eq!(students_t(0.025, freedom).unwrap(), -found, max_relative = 1e-9);
+        }
+        let all: Vec<f64> = (1..4000).map(|f| students_t(0.975, f64::from(f)).unwrap()).collect();
+        assert!(all.windows(2).all(|w| w[1] <= w[0] && w[1] > NORMAL_95_EXACT), "{all:?}");
+    }
 
     #[test]
     fn of_nothing_there_is_none() {

@@ -6,9 +6,10 @@ use crate::estimator::{NoDelay, PairRecords, options};
 use crate::method::Condition;
 use deadtime_identify::Record;
 use deadtime_signal::stats;
+use deadtime_signal::stats::students_t;
 use deadtime_signal::{CrossSpectra, HANN_LINES, RealFourier, correlation};
 use nalgebra::Complex;
-use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
+use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 /// What all of them withstand.
 pub(crate) const WITHSTANDS: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs];
@@ -481,8 +482,7 @@ impl Alike {
         let total: f64 = 1.0 + self.rivals.iter().map(|(_, p)| p).sum::<f64>();
         let spread: f64 =
             self.rivals.iter().map(|(l, p)| p / total * (real(*l) - raw).powi(2)).sum();
-        let quantile = StudentsT::new(0.0, 1.0, self.freedom.max(1.0))
-            .map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
+        let quantile = students_t(0.975, self.freedom.max(1.0)).unwrap_or(f64::INFINITY);
         let also = self.probable_rivals(total);
         // A peak that was not refined is known to half a sample.
         let ends = also.iter().fold([raw - quantile * std, raw + quantile * std], |ends, l| {

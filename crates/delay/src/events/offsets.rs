@@ -10,8 +10,9 @@ use crate::method::Law;
 use crate::posterior;
 use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stats;
+use deadtime_signal::stats::students_t;
 use serde::{Deserialize, Serialize};
-use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+use statrs::distribution::{ContinuousCDF, Normal};
 
 /// What to do with sequences in different units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -408,8 +409,7 @@ pub(super) fn combined(answers: &[Answer], window: f64) -> DelayEstimate {
     let weighted =
         |f: &dyn Fn(&Shown) -> f64| found.iter().map(|a| weight(a) * f(a)).sum::<f64>() / total;
     let (delay, raw, std) = (weighted(&|a| a.delay), weighted(&|a| a.raw), (1.0 / total).sqrt());
-    let quantile =
-        StudentsT::new(0.0, 1.0, real(LEAST)).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
+    let quantile = students_t(0.975, real(LEAST)).unwrap_or(f64::INFINITY);
     let ends = [delay - quantile * std, delay + quantile * std];
     if ends[1] < 0.0 {
         return DelayEstimate::without(

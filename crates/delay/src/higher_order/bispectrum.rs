@@ -7,7 +7,7 @@
 //! noise for the signal, this does not.
 
 use nalgebra::Complex;
-use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+use statrs::distribution::{ContinuousCDF, Normal};
 
 use crate::correlation::generalised::{Alike, Centred, Interpolant, LATE, real};
 use crate::error::{DelayError, LengthRemedy};
@@ -15,6 +15,7 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, long_enough, noted, options};
 use crate::method::{Condition, Information, Law, Method, ReferenceExperiment, method_line};
 use deadtime_identify::Record;
+use deadtime_signal::stats::students_t;
 use deadtime_signal::{RealFourier, stats};
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
@@ -301,8 +302,8 @@ impl Third {
         let chance = stats::rms(others.iter().copied()).unwrap_or(0.0);
         let z = size(lag) / chance.max(f64::MIN_POSITIVE);
         // Neighbouring lags share half of what they see.
-        let limit = StudentsT::new(0.0, 1.0, (0.5 * real(others.len())).max(1.0))
-            .map_or(f64::INFINITY, |d| d.inverse_cdf(1.0 - 0.005 / real(max_delay + 1)));
+        let freedom = (0.5 * real(others.len())).max(1.0);
+        let limit = students_t(1.0 - 0.005 / real(max_delay + 1), freedom).unwrap_or(f64::INFINITY);
         if z.is_nan() || z < limit {
             return Err(format!(
                 "no delay stands out of the third-order statistics ({z:.1} times their scatter, {limit:.1} needed)"

@@ -17,8 +17,8 @@ use crate::parametric::arxstruc::Others;
 use crate::posterior;
 use deadtime_identify::{Initial, Record};
 use deadtime_signal::stats::NORMAL_95;
+use deadtime_signal::stats::students_t;
 use deadtime_signal::stop::Stop;
-use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Which poles a process model may have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -513,8 +513,7 @@ impl Knowledge {
         let independent = if problem.whole() { counting } else { under(&alone) };
         let freedom = (independent - problem.parameters() as f64).max(1.0);
         let energy: f64 = alone.iter().map(|v| v * v).sum();
-        let quantile =
-            StudentsT::new(0.0, 1.0, freedom).map_or(NORMAL_95, |t| t.inverse_cdf(0.975));
+        let quantile = students_t(0.975, freedom).unwrap_or(NORMAL_95);
         let std = (best.cost.max(floor) / freedom / energy.max(f64::MIN_POSITIVE)).sqrt();
         Some(Self {
             counting,

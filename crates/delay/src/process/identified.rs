@@ -4,7 +4,6 @@
 //! How it can be wrong: see [`ProcessFit`].
 
 use nalgebra::{DMatrix, DVector};
-use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::chain::{Chain, Shape};
 use super::family::{EDGE, Fitted, Poles, Process};
@@ -20,6 +19,7 @@ use deadtime_identify::{
     usable,
 };
 use deadtime_signal::progress::HowFar;
+use deadtime_signal::stats::students_t;
 use deadtime_signal::stats::{self, NORMAL_95_EXACT};
 use deadtime_signal::stop::Stop;
 use deadtime_signal::time::SampleTime;
@@ -380,8 +380,7 @@ impl<'a> Spread<'a> {
         let covariance = covariance.view((0, 0), (count, count)).into_owned();
         let cloud = Cloud::of(solved.values.clone(), &covariance, options.seed);
         let freedom = (solved.residual.len() as f64 - solved.jacobian.len() as f64).max(1.0);
-        let wider = StudentsT::new(0.0, 1.0, freedom)
-            .map_or(1.0, |t| t.inverse_cdf(0.975) / NORMAL_95_EXACT);
+        let wider = students_t(0.975, freedom).map_or(1.0, |t| t / NORMAL_95_EXACT);
         let best = structure.numbers(&solved.values, step.seconds(), options.poles == Poles::Real);
         Self { options, structure, step, solved, best, cloud, wider }
     }

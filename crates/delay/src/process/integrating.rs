@@ -16,8 +16,8 @@ use crate::method::{Condition, Information, Method, ReferenceExperiment, Start, 
 use crate::posterior;
 use deadtime_identify::{Initial, Record};
 use deadtime_signal::stats;
+use deadtime_signal::stats::students_t;
 use deadtime_signal::stop::Stop;
-use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// The options of an integrating process model.
 ///
@@ -183,8 +183,7 @@ impl Fit {
         let std = noise.covariance[(self.poles, self.poles)].max(0.0).sqrt().max(RESOLVED);
         let freedom =
             (self.solved.residual.len() as f64 - self.solved.jacobian.len() as f64).max(1.0);
-        let quantile =
-            StudentsT::new(0.0, 1.0, freedom).map_or(stats::NORMAL_95, |t| t.inverse_cdf(0.975));
+        let quantile = students_t(0.975, freedom).unwrap_or(stats::NORMAL_95);
         let longest = pair.max_delay as f64;
         let ends = [(delay - quantile * std).max(0.0), delay + quantile * std];
         if ends[1] - ends[0] > 0.5 * longest.max(1.0) {

@@ -2,8 +2,6 @@
 //!
 //! Equation: τ̂ = Ts·min{ i : |ĥᵢ| > h_std·σ̂ᵢ }, ĥ the finite impulse response by least squares and σ̂ its standard deviations.
 
-use statrs::distribution::{ContinuousCDF, StudentsT};
-
 use super::response::{
     EstimatedResponse, Prewindow, Records, ResponseKind, misfits, onset, response,
 };
@@ -12,6 +10,7 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, options};
 use crate::method::{Basis, Condition, Information, Method, method_line, plant_example};
 use crate::posterior;
+use deadtime_signal::stats::students_t;
 
 /// Threshold on the impulse response.
 ///
@@ -114,8 +113,7 @@ impl Threshold {
             None => self.h_std,
             Some(level) => {
                 let each = 1.0 - (1.0 - level).powf(1.0 / taps as f64);
-                StudentsT::new(0.0, 1.0, response.freedom as f64)
-                    .map_or(self.h_std, |t| t.inverse_cdf(1.0 - each / 2.0))
+                students_t(1.0 - each / 2.0, response.freedom as f64).unwrap_or(self.h_std)
             }
         };
         // On noise-free data the uncertainty is rounding, and so may be what stands above it.

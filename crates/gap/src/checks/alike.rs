@@ -8,9 +8,8 @@
 //! - The stretches of a log need not agree. Sixteen are left out in turn (delete-a-group jackknife; Künsch 1989, doi:10.1214/aos/1176347265), so that neither white
 //!   noise nor Gaussian is supposed, only that the noise has forgotten itself after a stretch.
 
-use statrs::distribution::{ContinuousCDF, StudentsT};
-
 use deadtime_signal::stats;
+use deadtime_signal::stats::students_t;
 
 /// Stretches that are left out in turn.
 const STRETCHES: usize = 16;
@@ -242,8 +241,7 @@ fn through(parts: &[Part], filter: Filter, lags: usize) -> Option<Alike> {
         return None;
     }
     let n = STRETCHES as f64;
-    let quantile =
-        StudentsT::new(0.0, 1.0, n - 1.0).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
+    let quantile = students_t(0.975, n - 1.0).unwrap_or(f64::INFINITY);
     let half = |i: usize| {
         let mean = others.iter().map(|o| o[i]).sum::<f64>() / n;
         quantile

@@ -12,12 +12,12 @@
 
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
-use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::evidence::short;
 use deadtime_log::{Channel, Log, Recording, Topic, Wanted};
 use deadtime_signal::CrossSpectra;
 use deadtime_signal::stats::quantile;
+use deadtime_signal::stats::students_t;
 use deadtime_signal::time::SampleTime;
 
 /// Samples of a stretch, at most and at least.
@@ -268,7 +268,7 @@ fn lag(sides: [&Side<'_>; 2], ts: SampleTime) -> Result<Lag, String> {
             .collect();
         let mean = others.iter().sum::<f64>() / n;
         let std = ((n - 1.0) / n * others.iter().map(|x| (x - mean).powi(2)).sum::<f64>()).sqrt();
-        let t = StudentsT::new(0.0, 1.0, n - 1.0).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
+        let t = students_t(0.975, n - 1.0).unwrap_or(f64::INFINITY);
         let (samples, half) = (samples + rest, (t * std).max(LEAST));
         if samples.is_finite() && half.is_finite() {
             return Ok(Lag { relation, samples, half });

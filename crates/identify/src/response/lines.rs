@@ -1,9 +1,9 @@
 //! What a method says at one frequency, and what follows from it.
 
 use nalgebra::{Complex, DMatrix};
-use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use deadtime_signal::stats::NORMAL_95;
+use deadtime_signal::stats::students_t;
 
 type Matrix = DMatrix<Complex<f64>>;
 
@@ -63,8 +63,7 @@ impl Line {
         let explained = value.norm_sqr();
         let coherence =
             if explained > 0.0 { explained / (explained + noise * power.max(0.0)) } else { 0.0 };
-        let quantile = StudentsT::new(0.0, 1.0, self.freedom.max(1.0))
-            .map_or(NORMAL_95, |t| t.inverse_cdf(0.975));
+        let quantile = students_t(0.975, self.freedom.max(1.0)).unwrap_or(NORMAL_95);
         let point = Point { omega_rad_s: self.omega_rad_s, value, std, coherence, quantile };
         (value.re.is_finite() && value.im.is_finite() && std.is_finite() && coherence.is_finite())
             .then_some(point)
