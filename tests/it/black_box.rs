@@ -260,7 +260,7 @@ fn what_cannot_be_tried_is_said_with_the_reason() {
     );
     assert!(found.model.is_none() && found.diagnosis.prediction.mode == Mode::Simulation);
     assert!(
-        found.diagnosis.prediction.why.contains("forgets a push within"),
+        found.diagnosis.prediction.why.contains("a perturbation decays within"),
         "{}",
         found.diagnosis.prediction.why
     );

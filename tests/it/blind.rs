@@ -500,7 +500,7 @@ fn commitments_that_are_missing_garbled_or_unequal_are_errors() {
     let copy = check.verdicts().join("s3/commitment.txt");
     let committed = std::fs::read_to_string(&copy).unwrap();
     write(&copy, &"0".repeat(64));
-    assert!(refused(&check).contains("case s3: the commitment beside the verdict differs"));
+    assert!(refused(&check).contains("case s3: the commitment of the verdict differs"));
     write(&copy, "soon\n");
     assert!(refused(&check).contains("holds `soon`"));
     std::fs::remove_file(&copy).unwrap();

@@ -267,7 +267,7 @@ fn left(model: &ModelDocument, log: &Log, [from_s, to_s]: [f64; 2]) -> DVector<f
     DVector::from_vec(each.collect())
 }
 
-/// What is known of the start: `initial_std` of the file, else how far the model moves each state over the logs.
+/// What is known of the start: `initial_std` of the file, else how far the model moves each state over the training log.
 fn priors(folder: &Folder) -> Vec<f64> {
     let model = ModelDocument::read(&folder.path("model.toml")).unwrap();
     if let ModelDocument::Lti(file) = &model
@@ -275,15 +275,8 @@ fn priors(folder: &Folder) -> Vec<f64> {
     {
         return file.initial_std.clone();
     }
-    let logs = ["a.csv", "held.csv"]
-        .map(|name| folder.path(name))
-        .into_iter()
-        .filter(|path| path.exists());
-    let moved: Vec<DMatrix<f64>> = logs
-        .map(|path| {
-            OnLog::new(&model, &deadtime::log::read(&path).unwrap()).unwrap().response().unwrap().x
-        })
-        .collect();
+    let training = deadtime::log::read(&folder.path("a.csv")).unwrap();
+    let moved = [OnLog::new(&model, &training).unwrap().response().unwrap().x];
     let start = start_of(&model);
     let rms = |j: usize| {
         let all: Vec<f64> = moved

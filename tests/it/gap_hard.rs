@@ -315,8 +315,8 @@ fn a_gap_at_large_commands_only_is_told_by_their_size() {
 }
 
 #[test]
-fn a_start_that_is_not_known_is_named_where_the_verdict_hangs_on_it() {
-    // No input, or hardly any: an offset of the command and a start that is off look alike at first, and differ later.
+fn a_start_that_the_first_samples_show_is_no_cause_and_no_alias() {
+    // Over a log shorter than the time constant a start that is off looks like a constant offset.
     let model = document(&servo("", ""));
     let slow = document(
         r#"
@@ -336,14 +336,7 @@ D = [[0.0], [0.0]]
     // The level starts a little off; over 30 s of a time constant of 50 s that is nearly a constant.
     let logs = [log(&slow, &[], 1500, 520, &[0.6])];
     let d = diagnosed(&slow, &logs, &[]);
-    let class = d.cause.indistinguishable.first().cloned().unwrap_or_default();
-    assert!(
-        class.iter().any(|c| c == "initial_state:level"),
-        "{} {:?}",
-        d.cause.verdict,
-        d.cause.indistinguishable
-    );
-    assert!(d.cause.next_experiment.is_some());
+    assert_eq!((d.cause.verdict.as_str(), d.cause.indistinguishable.len()), ("none", 0));
     // A start that decays within a fraction of the log decides nothing.
     let d = diagnosed(&model, &[log(&model, &[], 1500, 521, &[0.05, 0.0])], &[]);
     assert_eq!((d.cause.verdict.as_str(), d.cause.indistinguishable.len()), ("none", 0));

@@ -202,7 +202,8 @@ fn the_command_needs_no_folder_and_says_what_it_cannot_tell_apart() {
     .words();
     for part in [
         "seen from",
-        "closest alternative",
+        "closest",
+        "alternative",
         "Indistinguishable",
         "deadband:u",
         "two or more amplitudes",

@@ -556,7 +556,7 @@ initial_std = [0.0]
         watch(&["--output", "y", "--once", "--every", "0"]).refused(&["--every 0"]);
         watch(&["--output", "y", "--once", "--max-delay", "nan"]).refused(&["--max-delay NaN"]);
         let said = watch(&["--output", "y", "--once"]).done();
-        assert!(said.contains("not learnt yet"), "{said}");
+        assert!(said.contains("not fitted yet"), "{said}");
         let packed = folder.write_bytes("rig.csv.gz", b"\x1f\x8b");
         deadtime(&["watch", packed.to_str().unwrap(), "--input", "u", "--output", "y"])
             .refused(&["only plain text"]);

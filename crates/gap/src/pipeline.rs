@@ -334,7 +334,7 @@ fn in_stages(
         motion: &baseline.motion,
         checks: checked.checks,
         left_out,
-        composed: &judgement.composed,
+        composed: judgement.composed,
         sensitivities: &judgement.sensitivities,
         seed: options.seed,
     };

@@ -356,6 +356,9 @@ fn heads(used: &Recordings) -> Vec<Record<'static>> {
     used.stretches.iter().map(|s| Record::new(row(&s.u), row(&s.y))).collect()
 }
 
+/// Iterations of a singular value decomposition, at most.
+const ITERATIONS: usize = 10_000;
+
 /// A fit with models drawn from its covariance.
 struct Spread<'a> {
     options: &'a ProcessOptions,
@@ -538,7 +541,9 @@ fn levels(
             }
         }
         let all = DMatrix::from_fn(rest.len(), columns.len(), |t, j| columns[j][t]);
-        let solved = all.svd(true, true).solve(&DVector::from_vec(rest), 1e-12);
+        // Iterations of the decomposition need not end where columns are nearly alike.
+        let solved = all.try_svd(true, true, 5.0 * f64::EPSILON, ITERATIONS);
+        let solved = solved.and_then(|svd| svd.solve(&DVector::from_vec(rest), 1e-12).ok());
         solved.map_or(0.0, |s| s[0])
     };
     records.iter().map(one).collect()

@@ -6,6 +6,7 @@ pub(crate) mod cause;
 mod class_probability;
 pub(crate) mod classes;
 pub(crate) mod contributions;
+mod decoded;
 pub(crate) mod diagnosed;
 pub(crate) mod experiment;
 pub(crate) mod force_profile;

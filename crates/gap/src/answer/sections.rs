@@ -6,6 +6,7 @@ use super::by_mode::ByMode;
 use super::cause::cause;
 use super::classes::classes;
 use super::contributions::{GapBudget, explained, share_classes};
+use super::decoded::of_all_logs;
 use super::diagnosed::Diagnosed;
 use super::force_profile::ForceProfile;
 use super::handed::{HandedOver, in_a_form_that_helps};
@@ -55,7 +56,7 @@ pub(crate) struct Answer<'a> {
     pub(crate) motion: &'a Motion,
     pub(crate) checks: Vec<Check>,
     pub(crate) left_out: Vec<NotTried>,
-    pub(crate) composed: &'a ActiveCauses,
+    pub(crate) composed: ActiveCauses,
     pub(crate) sensitivities: &'a [PriorSensitivity],
     pub(crate) seed: u64,
 }
@@ -79,7 +80,9 @@ impl Answer<'_> {
         let (system, records) = (self.likelihood.system, self.inputs.held_out.records());
         let predictor = self.likelihood.predictor.on(system, records, &self.likelihood.criteria);
         let likelihood = self.likelihood.on(records, &predictor)?;
-        let report = Answer { likelihood: &likelihood, ..self };
+        let held_out = &self.inputs.held_out;
+        let composed = of_all_logs(self.composed, &likelihood, held_out, self.scales);
+        let report = Answer { likelihood: &likelihood, composed, ..self };
         report.written(logs).ok_or_else(|| not_finite(records))
     }
 
@@ -130,7 +133,7 @@ impl Answer<'_> {
         runs: &Runs,
         logs: &[Log],
     ) -> (Diagnosis, Option<NextExperiment>, Option<ForceProfile>) {
-        let (likelihood, composed) = (self.likelihood, self.composed);
+        let (likelihood, composed) = (self.likelihood, &self.composed);
         let (system, records) = (likelihood.system, likelihood.records);
         let floor = &composed.judged.floor;
         let gap = gap(likelihood, &runs.before, &floor.floor);
@@ -173,7 +176,7 @@ impl Answer<'_> {
 
     /// The section `cause`, the experiment that it proposes, and what stays as a force.
     fn cause(&self, runs: &Runs) -> (Cause, Option<NextExperiment>, Option<ForceProfile>) {
-        let (likelihood, composed) = (self.likelihood, self.composed);
+        let (likelihood, composed) = (self.likelihood, &self.composed);
         let budget = GapBudget {
             likelihood,
             held: &self.inputs.held_out,
@@ -208,7 +211,7 @@ impl Answer<'_> {
             let residuals = trained(self.likelihood, e)?;
             overall(&Errors::trained(self.likelihood.records, &residuals).nrmse())
         };
-        let composed = (self.composed, classes);
+        let composed = (&self.composed, classes);
         cause(self.likelihood, composed, self.found, self.scales, self.sensitivities, after)
     }
 

@@ -149,7 +149,8 @@ impl Data {
         for m in self.own_matrices(&point.poles) {
             let part = DVector::from_column_slice(&left[from..from + m.nrows()]);
             from += m.nrows();
-            let start = m.svd(true, true).solve(&part, NONE).ok()?;
+            let start =
+                m.try_svd(true, true, 5.0 * f64::EPSILON, 10_000)?.solve(&part, NONE).ok()?;
             starts.push(start.iter().copied().collect());
         }
         let linear = Linear { b, own: starts };

@@ -54,6 +54,11 @@ pub(super) fn instances(
 
 /// The values of a column by which times increase, where they take turns.
 fn separated(time: &[f64], cells: &[Vec<u8>]) -> Option<Vec<Vec<u8>>> {
+    // One row out of order takes no turns: any column separates what increases anyway.
+    let returns = time.windows(2).filter(|pair| pair[1] <= pair[0]).count();
+    if returns < LEAST {
+        return None;
+    }
     let mut last: BTreeMap<&[u8], (f64, usize)> = BTreeMap::new();
     for (time, cell) in time.iter().zip(cells) {
         match last.get_mut(cell.as_slice()) {
