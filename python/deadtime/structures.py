@@ -275,7 +275,7 @@ def match_structure(
     starts : int
         Starts of the search, the file's values first.
     prior : float, optional
-        How far the model's values are believed to be off, as a share of each (one standard deviation), by `wls` and `h2`; `inf`: not held. Default what the
+        How far the model's values may be off, as a share of each (one standard deviation), by `wls` and `h2`; `inf`: not held. Default what the
         evidence says, from 0.1 to 10. What the responses do not fix stays at the model's value then. Dead times are not held.
     units : dict of str to float, optional
         What counts as one of a channel in gains (`h2`, `hinf`, `nu-gap`).

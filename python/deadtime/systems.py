@@ -214,7 +214,7 @@ def _largest_gain(system: StateSpace) -> float:
 
 
 def nu_gap(first: SystemLike, second: SystemLike) -> float:
-    """Vinnicombe's nu-gap of two systems of one time, without delays: 0 for what no controller tells apart, 1 for what none stabilises both of.
+    """Vinnicombe's nu-gap of two systems of one time, without delays: 0 for systems that no controller distinguishes, 1 for what none stabilises both of.
 
     Notes
     -----
@@ -328,7 +328,7 @@ def markov(u: ArrayLike, y: ArrayLike, count: int) -> Array:
     u, y : array_like, shapes (N,) or (N, m), and (N,) or (N, p)
         Input and output, samples first.
     count : int
-        As many as the response lasts; what is left out is an error.
+        As many as the response lasts; truncation is an error of the model.
 
     Returns
     -------

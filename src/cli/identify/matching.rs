@@ -27,7 +27,7 @@ pub(super) struct Matched {
     /// Starts of the search, the file's values first; default: 8
     #[arg(long, value_name = "N", requires = "matched", hide_short_help = true)]
     starts: Option<usize>,
-    /// How far the file's values are believed to be off, as a share of each; inf: not held; default: by evidence (wls, h2)
+    /// How far the file's values may be off, as a share of each; inf: not held; default: by evidence (wls, h2)
     #[arg(long, value_name = "SHARE", requires = "matched")]
     prior: Option<f64>,
     /// What counts as one of a channel in gains (h2, hinf, nu-gap): CHANNEL=SIZE; may be repeated

@@ -22,7 +22,7 @@ impl Effect for SwappedInputs {
     fn facts(&self) -> Facts {
         Facts {
             rule: "`a<->b`: two inputs of equal unit",
-            ..Facts::of("swapped_inputs", Site::Input, "two commands are exchanged")
+            ..Facts::of("swapped_inputs", Site::Input, "two commands are swapped")
         }
     }
 

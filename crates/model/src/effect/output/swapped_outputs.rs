@@ -22,7 +22,7 @@ impl Effect for SwappedOutputs {
     fn facts(&self) -> Facts {
         Facts {
             rule: "`a<->b`: two outputs of equal unit",
-            ..Facts::of("swapped_outputs", Site::Output, "two outputs are exchanged")
+            ..Facts::of("swapped_outputs", Site::Output, "two outputs are swapped")
         }
     }
 
