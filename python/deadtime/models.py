@@ -568,7 +568,9 @@ def step_response(
 def impulse_response(
     system: SystemLike, duration: float | None = None, sample_time: float | None = None, x0: ArrayLike | None = None
 ) -> TimeResponse:
-    """The response to an impulse of unit area at each input at time 0, from rest or from `x0`, delays included: arguments as of `step_response`.
+    """The response to an impulse of unit area at each input at time 0, from rest or from `x0`, delays included.
+
+    The arguments `system`, `duration` (s) and `sample_time` (s) are those of `step_response`.
 
     In continuous time the impulse that a direct path passes on is not shown, and the value at the impulse is the one right after it. In sampled time
     the pulse is one sample long and 1/sample_time high, as MATLAB and python-control have it: the Markov parameters over the sample time.

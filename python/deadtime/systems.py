@@ -49,7 +49,7 @@ def _plant(function: str, given: tuple[Any, ...], N: ArrayLike | None, sampled: 
 def lqr(*arguments: Any, N: ArrayLike | None = None) -> Lqr:
     """The gain K that minimises ∫ xᵀQx + uᵀRu + 2xᵀNu dt over dx/dt = A x + B u by u = −K x: `lqr(A, B, Q, R, N)` or `lqr(system, Q, R, N)`.
 
-    Arguments, results and errors are those of `dlqr`, of a continuous system.
+    The `arguments`, results and errors are those of `dlqr`, of a continuous system.
 
     Notes
     -----
@@ -82,7 +82,7 @@ def care(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike | 
 def lqe(*arguments: Any, N: ArrayLike | None = None) -> Filter:
     """Kalman's filter of dx/dt = A x + w, y = C x + v: `lqe(A, C, Q, R, N)` or `lqe(system, Q, R, N)`.
 
-    Q (n, n), R (p, p) and N (n, p; 0 without it) are the intensities of w, of v, and between the two.
+    Of the `arguments`, Q (n, n), R (p, p) and N (n, p; 0 without it) are the intensities of w, of v, and between the two.
 
     Examples
     --------
@@ -97,7 +97,7 @@ def lqe(*arguments: Any, N: ArrayLike | None = None) -> Filter:
 def dlqe(*arguments: Any, N: ArrayLike | None = None) -> Filter:
     """Kalman's filter of x[k+1] = A x[k] + w, y = C x + v: `dlqe(A, C, Q, R, N)` or `dlqe(system, Q, R, N)`.
 
-    Q (n, n), R (p, p) and N (n, p; 0 without it) are the covariances of w, of v, and between the two. The gain is the predictor's, as python-control's; MATLAB's
+    Of the `arguments`, Q (n, n), R (p, p) and N (n, p; 0 without it) are the covariances of w, of v, and between the two. The gain is the predictor's, as python-control's; MATLAB's
     `dlqe` gives that of the update, M with A M = L.
 
     Examples
@@ -113,7 +113,7 @@ def dlqe(*arguments: Any, N: ArrayLike | None = None) -> Filter:
 
 
 def kalman(system: SystemLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike | None = None) -> Filter:
-    """Kalman's filter of a system, continuous or sampled: `lqe` or `dlqe`, whichever its time asks for.
+    """Kalman's filter of a system, continuous or sampled: `lqe` or `dlqe`, whichever its time asks for, with their Q, R and N.
 
     Examples
     --------
@@ -214,7 +214,7 @@ def _largest_gain(system: StateSpace) -> float:
 
 
 def nu_gap(first: SystemLike, second: SystemLike) -> float:
-    """Vinnicombe's nu-gap of two systems of one time, without delays: 0 for systems that no controller distinguishes, 1 for what none stabilises both of.
+    """Vinnicombe's nu-gap of two systems (`first`, `second`) of one time, without delays: 0 for systems that no controller distinguishes, 1 for what none stabilises both of.
 
     Notes
     -----
@@ -249,7 +249,7 @@ def series(first: SystemLike, second: SystemLike) -> StateSpace:
 
 
 def parallel(first: SystemLike, second: SystemLike) -> StateSpace:
-    """The sum of the outputs of two systems with the same inputs, as MATLAB's `parallel`; delays and errors as of `series`.
+    """The sum of the outputs of two systems (`first`, `second`) with the same inputs, as MATLAB's `parallel`; delays and errors as of `series`.
 
     Examples
     --------

@@ -71,7 +71,11 @@ def methods(root: Path) -> dict[str, About]:
     found: dict[str, About] = {}
     for path in sorted((root / "crates" / "delay" / "src").glob("*/*.rs")):
         text = path.read_text(encoding="utf-8")
+        structs = {name for _, name in STRUCT.findall(text)}
         for name, struct, process in NAMED.findall(text):
+            # Methods that a macro makes are no pages: they answer under a condition only.
+            if (struct or "Process") not in structs:
+                continue
             found[name or process] = about(path, root, struct or "Process")
     return found
 

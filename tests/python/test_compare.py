@@ -52,7 +52,7 @@ def test_what_cannot_be_compared_is_said(tmp_path: Path) -> None:
         deadtime.compare({"one": FILE, "folder": tmp_path})
     study = tmp_path / "study.json"
     study.write_text('{"format": "deadtime/study@1"}')
-    with pytest.raises(ValueError, match="a study beside a diagnosis"):
+    with pytest.raises(ValueError, match="a study and a diagnosis"):
         deadtime.compare({"one": FILE, "two": study})
     with pytest.raises(deadtime.errors.FileError):
         deadtime.compare({"one": FILE, "gone": tmp_path / "gone.json"})
