@@ -204,7 +204,7 @@ def test_several_pairs_ask_which_one() -> None:
 def test_wrong_requests_are_told_what_to_do() -> None:
     log = record()
     u, y = lagged()
-    with pytest.raises(errors.RegistryError, match="there is no method `oestrc`; there are: oestruc"):
+    with pytest.raises(errors.RegistryError, match="there is no method `oestrc`.*there are: oestruc"):
         deadtime.estimate(log, "u", "y", method="oestrc")
     with pytest.raises(errors.RegistryError, match="nq"):
         deadtime.estimate(log, "u", "y", method="oestruc", options={"oestruc": {"nq": 3}})
@@ -254,7 +254,8 @@ def test_what_was_expected_is_what_the_estimate_says_it_expected() -> None:
     log = record()
     result = deadtime.estimate(log, "u", "y")
     expected = deadtime.predict_precision(log, "u", "y")
-    assert set(expected) == set(scopes("pair"))
+    # Methods of plants that integrate answer where one is recognised.
+    assert set(expected) - {"p0di", "p1di"} == set(scopes("pair"))
     for estimate in result.pair.estimates:
         precision = expected[estimate.method]
         assert (None if precision is None else precision["std_s"]) == estimate.predicted_std_s
