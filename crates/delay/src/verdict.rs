@@ -584,7 +584,7 @@ mod tests {
         assert!(delay_s > 2.05 && delay_s < 2.1, "{delay_s}");
         assert!(
             v.why.starts_with("weighted median of state_least_squares, threshold")
-                && v.why.contains("oestruc says 1.0000 s"),
+                && v.why.contains("oestruc 1.0000 s"),
             "{}",
             v.why
         );
@@ -622,11 +622,7 @@ mod tests {
         let v =
             of(&[("oestruc", &sharp), ("threshold", &early), ("threshold_step", &early_too)], &[]);
         assert_eq!(v.delay_s, Some(2.0), "two thresholds on one response are one vote: {}", v.why);
-        assert!(
-            v.why.contains("threshold says 1.0000 s; threshold_step says 1.0000 s"),
-            "{}",
-            v.why
-        );
+        assert!(v.why.contains("threshold 1.0000 s; threshold_step 1.0000 s"), "{}", v.why);
     }
 
     #[test]
@@ -818,7 +814,7 @@ mod tests {
         assert_eq!(v.delay_s, None);
         assert!(
             v.why.starts_with("arxstruc, armaxstruc withstand")
-                && v.why.ends_with("oestruc says 1.0000 s"),
+                && v.why.ends_with("oestruc 1.0000 s"),
             "{}",
             v.why
         );
