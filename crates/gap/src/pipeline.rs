@@ -67,7 +67,7 @@ pub fn diagnose_files(
 /// `progress` is told what is being done.
 ///
 /// # Errors
-/// [`GapError`] where model and logs do not fit, the errors of models and logs, [`super::error::Error::Stopped`].
+/// [`GapError`](crate::format::error::GapError) where model and logs do not fit, the errors of models and logs, [`super::error::Error::Stopped`].
 pub fn diagnose<'a>(
     subject: impl Into<Subject<'a>>,
     logs: &[Log],
