@@ -303,6 +303,7 @@ fn in_stages(
     if !options.effects.is_empty() {
         candidates.retain(|c| options.effects.iter().any(|name| name == c.effect.name()));
     }
+    progress(Stage::Scanning);
     scales.scanned = scanned(&likelihood, &candidates, &scales);
     let Searched { likelihood, found } = search(
         likelihood,

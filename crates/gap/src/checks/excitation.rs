@@ -1,6 +1,6 @@
 //! Commands that are too poor to tell anything: constant, one frequency, slower than anything the model does, or two that move together.
 
-use nalgebra::{Complex, DMatrix};
+use nalgebra::{Complex, DMatrix, DVector};
 use rustfft::FftPlanner;
 
 use super::evidence::{Evidence, result, short};
@@ -19,6 +19,12 @@ const POOR: usize = 2;
 const CHANGES: f64 = 0.1;
 /// Two commands that are one: the part of the one that the others explain.
 const TOGETHER: f64 = 0.98;
+/// What is added to the diagonal of the correlations, so that copies stay solvable.
+const RIDGE: f64 = 1e-9;
+/// An input takes part in what another follows where its coefficient is at least this part of the largest.
+const TAKES_PART: f64 = 0.1;
+/// More inputs than this are counted, not named.
+const MOST_NAMED: usize = 4;
 /// The part of the power that a command's band holds.
 const POWER: f64 = 0.9;
 /// More values than this are not counted as levels.
@@ -28,9 +34,10 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let view = &e.view;
     let inputs: Vec<Vec<Vec<f64>>> =
         (0..view.system.inputs.len()).map(|j| records(view, j)).collect();
+    let followed = followed(&inputs);
     let one = |j: usize| {
         let name = &view.system.inputs[j].name;
-        let (ok, finding) = judge(view, &inputs, j);
+        let (ok, finding) = judge(view, &inputs, followed[j].as_ref(), j);
         result(CheckKind::Excitation, name, Some(ok), finding)
     };
     (0..inputs.len()).map(one).collect()
@@ -49,7 +56,12 @@ fn records(view: &View<'_>, input: usize) -> Vec<Vec<f64>> {
         .collect()
 }
 
-fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) {
+fn judge(
+    view: &View<'_>,
+    inputs: &[Vec<Vec<f64>>],
+    followed: Option<&Followed>,
+    j: usize,
+) -> (bool, String) {
     let system = view.system;
     let name = &system.inputs[j].name;
     let unit = system.inputs[j]
@@ -100,13 +112,16 @@ fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) 
         ok = false;
         says.push("it is one frequency, which tells one gain and one phase: use steps, a multisine or a sweep".to_owned());
     }
-    if let Some((with, share)) = explained(inputs, j).filter(|(_, share)| *share > TOGETHER) {
+    if let Some(Followed { share, by }) = followed.filter(|f| f.share > TOGETHER) {
         ok = false;
-        let names: Vec<String> =
-            with.iter().map(|&k| format!("`{}`", system.inputs[k].name)).collect();
+        let mut names: Vec<String> =
+            by.iter().take(MOST_NAMED).map(|&k| format!("`{}`", system.inputs[k].name)).collect();
+        if by.len() > MOST_NAMED {
+            names.push(format!("{} more", by.len() - MOST_NAMED));
+        }
         says.push(format!(
             "{} of it follows {}: their effects are indistinguishable; move them one at a time",
-            short(share),
+            short(*share),
             names.join(", ")
         ));
     }
@@ -168,35 +183,78 @@ fn rank(u: &[Vec<f64>], view: &View<'_>) -> usize {
     eigenvalues.iter().filter(|v| **v > RANK * largest).count()
 }
 
-/// The other inputs that move, and the part of this one that they explain (the multiple correlation).
-fn explained(inputs: &[Vec<Vec<f64>>], j: usize) -> Option<(Vec<usize>, f64)> {
-    let centred = |k: usize| -> Vec<f64> {
-        inputs[k]
-            .iter()
-            .flat_map(|r| {
-                let centre = mean(r.iter().copied());
-                r.iter().map(move |v| v - centre)
-            })
-            .collect()
+/// What the other inputs that move explain of an input.
+struct Followed {
+    /// The multiple correlation with all of them.
+    share: f64,
+    /// Those that take part, the largest coefficient first.
+    by: Vec<usize>,
+}
+
+/// Per input; `None` where it does not move or no other one does.
+///
+/// The diagonal of the inverse correlation matrix is `1/(1 - R^2)`, its rows are the coefficients of the regressions (Marquardt 1970, Technometrics 12(3), 591).
+fn followed(inputs: &[Vec<Vec<f64>>]) -> Vec<Option<Followed>> {
+    let mut all: Vec<Option<Followed>> = inputs.iter().map(|_| None).collect();
+    let moving: Vec<usize> =
+        (0..inputs.len()).filter(|&k| inputs[k].iter().any(|r| deviation(r) > 0.0)).collect();
+    let standard = |k: usize| {
+        let centred = inputs[k].iter().flat_map(|r| {
+            let centre = mean(r.iter().copied());
+            r.iter().map(move |v| v - centre)
+        });
+        let column = DVector::from_iterator(inputs[k].iter().map(Vec::len).sum(), centred);
+        let size = column.norm();
+        column / size
     };
-    let others: Vec<usize> = (0..inputs.len())
-        .filter(|&k| k != j && inputs[k].iter().any(|r| deviation(r) > 0.0))
-        .collect();
-    let u = centred(j);
-    let columns: Vec<Vec<f64>> = others
-        .iter()
-        .map(|&k| {
-            let column = centred(k);
-            let size = deviation(&column);
-            column.into_iter().map(|v| v / size).collect()
-        })
-        .collect();
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let n = columns.len();
-    let gram = DMatrix::from_fn(n, n, |a, b| {
-        dot(&columns[a], &columns[b]) * if a == b { 1.0 + 1e-9 } else { 1.0 }
-    });
-    let right = nalgebra::DVector::from_fn(n, |a, _| dot(&columns[a], &u));
-    let share = right.dot(&gram.cholesky()?.solve(&right)) / dot(&u, &u);
-    (n > 0).then_some((others, share.max(0.0).sqrt()))
+    let n = moving.len();
+    if n < 2 {
+        return all;
+    }
+    let columns = DMatrix::from_columns(&moving.iter().map(|&k| standard(k)).collect::<Vec<_>>());
+    let correlation = columns.tr_mul(&columns) + DMatrix::identity(n, n) * RIDGE;
+    let Some(inverse) = correlation.cholesky().map(|c| c.inverse()) else {
+        return all;
+    };
+    for (at, &j) in moving.iter().enumerate() {
+        let coefficient = |k: usize| inverse[(at, k)].abs();
+        let mut others: Vec<usize> = (0..n).filter(|&k| k != at).collect();
+        others.sort_by(|&a, &b| coefficient(b).total_cmp(&coefficient(a)));
+        let largest = others.first().map_or(0.0, |&k| coefficient(k));
+        others.retain(|&k| coefficient(k) >= TAKES_PART * largest);
+        all[j] = Some(Followed {
+            share: (1.0 - 1.0 / inverse[(at, at)]).max(0.0).sqrt(),
+            by: others.into_iter().map(|k| moving[k]).collect(),
+        });
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Values without a pattern, -1 to 1 (Weyl's sequence).
+    fn irregular(step: f64, n: usize) -> Vec<f64> {
+        (1..=n).map(|k| 2.0 * (step * (k * k) as f64).fract() - 1.0).collect()
+    }
+
+    #[test]
+    fn an_input_follows_those_that_it_is_made_of_and_no_others() {
+        let n = 400;
+        let mut inputs: Vec<Vec<f64>> =
+            (1..=60).map(|j| irregular((0.618_033_988_75 * f64::from(j)).fract(), n)).collect();
+        inputs[7] = inputs[3].iter().zip(&inputs[40]).map(|(a, b)| 5.0 + 2.0 * a - b).collect();
+        inputs[8] = vec![1.0; n];
+        let inputs: Vec<Vec<Vec<f64>>> = inputs.into_iter().map(|u| vec![u]).collect();
+        let all = followed(&inputs);
+        assert!(all[8].is_none(), "a constant follows nothing");
+        let of = |j: usize| all[j].as_ref().map(|f| (f.share, f.by.clone())).unwrap();
+        assert!(of(7).0 > 0.999_999, "{:?}", of(7));
+        assert_eq!(of(7).1, [3, 40]);
+        assert!(of(3).0 > 0.999_999 && of(3).1[..2] == [7, 40], "{:?}", of(3));
+        for j in (0..60).filter(|j| ![3, 7, 8, 40].contains(j)) {
+            assert!(of(j).0 < 0.9 * TOGETHER, "{j}: {:?}", of(j));
+        }
+    }
 }

@@ -20,6 +20,8 @@ const FEWEST: usize = 5;
 const EDGE: usize = 18;
 /// What is added to the diagonal of equal columns' products.
 const RIDGE: f64 = 1e-9;
+/// Samples that a fitted column needs, so that commands without a meaning explain at most a tenth of what is left.
+const FEWEST_PER_COLUMN: usize = 10;
 /// Taps of a general linear correction, samples.
 const TAPS: [isize; 11] = [-16, -8, -4, -2, -1, 0, 1, 2, 4, 8, 16];
 
@@ -38,7 +40,8 @@ pub(super) struct Timing {
     pub(super) length: f64,
     /// What the lag alone takes off the misfit, over what any short linear filter takes off: 1 where timing is all there is.
     pub(super) pure: f64,
-    /// The part of what is left after the present and past that the commands to come explain. 0 where the model is predicted, as feedback does the same.
+    /// The part of what is left after the present and past that the commands to come explain. 0 where the output does not lead, where the model is predicted, as feedback does
+    /// the same, and where the samples are too few for all commands.
     pub(super) ahead: f64,
 }
 
@@ -118,8 +121,7 @@ fn of_output(view: &View<'_>, search: &Search, output: usize) -> Option<Timing> 
         stretches.iter().map(|s| (s.lag - lag - growth * (s.middle - middle)).powi(2)).sum();
     let variance = rest / (n - 2.0);
     let pure = purity(view, search, output, lag)?;
-    let ahead = if lag < 0.0 && !view.predicts() { ahead(view, search, output, lag)? } else { 0.0 };
-    Some(Timing {
+    let mut timing = Timing {
         lag,
         std: (total / (n - 1.0) / n).sqrt(),
         growth,
@@ -127,9 +129,13 @@ fn of_output(view: &View<'_>, search: &Search, output: usize) -> Option<Timing> 
         straight: 1.0 - rest / total.max(f64::MIN_POSITIVE),
         length: view.records.iter().map(|r| r.time_s.len()).max().unwrap_or(0) as f64,
         pure,
-        ahead,
-    })
-    .filter(|t| [t.lag, t.std, t.growth, t.growth_std].iter().all(|v| v.is_finite()))
+        ahead: 0.0,
+    };
+    // The fit takes every command at several lags: it is asked only of an output that leads.
+    if lag < 0.0 && timing.is_late() && !view.predicts() {
+        timing.ahead = ahead(view, search, output, lag)?;
+    }
+    Some(timing).filter(|t| [t.lag, t.std, t.growth, t.growth_std].iter().all(|v| v.is_finite()))
 }
 
 /// What shifting the model by `lag` takes off the misfit, over what a short two-sided filter does. The gain is free in both.
@@ -145,6 +151,10 @@ fn purity(view: &View<'_>, search: &Search, output: usize, lag: f64) -> Option<f
 /// What commands to come take off the misfit that the model's and the commands' present and past leave.
 fn ahead(view: &View<'_>, search: &Search, output: usize, lag: f64) -> Option<f64> {
     let back: Vec<isize> = TAPS.iter().copied().filter(|l| *l >= 0).collect();
+    let samples: usize = view.records.iter().map(|r| r.time_s.len()).sum();
+    if samples < FEWEST_PER_COLUMN * TAPS.len() * (1 + view.system.inputs.len()) {
+        return Some(0.0);
+    }
     let furthest = lag.floor() as isize;
     let future = [-1, furthest / 2, furthest].into_iter().filter(|l| *l < 0);
     let before = misfit(view, search, output, &back, &back)?;

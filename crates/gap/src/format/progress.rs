@@ -7,6 +7,8 @@ use std::fmt;
 pub enum Stage {
     /// The model is simulated as it is.
     Simulating,
+    /// Times are looked for at which a parameter or a delay changes.
+    Scanning,
     /// So many candidates are screened.
     Screening(usize),
     /// The most promising candidates are fitted.
@@ -31,6 +33,7 @@ impl Stage {
     pub fn begins_at(self) -> f64 {
         match self {
             Self::Simulating | Self::Longer => 0.0,
+            Self::Scanning => 0.01,
             Self::Screening(_) => 0.02,
             Self::Fitting => 0.1,
             Self::Pairing => 0.25,
@@ -47,6 +50,7 @@ impl fmt::Display for Stage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Simulating => f.write_str("simulating the model as it is"),
+            Self::Scanning => f.write_str("looking for times at which something changes"),
             Self::Screening(candidates) => write!(f, "screening {candidates} candidates"),
             Self::Fitting => f.write_str("fitting the best candidates"),
             Self::Pairing => f.write_str("searching pairs"),

@@ -27,9 +27,44 @@ impl Default for Operating {
     }
 }
 
-/// An input or output.
+/// Implements serde's traits by the derived ones of the type itself (`remote = "Self"`), and takes a text for the name alone.
+macro_rules! named {
+    ($type:ty, $one:literal, $of_name:expr) => {
+        impl serde::Serialize for $type {
+            fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                Self::serialize(self, serializer)
+            }
+        }
+        impl<'de> serde::Deserialize<'de> for $type {
+            fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+                struct NameOrTable;
+                impl<'de> serde::de::Visitor<'de> for NameOrTable {
+                    type Value = $type;
+                    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                        f.write_str(concat!($one, ": its name or a table { name = …, unit = … }"))
+                    }
+                    fn visit_str<E: serde::de::Error>(self, name: &str) -> Result<$type, E> {
+                        Ok($of_name(name))
+                    }
+                    fn visit_map<A: serde::de::MapAccess<'de>>(
+                        self,
+                        map: A,
+                    ) -> Result<$type, A::Error> {
+                        <$type>::deserialize(serde::de::value::MapAccessDeserializer::new(map))
+                    }
+                }
+                from.deserialize_any(NameOrTable)
+            }
+        }
+    };
+}
+pub(super) use named;
+
+named!(Channel, "an input or output", |name| Channel::plain(name, None));
+
+/// An input or output; in a file also its name alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, remote = "Self")]
 pub struct Channel {
     /// The name that a log's column carries.
     pub name: String,

@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use super::candidate::CandidateEntry;
-use super::channel::{Channel, EffectEntry, Operating};
+use super::channel::{Channel, EffectEntry, Operating, named};
 use super::check::{
     Sign, check_channels, check_list, check_names, check_sample_time, check_sizes, number,
     unmatched,
@@ -20,9 +20,11 @@ use crate::error::{ModelError, Result};
 use crate::state_space::{Continuous, Sampled, StateSpace};
 use deadtime_signal::time::SampleTime;
 
-/// A state.
+named!(State, "a state", |name: &str| State { name: name.to_owned(), unit: None });
+
+/// A state; in a file also its name alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, remote = "Self")]
 pub struct State {
     /// Its name.
     pub name: String,
@@ -66,7 +68,8 @@ pub struct ModelFile {
     b: Vec<Vec<f64>>,
     #[serde(rename = "C")]
     c: Vec<Vec<f64>>,
-    #[serde(rename = "D")]
+    /// Empty: 0.
+    #[serde(rename = "D", default)]
     d: Vec<Vec<f64>>,
     /// Effects that belong to the simulator.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -378,7 +381,10 @@ impl ModelFile {
             matrix("A", &self.a, (n, n))?,
             matrix("B", &self.b, (n, m))?,
             matrix("C", &self.c, (p, n))?,
-            matrix("D", &self.d, (p, m))?,
+            match self.d.is_empty() {
+                true => DMatrix::zeros(p, m),
+                false => matrix("D", &self.d, (p, m))?,
+            },
         ])
     }
 
@@ -467,6 +473,25 @@ parameters = { delay = 0.031 }
 
     fn parse(text: &str) -> std::result::Result<ModelFile, ModelError> {
         ModelFile::parse(text, Syntax::Toml, Path::new("m.toml"))
+    }
+
+    #[test]
+    fn names_alone_are_channels_and_states_and_no_direct_path_is_zero() {
+        let plain = |list: &str, table: &str| {
+            parse(&format!(
+                "format = \"deadtime/model@1\"\nname = \"m\"\nkind = \"lti\"\ninputs = [{list}]\nstates = [\"x\"]\noutputs = [{table}]\nA = [[-1.0]]\nB = [[2.0]]\nC = [[1.0]]\n"
+            ))
+        };
+        let short = plain("\"u\"", "\"y\"").unwrap();
+        let long = plain("{ name = \"u\" }", "{ name = \"y\" }").unwrap();
+        assert_eq!(short.inputs, long.inputs);
+        assert_eq!(short.outputs, long.outputs);
+        assert_eq!(short.continuous().unwrap().d()[(0, 0)], 0.0);
+        assert_eq!(short.to_toml().unwrap(), long.to_toml().unwrap());
+        let said = plain("3", "\"y\"").unwrap_err().to_string();
+        assert!(said.contains("an input or output: its name or a table"), "{said}");
+        let said = plain("{ name = \"u\", units = \"V\" }", "\"y\"").unwrap_err().to_string();
+        assert!(said.contains("unknown field `units`"), "{said}");
     }
 
     #[test]
