@@ -220,13 +220,36 @@ fn cause(d: &Diagnosis) -> String {
             sure(probability(d))
         ),
         Cause::Effects([one]) => single(d, one),
-        Cause::Effects(several) => {
-            let all = listed(&several.iter().map(worded).collect::<Vec<_>>());
-            let share =
-                explained(d).map(|e| format!(" Together they explain {} of the gap.", percent(e)));
-            format!("{all}.{}", share.unwrap_or_default())
-        }
+        Cause::Effects(several) => several_causes(d, several),
     }
+}
+
+/// The classes that explain something; effects of a smaller share are counted.
+fn several_causes(d: &Diagnosis, several: &[FoundEffect]) -> String {
+    let own = |e: &FoundEffect, c: &CauseClass| {
+        c.representative == format!("{}:{}", e.effect, e.channel)
+            || matches!(c.members.first(), Some(Member::Several(codes))
+                if codes.contains(&format!("{}:{}", e.effect, e.channel)))
+    };
+    let below = several.iter().filter(|e| !d.cause.classes.iter().any(|c| own(e, c))).count();
+    let text = match d.cause.classes.as_slice() {
+        [] => return together(d, &several.iter().map(worded).collect::<Vec<_>>()),
+        [_] => match several.iter().find(|e| d.cause.classes.iter().any(|c| own(e, c))) {
+            Some(one) if several.len() == below + 1 => single(d, one),
+            _ => together(d, &d.cause.classes.iter().map(|c| c.name.clone()).collect::<Vec<_>>()),
+        },
+        classes => together(d, &classes.iter().map(|c| c.name.clone()).collect::<Vec<_>>()),
+    };
+    match below {
+        0 => text,
+        1 => format!("{text} One more effect explains less than 1 %."),
+        more => format!("{text} {more} more effects explain less than 1 % each."),
+    }
+}
+
+fn together(d: &Diagnosis, names: &[String]) -> String {
+    let share = explained(d).map(|e| format!(" Together they explain {} of the gap.", percent(e)));
+    format!("{}.{}", listed(names), share.filter(|_| names.len() > 1).unwrap_or_default())
 }
 
 /// One effect that explains all.
