@@ -3,13 +3,12 @@
 use anyhow::bail;
 
 /// What another tool's name of an identification method means here: a method of `deadtime identify`, or the command that answers instead.
-const IDENTIFICATION: [(&str, Meaning); 16] = [
+const IDENTIFICATION: [(&str, Meaning); 15] = [
     ("arx", Meaning::Method("pbsidopt", "a high-order ARX model reduced to states")),
     ("armax", Meaning::Method("pbsidopt", "an innovations model, which holds ARMAX")),
     ("oe", Meaning::Method("riv", "output-error models by refined instrumental variables")),
     ("bj", Meaning::Method("riv", "Box-Jenkins models with an autoregressive noise")),
     ("iv4", Meaning::Method("riv", "refined instrumental variables")),
-    ("tfest", Meaning::Method("riv", "transfer functions with dead time")),
     ("ssest", Meaning::Method("pbsidopt", "state-space models")),
     (
         "procest",

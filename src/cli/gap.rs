@@ -6,16 +6,16 @@ use super::criteria::Thresholds;
 use super::progress::Bar;
 use super::show::{Out, write};
 use super::simulator::{Simulated, SimulatorArgs};
-use super::source::Reading;
+use super::source::{Reading, reading_words};
 use super::words::option;
 use crate::error::Error;
-use crate::report::diagnosis::{caveat_lines, ranking, summary};
+use crate::report::diagnosis::{caveat_lines, parameters_to_fit, ranking, summary};
 use crate::report::folder::save;
 use crate::report::isolability::text as isolability_text;
 use crate::report::page;
 use crate::report::terminal;
-use deadtime_gap::{GapError, GapOptions, Mode, diagnose, isolability};
-use deadtime_log::Log;
+use deadtime_gap::{Diagnosis, GapError, GapOptions, Mode, diagnose, isolability};
+use deadtime_log::{Log, LogError};
 use deadtime_model::CandidateEntry;
 use deadtime_model::effect::find;
 use deadtime_signal::file::Lock;
@@ -173,11 +173,35 @@ impl Gap {
         } else {
             to.styled(&terminal::diagnosis(&found))?;
         }
+        if let Some(command) = self.identify_command(&found.diagnosis, &logs) {
+            say!(to, "\nTo fit these parameters alone:\n  {command}");
+        }
         if let Some((out, written)) = self.out.as_deref().zip(written) {
             say!(to, "\nWritten to {}: {}.", out.display(), written.join(", "));
         }
         Ok(())
     }
+    /// The command that fits what was found; `None` where other effects than values of parameters act. It reads logs as this one does; uneven ones are resampled.
+    fn identify_command(&self, d: &Diagnosis, logs: &[Log]) -> Option<String> {
+        let (model, names) = (self.model.as_ref()?, parameters_to_fit(d)?);
+        let word = |text: &str| {
+            let plain = |c: char| c.is_alphanumeric() || "/._-=\\:".contains(c);
+            if text.chars().all(plain) { text.to_owned() } else { format!("\"{text}\"") }
+        };
+        let file = |path: &PathBuf| word(&path.display().to_string());
+        let mut words = vec![format!("deadtime identify --structure {}", file(model))];
+        words.extend(self.log.iter().map(file));
+        words.extend(self.holdout.iter().map(|path| format!("--holdout {}", file(path))));
+        words.extend(reading_words(std::env::args()).iter().map(|text| word(text)));
+        let uneven = |log: &Log| match log.even_grid() {
+            Err(LogError::UnevenTime { suggested_s, .. }) => Some(suggested_s),
+            _ => None,
+        };
+        words.extend(logs.iter().find_map(uneven).map(|ts| format!("--resample {ts}")));
+        words.push(format!("--free {} --out fitted.toml", names.join(",")));
+        Some(words.join(" "))
+    }
+
     /// An error with the file that it stands in.
     fn in_file(&self, error: deadtime_gap::Error) -> anyhow::Error {
         let error = Error::from(error);

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
+use clap::Args;
 
 use super::progress::Bar;
 use super::show::Out;
@@ -16,7 +17,7 @@ use deadtime_signal::progress::HowFar;
 use deadtime_signal::time::SampleTime;
 
 /// Where the data come from.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Args)]
 pub(super) struct Source {
     /// The log: text with a header row and a column `time` in seconds (.csv, .csv.gz), or another format of `deadtime list readers`
     #[arg(value_name = "LOG")]
@@ -26,7 +27,7 @@ pub(super) struct Source {
 }
 
 /// How logs are read, one or several.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Args)]
 #[command(next_help_heading = "Reading the log")]
 pub(super) struct Reading {
     /// Split the file into records at each new value of this column
@@ -51,8 +52,28 @@ pub(super) struct Reading {
     clock: Clock,
 }
 
+/// The words of a command line that say how logs are read, with their values.
+pub(super) fn reading_words(arguments: impl Iterator<Item = String>) -> Vec<String> {
+    let options = Reading::augment_args(clap::Command::new(""));
+    let takes_value = |word: &str| {
+        let (name, joined) = word
+            .strip_prefix("--")?
+            .split_once('=')
+            .map_or_else(|| (word.trim_start_matches('-'), false), |(name, _)| (name, true));
+        let option = options.get_arguments().find(|a| a.get_long() == Some(name))?;
+        Some(!joined && option.get_action().takes_values())
+    };
+    let (mut words, mut value) = (Vec::new(), false);
+    for word in arguments {
+        let own = if value { Some(false) } else { takes_value(&word) };
+        words.extend(own.map(|_| word));
+        value = own == Some(true);
+    }
+    words
+}
+
 /// How time stamps are to be understood.
-#[derive(Debug, Clone, clap::Args)]
+#[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Reading the log")]
 pub(super) struct Clock {
     /// Column of time in a log of text; default: the one called `time`, or like it

@@ -276,6 +276,18 @@ fn single(d: &Diagnosis, effect: &FoundEffect) -> String {
     )
 }
 
+/// The parameters that `identify --structure` fits in the place of this diagnosis; `None` where something else acts, too.
+#[must_use]
+pub fn parameters_to_fit(d: &Diagnosis) -> Option<Vec<String>> {
+    let Cause::Effects(effects) = Cause::of(d) else { return None };
+    let name = |e: &FoundEffect| {
+        // An entry of a matrix is named as the equations of a linear model name it.
+        let entry = e.channel.replace('[', "_").replace(',', "_").replace(']', "");
+        (e.effect == "parameter_error").then_some(entry)
+    };
+    effects.iter().map(name).collect()
+}
+
 /// The residual, in multiples of the noise; `None` where nothing was found to act.
 fn left(d: &Diagnosis) -> Option<String> {
     let times = d.cause.remainder.as_ref().and_then(|r| r.above_floor);

@@ -332,3 +332,50 @@ fn a_quadrotors_template_finds_the_logs_columns_and_is_the_shipped_model_otherwi
         .refused(&["--log alone", "--map"]);
     assert!(!out.exists());
 }
+
+#[test]
+fn the_line_that_a_diagnosis_prints_fits_the_parameters_that_it_found() {
+    let folder = Folder::new();
+    let model = folder.write(
+        "cart file.toml",
+        "format = \"deadtime/model@1\"\nname = \"cart\"\nkind = \"equations\"\ninputs = [{ name = \"u\" }]\noutputs = [{ name = \"v\" }]\n\
+         [states]\nv = { unit = \"m/s\", initial_std = 0.0 }\n[parameters]\nmass = { value = 2.0 }\nloss = { value = 1.0 }\n[derivatives]\nv = \"(u - loss*v)/mass\"\n",
+    );
+    // A mass of 2.6, exact for a held input; stamps that jitter, and the channel under another name.
+    let mut csv = String::from("time,u,speed\n");
+    let (mut state, mut time, mut v, mut u) = (9_u64, 0.0_f64, 0.0_f64, 0.0_f64);
+    for k in 0..900 {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        if k % 15 == 0 {
+            u = (state >> 40) as f64 / (1 << 23) as f64 - 1.0;
+        }
+        let noise = ((state >> 20) % 1000) as f64 / 1e5 - 0.005;
+        writeln!(csv, "{time},{u},{}", v + noise).unwrap();
+        let step = 0.05 * (1.0 + 0.2 * ((state >> 30) % 100) as f64 / 100.0);
+        let decay = (-step / 2.6).exp();
+        v = v * decay + u * (1.0 - decay);
+        time += step;
+    }
+    let data = folder.write("a.csv", &csv);
+    let said =
+        deadtime(&["gap", "--model", text(&model), "--log", text(&data), "--map", "v=speed"])
+            .done();
+    let line = said.lines().find(|l| l.contains("deadtime identify --structure")).expect(&said);
+    let words: Vec<String> = line
+        .trim()
+        .split('"')
+        .enumerate()
+        .flat_map(|(at, part)| match at % 2 {
+            0 => part.split_whitespace().map(str::to_owned).collect(),
+            _ => vec![part.to_owned()],
+        })
+        .collect();
+    let mut words: Vec<&str> = words.iter().skip(1).map(String::as_str).collect();
+    let at = words.iter().position(|w| *w == "fitted.toml").expect(line);
+    let fitted = folder.path("fitted.toml");
+    words[at] = text(&fitted);
+    deadtime(&words).done();
+    let file: toml::Table = std::fs::read_to_string(&fitted).unwrap().parse().unwrap();
+    let mass = file["parameters"]["mass"]["value"].as_float().unwrap();
+    assert!((mass - 2.6).abs() < 0.05, "{mass}: {line}");
+}
