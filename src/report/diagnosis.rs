@@ -215,10 +215,16 @@ fn cause(d: &Diagnosis) -> String {
                 names()
             )
         }
-        Cause::Unknown => format!(
-            "unknown; more than noise stays that no effect of the catalogue explains; {} sure.",
-            sure(probability(d))
-        ),
+        Cause::Unknown => match d.cause.remainder.as_ref().and_then(|r| r.unrelated) {
+            Some(unrelated) if unrelated.holds() => format!(
+                "no command and nothing that the model simulates; what differs is unrelated to both, as gusts, slow heat or people who push are; {} sure.",
+                sure(probability(d))
+            ),
+            _ => format!(
+                "unknown; more than noise stays that no effect of the catalogue explains; {} sure.",
+                sure(probability(d))
+            ),
+        },
         Cause::Effects([one]) => single(d, one),
         Cause::Effects(several) => several_causes(d, several),
     }

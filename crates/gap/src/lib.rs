@@ -41,7 +41,7 @@ pub use crate::checks::topics::{ClockOffset, LogClocks, TopicClock, clocks};
 pub use crate::format::caveat::{Caveat, Constancy};
 pub use crate::format::class::{CauseClass, Grounds, Member, in_words, listed};
 pub use crate::format::contributions::{
-    Contribution, Description, Explained, Recalibration, Remainder, Share, Strength,
+    Contribution, Description, Explained, Recalibration, Remainder, Share, Strength, Unrelated,
 };
 pub use crate::format::diagnosis::{
     Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, Gap, GapOutput, Holdout,

@@ -252,6 +252,7 @@ impl GapBudget<'_, '_> {
             bands: place.bands,
             regimes: place.regimes,
             description: None,
+            unrelated: None,
         }
     }
 }

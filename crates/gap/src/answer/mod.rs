@@ -26,3 +26,4 @@ pub(crate) mod nuisances;
 pub(crate) mod sections;
 pub(crate) mod traces;
 pub(crate) mod trims;
+mod unrelated;

@@ -17,6 +17,7 @@ use super::nominal::nominal_caveats;
 use super::nuisances::{nuisance_caveats, nuisance_estimates};
 use super::traces::{command_traces, traces};
 use super::trims::constant_caveats;
+use super::unrelated::unrelated;
 use crate::baseline::motion::Motion;
 use crate::causes::conclusion::ActiveCauses;
 use crate::error::Result;
@@ -194,6 +195,9 @@ impl Answer<'_> {
         share_classes(&mut contributions, &cause.indistinguishable);
         let (description, missing_force) = self.described(runs).unzip();
         remainder.description = description;
+        if composed.judged.verdict == GapVerdict::Unknown && contributions.is_empty() {
+            remainder.unrelated = unrelated(likelihood, &runs.before, &self.motion.smallest);
+        }
         cause.not_tried.clone_from(&self.left_out);
         cause = Cause {
             explained: Some(explained(composed, remainder.share.learnt)),

@@ -106,6 +106,27 @@ pub struct Remainder {
     pub regimes: Vec<Regime>,
     /// What it looks like; missing where nothing can be said.
     pub description: Option<Description>,
+    /// How it goes with the commands, where no cause was found; missing where too few samples can say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unrelated: Option<Unrelated>,
+}
+
+/// How what stays goes with past commands and the model's outputs.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Unrelated {
+    /// The chance that a residual without any relation goes with them as much.
+    pub chance: f64,
+    /// The part that they explain of what the residual's own past does not predict; the largest of all outputs.
+    pub explained: f64,
+}
+
+impl Unrelated {
+    /// No relation is seen at a chance of 1 %, or one that explains next to nothing.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        self.chance >= 0.01 || self.explained < 0.02
+    }
 }
 
 /// A missing force, as regressed from what stays. It describes, and is no cause.
