@@ -41,6 +41,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
         );
         found.push(result(CheckKind::Axes, rate, Some(false), finding));
     }
+    found.extend(super::turned::check(e));
     if found.is_empty() {
         found.extend(e.twins().into_iter().map(|(i, j)| {
             let (i, j) = (e.output(i), e.output(j));

@@ -23,6 +23,7 @@ mod sign;
 mod stuck;
 mod timing;
 pub(crate) mod topics;
+mod turned;
 mod unit;
 mod units;
 mod view;
