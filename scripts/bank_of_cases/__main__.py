@@ -4,6 +4,7 @@
   scripts/bank run SET --program P --out FOLDER     answers of a program; what it has answered is kept
   scripts/bank score FOLDER  the scores by group
   scripts/bank law FOLDER    the law of class probabilities, fitted to answers of the development set, and its reliability
+  scripts/bank page          docs/results/bank.md from the newest stored answers of both sets
   scripts/bank compare OLD NEW   paired differences; FOLDER or a file of answers, such as golden/bank/development-a2c844c.jsonl.gz
 
 Changes are tried on the development set. The locked set is for the last word on a change: `run locked` demands --final COMMIT, appends to scripts/bank_log.md,
@@ -16,7 +17,7 @@ import os
 import sys
 from pathlib import Path
 
-from . import answers, check, law, sets, tables
+from . import answers, check, law, page, sets, tables
 from .judge import SCORES
 
 LOG = sets.ROOT / "scripts" / "bank_log.md"
@@ -67,6 +68,7 @@ def _arguments() -> argparse.Namespace:
     score.add_argument("answers", type=Path)
     fitted = command("law", "the law of class probabilities")
     fitted.add_argument("answers", type=Path)
+    command("page", "writes docs/results/bank.md from golden/bank")
     compare = command("compare", "paired differences of two programs' answers")
     compare.add_argument("old", type=Path)
     compare.add_argument("new", type=Path)
@@ -117,6 +119,8 @@ def main() -> int:
         return answers.run(options.set, options.folder / options.set, options.program.resolve(), options.out, options.group, options.cases, options.limit, options.name)
     if options.command == "law":
         print(law.report(options.answers, options.folder / "development"))
+    elif options.command == "page":
+        page.write(options.folder)
     elif options.command == "score":
         found = _read(options.answers, options.cases)
         print(tables.scores(found, _drawn(options.folder, found), options.by))

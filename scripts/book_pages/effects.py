@@ -10,9 +10,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from . import sources, svg, tables
-
-CHECK = Path("docs/results/withheld.md")
+from . import sources, svg
 
 # Where an effect is shown: a model, its channel there, and sizes that can be seen.
 WIRE = """format = "deadtime/model@1"
@@ -172,8 +170,6 @@ def command(t: float) -> float:
 def pages(root: Path, program: str, listed: list[dict[str, Any]]) -> dict[str, str]:
     """Path below docs/ to text."""
     about = sources.effects(root)
-    scores = {row["true effect"]: row for row in tables.rows(root / CHECK, "true effect", "cases", "right")}
-    said = {row["truth"]: row for row in tables.rows(root / CHECK, "truth", "cases", "verdicts")}
     written: dict[str, str] = {}
     for effect in listed:
         name = effect["effect"]
@@ -183,7 +179,7 @@ def pages(root: Path, program: str, listed: list[dict[str, Any]]) -> dict[str, s
             raise SystemExit(f"{name}: its doc comment lacks {', '.join(lacking)}; docs/adding.md shows how they are written")
         if name not in SHOWN:
             raise SystemExit(f"{name}: scripts/book_pages/effects.py does not say on which model, and how large, it is shown")
-        written[f"effects/{name}.md"] = page(effect, text, scores.get(name), said.get(name))
+        written[f"effects/{name}.md"] = page(effect, text)
         written[f"images/effects/{name}.svg"] = picture(program, name)
     written["effects/index.md"] = index(listed)
     return written
@@ -191,7 +187,7 @@ def pages(root: Path, program: str, listed: list[dict[str, Any]]) -> dict[str, s
 
 def index(listed: list[dict[str, Any]]) -> str:
     """All effects with their pictures, by where they act."""
-    lines = ["# The effects", "", "What a simulator may lack, one page each: equation, picture, assumptions, what it is taken for, how often it was named, source."]
+    lines = ["# The effects", "", "What a simulator may lack, one page each: equation, picture, assumptions, what it is taken for, source."]
     lines += ["[Conventions](../effects.md) tells the order in which they act. Grey and dashed is the command or the model as it is, red what the effect makes of it.", ""]
     titles = {"input": "On the way of the commands", "dynamics": "In the equations of motion", "output": "On the way of the measurements", "clock": "Between the clocks"}
     for site in dict.fromkeys(effect["site"] for effect in listed):
@@ -204,7 +200,7 @@ def index(listed: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def page(effect: dict[str, Any], text: sources.About, score: dict[str, str] | None, said: dict[str, str] | None) -> str:
+def page(effect: dict[str, Any], text: sources.About) -> str:
     """The page of one effect."""
     name = effect["effect"]
     _, channel, values = SHOWN[name]
@@ -220,36 +216,13 @@ def page(effect: dict[str, Any], text: sources.About, score: dict[str, str] | No
     lines += ["```toml", "[[effects]]", f'effect = "{name}"', f'channel = "{channel}"', f"parameters = {{ {', '.join(f'{k} = {v}' for k, v in values.items())} }}", "```", ""]
     lines += ["## What it assumes", "", capital(sources.words(text.sections["Assumes"])), ""]
     lines += ["## When it is missed or taken for another", "", f"It fails when {sources.words(text.sections['Fails when'])}", ""]
-    lines += ["## How often `deadtime gap` names it", ""]
-    if score and said:
-        lines += ["| cases | named | named, up to what the logs cannot tell apart | median error of the parameter | interval holds the truth |"]
-        lines += ["| ---: | ---: | ---: | ---: | ---: |"]
-        lines += [f"| {score['cases']} | {share(score['top1'])} | {share(score['top1_class'])} | {percent(score['parameter_error'])} | {share(score['coverage'])} |"]
-        lines += ["", f"Verdicts in these cases: {verdicts(said['verdicts'])}. From the [check on withheld effects](../results/withheld.md)."]
-    else:
-        lines += ["The [check on single withheld effects](../results/withheld.md) has no case of it."]
-    lines += ["", "## Source", "", sources.words(text.sections["Source"]), "", f"The code stands in `{text.file}`.", ""]
+    lines += ["## Source", "", sources.words(text.sections["Source"]), "", f"The code stands in `{text.file}`.", ""]
     return "\n".join(lines)
 
 
 def capital(text: str) -> str:
     """With a capital at the start."""
     return text[0].upper() + text[1:]
-
-
-def share(cell: str) -> str:
-    """0.857 as 86 %."""
-    return cell if cell == "–" else f"{100 * float(cell):.0f} %"
-
-
-def percent(cell: str) -> str:
-    """A relative error in per cent, two digits."""
-    return cell if cell == "–" else f"{100 * float(cell):.2g} %"
-
-
-def verdicts(cell: str) -> str:
-    """`a 6, b 1` with the names as code."""
-    return ", ".join(f"`{entry.rsplit(' ', 1)[0]}` {entry.rsplit(' ', 1)[1]}" for entry in cell.split(", "))
 
 
 def picture(program: str, name: str) -> str:

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from . import tables
+from .results import bank, percent
 
 BEGIN, END = "<!-- Five numbers, written by scripts/book. -->\n", "<!-- End of the five numbers. -->\n"
 
@@ -15,8 +16,7 @@ def lines(root: Path) -> str:
     results = root / "docs" / "results"
     benchmark = {(r["grid"], r["from"], r["method"]): r for r in tables.rows(results / "studies" / "bjorklund.md", "grid", "from", "method")}
     best = benchmark["open", "u", "oestruc"]
-    score = {r["score"]: r for r in tables.rows(results / "withheld.md", "score", "value")}
-    mixed = {r["score"]: r for r in tables.rows(results / "mixtures.md", "score", "value")}
+    locked, development = bank(results)
     golden = tables.rows(results / "validation.md", "data", "quantity", "compared")
     machines = tables.rows(results / "machines.md", "machine", "missing", "known value")
     named = sum(r["agreement"].startswith("yes") for r in machines)
@@ -28,13 +28,11 @@ def lines(root: Path) -> str:
         [
             f"- **{best['RMS error (samples)']} samples**: error of `oestruc` over {best['estimates']} records of the field's standard benchmark; the least that an unbiased method "
             f"can reach is {best['bound (samples)']}. Its interval holds the truth in {best['truth in 95 % interval']} of them ([table](docs/results/studies/bjorklund.md)).",
-            f"- **{100 * float(score['right']['value']):.0f} %** of {score['right']['of']} diagnoses are right where the cause was withheld from the program, "
-            f"up to aliases in the logs ([table](docs/results/withheld.md)).",
-            f"- **{100 * float(score['false_alarm']['value']):.0f} %** of {score['false_alarm']['of']} simulators that lack nothing are accused of something "
-            f"([table](docs/results/withheld.md)).",
-            f"- **{100 * float(mixed['recall']['value']):.0f} %** of the causes of {mixed['recall']['of']} machines with two to five causes are named, and "
-            f"{100 * float(mixed['precision']['value']):.0f} % of what is named is true; of {mixed['false_causes']['of']} that are called explained, "
-            f"{100 * float(mixed['false_causes']['value']):.0f} % name a false cause too. No threshold was chosen on these machines ([table](docs/results/mixtures.md)).",
+            f"- **{percent(locked['named']['all'])}** of the diagnoses of {locked['cases']['all']} locked cases name the strongest cause, up to aliases in the logs; "
+            f"{percent(locked['precision']['all'])} of what is named acts. Nothing was chosen by these cases. Of the {development['cases']['all']} development cases it is "
+            f"{percent(development['named']['all'])} and {percent(development['precision']['all'])} ([table](docs/results/bank.md)).",
+            f"- **{percent(locked['false_alarm']['all'])}** of the simulators that lack nothing are accused of something; {percent(locked['false_complete']['all'])} of the answers "
+            f"that are called complete name a false cause, too ([table](docs/results/bank.md)).",
             f"- **{named} of {len(machines)}** logs of real machines give the cause that physics names, {with_rest} of them with an unexplained part that is `unknown`; "
             f"{partly} has it among others, {unknown} without any cause, {len(machines) - named - unknown - partly} with another ([table](docs/results/machines.md)).",
             f"- **{compared}** comparisons with other programs, or with slow calculations that share no line with this one, agree within their tolerances "
