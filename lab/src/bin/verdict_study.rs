@@ -538,7 +538,10 @@ fn page(rows: &[Value], draws: u64, first: u64) -> String {
          | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n"
     );
     for row in rows {
-        let ratio = row["width_samples"].as_f64().zip(row["width_of_oe_posterior"].as_f64());
+        let ratio = row["width_samples"]
+            .as_f64()
+            .zip(row["width_of_oe_posterior"].as_f64())
+            .filter(|(_, other)| *other > 0.0);
         text.push_str(&format!(
             "| {} | {} | {} | {} | {} | {} | {} | {} | {} of {} | {} of {} |\n",
             row["kind"].as_str().unwrap_or_default(),
