@@ -1,10 +1,11 @@
 //! One number and one interval of answers that agree.
 //!
-//! Equation: the number is the median of the mixture of the leading answers, each a normal law to either side of its value with the weight wᵢ = vᵢ/eᵢ²: vᵢ the share of the
-//! vote, eᵢ the error that the method had in a study. The interval is between the 2.5 % and the 97.5 % point of the same mixture. An answer leads where eᵢ ≤ min e/ρ, ρ the
+//! Equation: the number is the median of the mixture of the leading answers, each a normal law to either side of its value with the weight wᵢ = 1/(eᵢ·max(1, sᵢ/s))²: eᵢ the error
+//! that the method had in a study, sᵢ its own standard deviation, s the median of these. So an answer that is vaguer than most weighs less, and none weighs more for being bold. The interval is between the 2.5 % and the 97.5 % point of the same mixture. An answer leads where eᵢ ≤ min e/ρ, ρ the
 //! correlation of two methods' errors: beyond that ratio the best combination of the two gives the worse one no weight.
 //!
-//! How it can be wrong: methods that share a wrong model are one error counted often; the votes bound that. The errors are those of plants in open loop.
+//! How it can be wrong: methods that share a wrong model are one error counted often. Votes by class choose the delay that they gather around; within it one class may be most of
+//! the weight. The errors are those of plants in open loop.
 //!
 //! Source: Bates and Granger (1969), Operational Research Quarterly 20(4), 451-468, doi:10.2307/3008764, for the combination of two forecasts and the sign of its weights; Stone
 //! (1961), Ann. Math. Statist. 32(4), 1339-1342, doi:10.1214/aoms/1177704873, for the mixture of opinions.
@@ -74,6 +75,14 @@ pub(super) fn leads(method: &str, best: f64) -> bool {
     earned(method) * CORRELATION <= best
 }
 
+/// How much vaguer each answer is than the median of all, 1 at least; of an even number the larger of the two in the middle.
+pub(super) fn vagueness(stds: &[f64]) -> Vec<f64> {
+    let mut sorted = stds.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let middle = sorted.get(sorted.len() / 2).copied().unwrap_or(f64::INFINITY);
+    stds.iter().map(|std| (std / middle).max(1.0)).collect()
+}
+
 /// One answer of several.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Answer {
@@ -93,6 +102,12 @@ impl Answer {
         let [from, to] = self.interval_s;
         [self.delay_s - from, to - self.delay_s]
             .map(|side| (side / NORMAL_95).max(self.least_s).max(f64::MIN_POSITIVE))
+    }
+
+    /// Its standard deviation, the mean of both sides, s.
+    pub(super) fn std(&self) -> f64 {
+        let [below, above] = self.stds();
+        0.5 * (below + above)
     }
 
     fn below(&self, at: f64, normal: &Normal) -> f64 {
@@ -169,6 +184,13 @@ mod tests {
         assert!(middle > 1.95 && middle < 2.0, "{middle}");
         let [from, to] = interval(&most);
         assert!(from > 1.0 - 1e-2 && from < 1.9 && to > 2.0, "{from} to {to}");
+    }
+
+    #[test]
+    fn an_answer_vaguer_than_most_is_vague_and_a_bold_one_is_not_rewarded() {
+        assert_eq!(vagueness(&[1.0, 3.0, 0.01]), [1.0, 3.0, 1.0]);
+        assert_eq!(vagueness(&[1.0, 4.0]), [1.0, 1.0]);
+        assert!(vagueness(&[]).is_empty());
     }
 
     #[test]

@@ -339,9 +339,8 @@ mod tests {
         compare_models(&learnt, &validation, &logs, (&Stop::default(), &HowFar::default())).unwrap()
     }
 
-    #[test]
-    fn of_one_lag_with_dead_time_the_chosen_model_is_small_and_has_the_dead_time() {
-        for (seed, delay) in [(1, 3), (2, 7), (3, 0)] {
+    fn one_lag(cases: &[(u64, usize)]) {
+        for &(seed, delay) in cases {
             let found = compared(record(&[-0.9], 0.1, delay, 0.05, 0.0, seed));
             let chosen = found.chosen().unwrap();
             assert!(found.free_run);
@@ -352,14 +351,35 @@ mod tests {
     }
 
     #[test]
-    fn of_a_resonance_no_model_of_real_poles_is_chosen() {
-        for seed in [4, 5] {
+    fn of_one_lag_with_dead_time_the_chosen_model_is_small_and_has_the_dead_time() {
+        one_lag(&[(1, 3)]);
+    }
+
+    #[test]
+    #[ignore = "nightly: more draws"]
+    fn of_one_lag_with_any_dead_time_the_chosen_model_is_small_and_has_the_dead_time() {
+        one_lag(&[(2, 7), (3, 0), (4, 12)]);
+    }
+
+    fn resonance(seeds: &[u64]) {
+        for &seed in seeds {
             let found = compared(record(&[-1.8, 0.9], 0.1, 2, 0.05, 0.0, seed));
             let chosen = found.chosen().unwrap();
             assert!(chosen.order.unwrap() >= 2 && !chosen.method.starts_with("p1"), "{chosen:?}");
             let small = found.candidates.iter().find(|c| c.method == "p1d").unwrap();
             assert!(!small.as_good_as_best && small.fit_percent < chosen.fit_percent, "{small:?}");
         }
+    }
+
+    #[test]
+    fn of_a_resonance_no_model_of_real_poles_is_chosen() {
+        resonance(&[4]);
+    }
+
+    #[test]
+    #[ignore = "nightly: more draws"]
+    fn of_more_resonances_no_model_of_real_poles_is_chosen() {
+        resonance(&[5, 6]);
     }
 
     #[test]

@@ -170,11 +170,11 @@ mod tests {
         assert!(found <= 1, "{found} of 40");
     }
 
-    #[test]
-    fn the_wrong_way_part_is_no_dead_time() {
+    /// Of the verdicts of these draws those whose interval holds the dead time and is narrower than 8 samples.
+    fn held(seeds: std::ops::Range<u64>) -> usize {
         let names = ["oestruc", "armaxstruc", "arxstruc", "oe_posterior", "p2d", "p2dz", "cusum"];
         let mut held = 0;
-        for seed in 0..10 {
+        for seed in seeds {
             let Drawn { record, delay } = drawn(seed, true, 0.0);
             let time_s = (0..record.len()).map(|t| t as f64).collect();
             let channels = vec![
@@ -193,6 +193,18 @@ mod tests {
                     .is_some_and(|[from, to]| from <= truth && truth <= to && to - from < 8.0),
             );
         }
-        assert!(held >= 9, "{held} of 10 hold the dead time within 8 samples");
+        held
+    }
+
+    #[test]
+    fn the_wrong_way_part_is_no_dead_time() {
+        assert_eq!(held(0..3), 3);
+    }
+
+    #[test]
+    #[ignore = "nightly: a rate over draws"]
+    fn the_wrong_way_part_is_no_dead_time_in_40_draws() {
+        let held = held(0..40);
+        assert!(held >= 36, "{held} of 40 hold the dead time within 8 samples");
     }
 }

@@ -1,14 +1,15 @@
 //! How good the verdict of `deadtime estimate` is on drawn records of the kinds that engineers bring: one JSON object a line of rates, or of single records.
 //!
-//! `cargo run --release --package deadtime-lab --bin verdict_study -- [--each] DRAWS FIRST_SEED [KIND ...]`
+//! `cargo run --release --package deadtime-lab --bin verdict_study -- [--each] [--table FILE] DRAWS FIRST_SEED [KIND ...]`; with `--table` the rates are a page as well,
+//! docs/results/studies/verdicts.md, which `scripts/verdict_gate --store` writes.
 //!
 //! Plants are advanced by their matrix exponential over a twentieth of a sample, apart from the crate's own simulation; dead times are multiples of that, so that a held input
 //! changes between steps only.
 
 use std::error::Error;
 
-use deadtime::delay::Job;
 use deadtime::delay::report::Pair;
+use deadtime::delay::{Condition, Job};
 use deadtime::log::{Channel, Log};
 use nalgebra::{SMatrix, SVector};
 use rand::RngExt;
@@ -297,27 +298,67 @@ fn direct(rng: &mut ChaCha8Rng) -> Drawn {
     stationary(rng, &plant, u, 0, ratio, 0.0)
 }
 
-/// A motor whose friction holds it under a slow ramp, then a step.
+/// A slow input: a ramp and then a step, triangles, a sine that grows, or ramps from level to level.
+fn ramps(rng: &mut ChaCha8Rng, samples: usize) -> Vec<f64> {
+    let period = rng.random_range(samples / 5..samples / 2) as f64;
+    let kind = rng.random_range(0..4);
+    let levels = held(rng, samples / 40 + 3, 1, 1, false);
+    let at = |k: usize| {
+        let (share, turn) = (k as f64 / samples as f64, k as f64 / period);
+        match kind {
+            0 if share < 0.5 => 2.0 * share,
+            0 if share < 0.6 => 0.0,
+            0 => 1.5,
+            1 => 4.0 * ((turn + 0.25).rem_euclid(1.0) - 0.5).abs() - 1.0,
+            2 => (0.4 + share) * (std::f64::consts::TAU * turn).sin(),
+            _ => {
+                let part = (k % 40) as f64 / 40.0;
+                levels[k / 40] * (1.0 - part) + levels[k / 40 + 1] * part
+            }
+        }
+    };
+    (0..samples).map(at).collect()
+}
+
+/// A motor that friction holds under a slow input: a threshold in one direction, a dead zone, or Coulomb friction on a mass.
 fn friction(rng: &mut ChaCha8Rng) -> Drawn {
     let samples = rng.random_range(800..1500_usize);
     let (lag, delay, holds) =
         (rng.random_range(3.0..15.0), steps(rng, 8.0), rng.random_range(0.1..0.4));
-    let u: Vec<f64> = (0..samples)
-        .map(|k| {
-            let share = k as f64 / samples as f64;
-            if share < 0.5 {
-                2.0 * share
-            } else if share < 0.6 {
-                0.0
-            } else {
-                1.5
+    let u = ramps(rng, samples);
+    let y = match rng.random_range(0..3) {
+        0 => {
+            let moved: Vec<f64> = u.iter().map(|u| (u - holds).max(0.0)).collect();
+            Plant::lags(&[lag], 0.0, false).respond(&moved, |_| delay)
+        }
+        1 => {
+            let moved: Vec<f64> = u.iter().map(|u| u - u.clamp(-holds, holds)).collect();
+            Plant::lags(&[lag], 0.0, false).respond(&moved, |_| delay)
+        }
+        _ => coulomb(&u, lag, holds, delay),
+    };
+    let y = noisy(rng, y, 1000.0, 0.0);
+    Drawn { u, y, truth: Some(delay as f64 / FINE as f64), jumps: false }
+}
+
+/// The speed of a mass under viscous friction, whose time constant is `lag`, and Coulomb friction of this size.
+fn coulomb(u: &[f64], lag: f64, holds: f64, delay: usize) -> Vec<f64> {
+    let keeps = (-1.0 / (FINE as f64 * lag)).exp();
+    let mut speed: f64 = 0.0;
+    let mut y = Vec::with_capacity(u.len());
+    for k in 0..u.len() {
+        y.push(speed);
+        for i in 0..FINE {
+            let force = (k * FINE + i).checked_sub(delay).map_or(0.0, |at| u[at / FINE]);
+            let sign = if speed == 0.0 { force.signum() } else { speed.signum() };
+            if speed == 0.0 && force.abs() <= holds {
+                continue;
             }
-        })
-        .collect();
-    let moved: Vec<f64> = u.iter().map(|u| (u - holds).max(0.0)).collect();
-    let mut drawn = stationary(rng, &Plant::lags(&[lag], 0.0, false), moved, delay, 1000.0, 0.0);
-    drawn.u = u;
-    drawn
+            let next = keeps * speed + (1.0 - keeps) * (force - sign * holds);
+            speed = if next * sign < 0.0 { 0.0 } else { next };
+        }
+    }
+    y
 }
 
 fn sparse(rng: &mut ChaCha8Rng) -> Drawn {
@@ -374,9 +415,17 @@ fn jump(rng: &mut ChaCha8Rng) -> Drawn {
     Drawn { u, y, truth: None, jumps: true }
 }
 
+/// As many samples as a test bench records in a second or two.
+fn short(rng: &mut ChaCha8Rng) -> Drawn {
+    let samples = rng.random_range(80..200);
+    let (plant, u) = (Plant::lags(&[rng.random_range(1.0..6.0)], 0.0, false), input(rng, samples));
+    let (delay, ratio) = (steps(rng, 8.0), ratio(rng).max(10.0));
+    stationary(rng, &plant, u, delay, ratio, 0.0)
+}
+
 type Kind = (&'static str, fn(&mut ChaCha8Rng) -> Drawn);
 
-const KINDS: [Kind; 13] = [
+const KINDS: [Kind; 14] = [
     ("ordinary", ordinary),
     ("benchmark", benchmark),
     ("inverse", inverse),
@@ -388,6 +437,7 @@ const KINDS: [Kind; 13] = [
     ("friction", friction),
     ("sparse", sparse),
     ("step", step),
+    ("short", short),
     ("loop", looped),
     ("jump", jump),
 ];
@@ -441,36 +491,91 @@ fn rms(errors: &[f64]) -> Option<f64> {
 
 /// The rates of a kind.
 fn rates(kind: &str, records: &[(Drawn, Pair)]) -> Value {
-    let (mut errors, mut against, mut widths, mut held) = (Vec::new(), Vec::new(), Vec::new(), 0);
+    let (mut errors, mut against) = (Vec::new(), Vec::new());
+    let (mut widths, mut held) = (Vec::new(), 0);
+    let (mut widths_against, mut held_against) = (Vec::new(), 0);
     for (drawn, pair) in records {
         let Some(truth) = drawn.truth else { continue };
-        let (Some(delay), Some([from, to])) = (pair.verdict.delay_s, pair.verdict.ci95_s) else {
+        let (Some(delay), Some(interval)) = (pair.verdict.delay_s, pair.verdict.ci95_s) else {
             continue;
         };
-        held += usize::from(from - 1e-6 <= truth && truth <= to + 1e-6);
-        widths.push(to - from);
-        let other = pair.estimates.iter().find(|e| e.method == AGAINST).and_then(|e| e.delay_s);
-        if let Some(other) = other {
+        let holds = |[from, to]: [f64; 2]| usize::from(from - 1e-6 <= truth && truth <= to + 1e-6);
+        held += holds(interval);
+        widths.push(interval[1] - interval[0]);
+        let other = pair.estimates.iter().find(|e| e.method == AGAINST);
+        if let Some((other, [from, to])) = other.and_then(|e| Some((e.delay_s?, e.ci95_s?))) {
             errors.push(delay - truth);
             against.push(other - truth);
+            held_against += holds([from, to]);
+            widths_against.push(to - from);
         }
     }
-    let moving = records.iter().filter(|(_, p)| p.moving.is_some()).count();
-    let jumping = records.iter().filter(|(d, _)| d.jumps).count();
+    let shows = |p: &Pair| p.findings.iter().any(|f| f.condition == Condition::Feedback);
     json!({
         "kind": kind, "records": records.len(), "answered": widths.len(), "held": held,
-        "rms_samples": rms(&errors), "rms_of_oe_posterior": rms(&against), "width_samples": median(widths),
-        "jumps": jumping, "said_to_move": moving,
+        "rms_samples": rms(&errors), "width_samples": median(widths),
+        "compared": against.len(), "held_by_oe_posterior": held_against,
+        "rms_of_oe_posterior": rms(&against), "width_of_oe_posterior": median(widths_against),
+        "jumps": records.iter().filter(|(d, _)| d.jumps).count(),
+        "said_to_move": records.iter().filter(|(_, p)| p.moving.is_some()).count(),
+        "said_to_be_looped": records.iter().filter(|(_, p)| shows(p)).count(),
     })
 }
+
+/// The page of the rates of all kinds.
+fn page(rows: &[Value], draws: u64, first: u64) -> String {
+    let number =
+        |row: &Value, name: &str| row[name].as_f64().map_or(NONE.to_owned(), |v| format!("{v:.2}"));
+    let share = |row: &Value, name: &str, of: &str| {
+        let [part, of] = [&row[name], &row[of]].map(|v| v.as_f64().unwrap_or(0.0));
+        if of > 0.0 { format!("{:.0} %", 100.0 * part / of) } else { NONE.to_owned() }
+    };
+    let mut text = format!(
+        "# Verdicts\n\n{draws} drawn records of each kind, seeds from {first}, by `verdict_study --table` (lab/src/bin/verdict_study.rs has the kinds); `scripts/verdict_gate --store`\nwrites this page. \
+         Errors and widths are in samples, widths are medians. `oe_posterior` alone is what the verdict is held against, where both answer. Records of `jump` have a dead\ntime that jumps \
+         by two samples or more, those of `loop` are of a closed loop; all others are of open loops with one dead time. A `copy` has no truth here: it depends on the relative degree.\n\n\
+         | kind | answered | interval holds | RMS | RMS of oe_posterior | its interval holds | width | width by oe_posterior's | said to move | said to be looped |\n\
+         | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n"
+    );
+    for row in rows {
+        let ratio = row["width_samples"]
+            .as_f64()
+            .zip(row["width_of_oe_posterior"].as_f64())
+            .filter(|(_, other)| *other > 0.0);
+        text.push_str(&format!(
+            "| {} | {} | {} | {} | {} | {} | {} | {} | {} of {} | {} of {} |\n",
+            row["kind"].as_str().unwrap_or_default(),
+            share(row, "answered", "records"),
+            share(row, "held", "answered"),
+            number(row, "rms_samples"),
+            number(row, "rms_of_oe_posterior"),
+            share(row, "held_by_oe_posterior", "compared"),
+            number(row, "width_samples"),
+            ratio.map_or(NONE.to_owned(), |(own, other)| format!("{:.2}", own / other)),
+            row["said_to_move"],
+            row["records"],
+            row["said_to_be_looped"],
+            row["records"],
+        ));
+    }
+    text
+}
+
+/// A cell without a number.
+const NONE: &str = "–";
 
 fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let each =
         arguments.iter().position(|a| a == "--each").map(|at| arguments.remove(at)).is_some();
+    let table = arguments.iter().position(|a| a == "--table").map(|at| {
+        arguments.remove(at);
+        arguments.remove(at)
+    });
     let draws: u64 = arguments.first().map_or(Ok(10), |a| a.parse())?;
     let first: u64 = arguments.get(1).map_or(Ok(1), |a| a.parse())?;
     let asked = arguments.get(2..).unwrap_or_default();
+    let mut rows = Vec::new();
     for (kind, draw) in
         KINDS.iter().filter(|(k, _)| asked.is_empty() || asked.iter().any(|a| a == k))
     {
@@ -484,9 +589,12 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
         };
         let records: Result<Vec<_>, Box<dyn Error + Send + Sync>> =
             (first..first + draws).into_par_iter().map(one).collect();
-        let records = records?;
-        if !each {
-            println!("{}", rates(kind, &records));
+        rows.push(rates(kind, &records?));
+        if let Some(row) = rows.last().filter(|_| !each) {
+            println!("{row}");
+        }
+        if let Some(table) = &table {
+            std::fs::write(table, page(&rows, draws, first))?;
         }
     }
     Ok(())

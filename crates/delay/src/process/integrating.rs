@@ -273,18 +273,28 @@ fn stable(records: &[Record<'static>], max_delay: usize, lengths: &[usize]) -> O
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::estimator::Search;
+    use crate::experiment::Experiment;
     use crate::job::asked::Job;
     use crate::job::chosen::chosen;
     use crate::method::Scope;
     use crate::report::Pair;
     use deadtime_log::{Channel, Log};
+    use deadtime_signal::time::SampleTime;
     use rand::RngExt;
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// A plant in steps of a tenth of a sample, each lag exact: an integrator behind a lag, or the lag alone; input, output and dead time.
-    fn drawn(seed: u64, integrates: bool) -> (Vec<f64>, Vec<f64>, f64) {
+    /// Standard deviations of the noise.
+    const NOISE: std::ops::Range<f64> = 0.002..0.02;
+
+    /// A plant in steps of a tenth of a sample, each lag exact: an integrator behind a lag, or the lag alone, under noise by the largest output; input, output and dead time.
+    fn drawn(
+        seed: u64,
+        integrates: bool,
+        noise: std::ops::Range<f64>,
+    ) -> (Vec<f64>, Vec<f64>, f64) {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let samples = rng.random_range(400..900_usize);
         let lag: f64 = if seed.is_multiple_of(2) { 0.0 } else { rng.random_range(2.0..12.0) };
@@ -311,7 +321,7 @@ mod tests {
                 x = keeps * x + (1.0 - keeps) * input;
             }
         }
-        let size = y.iter().fold(0.0, |m: f64, v| m.max(v.abs())) * rng.random_range(0.002..0.02);
+        let size = y.iter().fold(0.0, |m: f64, v| m.max(v.abs())) * rng.random_range(noise);
         for v in &mut y {
             let e: f64 = StandardNormal.sample(&mut rng);
             *v += size * e;
@@ -332,11 +342,12 @@ mod tests {
         pair.findings.iter().any(|f| f.condition == Condition::Integrating)
     }
 
-    #[test]
-    fn an_integrating_plant_is_recognised_and_its_dead_time_held() {
+    /// Six draws have every input with a lag and without one. All but one in twenty are recognised and held; the median width of their intervals, samples.
+    fn recognised(seeds: std::ops::Range<u64>) -> f64 {
+        let draws = (seeds.end - seeds.start) as usize;
         let (mut held, mut said, mut widths, mut missed) = (0, 0, Vec::new(), Vec::new());
-        for seed in 0..12 {
-            let (u, y, truth) = drawn(seed, true);
+        for seed in seeds {
+            let (u, y, truth) = drawn(seed, true, NOISE);
             let pair = pair(u, y);
             said += usize::from(says(&pair));
             match pair.verdict.ci95_s {
@@ -348,15 +359,44 @@ mod tests {
             }
         }
         widths.sort_by(f64::total_cmp);
-        assert!(said >= 11 && held >= 11, "{said} said and {held} held of 12: {missed:?}");
-        assert!(widths[held / 2] < 3.0, "{widths:?}");
+        let least = draws - draws.div_ceil(20);
+        assert!(said >= least && held >= least, "{said} and {held} of {draws}: {missed:?}");
+        widths[held / 2]
+    }
+
+    #[test]
+    fn of_its_own_plant_almost_without_noise_each_method_has_the_exact_dead_time() {
+        for seed in 0..12 {
+            let (u, y, truth) = drawn(seed, true, 1e-7..2e-7);
+            // Draws of odd numbers have a lag.
+            let name = ["p0di", "p1di"][(seed % 2) as usize];
+            let asked = chosen(&[name.to_owned()], &Default::default(), &[Scope::Pair]).unwrap();
+            let experiment = Experiment::siso(SampleTime::new(0.5).unwrap(), u, y).unwrap();
+            let found = asked[0].estimator.estimate(&experiment, &Search::default()).unwrap();
+            let delay = found.delay_s.unwrap() / 0.5;
+            assert!((delay - truth).abs() < 1e-3, "{name} {seed}: {delay} for {truth}");
+            let [from, to] = found.ci95_s.unwrap().map(|end| end / 0.5);
+            assert!(from - 1e-3 <= truth && truth <= to + 1e-3 && to - from < 0.1, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn an_integrating_plant_is_recognised_and_its_dead_time_held() {
+        // A quarter of the search window.
+        assert!(recognised(0..6) < 9.0);
+    }
+
+    #[test]
+    #[ignore = "nightly: a rate over draws"]
+    fn integrating_plants_are_recognised_and_their_dead_times_held_in_60_draws() {
+        assert!(recognised(0..60) < 3.0);
     }
 
     #[test]
     fn a_plant_that_settles_is_none() {
-        let said: Vec<u64> = (100..110)
+        let said: Vec<u64> = (100..104)
             .filter(|seed| {
-                let (u, y, _) = drawn(*seed, false);
+                let (u, y, _) = drawn(*seed, false, NOISE);
                 says(&pair(u, y))
             })
             .collect();

@@ -1,6 +1,7 @@
 //! Delays that move: whether one delay describes a record, where it changes, and the delay against time.
 
 pub(crate) mod answer;
+mod bent;
 mod live;
 mod path;
 mod rows;

@@ -102,12 +102,7 @@ impl Rows {
             }
             row[na + nb] = 1.0;
             row[columns] = self.y[t];
-            for (c, &right) in row.iter().enumerate() {
-                let mut column = gram.column_mut(c);
-                for (r, &left) in row[..=c].iter().enumerate() {
-                    column[r] += left * right;
-                }
-            }
+            add_products(&mut gram, &row);
         }
         gram.fill_lower_triangle_with_upper_triangle();
         let (theta, left) = solve(&gram)?;
@@ -117,6 +112,43 @@ impl Rows {
             level: theta[na + nb],
         };
         Some((shape, left))
+    }
+
+    /// e² of every row at one delay where the inputs have coefficients each: least squares. `None` where the columns leave no finite answer.
+    pub(super) fn squares_of(&self, delay: usize, inputs: &[&[f64]]) -> Option<Vec<f64>> {
+        let RowOrders { na, nb, .. } = self.orders;
+        let columns = na + nb * inputs.len() + 1;
+        let fill = |t: usize, row: &mut [f64]| {
+            for (k, value) in row[..na].iter_mut().enumerate() {
+                *value = self.y[t - 1 - k];
+            }
+            for (values, input) in row[na..columns - 1].chunks_exact_mut(nb).zip(inputs) {
+                for (j, value) in values.iter_mut().enumerate() {
+                    *value = input[t - delay - j];
+                }
+            }
+            row[columns - 1] = 1.0;
+            row[columns] = self.y[t];
+        };
+        let mut gram = DMatrix::<f64>::zeros(columns + 1, columns + 1);
+        let mut row = vec![0.0; columns + 1];
+        for &t in &self.at {
+            fill(t, &mut row);
+            add_products(&mut gram, &row);
+        }
+        gram.fill_lower_triangle_with_upper_triangle();
+        let (theta, _) = solve(&gram)?;
+        let square = |&t: &usize| {
+            fill(t, &mut row);
+            let fitted: f64 = theta.iter().zip(&row).map(|(a, b)| a * b).sum();
+            (row[columns] - fitted).powi(2)
+        };
+        Some(self.at.iter().map(square).collect())
+    }
+
+    /// The input of all records, one behind the other.
+    pub(super) fn input(&self) -> &[f64] {
+        &self.u
     }
 
     /// What the past outputs and the level leave of each row, and the drive Σ bⱼ·u(t−j) at every sample: the error of delay d is `left[i] − drive[at[i] − d]`.
@@ -168,6 +200,16 @@ impl Errors<'_> {
 pub(super) fn split(delay: f64) -> (usize, f64) {
     let whole = delay.max(0.0).floor();
     (whole as usize, delay.max(0.0) - whole)
+}
+
+/// The upper triangle of a row's products.
+fn add_products(gram: &mut DMatrix<f64>, row: &[f64]) {
+    for (c, &right) in row.iter().enumerate() {
+        let mut column = gram.column_mut(c);
+        for (r, &left) in row[..=c].iter().enumerate() {
+            column[r] += left * right;
+        }
+    }
 }
 
 /// θ of the normal equations in a Gram matrix of [regressors, target], columns scaled to norm 1, and the Σe² that it leaves.

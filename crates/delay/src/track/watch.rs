@@ -1,5 +1,6 @@
 //! Whether one delay describes a record, and where it changes.
 
+use super::bent::one_delay_with_bends;
 use super::path::{best_path, pruned, stretches, variances};
 use super::rows::{Errors, ResponseShape, RowOrders, Rows};
 use crate::estimator::Search;
@@ -12,12 +13,12 @@ use deadtime_identify::{Record, arx_scan};
 /// delays of halves and thirds of each record), as a likelihood of delays has many maxima.
 ///
 /// A change is claimed where the likelihood of the path gains more than its price over one delay for the whole record (a generalised likelihood ratio), each row weighed by
-/// the errors around it, and still does without the window of one response in which it gains most: one motion that a plant answers otherwise, as where friction lets go, is
-/// no change of the delay. The default price was set on draws with one delay; `docs/results/studies/track.md` has its rate of false alarms on others.
+/// the errors around it, and as much over one delay behind a static nonlinearity of the input (`bent`): static friction under a slow input looks like a delay that grows.
+/// The default price was set on draws with one delay; `docs/results/studies/track.md` has its rate of false alarms on others.
 ///
 /// Wrong when: nothing moves around the change (its time is then open between two motions, and says so; with nothing after it, it is not seen); the input repeats within
 /// the window (delays a period apart fit alike); the plant changes with the delay, or instead of it (a change of the lag passes for one of the delay where that explains
-/// it better than nothing); the plant is far from linear and the input dwells in parts of its range.
+/// it better than nothing); the plant is far from linear in another way than by its input.
 ///
 /// Source: generalised likelihood ratio: Basseville and Nikiforov (1993), "Detection of Abrupt Changes", section 2.4; a hidden Markov model whose state is the delay, its
 /// shape re-estimated along the best path: Rabiner (1989), Proc. IEEE 77(2), 257-286, doi:10.1109/5.18626.
@@ -114,7 +115,26 @@ impl Watch {
         for (shape, variance) in starts {
             self.improve(&mut best, shape, variance.max(small), small);
         }
+        if best.gain > 0.0 && !self.outdoes_bends(&best, one) {
+            best.variance = variances(&best.steady, small);
+            best.path.fill(one);
+            best.shape = best.rows.fit(|_| one as f64)?.0;
+            (best.gain, best.share) = (0.0, 0.0);
+        }
         Some(best)
+    }
+
+    /// The path explains the rows better than one delay behind a static nonlinearity of the input, by more than the price of its changes. `one`: the best constant delay.
+    fn outdoes_bends(&self, found: &Watched, one: usize) -> bool {
+        let shown = stretches(&found.path);
+        let mut delays: Vec<usize> = shown.iter().map(|(_, delay)| *delay).chain([one]).collect();
+        delays.sort_unstable();
+        delays.dedup();
+        let Some(rival) = one_delay_with_bends(&found.rows, &delays) else { return true };
+        let own = squares(&found.rows, &found.shape, &found.path);
+        let rows = rival.iter().zip(&own).zip(&found.variance);
+        let gain: f64 = rows.map(|((r, e), v)| 0.5 * (r - e) / v).sum();
+        gain > self.price * (shown.len() - 1) as f64
     }
 
     /// Shape and path by turns from one start; what gains more takes the place of what was best.
@@ -135,13 +155,12 @@ impl Watch {
             variance = variances(&squares, small);
             let changes = stretches(&path).len() - 1;
             let rows = best.steady.iter().zip(&squares).zip(&variance);
-            let gains: Vec<f64> = rows.map(|((s, e), v)| 0.5 * (s - e) / v).collect();
-            let event = largest_sum(&gains, best.rows.orders.delays + best.rows.orders.nb);
             let (gain, share) = (
-                gains.iter().sum::<f64>() - self.price * changes as f64,
+                rows.map(|((s, e), v)| 0.5 * (s - e) / v).sum::<f64>()
+                    - self.price * changes as f64,
                 1.0 - left / best.steady.iter().sum::<f64>().max(f64::MIN_POSITIVE),
             );
-            if changes > 0 && gain > best.gain.max(event) && share > LEAST_SHARE {
+            if changes > 0 && gain > best.gain && share > LEAST_SHARE {
                 (best.gain, best.share) = (gain, share);
                 (best.shape, best.variance, best.path) =
                     (fitted.clone(), variance.clone(), path.clone());
@@ -149,17 +168,6 @@ impl Watch {
             shape = fitted;
         }
     }
-}
-
-/// The largest sum of so many neighbours.
-fn largest_sum(values: &[f64], length: usize) -> f64 {
-    let mut sum = 0.0;
-    let mut largest = 0.0_f64;
-    for (at, value) in values.iter().enumerate() {
-        sum += value - at.checked_sub(length).map_or(0.0, |gone| values[gone]);
-        largest = largest.max(sum);
-    }
-    largest
 }
 
 impl Watched {
