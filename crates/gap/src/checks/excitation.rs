@@ -1,5 +1,6 @@
 //! Commands that are too poor to tell anything: constant, one frequency, slower than anything the model does, or two that move together.
 
+use deadtime_signal::decompositions::symmetric_eigen;
 use nalgebra::{Complex, DMatrix};
 use rustfft::FftPlanner;
 
@@ -163,9 +164,9 @@ fn rank(u: &[Vec<f64>], view: &View<'_>) -> usize {
             }
         }
     }
-    let eigenvalues = gram.symmetric_eigenvalues();
-    let largest = eigenvalues.max();
-    eigenvalues.iter().filter(|v| **v > RANK * largest).count()
+    let Some(eigen) = symmetric_eigen(&gram) else { return 0 };
+    let largest = eigen.eigenvalues.max();
+    eigen.eigenvalues.iter().filter(|v| **v > RANK * largest).count()
 }
 
 /// The other inputs that move, and the part of this one that they explain (the multiple correlation).
