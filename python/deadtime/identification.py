@@ -161,6 +161,7 @@ def identify(
     past: int | None = None,
     delay: Literal["auto", "none"] | Mapping[str, float] = "auto",
     direct: bool = False,
+    detrend: Literal["mean", "line"] = "mean",
     continuous: bool = False,
     holdout: LogLike | Iterable[LogLike] | None = None,
     learn: float = 0.7,
@@ -187,6 +188,8 @@ def identify(
         Dead times that are removed first: estimated, none, or by input, s. `riv` and process models find them themselves.
     direct : bool
         Estimate D too: the input acts within the sample. Not of process models.
+    detrend : "mean" or "line"
+        What is taken off every channel first: its mean, or the slope of the straight line through each log too.
     continuous : bool
         The model is the continuous one behind a zero-order hold; the matrices stay those of the sampled one. Of process models it always is.
     holdout : log-like, or several, optional
@@ -230,6 +233,8 @@ def identify(
         chosen["direct"] = "free"
     if isinstance(delay, str) and delay not in ("auto", "none"):
         raise ValueError(f"delay is {delay!r}; it must be 'auto', 'none', or a dict of seconds by input")
+    if detrend not in ("mean", "line"):
+        raise ValueError(f"detrend is {detrend!r}; it must be 'mean' or 'line'")
     asked = {
         "name": name,
         "inputs": [inputs] if isinstance(inputs, str) else list(inputs),
@@ -238,6 +243,7 @@ def identify(
         "delay": delay if isinstance(delay, str) else "",
         "delays": [] if isinstance(delay, str) else [(key, float(value)) for key, value in delay.items()],
         "continuous": continuous,
+        "without_drift": detrend == "line",
         "learnt": learn,
     }
     judged = [] if holdout is None else as_logs(holdout)

@@ -4,6 +4,7 @@ use super::error::{DelayError, LengthRemedy, Result};
 use super::estimate::{DelayEstimate, Outcome};
 use super::experiment::Experiment;
 use super::posterior::{self, Posterior};
+use crate::parametric::scans::Scans;
 use deadtime_identify::{Fir, Record, fir_or_rank};
 use deadtime_signal::remedy::{Message, Remedied};
 use deadtime_signal::stop::Stop;
@@ -22,6 +23,8 @@ pub struct Search {
     pub default_bias: usize,
     /// Looked at between pairs and inside long scans; default: never stops.
     pub stop: Stop,
+    /// Output-error models that several methods read; default: none yet.
+    pub scans: Scans,
 }
 
 impl Default for Search {
@@ -32,6 +35,7 @@ impl Default for Search {
             bias: Vec::new(),
             default_bias: 1,
             stop: Stop::default(),
+            scans: Scans::default(),
         }
     }
 }
@@ -103,6 +107,8 @@ pub(super) struct PairRecords<'a> {
     pub(super) experiment: &'a Experiment<'a>,
     /// Looked at inside long scans.
     pub(super) stop: &'a Stop,
+    /// Output-error models that another method may have made.
+    pub(super) scans: &'a Scans,
 }
 
 /// Why a method gives no delay.
@@ -340,10 +346,10 @@ pub(super) fn one_pair(
     search.go_on()?;
     let (skip, logged) = (search.skip(), experiment.pair(0, 0)?);
     let records: Vec<Record<'_>> = logged.iter().map(|r| r.ahead(skip)).collect();
-    let (bias, stop) = (search.bias(0, 0), &search.stop);
+    let (bias, stop, scans) = (search.bias(0, 0), &search.stop, &search.scans);
     let within = |longest: usize| {
         let max_delay = longest - skip;
-        let pair = PairRecords { records: &records, max_delay, bias, experiment, stop };
+        let pair = PairRecords { records: &records, max_delay, bias, experiment, stop, scans };
         method(&pair).or_else(NoDelay::answered)
     };
     let mut estimate = within(search.max_delay)?;
@@ -366,7 +372,7 @@ pub(super) fn joint_inputs(
     method: impl Fn(&[PairRecords<'_>]) -> Result<Vec<DelayEstimate>, DelayError>,
 ) -> Result<Vec<DelayEstimate>, DelayError> {
     search.go_on()?;
-    let (skip, stop) = (search.skip(), &search.stop);
+    let (skip, stop, scans) = (search.skip(), &search.stop, &search.scans);
     let logged = (0..experiment.inputs().len())
         .map(|input| experiment.pair(input, 0))
         .collect::<Result<Vec<_>, _>>()?;
@@ -377,7 +383,7 @@ pub(super) fn joint_inputs(
         let pairs: Vec<PairRecords<'_>> = (inputs.iter().enumerate())
             .map(|(input, records)| {
                 let bias = search.bias(input, 0);
-                PairRecords { records, max_delay, bias, experiment, stop }
+                PairRecords { records, max_delay, bias, experiment, stop, scans }
             })
             .collect();
         method(&pairs)

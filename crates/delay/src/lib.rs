@@ -70,6 +70,7 @@ pub use crate::parametric::met1struc::Met1struc;
 pub use crate::parametric::oe_posterior::{Center, OePosterior};
 pub use crate::parametric::oestruc::Oestruc;
 pub use crate::parametric::sampling_zero::SamplingZero;
+pub use crate::parametric::scans::Scans;
 pub use crate::parametric::two_step::TwoStep;
 pub use crate::process::family::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process};
 pub use crate::process::identified::{Beginning, ProcessFit, ProcessOptions};

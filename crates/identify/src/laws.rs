@@ -1,10 +1,13 @@
 //! Laws of identified models over drawn records whose truth is known.
 
+use deadtime_signal::decompositions::eigenvalues;
 use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
 
+use crate::rival::polynomial;
 use crate::subspace::{
     Identified, Identifier, Moesp, N4sid, Named, Pbsidopt, Recordings, Settings, Stretch,
 };
@@ -77,8 +80,8 @@ fn every_predictor_forgets_its_start_also_that_of_an_unstable_plant() {
         for method in methods {
             let found = identified(method, &data);
             let model = &found.model;
-            let kept = (&model.a - &model.k * &model.c).complex_eigenvalues();
-            assert!(kept.iter().all(|p| p.norm() < 1.0), "{} {seed}: {kept}", found.method);
+            let kept = eigenvalues(&(&model.a - &model.k * &model.c));
+            assert!(kept.iter().all(|p| p.norm() < 1.0), "{} {seed}: {kept:?}", found.method);
             let fit = found.check(&data)[0].one_step.unwrap().nrmse;
             assert!(fit < 0.1, "{} {seed}: {fit}", found.method);
         }
@@ -131,5 +134,63 @@ fn refined_instrumental_variables_end_at_the_plant_of_fast_samples() {
         // What the noise leaves of the measured output.
         let floor = (1.0 / (1.0 + 10f64.powf(decibel / 10.0))).sqrt();
         assert!(found < 1.05 * floor, "{seed}: {found} of {floor}");
+    }
+}
+
+/// Samples much faster than the plant: what they barely distinguish is neither biased nor called surer than it is.
+#[test]
+fn transfer_functions_of_fast_samples_have_no_bias() {
+    let tf = TransferFunction::from_polynomials(
+        &[-6400.0, 1600.0],
+        &[1.0, 5.0, 408.0, 416.0, 1600.0],
+        0.0,
+        Continuous,
+    );
+    let plant = tf.unwrap().to_state_space().unwrap();
+    let sampled = ZeroOrderHold {}.c2d(&plant, SampleTime::new(0.01).unwrap()).unwrap();
+    let truth = polynomial(sampled.poles().iter().copied());
+    for decibel in [20.0, 40.0] {
+        let one = |seed: u64| -> Vec<f64> {
+            let riv = Riv { nf: 4, nb: 4, nk: Some(vec![1]), draws: 0, ..Riv::default() };
+            let found = identified(&riv, &rao_garnier(decibel, seed)).parametric.unwrap();
+            let f = found.parameters.iter().filter(|p| p.name.starts_with('f'));
+            f.zip(&truth).map(|(p, truth)| (p.value - truth) / p.std.unwrap()).collect()
+        };
+        let off: Vec<Vec<f64>> = (0..RECORDS).into_par_iter().map(one).collect();
+        for k in 0..truth.len() {
+            let mean = off.iter().map(|z| z[k]).sum::<f64>() / RECORDS as f64;
+            // Four standard deviations of the mean.
+            assert!(mean.abs() < 4.0 / (RECORDS as f64).sqrt(), "{decibel} dB, f{}: {mean}", k + 1);
+            let inside = off.iter().filter(|z| z[k].abs() < 1.96).count();
+            assert!(inside >= 16, "{decibel} dB, f{}: {inside} of {RECORDS}", k + 1);
+        }
+    }
+}
+
+/// Twenty sines of periods from ten samples on: what an input tells of lags beyond a few is below the noise.
+#[test]
+fn lags_that_the_noise_leaves_undetermined_are_counted() {
+    for seed in 0..4 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let phases: Vec<f64> = (0..20).map(|_| normal(&mut rng) * 6.0).collect();
+        let sine = |t: usize, k: usize| {
+            (std::f64::consts::TAU * ((k + 1) * t) as f64 / 200.0 + phases[k]).sin()
+        };
+        let sines: Vec<f64> = (0..1000).map(|t| (0..20).map(|k| sine(t, k)).sum()).collect();
+        let white: Vec<f64> = (0..1000).map(|_| normal(&mut rng)).collect();
+        let of = |u: Vec<f64>, rng: &mut ChaCha8Rng| {
+            let mut clean = vec![0.0; 1000];
+            for t in 3..1000 {
+                clean[t] = u[t - 1] + 2.2 * clean[t - 1] - 1.75 * clean[t - 2] + 0.5 * clean[t - 3];
+            }
+            let size = (clean.iter().map(|y| y * y).sum::<f64>() / 1000.0).sqrt();
+            let y = clean.iter().map(|y| y + 0.01 * size * normal(rng)).collect();
+            let settings = Settings { draws: 0, order: Some(3), ..Settings::default() };
+            identified(&Pbsidopt(settings), &recordings(u, y, 1.0)).notes.join(" ")
+        };
+        let said = of(sines, &mut rng);
+        assert!(said.contains("lags of the past window"), "{seed}: {said}");
+        let said = of(white, &mut rng);
+        assert!(!said.contains("lags of the past window"), "{seed}: {said}");
     }
 }

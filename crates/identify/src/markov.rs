@@ -3,6 +3,7 @@
 //! How it can be wrong: fewer parameters than the response lasts (`markov` has no remainder for the rest), a past shorter than the observer's memory (`okid`), an
 //! order larger than the parameters show (singular values of rounding size are refused).
 
+use deadtime_signal::decompositions::svd;
 use nalgebra::DMatrix;
 
 use super::error::{IdentifyError, Result};
@@ -74,9 +75,9 @@ pub fn okid(
     }
     let (x, y) =
         (DMatrix::from_row_slice(got, width, &rows), DMatrix::from_row_slice(got, l, &targets));
-    let svd = x.svd(true, true);
-    let small = SEEN * svd.singular_values.max();
-    let solved = svd.solve(&y, small).map_err(|reason| unfit("okid", reason))?;
+    let found = svd(&x).ok_or_else(|| unfit("okid", "the records are zero or overflow"))?;
+    let small = SEEN * found.singular_values.max();
+    let solved = found.solve(&y, small).map_err(|reason| unfit("okid", reason))?;
     let of_input = |lag: usize| solved.rows(m + (lag - 1) * (m + l), m).transpose();
     let of_output = |lag: usize| solved.rows(m + (lag - 1) * (m + l) + m, l).transpose();
     let mut all = vec![solved.rows(0, m).transpose()];
@@ -120,27 +121,24 @@ pub fn era(
     if order > half * l.min(m) {
         return Err(unfit("era", none).into());
     }
-    let svd = block(0).svd_unordered(true, true);
-    let mut places: Vec<usize> = (0..svd.singular_values.len()).collect();
-    places.sort_by(|a, b| svd.singular_values[*b].total_cmp(&svd.singular_values[*a]));
-    let (Some(u), Some(vt)) = (svd.u, svd.v_t) else { return Err(unfit("era", none).into()) };
-    let size = |k: usize| svd.singular_values[places[k]];
-    if order > 0 && size(order - 1) <= ROUNDING * size(0) {
+    if order == 0 {
+        let (a, b, c) = (DMatrix::zeros(0, 0), DMatrix::zeros(0, m), DMatrix::zeros(l, 0));
+        return Ok(StateSpace::sampled(a, b, c, d.clone(), sample_time)?);
+    }
+    let Some(found) = svd(&block(0)) else { return Err(unfit("era", none).into()) };
+    let (Some(u), Some(vt)) = (found.u, found.v_t) else { return Err(unfit("era", none).into()) };
+    let size = |k: usize| found.singular_values[k];
+    if size(order - 1) <= ROUNDING * size(0) {
         return Err(unfit("era", none).into());
     }
-    let left = DMatrix::from_fn(half * l, order, |i, k| u[(i, places[k])] * size(k).sqrt());
-    let right = DMatrix::from_fn(order, half * m, |k, j| vt[(places[k], j)] * size(k).sqrt());
+    let left = DMatrix::from_fn(half * l, order, |i, k| u[(i, k)] * size(k).sqrt());
+    let right = DMatrix::from_fn(order, half * m, |k, j| vt[(k, j)] * size(k).sqrt());
     let over = |matrix: DMatrix<f64>| {
         DMatrix::from_fn(order, matrix.ncols(), |k, j| matrix[(k, j)] / size(k))
     };
     let a = over(over(left.tr_mul(&(block(1) * right.transpose()))).transpose()).transpose();
     let (b, c) = (right.columns(0, m.min(right.ncols())), left.rows(0, l.min(left.nrows())));
-    let (b, c) = if order == 0 {
-        (DMatrix::zeros(0, m), DMatrix::zeros(l, 0))
-    } else {
-        (b.into_owned(), c.into_owned())
-    };
-    Ok(StateSpace::sampled(a, b, c, d.clone(), sample_time)?)
+    Ok(StateSpace::sampled(a, b.into_owned(), c.into_owned(), d.clone(), sample_time)?)
 }
 
 /// The coefficients of every column of the targets, rows by rows.

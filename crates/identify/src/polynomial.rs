@@ -1,5 +1,6 @@
 //! Polynomials F(q) = 1 + f₁q⁻¹ + …: roots, stability, and filtering by 1/F.
 
+use deadtime_signal::decompositions::eigenvalues;
 use nalgebra::{Complex, DMatrix};
 
 use super::regression::Record;
@@ -141,9 +142,7 @@ pub(super) fn roots(f: &[f64]) -> Option<Vec<Complex<f64>>> {
     }
     let companion =
         DMatrix::from_fn(n, n, |i, j| if i == 0 { -f[j] } else { f64::from(u8::from(i == j + 1)) });
-    // The iteration of `complex_eigenvalues` need not end where the coefficients differ by many powers of ten.
-    let schur = nalgebra::Schur::try_new(companion, f64::EPSILON, 100 * n)?;
-    let roots: Vec<Complex<f64>> = schur.complex_eigenvalues().iter().copied().collect();
+    let roots = eigenvalues(&companion);
     roots.iter().all(|r| r.re.is_finite() && r.im.is_finite()).then_some(roots)
 }
 

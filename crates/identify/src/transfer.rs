@@ -163,6 +163,7 @@ impl Identifier for Riv {
             .chain(orders.filtered_starts(&problem))
             .chain(subspace);
         let fit = smallest(&orders, &problem, begun.collect())
+            .map(|fit| orders.polished(&problem, fit))
             .ok_or_else(|| failed("the rounds have no finite end; take smaller orders"))?;
         let rows: usize = outputs.iter().map(Vec::len).sum();
         // Poles may settle on any of N/2 frequencies, where a lag is but a phase; and the starts are free beside the model without inputs, too.

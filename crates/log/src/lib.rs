@@ -16,6 +16,7 @@ mod channels;
 mod columns;
 mod counted;
 pub mod csv;
+mod drift;
 mod error;
 mod folder;
 mod frequency;

@@ -1,5 +1,6 @@
 //! From a sampled model back to the continuous one behind a zero-order hold.
 
+use deadtime_signal::decompositions::{singular_values, svd};
 use nalgebra::{Complex, DMatrix};
 
 use super::error::ModelError;
@@ -67,9 +68,11 @@ fn with_pairs(sys: &StateSpace<Sampled>, re: f64) -> Result<StateSpace<Continuou
     let k = negative.len();
     let (mut v, mut w) = (DMatrix::zeros(n, k), DMatrix::zeros(n, k));
     for (j, pole) in negative.iter().enumerate() {
-        let svd = (sys.a() - DMatrix::identity(n, n) * *pole).svd(true, true);
-        let (Some(u), Some(vt)) = (svd.u, svd.v_t) else { return Err(none()) };
-        let last = svd.singular_values.imin();
+        let Some(found) = svd(&(sys.a() - DMatrix::identity(n, n) * *pole)) else {
+            return Err(none());
+        };
+        let (Some(u), Some(vt)) = (found.u, found.v_t) else { return Err(none()) };
+        let last = found.singular_values.imin();
         let (right, left) = (vt.row(last).transpose(), u.column(last).into_owned());
         let product = left.dot(&right);
         if product.abs() < 1e-8 {
@@ -108,8 +111,8 @@ fn from_tustin(sys: &StateSpace<Sampled>) -> Result<StateSpace<Continuous>, Mode
     let n = sys.order();
     let one = DMatrix::<f64>::identity(n, n);
     let middle = (sys.a() + &one) * 0.5;
-    let singular = middle.clone().singular_values();
-    if n > 0 && singular.min() <= 4.0 * f64::EPSILON * singular.max() {
+    let singular = |s: nalgebra::DVector<f64>| s.min() <= 4.0 * f64::EPSILON * s.max();
+    if singular_values(&middle).is_some_and(singular) {
         return Err(ModelError::NoLogarithm { re: -1.0 });
     }
     let none = || ModelError::NoLogarithm { re: -1.0 };

@@ -3,6 +3,7 @@
 //! How it can be wrong: a peak between the frequencies that were looked at (the level sets find it), a pole on the axis that only the realisation has
 //! (taken for one of the response), a level that is a singular value of D (then the crossings are those of rounding; the gains that are looked at stay true).
 
+use deadtime_signal::decompositions::singular_values;
 use nalgebra::{Complex, DMatrix};
 
 use super::matrices::Matrices;
@@ -43,7 +44,11 @@ impl Matrices {
                 None => return f64::INFINITY,
             }
         }
-        if response.is_empty() { 0.0 } else { response.singular_values().max() }
+        if response.is_empty() {
+            0.0
+        } else {
+            singular_values(&response).map_or(f64::NAN, |s| s.max())
+        }
     }
 
     /// Frequencies at which a singular value may be `gamma`: imaginary eigenvalues of the Hamiltonian matrix. `gamma` may be below the gain of D, whose

@@ -3,6 +3,7 @@
 //! A model has its delays at its inputs. Where a connection would leave one inside, sampled models get states for it, which is exact; continuous ones are refused,
 //! because no finite number of states has it.
 
+use deadtime_signal::decompositions::singular_values;
 use nalgebra::DMatrix;
 
 use super::error::ModelError;
@@ -158,8 +159,7 @@ pub fn feedback<T: Joins>(
     // e = u + sign·(C₂x₂ + D₂y), y = C₁x₁ + D₁e.
     let p = forward.outputs();
     let inside = DMatrix::identity(p, p) - forward.d() * back.d() * sign;
-    let singular = inside.clone().singular_values();
-    if p > 0 && singular.min() <= f64::EPSILON * singular.max() {
+    if singular_values(&inside).is_some_and(|s| s.min() <= f64::EPSILON * s.max()) {
         return Err(ModelError::AlgebraicLoop);
     }
     let solved = inside.lu();

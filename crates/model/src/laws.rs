@@ -323,8 +323,10 @@ proptest! {
         // A drawn plant may have a mode that no input moves, all but: what is solved is solved right.
         let Ok(found) = lqr(&a, &b, &q, &r, None) else { return Ok(()) };
         prop_assert!(found.poles.iter().all(|p| p.re < 0.0));
-        let g = &b * b.transpose() / 10f64.powf(control);
-        let terms = [a.transpose() * &found.x, &found.x * &a, -(&found.x * g * &found.x), q];
+        // XB first: its terms may cancel to a ten thousandth, which X·(BR⁻¹Bᵀ)·X would square as rounding.
+        let moved = &found.x * &b;
+        let taken = &moved * moved.transpose() / 10f64.powf(control);
+        let terms = [a.transpose() * &found.x, &found.x * &a, -taken, q];
         let back = |m: &DMatrix<f64>| DMatrix::from_fn(t.len(), t.len(), |i, j| m[(i, j)] / t[i] / t[j]);
         let size = terms.iter().map(|m| back(m).amax()).fold(0.0, f64::max);
         let sum = terms.iter().map(back).sum::<DMatrix<f64>>();

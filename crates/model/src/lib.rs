@@ -55,6 +55,6 @@ pub use riccati::{Lqr, dare, dlqr, gdare};
 pub use state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 pub use transfer_function::TransferFunction;
 
+pub use deadtime_signal::decompositions::eigenvalues as iterated_eigenvalues;
 pub use matrices::Matrices as Linearisation;
 pub use matrix::exp;
-pub use zeros::iterated_eigenvalues;

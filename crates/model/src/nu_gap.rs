@@ -7,7 +7,8 @@
 //! (such modes are taken off first), models in units that make all gains large or small (then all pairs are far apart, or near: scale the channels).
 //! Source: Vinnicombe (1993), "Frequency domain uncertainty and the graph topology", IEEE Trans. Automatic Control 38(9), 1371-1383.
 
-use nalgebra::{DMatrix, SVD, SymmetricEigen};
+use deadtime_signal::decompositions::{svd, symmetric_eigen};
+use nalgebra::DMatrix;
 use serde::Serialize;
 
 use super::error::ModelError;
@@ -164,7 +165,9 @@ fn inverse_root(weight: &DMatrix<f64>) -> DMatrix<f64> {
     if weight.is_empty() {
         return weight.clone();
     }
-    let eigen = SymmetricEigen::new(weight.clone());
+    let Some(eigen) = symmetric_eigen(weight) else {
+        return DMatrix::from_element(weight.nrows(), weight.ncols(), f64::NAN);
+    };
     &eigen.eigenvectors
         * DMatrix::from_diagonal(&eigen.eigenvalues.map(|v| 1.0 / v.sqrt()))
         * eigen.eigenvectors.transpose()
@@ -209,8 +212,8 @@ fn regulator(sys: &Matrices, inverse: &DMatrix<f64>) -> Result<DMatrix<f64>, Mod
     // The stable subspace [I; X] is where the sign is −1: (sign + I)[I; X] = 0.
     let shifted = &sign + DMatrix::identity(2 * n, 2 * n);
     let (left, right) = (shifted.columns(0, n).into_owned(), shifted.columns(n, n).into_owned());
-    let solved = SVD::new(right, true, true).solve(&-left, f64::EPSILON);
-    let Ok(x) = solved else { return Err(failed) };
+    let solved = svd(&right).and_then(|found| found.solve(&-left, f64::EPSILON).ok());
+    let Some(x) = solved else { return Err(failed) };
     let x = (&x + x.transpose()) * 0.5;
     let residual = (a.transpose() * &x + &x * &a - &x * g * &x + &q).norm()
         / (q.norm() + 2.0 * (&x * &a).norm()).max(f64::MIN_POSITIVE);
@@ -235,10 +238,10 @@ fn reachable(sys: &Matrices) -> Matrices {
         for _ in 0..2 {
             next -= &basis * (basis.transpose() * &next);
         }
-        let svd = next.svd(true, false);
-        let Some(u) = svd.u else { break };
-        let fresh: Vec<usize> = (0..svd.singular_values.len())
-            .filter(|&i| svd.singular_values[i] > HIDDEN * whole)
+        let Some(found) = svd(&next) else { break };
+        let Some(u) = found.u else { break };
+        let fresh: Vec<usize> = (0..found.singular_values.len())
+            .filter(|&i| found.singular_values[i] > HIDDEN * whole)
             .collect();
         let fresh = u.select_columns(&fresh);
         next = &sys.a * &fresh;

@@ -1,9 +1,8 @@
 //! The discrete algebraic Riccati equation and the linear-quadratic regulator.
 
+use deadtime_signal::decompositions::{singular_values, symmetric_eigen};
 use nalgebra::allocator::Allocator;
-use nalgebra::{
-    Cholesky, Complex, Const, DMatrix, DefaultAllocator, DimMin, Dyn, OMatrix, SymmetricEigen,
-};
+use nalgebra::{Cholesky, Complex, Const, DMatrix, DefaultAllocator, DimMin, Dyn, OMatrix};
 
 use super::balance::Units;
 use super::error::ModelError;
@@ -399,9 +398,7 @@ impl Regulation<'_> {
                 &(complex(stacked) - DMatrix::from_diagonal_element(order, order, lambda)),
             );
             pencil.view_mut((0, order), beside.shape()).copy_from(&complex(beside));
-            let singular = pencil.singular_values();
-            let largest = singular.iter().copied().fold(0.0, f64::max);
-            singular.iter().copied().fold(f64::INFINITY, f64::min) <= 1e-8 * largest
+            singular_values(&pencil).is_some_and(|s| s.min() <= 1e-8 * s.max())
         };
         let poles = zeros::eigenvalues(a0);
         if let Some(p) = poles.iter().find(|p| p.norm() >= 1.0 - 1e-9 && loses_rank(**p, b, a0)) {
@@ -575,11 +572,8 @@ pub(super) fn symmetric(m: DMatrix<f64>) -> DMatrix<f64> {
 }
 
 pub(super) fn smallest_eigenvalue(m: &DMatrix<f64>) -> f64 {
-    SymmetricEigen::new(symmetric(m.clone()))
-        .eigenvalues
-        .iter()
-        .copied()
-        .fold(f64::INFINITY, f64::min)
+    let found = symmetric_eigen(&symmetric(m.clone()));
+    found.map_or(f64::INFINITY, |e| e.eigenvalues.iter().copied().fold(f64::INFINITY, f64::min))
 }
 
 #[cfg(test)]

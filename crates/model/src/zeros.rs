@@ -1,7 +1,7 @@
 //! Invariant zeros of a state-space model, by reduction to a model with an invertible D.
 
-use faer::Mat;
-use nalgebra::{Complex, DMatrix, Schur};
+use deadtime_signal::decompositions::{eigenvalues as iterated_eigenvalues, svd};
+use nalgebra::{Complex, DMatrix};
 
 use super::balance::Units;
 use super::matrices::Matrices;
@@ -9,8 +9,7 @@ use super::matrices::Matrices;
 /// Eigenvalues of a real square matrix.
 ///
 /// States that only drive or only follow the others are taken off first: their eigenvalues stand on the diagonal (chains of integrators and of delays stay
-/// exact). The rest is brought to like units. The QR iteration is bounded; where it stands still, faer's iteration with many shifts and early deflation takes
-/// over.
+/// exact). The rest is brought to like units. The QR iteration is bounded.
 ///
 /// Source: Parlett and Reinsch (1969), "Balancing a matrix for calculation of eigenvalues and eigenvectors", doi:10.1007/BF02165404.
 pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
@@ -33,21 +32,6 @@ pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
         Some(units) => iterated_eigenvalues(&units.scaled(&rest)),
         None => iterated_eigenvalues(&rest),
     });
-    found
-}
-
-/// Eigenvalues of a real square matrix of finite entries by the bounded iteration alone: none without rows, NaN where it stands still.
-pub fn iterated_eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
-    let n = a.nrows();
-    if n == 0 {
-        return Vec::new();
-    }
-    if let Some(schur) = Schur::try_new(a.clone(), f64::EPSILON, 100 * n) {
-        return schur.complex_eigenvalues().iter().copied().collect();
-    }
-    let values = Mat::from_fn(n, n, |i, j| a[(i, j)]).eigenvalues().unwrap_or_default();
-    let mut found: Vec<Complex<f64>> = values.iter().map(|v| Complex::new(v.re, v.im)).collect();
-    found.resize(n, Complex::new(f64::NAN, f64::NAN));
     found
 }
 
@@ -118,9 +102,9 @@ fn row_compression(m: &DMatrix<f64>, tolerance: f64) -> (DMatrix<f64>, usize) {
     // A square pad makes the thin SVD give all of U.
     let mut padded = DMatrix::zeros(rows, m.ncols().max(rows));
     padded.view_mut((0, 0), m.shape()).copy_from(m);
-    let svd = padded.svd(true, false);
-    let rank = svd.singular_values.iter().filter(|&&s| s > tolerance).count();
-    (svd.u.map_or_else(|| DMatrix::identity(rows, rows), |u| u.transpose()), rank)
+    let Some(found) = svd(&padded) else { return (DMatrix::identity(rows, rows), 0) };
+    let rank = found.singular_values.iter().filter(|&&s| s > tolerance).count();
+    (found.u.map_or_else(|| DMatrix::identity(rows, rows), |u| u.transpose()), rank)
 }
 
 #[cfg(test)]

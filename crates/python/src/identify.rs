@@ -25,6 +25,8 @@ pub(super) struct Asked {
     delay: String,
     delays: Vec<(String, f64)>,
     continuous: bool,
+    /// The slope of every record goes first.
+    without_drift: bool,
     /// The share of each log that the model is learnt from where nothing else is named to judge it on.
     learnt: f64,
 }
@@ -47,6 +49,13 @@ pub(super) fn _identify(
     };
     let (logs, holdout) = (copies(&logs), copies(&holdout));
     let (file, data, text) = long(py, threads, move |stop| {
+        let names: Vec<String> = asked.inputs.iter().chain(&asked.outputs).cloned().collect();
+        let flat = |log: deadtime::log::Log| match asked.without_drift {
+            true => log.without_drift(&names),
+            false => Ok(log),
+        };
+        let logs = logs.into_iter().map(flat).collect::<Result<Vec<_>, _>>()?;
+        let holdout = holdout.into_iter().map(flat).collect::<Result<Vec<_>, _>>()?;
         let all = Recordings::from_logs(&logs, &asked.inputs, &asked.outputs)?;
         let (learnt, judged, held_out) = if holdout.is_empty() {
             let (learnt, judged) = all.split(asked.learnt);

@@ -2,6 +2,7 @@
 
 mod butterworth;
 mod correlation;
+pub mod decompositions;
 mod error;
 pub mod excitation;
 mod factors;

@@ -5,6 +5,7 @@
 //! Source: L. Ljung, 1999, "System Identification: Theory for the User", 2nd edition (ARMA models);
 //! S. Björklund, 2003, "A Survey and Comparison of Time-Delay Estimation Methods in Linear Systems" (this definition of the ratio).
 
+use crate::decompositions::{eigenvalues, symmetric_eigen};
 use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -200,7 +201,7 @@ impl ArmaFilter {
             let shift = if j == i + 1 { 1.0 } else { 0.0 };
             if j == 0 { shift - a[i] } else { shift }
         });
-        let radius = f.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
+        let radius = eigenvalues(&f).iter().map(|z| z.norm()).fold(0.0, f64::max);
         let g = DVector::from_fn(n, |i, _| c[i] - a[i]);
         let covariance = stationary_covariance(f, &g)
             .filter(|_| is_stable(&a))
@@ -220,9 +221,11 @@ impl ArmaFilter {
         let mut x = vec![0.0; n];
         if n > 0 {
             // P may be singular (a factor common to A and C): its square root by eigenvalues, where Cholesky's would fail.
-            let eigen = self.covariance.clone().symmetric_eigen();
-            let drawn = DVector::from_fn(n, |i, _| eigen.eigenvalues[i].max(0.0).sqrt() * normal());
-            x.copy_from_slice((eigen.eigenvectors * drawn).as_slice());
+            if let Some(eigen) = symmetric_eigen(&self.covariance) {
+                let drawn =
+                    DVector::from_fn(n, |i, _| eigen.eigenvalues[i].max(0.0).sqrt() * normal());
+                x.copy_from_slice((eigen.eigenvectors * drawn).as_slice());
+            }
         }
         (0..samples)
             .map(|_| {

@@ -81,13 +81,17 @@ impl SampleTime {
         if !(delay_s.is_finite() && delay_s >= 0.0 && samples < 1e15) {
             return Err(TimeError::Delay { seconds: delay_s });
         }
-        let nearest = samples.round();
-        // The comparisons above bound `samples` to what a usize holds exactly.
-        Ok(if (samples - nearest).abs() < WHOLE {
-            Samples { whole: nearest as usize, fraction: 0.0 }
-        } else {
-            Samples { whole: samples.floor() as usize, fraction: samples - samples.floor() }
-        })
+        Ok(Samples::split(samples, WHOLE))
+    }
+
+    /// A delay in seconds as samples of which no more than the rounding of the division is taken off: for responses that are continuous in the delay.
+    ///
+    /// # Errors
+    /// As [`Self::samples`].
+    pub fn exact_samples(self, delay_s: f64) -> Result<Samples, TimeError> {
+        self.samples(delay_s)?;
+        let samples = delay_s / self.0;
+        Ok(Samples::split(samples, 4.0 * f64::EPSILON * samples))
     }
 
     /// Samples as seconds.
@@ -110,6 +114,16 @@ impl SampleTime {
 }
 
 impl Samples {
+    /// A number of samples below 10¹⁵; what is this near a whole number is one.
+    fn split(samples: f64, near: f64) -> Self {
+        let nearest = samples.round();
+        if (samples - nearest).abs() < near {
+            Self { whole: nearest as usize, fraction: 0.0 }
+        } else {
+            Self { whole: samples.floor() as usize, fraction: samples - samples.floor() }
+        }
+    }
+
     /// The delay as one number of samples.
     #[must_use]
     pub fn total(self) -> f64 {
@@ -130,6 +144,16 @@ mod tests {
         assert_eq!(odd.whole, 2);
         assert_abs_diff_eq!(odd.fraction, 0.5, epsilon = 1e-12);
         assert_abs_diff_eq!(odd.total(), 2.5, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn exact_samples_snap_by_rounding_alone() {
+        let ts = SampleTime::new(0.1).unwrap();
+        assert_eq!(ts.exact_samples(0.3).unwrap(), Samples { whole: 3, fraction: 0.0 });
+        assert_eq!(ts.exact_samples(0.0).unwrap(), Samples { whole: 0, fraction: 0.0 });
+        let late = ts.exact_samples(1e-10).unwrap();
+        assert_eq!((late.whole, ts.samples(0.9e-10).unwrap().fraction), (0, 0.0));
+        assert_abs_diff_eq!(late.fraction, 1e-9, epsilon = 1e-20);
     }
 
     #[test]

@@ -11,7 +11,9 @@ use super::keys::{Place, Truth};
 use super::plan::{PLAIN, Plan, Scoring, Shown};
 use super::results::Cell;
 use super::setting::{Record, Setting};
-use deadtime_delay::{DelayEstimate, Detrend, Experiment, Outcome, Scope, Search, Start, richness};
+use deadtime_delay::{
+    DelayEstimate, Detrend, Experiment, Outcome, Scans, Scope, Search, Start, richness,
+};
 use deadtime_signal::file::Begun;
 use deadtime_signal::stop::Stop;
 
@@ -135,7 +137,9 @@ impl Question<'_> {
     /// The pair of channels of a slot, with its own search.
     fn pair(&self, slot: Slot) -> Option<(Experiment<'_>, Search)> {
         let (view, output) = (self.view?, slot.output.unwrap_or(0));
-        let own = self.search.towards(slot.input, output, view.inputs().len());
+        let towards = self.search.towards(slot.input, output, view.inputs().len());
+        // A method's time is that of its own work.
+        let own = Search { scans: Scans::default(), ..towards };
         let seen = if self.chosen.estimator.is_joint() {
             view.towards(slot.input, output)
         } else {

@@ -144,15 +144,8 @@ fn input(plant: &Plant, rng: &mut ChaCha8Rng) -> Vec<f64> {
         .collect()
 }
 
-/// Standard deviations of the Cramér-Rao bound for white noise: the numbers beside a start and a level that are free.
-fn bound(
-    model: &dyn Fn(&[f64]) -> Vec<f64>,
-    values: &[f64],
-    poles: &[f64],
-    history: usize,
-    noise: f64,
-) -> Vec<f64> {
-    let from = BEFORE + history;
+/// The response's slopes by every number: central differences of a model.
+fn differences(model: &dyn Fn(&[f64]) -> Vec<f64>, values: &[f64]) -> Vec<Vec<f64>> {
     let column = |i: usize| {
         let step = 1e-5 * values[i].abs().max(1e-3);
         let moved = |by: f64| {
@@ -163,13 +156,26 @@ fn bound(
         // One-sided where a dead time of 0 has no other side.
         let low = if values[i] == 0.0 { 0.0 } else { -step };
         let (up, down) = (moved(step), moved(low));
-        up[from..]
-            .iter()
-            .zip(&down[from..])
-            .map(|(a, b)| (a - b) / (step - low))
-            .collect::<Vec<f64>>()
+        up.iter().zip(&down).map(|(a, b)| (a - b) / (step - low)).collect::<Vec<f64>>()
     };
-    let mut columns: Vec<Vec<f64>> = (0..values.len()).map(column).collect();
+    (0..values.len()).map(column).collect()
+}
+
+/// The same of a difference equation, whose poles a difference would move out of the unit circle: −y/F by f₁ …, u/F by b₀ …, each a sample later.
+fn recursions(n: usize, values: &[f64], u: &[f64]) -> Vec<Vec<f64>> {
+    let y = difference_equation(n, values, u);
+    let alone = |x: &[f64], sign: f64, lag: usize| {
+        let only = [&values[..n], &vec![0.0; lag - 1], &[sign]].concat();
+        difference_equation(n, &only, x)
+    };
+    let by_f = (1..=n).map(|lag| alone(&y, -1.0, lag));
+    by_f.chain((1..=values.len() - n).map(|lag| alone(u, 1.0, lag))).collect()
+}
+
+/// Standard deviations of the Cramér-Rao bound for white noise: the numbers beside a start and a level that are free.
+fn bound(slopes: &[Vec<f64>], poles: &[f64], history: usize, noise: f64) -> Vec<f64> {
+    let mut columns: Vec<Vec<f64>> =
+        slopes.iter().map(|s| s[BEFORE + history..].to_vec()).collect();
     let n = poles.len();
     for i in 0..n {
         let mut last: Vec<f64> = (0..n).map(|j| f64::from(u8::from(i == j))).collect();
@@ -190,7 +196,7 @@ fn bound(
     let scaled = DMatrix::from_fn(j.nrows(), j.ncols(), |t, k| j[(t, k)] / size[k]);
     let r = scaled.qr().r();
     let inverse = r.try_inverse().unwrap_or_else(|| DMatrix::zeros(columns.len(), columns.len()));
-    (0..values.len()).map(|k| noise * inverse.row(k).norm() / size[k]).collect()
+    (0..slopes.len()).map(|k| noise * inverse.row(k).norm() / size[k]).collect()
 }
 
 fn record(
@@ -272,15 +278,16 @@ fn trial(plant: &Plant, way: &Way, share: f64, seed: u64) -> Result<Trial, Box<d
         .identify(&record, &HowFar::default());
     let found = found.ok().and_then(|f| f.parametric).map(|p| p.parameters);
     let n = plant.a.len();
-    let model = |values: &[f64]| match way.method {
-        "riv" => difference_equation(n, values, &u),
-        _ => {
-            let with_delay =
-                [values, &[0.0][..usize::from(values.len() < n + plant.b.len() + 1)]].concat();
-            response(plant, &with_delay, &u)
-        }
+    let model = |values: &[f64]| {
+        let with_delay =
+            [values, &[0.0][..usize::from(values.len() < n + plant.b.len() + 1)]].concat();
+        response(plant, &with_delay, &u)
     };
-    let bound = bound(&model, &way.truth, &sampled(plant)[..n], way.history, noise);
+    let slopes = match way.method {
+        "riv" => recursions(n, &way.truth, &u),
+        _ => differences(&model, &way.truth),
+    };
+    let bound = bound(&slopes, &sampled(plant)[..n], way.history, noise);
     Ok(Trial { found, bound })
 }
 

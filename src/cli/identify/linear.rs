@@ -56,12 +56,24 @@ pub(super) struct Linear {
     /// Estimate a direct path D too: the input acts within the sample
     #[arg(long, hide_short_help = true)]
     direct: bool,
+    /// What is taken off every channel first: its mean, or the slope of the straight line through it too (a drift of the record)
+    #[arg(long, value_enum, value_name = "TREND", default_value_t = Trend::Mean)]
+    detrend: Trend,
     /// Write the continuous model behind a zero-order hold, not the sampled one
     #[arg(long)]
     continuous: bool,
     /// Another option of the method, such as `max_order=20`; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE", hide_short_help = true)]
     set: Vec<String>,
+}
+
+/// What is taken off every channel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Trend {
+    /// The mean, which is the model's operating point
+    Mean,
+    /// The slope of the straight line through each record too
+    Line,
 }
 
 /// Share of each log that the model is identified from where nothing is named to judge it on, or where the rest chooses.
@@ -184,7 +196,12 @@ impl Linear {
             .iter()
             .map(|path| reading.read(to, path, &needed))
             .collect::<anyhow::Result<Vec<_>>>()?;
-        Ok(records.into_iter().flatten().collect())
+        let logs = records.into_iter().flatten();
+        if self.detrend == Trend::Mean {
+            return Ok(logs.collect());
+        }
+        let names: Vec<String> = self.input.iter().chain(&self.output).cloned().collect();
+        Ok(logs.map(|log| log.without_drift(&names)).collect::<Result<_, _>>()?)
     }
 
     /// The method's options.

@@ -12,4 +12,5 @@ pub(super) mod oe_posterior;
 pub(super) mod oestruc;
 mod profile;
 pub(super) mod sampling_zero;
+pub(super) mod scans;
 pub(super) mod two_step;

@@ -90,7 +90,7 @@ impl Oestruc {
     /// The delay of the smallest loss in place of an answer without one; where there is no finite loss, that answer.
     fn anyway(&self, answer: DelayEstimate, pair: &PairRecords) -> DelayEstimate {
         let records = shortened(pair.records, self.max_samples).0;
-        let fits = self.orders().scan(&records, pair.max_delay);
+        let fits = pair.scans.fits(&self.orders(), &records, pair.max_delay, pair.stop);
         let Some(best) = smallest(&fits) else { return answer };
         let (raw, window) = (best as f64, pair.max_delay as f64);
         // Nothing speaks for it: as uncertain as a delay anywhere in the window.

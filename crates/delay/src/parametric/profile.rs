@@ -100,7 +100,7 @@ impl OeScan {
         let got = pair.records.iter().map(Record::len).max().unwrap_or(0);
         long_enough(name, needed, got, LengthRemedy::Window)?;
         let (records, note) = shortened(pair.records, *max_samples);
-        let fits = orders.scan_until(&records, pair.max_delay, pair.stop);
+        let fits = pair.scans.fits(orders, &records, pair.max_delay, pair.stop);
         let losses: Vec<f64> =
             fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect();
         let power = power(&records);

@@ -3,6 +3,7 @@
 //! Equation: ŷ = K·(1 + T_z·s)/((1 + T₁s)(1 + T₂s))·e^(−τs)·u, or K/(s(1 + T₁s))·e^(−τs)·u (`integrator`), sampled exactly, u held between its samples.
 //! How it can be wrong: see [`ProcessFit`].
 
+use deadtime_signal::decompositions::svd;
 use nalgebra::{DMatrix, DVector};
 
 use super::chain::{Chain, Shape};
@@ -356,9 +357,6 @@ fn heads(used: &Recordings) -> Vec<Record<'static>> {
     used.stretches.iter().map(|s| Record::new(row(&s.u), row(&s.y))).collect()
 }
 
-/// Iterations of a singular value decomposition, at most.
-const ITERATIONS: usize = 10_000;
-
 /// A fit with models drawn from its covariance.
 struct Spread<'a> {
     options: &'a ProcessOptions,
@@ -541,9 +539,7 @@ fn levels(
             }
         }
         let all = DMatrix::from_fn(rest.len(), columns.len(), |t, j| columns[j][t]);
-        // Iterations of the decomposition need not end where columns are nearly alike.
-        let solved = all.try_svd(true, true, 5.0 * f64::EPSILON, ITERATIONS);
-        let solved = solved.and_then(|svd| svd.solve(&DVector::from_vec(rest), 1e-12).ok());
+        let solved = svd(&all).and_then(|found| found.solve(&DVector::from_vec(rest), 1e-12).ok());
         solved.map_or(0.0, |s| s[0])
     };
     records.iter().map(one).collect()

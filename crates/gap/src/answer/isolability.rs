@@ -4,6 +4,7 @@
 //! be told apart, whatever the fit (isolability by the angle between signatures: Basseville and Nikiforov 1993, "Detection of Abrupt Changes", Prentice Hall,
 //! section 7.2).
 
+use deadtime_signal::decompositions::{singular_values, symmetric_eigen};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -331,7 +332,7 @@ fn cosines(candidates: &[Candidate]) -> DMatrix<f64> {
         .collect();
     let between = |(a, left): &(usize, DMatrix<f64>), (b, right): &(usize, DMatrix<f64>)| {
         let cross = left.tr_mul(&gram.view((*a, *b), (left.nrows(), right.nrows()))) * right;
-        if cross.is_empty() { 0.0 } else { cross.singular_values().max().min(1.0) }
+        singular_values(&cross).map_or(0.0, |s| s.max().min(1.0))
     };
     let mut ends = Vec::with_capacity(count);
     let mut end = 0;
@@ -359,17 +360,14 @@ fn cosines(candidates: &[Candidate]) -> DMatrix<f64> {
 
 /// Columns that span what a Gram matrix's vectors do, orthonormal under it.
 fn basis(gram: &DMatrix<f64>) -> DMatrix<f64> {
-    let eigen = gram.clone().symmetric_eigen();
+    let none = DMatrix::zeros(gram.nrows(), 0);
+    let Some(eigen) = symmetric_eigen(gram) else { return none };
     let largest = eigen.eigenvalues.max();
     let kept = (0..gram.nrows())
         .filter(|&i| eigen.eigenvalues[i] > RANK * largest && eigen.eigenvalues[i] > 0.0);
     let columns: Vec<DVector<f64>> =
         kept.map(|i| eigen.eigenvectors.column(i) / eigen.eigenvalues[i].sqrt()).collect();
-    if columns.is_empty() {
-        DMatrix::zeros(gram.nrows(), 0)
-    } else {
-        DMatrix::from_columns(&columns)
-    }
+    if columns.is_empty() { none } else { DMatrix::from_columns(&columns) }
 }
 
 /// The smallest size that would be seen, from the weakest signature that is.

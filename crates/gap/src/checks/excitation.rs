@@ -1,5 +1,6 @@
 //! Commands that are too poor to tell anything: constant, one frequency, slower than anything the model does, or two that move together.
 
+use deadtime_signal::decompositions::symmetric_eigen;
 use nalgebra::{Complex, DMatrix, DVector};
 use rustfft::FftPlanner;
 
@@ -178,9 +179,9 @@ fn rank(u: &[Vec<f64>], view: &View<'_>) -> usize {
             }
         }
     }
-    let eigenvalues = gram.symmetric_eigenvalues();
-    let largest = eigenvalues.max();
-    eigenvalues.iter().filter(|v| **v > RANK * largest).count()
+    let Some(eigen) = symmetric_eigen(&gram) else { return 0 };
+    let largest = eigen.eigenvalues.max();
+    eigen.eigenvalues.iter().filter(|v| **v > RANK * largest).count()
 }
 
 /// What the other inputs that move explain of an input.

@@ -4,7 +4,8 @@
 //! Pairs are the model's own: outputs of which its equations say that one is the derivative of another whatever the parameters, and four outputs that turn as a
 //! quaternion does by three others. A model that shows no equations has its outputs' names and units looked at instead.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Quaternion};
+use deadtime_signal::decompositions::svd;
+use nalgebra::{DMatrix, DVector, Quaternion};
 
 use super::alike;
 use super::alike::{Alike, Known, Part};
@@ -402,10 +403,10 @@ fn across(e: &Evidence<'_>, group: &[Pair], all: &[Vec<Part>]) -> Option<String>
     if !turned || !clear || others.len() < STRETCHES {
         return None;
     }
-    let square = Matrix3::from_fn(|i, j| {
+    let square = DMatrix::from_fn(3, 3, |i, j| {
         if i < n && j < n { found[(i, j)] } else { size * f64::from(u8::from(i == j)) }
     });
-    let svd = square.svd(true, true);
+    let svd = svd(&square)?;
     let turn = svd.u? * svd.v_t?;
     if turn.determinant() < 0.0 {
         return None;

@@ -12,6 +12,7 @@ use super::{grid, problem, structure};
 use crate::error::Result;
 use crate::structured::known::{Known, RESOLVED, Standing, Unseen, standing};
 use deadtime_model::{EquationsFile, NuGap, Peak};
+use deadtime_signal::decompositions::{singular_values, symmetric_eigen};
 use deadtime_signal::stats::interval95;
 use nalgebra::{Complex, DMatrix, DVector, SymmetricEigen};
 use rand::RngExt;
@@ -365,9 +366,9 @@ pub(super) fn sizes(problem: &MatchProblem<'_>) -> Option<Vec<f64>> {
 
 pub(super) fn grid_gain(problem: &MatchProblem<'_>, z: &[f64]) -> Option<Peak> {
     let sys = problem.structure.system(&problem.values(z)).ok()?;
-    let gains = problem.omegas.iter().zip(&problem.at).map(|(&omega_rad_s, at)| {
-        let gain = (sys.response(omega_rad_s) - &at.target).singular_values().max();
-        Peak { gain, omega_rad_s }
+    let gains = problem.omegas.iter().zip(&problem.at).filter_map(|(&omega_rad_s, at)| {
+        let gain = singular_values(&(sys.response(omega_rad_s) - &at.target))?.max();
+        Some(Peak { gain, omega_rad_s })
     });
     gains.max_by(|a, b| a.gain.total_cmp(&b.gain))
 }
@@ -456,7 +457,7 @@ pub(super) fn know(
     let (structure, count) = (problem.structure, found.z.len());
     let parts = problem.parts(norm, &found.z)?;
     let information = problem::normal(&parts, 2.0).information;
-    let eigen = SymmetricEigen::new(information.clone());
+    let eigen = symmetric_eigen(&information)?;
     let most = eigen.eigenvalues.max();
     let target: Vec<GainMatrix> = problem.at.iter().map(|at| at.target.clone()).collect();
     let deviations = deviations(structure, &problem.omegas, &target)?;
@@ -480,7 +481,7 @@ pub(super) fn know(
     let scaled = if deviations.is_empty() {
         &information / (RESOLVED * most).max(f64::MIN_POSITIVE)
     } else {
-        inverse(&covariance, &eigen, most)
+        inverse(&covariance, &eigen, most)?
     };
     let resolved = |k: &usize| eigen.eigenvalues[*k] > RESOLVED * most;
     for k in (0..count).filter(|k| !resolved(k)) {
@@ -643,17 +644,19 @@ pub(super) fn inverse(
     covariance: &DMatrix<f64>,
     information: &SymmetricEigen<f64, nalgebra::Dyn>,
     most: f64,
-) -> DMatrix<f64> {
+) -> Option<DMatrix<f64>> {
     let count = covariance.nrows();
     let mut whole = covariance.clone();
-    let least = (10.0 * RESOLVED * SymmetricEigen::new(whole.clone()).eigenvalues.max())
-        .max(f64::MIN_POSITIVE);
+    let least =
+        (10.0 * RESOLVED * symmetric_eigen(&whole)?.eigenvalues.max()).max(f64::MIN_POSITIVE);
     for k in (0..count).filter(|k| information.eigenvalues[*k] <= RESOLVED * most) {
         let direction = information.eigenvectors.column(k);
         whole += direction * direction.transpose() / RESOLVED;
     }
-    let eigen = SymmetricEigen::new(whole);
-    &eigen.eigenvectors
-        * DMatrix::from_diagonal(&eigen.eigenvalues.map(|v| 1.0 / v.max(least)))
-        * eigen.eigenvectors.transpose()
+    let eigen = symmetric_eigen(&whole)?;
+    Some(
+        &eigen.eigenvectors
+            * DMatrix::from_diagonal(&eigen.eigenvalues.map(|v| 1.0 / v.max(least)))
+            * eigen.eigenvectors.transpose(),
+    )
 }

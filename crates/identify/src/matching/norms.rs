@@ -1,6 +1,7 @@
 //! By what two responses are compared.
 
-use nalgebra::{Complex, DMatrix, SymmetricEigen};
+use deadtime_signal::decompositions::symmetric_eigen;
+use nalgebra::{Complex, DMatrix};
 
 use super::system::GainMatrix;
 use deadtime_signal::registry::RegistryError;
@@ -127,7 +128,10 @@ fn nu_gap(at: &At, structured: &GainMatrix) -> GainMatrix {
 
 /// (I + M)^(−1/2) of a Hermitian M.
 fn shrunk(m: GainMatrix) -> GainMatrix {
-    let eigen = SymmetricEigen::new(m);
+    let (rows, columns) = m.shape();
+    let Some(eigen) = symmetric_eigen(&m) else {
+        return DMatrix::from_element(rows, columns, Complex::new(f64::NAN, f64::NAN));
+    };
     let roots = eigen.eigenvalues.map(|v| Complex::new(1.0 / (1.0 + v.max(0.0)).sqrt(), 0.0));
     &eigen.eigenvectors * DMatrix::from_diagonal(&roots) * eigen.eigenvectors.adjoint()
 }

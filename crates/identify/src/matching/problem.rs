@@ -1,5 +1,6 @@
 //! The search: cost, gradient and information of the differences' singular values in a power, from several starts.
 
+use deadtime_signal::decompositions::svd;
 use std::cmp::Ordering;
 
 use nalgebra::{Complex, DMatrix, DVector};
@@ -231,7 +232,8 @@ pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
     if power == 2.0 {
         return squares(parts);
     }
-    let decomposed: Vec<_> = parts.iter().map(|(psi, _)| psi.clone().svd(true, true)).collect();
+    let decomposed: Option<Vec<_>> = parts.iter().map(|(psi, _)| svd(psi)).collect::<Option<_>>();
+    let Some(decomposed) = decomposed else { return squares(parts) };
     let top = decomposed.iter().flat_map(|s| s.singular_values.iter().copied()).fold(0.0, f64::max);
     if !(top > 0.0 && top.is_finite()) {
         return squares(parts);

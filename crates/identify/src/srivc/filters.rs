@@ -2,6 +2,7 @@
 
 use crate::rival::polynomial;
 use deadtime_model::exp;
+use deadtime_signal::decompositions::eigenvalues;
 use nalgebra::{DMatrix, DVector};
 
 /// A(p) = pⁿ + a₁pⁿ⁻¹ + … + aₙ in the time unit 1/ω, ω in rad per sample.
@@ -39,7 +40,7 @@ impl Poles {
     /// Every pole decays.
     pub(super) fn is_stable(&self) -> bool {
         self.a.iter().all(|v| v.is_finite())
-            && self.companion().complex_eigenvalues().iter().all(|p| p.re < 0.0)
+            && eigenvalues(&self.companion()).iter().all(|p| p.re < 0.0)
     }
 
     /// Poles that grow mirrored, and time in units of their geometric mean.
@@ -47,7 +48,7 @@ impl Poles {
         if !self.a.iter().all(|v| v.is_finite()) {
             return None;
         }
-        let poles = self.companion().complex_eigenvalues();
+        let poles = eigenvalues(&self.companion());
         let size = poles.iter().map(|p| p.norm().max(SLOWEST).ln()).sum::<f64>();
         let unit = (size / self.order() as f64).exp();
         let mirrored =

@@ -18,6 +18,7 @@ use deadtime_signal::fit::LevenbergMarquardt;
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::stats::interval95;
 use deadtime_signal::time::SampleTime;
+use statrs::function::erf::erfc;
 
 /// y(t) = Σ B_j(p)/A(p)·u_j(t − τ_j) + e/D(q), p = d/dt: A is common to all inputs, each has a B and a real-valued dead time of its own.
 ///
@@ -60,6 +61,12 @@ const TURNS: usize = 3;
 /// Dead times whose starts are refined, and starts of the last search.
 const REFINED: usize = 8;
 const STARTS: usize = 3;
+/// Minima that are weighed against each other.
+const MINIMA: usize = 6;
+/// Twice the logarithm of a ratio of likelihoods beyond which noise put no minimum in the place of another.
+const BEYOND_NOISE: f64 = 50.0;
+/// A weight of this size moves no end of an interval.
+const NOTHING: f64 = 1e-3;
 /// Steps under the noise's own colour.
 const STEPS: usize = 3;
 /// Most records, or stretches between gaps.
@@ -98,9 +105,9 @@ impl Identifier for Srivc {
         far.at(0.5, &"fitting");
         let subspace = self.subspace(&used, &starts);
         let free = vec![delays.is_none(); m];
-        let (point, linear, loss) = self.searched(&data, starts, subspace.as_ref(), &free)?;
-        if let Some(theirs) = &subspace
-            && loss > FAR * theirs.mean_square * data.rows() as f64
+        let ends = self.searched(&data, starts, subspace.as_ref(), &free)?;
+        if let (Some(theirs), Some(End { loss, .. })) = (&subspace, ends.first())
+            && *loss > FAR * theirs.mean_square * data.rows() as f64
         {
             return Err(failed(
                 "a subspace model of the same order explains the output far better, so this is not the best model of its orders; take more coefficients of B (nb), \
@@ -108,9 +115,15 @@ impl Identifier for Srivc {
             ));
         }
         far.at(0.8, &"weighing by the noise");
-        let fit = Weighed::of(&data, point, linear, &free)
-            .ok_or_else(|| failed("the numbers cannot be told apart; take smaller orders, or record with a stronger excitation"))?;
-        self.answer(&used, scales, fit, &free, said)
+        let weighed = ends.into_iter().filter_map(|e| Weighed::of(&data, e.point, e.linear, &free));
+        let mut fits: Vec<Weighed> = weighed.collect();
+        fits.sort_by(|a, b| a.noise.variance.total_cmp(&b.noise.variance));
+        if fits.is_empty() {
+            return Err(failed(
+                "the numbers cannot be told apart; take smaller orders, or record with a stronger excitation",
+            ));
+        }
+        self.answer(&used, scales, fits, &free, said)
     }
 }
 
@@ -203,7 +216,10 @@ impl Srivc {
                 break;
             }
         }
-        Ok(ranked.into_iter().take(STARTS).map(|(_, p)| p).collect())
+        let likely =
+            Likely { rows: head.rows() as f64, least: ranked.first().map_or(0.0, |r| r.0) };
+        let begun = |(i, (loss, _)): &(usize, (f64, Point))| *i < STARTS || likely.holds(*loss);
+        Ok(ranked.into_iter().enumerate().filter(begun).map(|(_, (_, p))| p).collect())
     }
 
     /// A subspace model of the same order behind the best start's dead times.
@@ -212,14 +228,14 @@ impl Srivc {
         Rival::of(used, &delays, self.nf)
     }
 
-    /// The least output error over poles and dead times.
+    /// The minima of the output error over poles and dead times that noise may have put in each other's place, the least first.
     fn searched(
         &self,
         data: &Data,
         mut starts: Vec<Point>,
         subspace: Option<&Rival>,
         free: &[bool],
-    ) -> Result<(Point, Linear, f64), IdentifyError> {
+    ) -> Result<Vec<End>, IdentifyError> {
         let poles = subspace.and_then(|s| Poles::of_sampled(&s.poles));
         if let (Some(poles), Some(first)) = (poles, starts.first()) {
             starts.push(Point { poles, delays: first.delays.clone() });
@@ -235,13 +251,23 @@ impl Srivc {
             starts.extend(starts.iter().map(between).collect::<Vec<_>>());
         }
         let ends = starts.into_par_iter().filter_map(|start| {
-            let end = self.descended(data, &start, free);
-            data.solved(&end).map(|s| (s.loss, end, s.linear))
+            let point = self.descended(data, &start, free);
+            data.solved(&point).map(|s| End { loss: s.loss, point, linear: s.linear })
         });
-        let best = ends.collect::<Vec<_>>().into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
-        let (loss, point, linear) =
-            best.ok_or_else(|| failed("the search has no finite end; take smaller orders"))?;
-        Ok((point, linear, loss))
+        let mut ends: Vec<End> = ends.collect();
+        ends.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+        let least = ends.first().map(|e| e.loss);
+        let least =
+            least.ok_or_else(|| failed("the search has no finite end; take smaller orders"))?;
+        let likely = Likely { rows: data.rows() as f64, least };
+        let mut distinct: Vec<End> = Vec::new();
+        for end in ends {
+            let new = !distinct.iter().any(|d| d.is(&end)) && distinct.len() < MINIMA;
+            if distinct.is_empty() || (new && likely.holds(end.loss)) {
+                distinct.push(end);
+            }
+        }
+        Ok(distinct)
     }
 
     fn descended(&self, data: &Data, start: &Point, free: &[bool]) -> Point {
@@ -269,6 +295,35 @@ impl Srivc {
     }
 }
 
+/// A minimum of the output error.
+struct End {
+    loss: f64,
+    point: Point,
+    linear: Linear,
+}
+
+impl End {
+    /// The same minimum, which another start led to.
+    fn is(&self, other: &Self) -> bool {
+        let delays = self.point.delays.iter().zip(&other.point.delays);
+        delays.into_iter().all(|(a, b)| (a - b).abs() < 0.05)
+            && (self.loss - other.loss).abs() <= 1e-6 * self.loss
+    }
+}
+
+/// Which losses may be those of the truth.
+struct Likely {
+    rows: f64,
+    least: f64,
+}
+
+impl Likely {
+    fn holds(&self, loss: f64) -> bool {
+        self.rows * (loss.max(f64::MIN_POSITIVE) / self.least.max(f64::MIN_POSITIVE)).ln()
+            < BEYOND_NOISE
+    }
+}
+
 /// A fit under the noise's own colour.
 struct Weighed {
     point: Point,
@@ -278,6 +333,15 @@ struct Weighed {
 }
 
 impl Weighed {
+    /// a, the free delays in samples and b, with their covariance.
+    fn numbers(&self, free: &[bool]) -> (Vec<f64>, DMatrix<f64>) {
+        let mut values = self.point.poles.a.clone();
+        values.extend(self.point.delays.iter().zip(free).filter(|(_, f)| **f).map(|(d, _)| *d));
+        values.extend(&self.linear.b);
+        let count = values.len();
+        (values, self.noise.covariance.view((0, 0), (count, count)).into_owned())
+    }
+
     /// Steps of Gauss and Newton while they lower the variance of the noise.
     fn of(data: &Data, point: Point, linear: Linear, free: &[bool]) -> Option<Self> {
         let lengths: Vec<usize> = data.outputs.iter().map(Vec::len).collect();
@@ -404,27 +468,24 @@ impl Srivc {
         &self,
         used: &Recordings,
         mut scales: Scales,
-        fit: Weighed,
+        fits: Vec<Weighed>,
         free: &[bool],
         said: Option<String>,
     ) -> Result<Identified, IdentifyError> {
         let (n, nb, m) = (self.nf, self.nb, used.inputs.len());
-        let Weighed { point, linear, noise, rows } = fit;
         let spread = scales.outputs[0].1;
-        let build = Build {
-            omega: point.poles.omega,
-            n,
-            nb,
-            delays: &point.delays,
-            free,
-            step: used.sample_time,
-            units: scales.inputs.iter().map(|s| spread / s.1).collect(),
+        let units: Vec<f64> = scales.inputs.iter().map(|s| spread / s.1).collect();
+        let numbers = |fit: &Weighed| {
+            let build = self.build(fit, free, used.sample_time, &units);
+            let (values, covariance) = fit.numbers(free);
+            parameters(used, &build, &values, &covariance)
         };
-        let mut values = point.poles.a.clone();
-        values.extend(point.delays.iter().zip(free).filter(|(_, f)| **f).map(|(d, _)| *d));
-        values.extend(&linear.b);
-        let count = values.len();
-        let covariance = noise.covariance.view((0, 0), (count, count)).into_owned();
+        let parameters = mixed(&fits, fits.iter().map(numbers).collect());
+        let notes = self.notes(said, &fits, free, used);
+        let Some(fit) = fits.into_iter().next() else { return Err(failed("no fit is left")) };
+        let build = self.build(&fit, free, used.sample_time, &units);
+        let (values, covariance) = fit.numbers(free);
+        let Weighed { linear, noise, rows, .. } = &fit;
         let nominal = build.system(&values).ok_or_else(|| failed("its numbers make no model"))?;
         let (model, delays) =
             build.sampled(&values).ok_or_else(|| failed("it cannot be sampled"))?;
@@ -434,19 +495,18 @@ impl Srivc {
         let total = linear.own.len().max(1) as f64;
         let level = linear.own.iter().filter_map(|o| o.last()).sum::<f64>() / total;
         scales.outputs[0].0 += spread * level;
-        let parameters = parameters(used, &build, &values, &covariance);
         Ok(Identified {
             method: NAME,
             sample_time: used.sample_time,
             inputs: used.inputs.clone(),
             outputs: used.outputs.clone(),
             past: noise.d.len(),
-            rows,
+            rows: *rows,
             order: given(model.order()),
             innovations: DMatrix::from_element(1, 1, noise.variance * spread * spread),
             model,
             draws,
-            notes: self.notes(said, &point, free, used),
+            notes,
             scales,
             parametric: Some(Parametric {
                 structure: format!(
@@ -457,23 +517,47 @@ impl Srivc {
                 ),
                 parameters,
                 delays,
-                noise: noise.d,
+                noise: noise.d.clone(),
                 continuous: Some(nominal),
                 guesses: Vec::new(),
             }),
         })
     }
 
+    fn build<'a>(
+        &self,
+        fit: &'a Weighed,
+        free: &'a [bool],
+        step: SampleTime,
+        units: &[f64],
+    ) -> Build<'a> {
+        let (omega, delays) = (fit.point.poles.omega, fit.point.delays.as_slice());
+        Build { omega, n: self.nf, nb: self.nb, delays, free, step, units: units.to_vec() }
+    }
+
     fn notes(
         &self,
         said: Option<String>,
-        point: &Point,
+        fits: &[Weighed],
         free: &[bool],
         used: &Recordings,
     ) -> Vec<String> {
         let mut notes: Vec<String> = said.into_iter().collect();
-        for ((delay, free), input) in point.delays.iter().zip(free).zip(&used.inputs) {
-            if *free && *delay >= self.max_delay as f64 - 0.5 {
+        let Some(best) = fits.first() else { return notes };
+        let weights = weights(fits);
+        let step_s = used.sample_time.seconds();
+        for (j, input) in used.inputs.iter().enumerate().filter(|(j, _)| free[*j]) {
+            let delay = best.point.delays[j];
+            let others = fits.iter().zip(&weights).filter(|(_, w)| **w > NOTHING);
+            let others = others.map(|(fit, _)| fit.point.delays[j] * step_s);
+            let [from, to] = others.fold([f64::INFINITY, 0.0], |[a, b], d| [d.min(a), d.max(b)]);
+            if to - from > step_s {
+                notes.push(format!(
+                    "{}: dead times from {from:.3} to {to:.3} s, with other coefficients, fit about as well; the intervals hold these too",
+                    input.name
+                ));
+            }
+            if delay >= self.max_delay as f64 - 0.5 {
                 notes.push(format!(
                     "{}: the dead time is the longest that was searched; set a longer max_delay",
                     input.name
@@ -483,6 +567,54 @@ impl Srivc {
         notes
     }
 }
+
+/// The likelihood of each fit, all together 1.
+fn weights(fits: &[Weighed]) -> Vec<f64> {
+    let least = fits.first().map_or(0.0, |f| f.noise.variance).max(f64::MIN_POSITIVE);
+    let likelihood = |f: &Weighed| {
+        (-0.5 * f.rows as f64 * (f.noise.variance.max(f64::MIN_POSITIVE) / least).ln()).exp()
+    };
+    let all: Vec<f64> = fits.iter().map(likelihood).collect();
+    let total: f64 = all.iter().sum();
+    all.iter().map(|w| w / total).collect()
+}
+
+/// The first fit's numbers with standard deviations and intervals of the mixture of all fits, each with its likelihood.
+fn mixed(fits: &[Weighed], all: Vec<Vec<Parameter>>) -> Vec<Parameter> {
+    let weights = weights(fits);
+    let count = weights.iter().filter(|w| **w > NOTHING).count();
+    let mut own = all.first().cloned().unwrap_or_default();
+    for (j, p) in own.iter_mut().enumerate().filter(|_| count > 1) {
+        let law = |(of, w): (&Vec<Parameter>, &f64)| Some((of[j].value, of[j].std?, *w));
+        let laws: Vec<(f64, f64, f64)> = all.iter().zip(&weights).filter_map(law).collect();
+        let square = |(v, s, w): &(f64, f64, f64)| w * ((v - p.value).powi(2) + s * s);
+        p.std = p.std.map(|_| laws.iter().map(square).sum::<f64>().sqrt());
+        let least = if p.name == "dead_time" { 0.0 } else { f64::NEG_INFINITY };
+        p.ci95 = p.ci95.map(|_| [0.025, 0.975].map(|share| quantile(&laws, share).max(least)));
+    }
+    own
+}
+
+/// Where a mixture of normal laws (mean, standard deviation, weight) has so much of its weight below.
+fn quantile(laws: &[(f64, f64, f64)], share: f64) -> f64 {
+    let below = |x: f64| {
+        let of = |(v, s, w): &(f64, f64, f64)| {
+            0.5 * w * erfc((v - x) / (s.max(f64::MIN_POSITIVE) * std::f64::consts::SQRT_2))
+        };
+        laws.iter().map(of).sum::<f64>()
+    };
+    let ends = laws.iter().map(|(v, s, _)| [v - 9.0 * s, v + 9.0 * s]);
+    let [mut from, mut to] =
+        ends.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], [c, d]| [a.min(c), b.max(d)]);
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (from + to);
+        if below(middle) < share { from = middle } else { to = middle }
+    }
+    0.5 * (from + to)
+}
+
+/// Halvings after which a quantile is known to rounding.
+const HALVINGS: usize = 80;
 
 /// Every number in seconds and the channels' units.
 fn parameters(
@@ -626,32 +758,32 @@ mod tests {
         }
     }
 
-    /// Twenty records of each of four plants at 10 dB: the intervals of all numbers together hold the truth as often as they should, and none is far off.
+    /// Sixteen records of each of four plants at 10 dB. Of a number that is inside in 95 % of all records, sixteen hold fewer than twelve in one of a thousand cases.
     #[test]
     fn intervals_hold_the_truth() {
+        const RECORDS: u64 = 16;
         for (i, plant) in PLANTS.iter().enumerate() {
             let one = |seed: u64| {
-                let record = plant.record(1000, 0.1, seed);
+                let record = plant.record(500, 0.1, seed);
                 let found = plant.method().identify(&record, &HowFar::default()).unwrap();
                 found.parametric.unwrap().parameters
             };
-            let all: Vec<Vec<Parameter>> = (0..20).into_par_iter().map(one).collect();
-            let (mut held, mut count) = (0, 0);
-            for p in all.iter().flatten() {
-                let truth = plant.truth(&p.name);
-                let [from, to] = p.ci95.unwrap();
-                count += 1;
-                held += usize::from(from <= truth && truth <= to);
-                let apart = (p.value - truth).abs() / p.std.unwrap();
-                // A dead time of 0 stands at its bound.
-                assert!(
-                    apart < 6.0 || truth == 0.0,
-                    "{i} {}: {} for {truth}, {apart}",
-                    p.name,
-                    p.value
-                );
+            let all: Vec<Vec<Parameter>> = (0..RECORDS).into_par_iter().map(one).collect();
+            for (k, first) in all[0].iter().enumerate() {
+                let truth = plant.truth(&first.name);
+                let inside = |p: &Parameter| p.ci95.is_some_and(|[a, b]| a <= truth && truth <= b);
+                let held = all.iter().filter(|of| inside(&of[k])).count();
+                assert!(held >= 12, "{i} {}: {held} of {RECORDS}", first.name);
             }
-            assert!(held * 100 >= 88 * count, "{i}: {held} of {count}");
         }
+    }
+
+    /// Half of the weight each: the ends have all but a twentieth of one law beyond, Φ⁻¹(0.95) = 1.6449 of its standard deviations.
+    #[test]
+    fn intervals_of_two_minima_hold_both() {
+        let laws = [(0.0, 1.0, 0.5), (100.0, 2.0, 0.5)];
+        assert!((quantile(&laws, 0.025) + 1.644_85).abs() < 1e-4);
+        assert!((quantile(&laws, 0.975) - 100.0 - 2.0 * 1.644_85).abs() < 1e-4);
+        assert!((quantile(&[(3.0, 0.5, 1.0)], 0.975) - 3.979_98).abs() < 1e-4);
     }
 }

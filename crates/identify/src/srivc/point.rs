@@ -1,5 +1,6 @@
 //! The model at given poles and dead times: what is linear in it solved, and its slopes.
 
+use deadtime_signal::decompositions::svd;
 use nalgebra::{DMatrix, DVector};
 
 use super::filters::Poles;
@@ -149,8 +150,7 @@ impl Data {
         for m in self.own_matrices(&point.poles) {
             let part = DVector::from_column_slice(&left[from..from + m.nrows()]);
             from += m.nrows();
-            let start =
-                m.try_svd(true, true, 5.0 * f64::EPSILON, 10_000)?.solve(&part, NONE).ok()?;
+            let start = svd(&m)?.solve(&part, NONE).ok()?;
             starts.push(start.iter().copied().collect());
         }
         let linear = Linear { b, own: starts };

@@ -1,6 +1,7 @@
 //! What a structured fit found: values with intervals, what the data do not show, and what predicts without being physics.
 
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use deadtime_signal::decompositions::symmetric_eigen;
+use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
 use super::fitted::Fitted;
@@ -97,8 +98,9 @@ pub(super) fn covariance(
     let count = clusters.len() as f64;
     meat *= count / (count - 1.0).max(1.0);
     let with = problem.normal(clusters, z, prior).information;
+    let unknown = DMatrix::from_diagonal_element(size, size, f64::INFINITY);
     let Some(inverse) = with.cholesky().map(|c| c.inverse()) else {
-        return (DMatrix::from_diagonal_element(size, size, f64::INFINITY), bare.information);
+        return (unknown, bare.information);
     };
     let kappa = ((&inverse * &meat).trace()
         / (&inverse * &bare.information).trace().max(f64::MIN_POSITIVE))
@@ -108,7 +110,9 @@ pub(super) fn covariance(
         middle[(i, i)] += kappa * prior[i];
     }
     let mut covariance = &inverse * middle * &inverse;
-    let eigen = SymmetricEigen::new(bare.information.clone());
+    let Some(eigen) = symmetric_eigen(&bare.information) else {
+        return (unknown, bare.information);
+    };
     let most = eigen.eigenvalues.max();
     for (k, value) in eigen.eigenvalues.iter().enumerate() {
         if *value <= RESOLVED * most {

@@ -1,6 +1,7 @@
 //! What an estimate knows of parameters and what it does not: combinations that cannot be had, pairs that trade, values that are no physics.
 
-use nalgebra::{DMatrix, SymmetricEigen};
+use deadtime_signal::decompositions::symmetric_eigen;
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::Serialize;
 
 use deadtime_signal::stats::NORMAL_95;
@@ -62,7 +63,10 @@ impl Known<'_> {
     /// Directions whose standard deviation is the parameters' own size or more: the null space of the information, as far as the data are concerned.
     pub(crate) fn unseen(&self) -> Vec<Unseen> {
         let count = self.names.len();
-        let eigen = SymmetricEigen::new(self.information.clone());
+        let eigen = symmetric_eigen(&self.information).unwrap_or_else(|| SymmetricEigen {
+            eigenvectors: DMatrix::identity(count, count),
+            eigenvalues: DVector::zeros(count),
+        });
         let mut found: Vec<Unseen> = Vec::new();
         let mut order: Vec<usize> = (0..count).collect();
         order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));

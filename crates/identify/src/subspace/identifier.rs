@@ -340,7 +340,7 @@ impl Settings {
             order,
             innovations: DMatrix::from_fn(l, l, |i, j| covariance[(i, j)] * spread[i] * spread[j]),
             draws,
-            notes: notes(method, weight, told_apart),
+            notes: notes(method, weight, told_apart, undetermined(recordings, &predictor, &factor)),
             scales,
             parametric: None,
         })
@@ -434,8 +434,24 @@ fn poor(
     Some((recordings.inputs[at].name.clone(), orders[at]))
 }
 
+/// The first input of which the noise leaves part of the past window undetermined.
+fn undetermined(recordings: &Recordings, predictor: &Predictor, factor: &Factor) -> Option<String> {
+    let past = factor.layout.past;
+    let known = predictor.determined(factor.layout);
+    let (input, known) = recordings.inputs.iter().zip(known).find(|(_, known)| *known < past)?;
+    Some(format!(
+        "{} determines {known} of the {past} lags of the past window at this noise, so states beyond these are noise: use a richer excitation, a smaller past, or --method riv",
+        input.name
+    ))
+}
+
 /// What a user should know of a subspace model.
-fn notes(method: &str, weight: Option<Weight>, poor: Option<(String, usize)>) -> Vec<String> {
+fn notes(
+    method: &str,
+    weight: Option<Weight>,
+    poor: Option<(String, usize)>,
+    undetermined: Option<String>,
+) -> Vec<String> {
     let poor = poor.map(|(name, orders)| {
         format!(
             "{name} is distinguishable from its past at {orders} lags only; twice the order would be safe: use a richer excitation"
@@ -446,7 +462,7 @@ fn notes(method: &str, weight: Option<Weight>, poor: Option<(String, usize)>) ->
             "{method} is biased where the inputs depend on the outputs; under feedback use pbsidopt"
         )
     });
-    poor.into_iter().chain(biased).collect()
+    poor.into_iter().chain(undetermined).chain(biased).collect()
 }
 
 impl Identified {

@@ -3,6 +3,7 @@
 //! How it can be wrong: an integrating plant has none (the mean stays), a constant that rounding or noise makes (it counts where a likelihood-ratio test asks for
 //! it), and a mean taken for it (a slow plant's mean depends on where the record begins).
 
+use deadtime_signal::decompositions::singular_values;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
@@ -45,8 +46,7 @@ pub(super) fn at_operating_point(
         constant += predictor.theta.row(lag * width + m).transpose();
         settled -= predictor.theta.rows(lag * width + m + 1, l).transpose();
     }
-    let singular = settled.clone().singular_values();
-    if singular.min() <= INTEGRATES * singular.max() {
+    if singular_values(&settled).is_none_or(|s| s.min() <= INTEGRATES * s.max()) {
         return scales;
     }
     let Some(point) = settled.lu().solve(&constant) else { return scales };

@@ -4,7 +4,7 @@ use faer::Mat;
 use nalgebra::DMatrix;
 
 use super::innovations::Direct;
-use super::recordings::{Factor, Recordings, Scales, told_apart};
+use super::recordings::{Factor, Layout, Recordings, Scales, told_apart};
 
 /// The long predictor: y(t) = Σ over lags of θ z(t−lag) (+ D u(t)) + e, by least squares; scaled channels.
 #[derive(Debug, Clone)]
@@ -70,6 +70,17 @@ impl Predictor {
             change.set_row(column, &solved.row(row));
         }
         change
+    }
+
+    /// Of each input, the lags whose coefficients are known to less than the outputs' standard deviation over the input's: the rest are noise.
+    pub(super) fn determined(&self, layout: Layout) -> Vec<usize> {
+        let noise = self.noise.diagonal().amax();
+        let known = |column: usize| {
+            let at = self.kept.binary_search(&column).ok();
+            at.is_some_and(|k| noise < self.upper[(k, k)].abs())
+        };
+        let of = |j: usize| (0..layout.past).filter(|lag| known(lag * layout.width() + j)).count();
+        (0..layout.m).map(of).collect()
     }
 
     /// Free parameters of each output.

@@ -1,5 +1,6 @@
 //! State-space models in innovations form from data, by PBSIDopt: for stable and unstable plants, in open and closed loop.
 
+use deadtime_signal::decompositions::eigenvalues;
 use nalgebra::{DMatrix, DVector};
 
 use crate::polynomial::{from_roots, reflected};
@@ -156,12 +157,7 @@ impl Innovations {
     /// short record leaves there, are mirrored into it.
     #[must_use]
     pub fn noise_polynomial(&self) -> Option<Vec<f64>> {
-        let schur = nalgebra::Schur::try_new(
-            &self.a - &self.k * self.c.transpose(),
-            f64::EPSILON,
-            100 * self.a.nrows().max(1),
-        )?;
-        let roots: Vec<_> = schur.complex_eigenvalues().iter().copied().collect();
+        let roots = eigenvalues(&(&self.a - &self.k * self.c.transpose()));
         reflected(&from_roots(&roots))
     }
 }
@@ -255,7 +251,7 @@ mod tests {
     #[test]
     fn an_unstable_plant_in_closed_loop_is_identified() {
         let fit = Subspace { order: 2, past: 25, direct: false }.fit(&[loops(40_000)]).unwrap();
-        let mut poles: Vec<f64> = fit.a.complex_eigenvalues().iter().map(|p| p.re).collect();
+        let mut poles: Vec<f64> = eigenvalues(&fit.a).iter().map(|p| p.re).collect();
         poles.sort_by(f64::total_cmp);
         assert!((poles[0] - 0.6).abs() < 0.03 && (poles[1] - 1.05).abs() < 0.01, "{poles:?}");
         // C B = 0.5, C A B = 0.825; C K = −a₁ + c₁ = 1.15.

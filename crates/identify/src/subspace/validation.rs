@@ -1,5 +1,6 @@
 //! How well a model does on data that it has not seen: fits, and tests of its one-step errors.
 
+use deadtime_signal::decompositions::symmetric_eigen;
 use nalgebra::DMatrix;
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -181,7 +182,7 @@ fn cross(errors: &[Vec<f64>], u: &[Vec<f64>]) -> Option<(Test, f64, usize)> {
     let r: Vec<f64> = (1..=LAGS).map(|lag| product(&e, &u, lag) / (pe * pu).sqrt()).collect();
     let matrix = DMatrix::from_fn(LAGS, LAGS, |i, j| own[i.abs_diff(j)]);
     // Directions that the input hardly has are left out.
-    let eigen = matrix.symmetric_eigen();
+    let eigen = symmetric_eigen(&matrix)?;
     let (mut statistic, mut freedom) = (0.0, 0);
     for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
         if *value > 1e-3 {

@@ -464,8 +464,11 @@ fn on_even_grid(
     options: &Options,
 ) -> Result<Response, SimulateError> {
     let ts = sample_time.seconds();
-    let delays =
-        sys.input_delay().iter().map(|&d| sample_time.samples(d)).collect::<Result<Vec<_>, _>>()?;
+    let split = |&delay_s: &f64| match options.hold {
+        Hold::Zero => sample_time.samples(delay_s),
+        Hold::Linear => sample_time.exact_samples(delay_s),
+    };
+    let delays = sys.input_delay().iter().map(split).collect::<Result<Vec<_>, _>>()?;
     if (options.hold, options.prehistory) == (Hold::Linear, Prehistory::Rest)
         && delays.iter().any(|d| d.total() > 0.0)
     {
@@ -520,9 +523,9 @@ impl Stamped<'_> {
     fn value(&self, j: usize, t: f64, from_left: bool) -> f64 {
         let (stamps, u) = (self.time_s, self.u);
         let mut after = stamps.partition_point(|s| if from_left { *s < t } else { *s <= t });
-        if from_left && after > 0 && t - stamps[after - 1] <= slack(stamps, after - 1) {
+        if from_left && after > 0 && t - stamps[after - 1] <= self.slack(after - 1) {
             after -= 1;
-        } else if !from_left && after < stamps.len() && stamps[after] - t <= slack(stamps, after) {
+        } else if !from_left && after < stamps.len() && stamps[after] - t <= self.slack(after) {
             after += 1;
         }
         match (after, self.hold) {
@@ -538,10 +541,27 @@ impl Stamped<'_> {
         }
     }
 
+    /// How far from the stamp `at` an instant still counts as that stamp.
+    fn slack(&self, at: usize) -> f64 {
+        let stamps = self.time_s;
+        let before = at.checked_sub(1).map(|i| stamps[at] - stamps[i]);
+        let after = stamps.get(at + 1).map(|next| next - stamps[at]);
+        self.coincide() * before.into_iter().chain(after).reduce(f64::min).unwrap_or(0.0)
+            + rounding(stamps[at])
+    }
+
+    /// The share of a sample within which two instants are one.
+    fn coincide(&self) -> f64 {
+        match self.hold {
+            Hold::Zero => COINCIDE,
+            Hold::Linear => 0.0,
+        }
+    }
+
     /// When a delayed input changes between two times, in order; the later time is the last.
     fn edges(&self, delays: &[f64], (t, end): (f64, f64), edges: &mut Vec<f64>) {
         edges.clear();
-        let near = COINCIDE * (end - t) + rounding(end);
+        let near = self.coincide() * (end - t) + rounding(end);
         for &delay in delays {
             let first = self.time_s.partition_point(|s| s + delay <= t + near);
             edges.extend(
@@ -628,16 +648,8 @@ pub(super) fn even(time_s: &[f64]) -> Option<SampleTime> {
 /// How far from an even grid, in samples, stamps may lie that were meant to be on it: what rounding leaves of a million samples.
 const EVEN: f64 = 1e-9;
 
-/// Two instants closer than this share of a sample are one, as in [`SampleTime::samples`].
+/// Two instants closer than this share of a sample are one where an input jumps, as in [`SampleTime::samples`].
 const COINCIDE: f64 = 1e-9;
-
-/// How far from the stamp `at` an instant still counts as that stamp.
-fn slack(stamps: &[f64], at: usize) -> f64 {
-    let before = at.checked_sub(1).map(|i| stamps[at] - stamps[i]);
-    let after = stamps.get(at + 1).map(|next| next - stamps[at]);
-    COINCIDE * before.into_iter().chain(after).reduce(f64::min).unwrap_or(0.0)
-        + rounding(stamps[at])
-}
 
 /// What rounding can do to an instant that is a stamp plus or minus a delay.
 fn rounding(time_s: f64) -> f64 {
@@ -668,6 +680,28 @@ mod tests {
                 let scale = even.x.amax();
                 assert!((even.x - uneven.x).amax() < 1e-10 * scale, "{hold:?} {prehistory:?}");
                 assert!((even.y - uneven.y).amax() < 1e-10 * scale, "{hold:?} {prehistory:?}");
+            }
+        }
+    }
+
+    /// ẏ = u(t − d) − y, u of straight lines: ∂y/∂d is e^(−t)·u(0) − ẏ at every size of d.
+    #[test]
+    fn interpolated_inputs_are_late_by_delays_of_any_size() {
+        let one = |v: f64| DMatrix::from_element(1, 1, v);
+        let sys = StateSpace::continuous(one(-1.0), one(1.0), one(1.0), one(0.0)).unwrap();
+        let (u, ts) = (input(50, 1), SampleTime::new(0.1).unwrap());
+        let time_s: Vec<f64> = (0..50).map(|k| 0.1 * k as f64).collect();
+        let options = Options { hold: Hold::Linear, ..Options::default() };
+        for share in [1e-4, 1e-6, 1e-9, 1e-11] {
+            let late = sys.clone().with_input_delay(vec![0.1 * share]).unwrap();
+            let even = |sys| lsim(sys, &u, ts, &options).unwrap().y;
+            let uneven = |sys| lsim(sys, &u, time_s.as_slice(), &options).unwrap().y;
+            for (moved, still) in [(even(&late), even(&sys)), (uneven(&late), uneven(&sys))] {
+                for (k, t) in time_s.iter().enumerate() {
+                    let slope = (moved[k] - still[k]) / (0.1 * share);
+                    let expected = (-t).exp() * u[0] - (u[k] - still[k]);
+                    assert!((slope - expected).abs() < 1e-2, "{share} {t}: {slope} {expected}");
+                }
             }
         }
     }
