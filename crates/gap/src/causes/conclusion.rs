@@ -275,7 +275,7 @@ impl Conclusion<'_, '_> {
         })
     }
 
-    /// The rules of the verdict beside the floor that the best of what was `reached` leaves.
+    /// The rules of the verdict, and the floor given the residuals of all `reached` hypotheses.
     fn ruled(
         &self,
         levels: [&Level; 2],
@@ -285,7 +285,7 @@ impl Conclusion<'_, '_> {
         ruled(self.likelihood, levels, reached, self.catalogue, self.scales, beaten)
     }
 
-    /// In the order of what each effect explains beside the others, the block of the model's numbers last; and all the others without each.
+    /// The effects ordered by their leave-one-out error, the joint recalibration last; and the remaining effects without each.
     fn by_share(
         &self,
         hypothesis: Hypothesis,
@@ -310,7 +310,7 @@ impl Conclusion<'_, '_> {
         (ordered, sorted.into_iter().map(|p| taken_out[p].clone()).collect())
     }
 
-    /// The parameters under the noise of what is left, unless that makes the errors larger: under a colour that is another effect's, slow effects vanish.
+    /// The parameters refitted under the noise model of the residual, unless that raises the error: a noise model that absorbed another effect hides slow effects.
     fn settled(&self, beside: &Likelihood<'_>, composed: Hypothesis) -> Option<Hypothesis> {
         let before = self.error_of(&composed)?;
         let refitted = Hypothesis::refit(
@@ -328,9 +328,9 @@ impl Conclusion<'_, '_> {
         Some(settled)
     }
 
-    /// The effect that lowers the cost under the coloured noise of what is left by less than its price, if any: the score counts effective samples alike at all
-    /// frequencies, so a slow effect can take slow noise. Only effects whose linearised gain (Wald 1943, doi:10.1090/S0002-9947-1943-0012401-3) is that
-    /// small are taken out and the others refitted.
+    /// The effect whose gain under the coloured noise of the residual is smallest relative to its complexity penalty, if any gain is below the penalty.
+    /// The score counts effective samples alike at all frequencies, so a slow effect can absorb slow noise.
+    /// Only effects with a linearised gain (Wald 1943, doi:10.1090/S0002-9947-1943-0012401-3) below the penalty are removed, with a refit of the others.
     fn within_noise<'e>(
         &self,
         beside: &Likelihood<'_>,
@@ -374,7 +374,7 @@ impl Conclusion<'_, '_> {
         overall(&Level::of(self.likelihood, Some(hypothesis))?.train.nrmse())
     }
 
-    /// Hypotheses refitted under white weights as large as what is left by all.
+    /// The hypotheses refitted under white noise of the standard deviation of the residual of `hypothesis`.
     fn refitted(&self, hypothesis: &Hypothesis, without: &[Hypothesis]) -> Vec<Option<Hypothesis>> {
         let Some(left) = residuals(self.likelihood, hypothesis) else {
             return vec![None; without.len()];

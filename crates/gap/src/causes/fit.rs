@@ -108,7 +108,7 @@ impl Fit<'_, '_, '_> {
         Some(Directions { columns: self.columns(set, &residual), residual })
     }
 
-    /// A residual with the initial states and nuisances that fit best: what is left.
+    /// The remainder of a residual after a fit of the initial states and nuisances.
     pub(super) fn remainder(&self, residual: &Stacked) -> Option<Stacked> {
         let gram = Gram::of(self.training, &[residual]);
         let mut squares = self.training.squares(residual);

@@ -13,7 +13,7 @@ use crate::format::diagnosis::{Check, CheckKind};
 
 /// A rotation of fewer degrees is within the mounting of most boards.
 const LEAST_DEG: f64 = 2.0;
-/// The part of the squared misfit that stays beside the rotation, at most.
+/// The largest part of the squared misfit that may remain after the rotation.
 const LEAVES: f64 = 0.5;
 /// The part of what any matrix takes that the rotation takes, at least.
 const OF_ANY: f64 = 0.9;

@@ -1,4 +1,4 @@
-//! The logs beside the nominal model, in a form in which both sides can be compared whatever the model's stability.
+//! The logs with the nominal model, in a form in which both sides are comparable whatever the model's stability.
 //!
 //! Stable models: the measured outputs and a free simulation. Models with poles that do not decay within a log: with the predictor's fixed gain the innovations are
 //! e = N·y − M·u, N and M stable; N·y and M·u are compared, so that nothing that the predictor takes from the measurement hides a fault (a left coprime

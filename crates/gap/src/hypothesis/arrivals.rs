@@ -90,7 +90,7 @@ impl Linear {
     }
 }
 
-/// The sequence of delays of one input over all records, beside other effects; `late` with its numbers, and what is known of it in `lost`.
+/// The sequence of delays of one input over all records, given the other effects; `late` with its parameters, and the known latent sequence in `lost`.
 pub(super) fn decode(
     likelihood: &Likelihood<'_>,
     others: &[Applied],

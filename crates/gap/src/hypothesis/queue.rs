@@ -13,7 +13,7 @@ use deadtime_model::simulate::{Delays, Late};
 const DRAWN: usize = 4000;
 /// A spread is no larger than this multiple of its mean: beyond it most delays are none.
 const MOST_UNEVEN: f64 = 1.5;
-/// Waits are never told to be more alike than this: what does not change at all is a fixed delay.
+/// Upper limit of the estimated correlation of successive waits: a constant wait is a fixed delay.
 const MOST_ALIKE: f64 = 0.99;
 
 /// The waits of commands.

@@ -7,7 +7,7 @@ use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::{Applied, Scales};
 
 impl Hypothesis {
-    /// Tries steps of each parameter beside the fit: a cost with kinks has minima that no gradient leaves.
+    /// Tries steps of each parameter after the fit: a cost with kinks has minima that no gradient leaves.
     pub(crate) fn polished(
         self,
         likelihood: &Likelihood<'_>,
