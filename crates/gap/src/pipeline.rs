@@ -64,7 +64,7 @@ pub fn diagnose_files(
 
 /// Diagnoses the gap between a model and logs: every effect of the catalogue on every channel, alone and in pairs.
 ///
-/// `progress` is told what is being done.
+/// `progress` receives each stage as it begins.
 ///
 /// # Errors
 /// [`GapError`](crate::format::error::GapError) where model and logs do not fit, the errors of models and logs, [`super::error::Error::Stopped`].
@@ -112,7 +112,7 @@ pub fn diagnose<'a>(
     found
 }
 
-/// Which effects of the catalogue these logs can tell apart; nothing is fitted, and what the logs measured matters only for the size of the noise.
+/// The effects of the catalogue that these logs make distinguishable. Nothing is fitted, and the measured outputs only give the noise standard deviation.
 ///
 /// # Errors
 /// As [`diagnose`].

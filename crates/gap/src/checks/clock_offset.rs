@@ -11,7 +11,7 @@ const PURE: f64 = 0.9;
 const AHEAD: f64 = 0.15;
 /// Lags that differ by this much beyond four times their standard deviations may be equal, samples: half a sample is a whole one for an output with a direct path.
 const SAME: f64 = 0.5;
-/// The least standard deviation of a lag, samples: the accuracy of the interpolation.
+/// The least interval of a reported offset, samples: the accuracy of the interpolation.
 const LEAST: f64 = 0.02;
 /// A lag with a larger standard deviation is unused, samples.
 const KNOWN: f64 = 0.25;

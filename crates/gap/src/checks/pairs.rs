@@ -152,7 +152,7 @@ const EXCHANGED: [(&str, &str); 6] = [
 const UNITS: [[&str; 2]; 5] =
     [["m", "m/s"], ["rad", "rad/s"], ["m/s", "m/s^2"], ["deg", "deg/s"], ["rad/s", "rad/s^2"]];
 
-/// Pairs by name, where the units do not speak against it.
+/// Pairs by name, except where the units contradict the pair.
 fn named(view: &View<'_>) -> Vec<Pair> {
     let outputs = &view.system.outputs;
     let goes = |of: usize, rate: usize| {

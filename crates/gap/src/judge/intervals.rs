@@ -169,9 +169,9 @@ impl Estimate {
     }
 }
 
-/// The standard deviation, doubled for as long as the parameter alone can move to the end of its interval, on either side, and the likelihood hardly notices:
-/// a cost with jumps or kinks (a delay beside a direct path, where uneven samples pass edges of the commands one by one) has no slope that tells its width.
-/// A smooth cost rises by 3.84 or more at the end of a 95 % interval, and nothing changes. Infinite where it is never noticed: a limit that nothing reaches.
+/// The standard deviation, doubled while the parameter alone can move to either end of its 95 % interval at a cost below `unnoticed`.
+/// A cost with jumps or kinks has no curvature that gives its width: a delay together with a direct path, where uneven samples pass edges of the commands one by one.
+/// A smooth cost rises by 3.84 or more at the end of a 95 % interval, and the standard deviation stays. Infinite where the cost never rises: a limit that nothing reaches.
 fn as_far_as_unnoticed(
     likelihood: &Likelihood<'_>,
     hypothesis: &Hypothesis,

@@ -1,10 +1,10 @@
-//! What an effect promises beside others that are at work already.
+//! The predicted cost reduction of an effect given other active effects.
 
 use crate::hypothesis::effects::Hypothesis;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::Scales;
 
-/// What an effect promises beside others: the fall of the cost along its signature, the others' own directions taken out.
+/// The predicted cost reduction of an effect given others: along its signature, with the others' own directions projected out.
 pub(crate) struct Beside {
     pub(crate) first: Hypothesis,
     pub(crate) residual: Whitened,

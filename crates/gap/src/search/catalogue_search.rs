@@ -1,4 +1,4 @@
-//! The search through the catalogue: candidates screened, the promising ones fitted in full, pairs built on them, all compared under one noise model.
+//! The search through the catalogue: candidates are screened, those with the largest predicted cost reduction fitted, pairs built on them; one noise model compares all.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -49,7 +49,7 @@ pub(crate) fn search<'a>(
         singles: fit_first(&likelihood, &pool, scales, &nominal),
         pairs: Vec::new(),
     };
-    // The search over sets finds what acts together, but would call a simulator too often.
+    // // The search over sets finds joint effects, but would call a simulator too often.
     if likelihood.system.is_black_box() {
         progress(Stage::Pairing);
         found.pairs = pairs(&likelihood, &found.singles, remedies, &pool, scales, &nominal);

@@ -1,4 +1,4 @@
-//! Pairs of effects: for each of the leading singles the seconds that promise most beside it, refitted together; then forward and backward.
+//! Pairs of effects: for each leading single, the second effects with the largest predicted cost reduction, refitted together; then forward and backward.
 
 use rayon::prelude::*;
 
@@ -34,8 +34,8 @@ fn firsts<'h>(
     chosen
 }
 
-/// Pairs: for each of the leading singles the seconds that promise most beside it, refitted together. `remedies`: effects that the checks ask for, at the values
-/// that they ask for. They are firsts as they stand: a gain of −1 fitted alone turns to nearly 0 where a delay is missing beside it.
+/// Pairs: for each leading single, the second effects with the largest predicted cost reduction, refitted together. `remedies`: effects that the checks propose, at
+/// the proposed values. Such an effect is a first effect without a fit of its own: a gain of −1 fitted alone turns to nearly 0 where a delay is also missing.
 pub(crate) fn pairs(
     likelihood: &Likelihood<'_>,
     singles: &[Hypothesis],
@@ -51,7 +51,7 @@ pub(crate) fn pairs(
     let leading = firsts(singles, &penalties, likelihood.budget.firsts).into_iter().cloned();
     let firsts: Vec<Hypothesis> =
         leading.filter(|single| asked_for.iter().all(|r| r.key() != single.key())).collect();
-    // A hidden sequence takes a little of everything: what is left beside it does not speak for the others.
+    // // A latent sequence absorbs a little of everything: the residual given the sequence carries no evidence for the others.
     let plain = firsts.iter().find(|first| !first.loses_commands());
     let mut asked = firsts.first().filter(|best| best.loses_commands()).into_iter().chain(plain);
     if asked_for.is_empty()
@@ -116,7 +116,7 @@ fn something_beside(
     pool.par_iter().any(promises)
 }
 
-/// The seconds that promise most beside each first, fitted with it; but those known already.
+/// The second effects with the largest predicted cost reduction given each first, fitted jointly with it; known pairs are left out.
 fn with_seconds(
     likelihood: &Likelihood<'_>,
     firsts: &[Hypothesis],
@@ -135,10 +135,10 @@ fn with_seconds(
     fitted(likelihood, wanted, scales, likelihood.inner(nominal, nominal))
 }
 
-/// What a second effect promises beside a first, and the start that gave it.
+/// The predicted cost reduction of a second effect given a first, and the start that gave it.
 type Promise = (f64, Applied);
 
-/// The promises of every candidate of the pool beside every first.
+/// The predicted cost reductions of every candidate of the pool given every first.
 fn promises(
     likelihood: &Likelihood<'_>,
     beside: &[Beside],
@@ -255,7 +255,7 @@ fn fitted(
     cost: f64,
 ) -> Vec<Hypothesis> {
     let budget = likelihood.budget;
-    // Lost commands are told from a lag by their sequence only.
+    // // Lost commands are distinguishable from a lag by their sequence only.
     let (losing, plain): (Vec<_>, Vec<_>) =
         wanted.into_iter().partition(|pair| pair.iter().any(|a| a.effect.loses_commands()));
     let mut pairs: Vec<Hypothesis> = plain
