@@ -353,7 +353,7 @@ fn what_unpacks_to_more_than_its_budget_is_refused_and_the_limit_can_be_lifted()
     );
 }
 
-/// A database of one table `messages` whose only cell has its payload on overflow pages that lead where they are told.
+/// A database of one table `messages`; the payload of its only cell is on overflow pages, each followed by the page that `next` gives.
 fn database(pages: usize, next: impl Fn(usize) -> u32) -> Vec<u8> {
     const PAGE: usize = 512;
     let mut file = vec![0; PAGE * pages];

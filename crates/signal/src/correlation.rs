@@ -91,7 +91,7 @@ impl Correlator {
         sums
     }
 
-    /// One transform, long enough that what wraps lands beside the lags wanted.
+    /// One transform, long enough that circular wrap-around falls outside the wanted lags.
     fn at_once(&self, a: &[f64], b: &[f64]) -> Vec<f64> {
         let length = self.fourier.length();
         let mut samples = vec![0.0; length];
@@ -121,7 +121,7 @@ impl Correlator {
         sums
     }
 
-    /// Blocks of a beside the samples of b that the lags reach; their spectra are added up and transformed back once.
+    /// Blocks of a, each with the samples of b at the wanted lags; the products of their spectra are summed and transformed back once.
     fn by_blocks(&self, a: &[f64], b: &[f64]) -> Vec<f64> {
         let block = self.fourier.length();
         let step = block - self.wanted + 1;
