@@ -1,4 +1,4 @@
-//! A diagnosis with the curves and the model behind it.
+//! A diagnosis with its curves and its model.
 
 use super::force_profile::ForceProfile;
 use super::traces::{CommandTrace, Trace};

@@ -1,4 +1,4 @@
-//! How the held-out error grows with the steps since a prediction began: a correction may help far ahead and hurt at the next sample, or the other way round.
+//! The held-out error as a function of the prediction horizon: a correction may reduce the error far ahead and raise it at the next sample, or the reverse.
 
 use std::num::NonZeroUsize;
 

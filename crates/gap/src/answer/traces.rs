@@ -1,4 +1,4 @@
-//! What was measured, and what the model says with and without what was found: the curves behind a diagnosis.
+//! The measured outputs, and the model's outputs with and without the reported effects: the curves of a diagnosis.
 
 use nalgebra::DMatrix;
 

@@ -1,4 +1,4 @@
-//! The classes of effects that were fitted one by one, where no sets are searched: of a simulator that can only be called, and of a lattice.
+//! The alias classes of individually fitted effects, where no sets are searched: for a simulator that can only be called, and for a lattice.
 
 use super::class::EffectClass;
 use crate::hypothesis::direction::difference;

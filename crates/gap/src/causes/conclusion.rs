@@ -1,7 +1,7 @@
 //! The active effects: the best set of the search with its shares, intervals and aliases, and the verdict on it.
 //!
-//! How it can be wrong: a sequence of lost or late commands that is decoded from the outputs takes a little of everything, so it must beat the best set of
-//! deterministic effects under the same score; a lattice lowers no error, so the trace in the raw values decides on it alone.
+//! How it can be wrong: a sequence of lost or late commands that is decoded from the outputs absorbs a little of every misfit. It must therefore beat the best set of
+//! deterministic effects under the same score. A lattice lowers no error, so the trace in the raw values alone decides on it.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;

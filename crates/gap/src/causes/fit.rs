@@ -1,7 +1,7 @@
 //! The joint fit of a set: bounded Levenberg-Marquardt steps on the concentrated likelihood, with the initial states eliminated.
 //!
-//! How it can be wrong: a parameter without influence has no derivative, so it stays where it is and is not counted; a kink has none at the kink, so limits are
-//! moved by a larger step; the response to an initial state is that of the nominal model.
+//! How it can be wrong: a parameter without influence has no derivative, so it keeps its value and is not counted. A kink has no derivative, so limits are
+//! moved by a larger step. The response to an initial state is that of the nominal model.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;

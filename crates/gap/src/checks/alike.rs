@@ -6,7 +6,7 @@
 //!   (Frisch 1934, "Statistical Confluence Analysis", Oslo) as long as the two noises do not depend on each other: two estimates of one observer may.
 //! - Rates that the logger held, or a slow filter, look late; the lag is a lag, not its cause.
 //! - The stretches of a log need not agree. Sixteen are left out in turn (delete-a-group jackknife; Künsch 1989, doi:10.1214/aos/1176347265). The noise may be neither
-//! white nor Gaussian; only its correlation length must be shorter than a stretch.
+//!   white nor Gaussian; only its correlation length must be shorter than a stretch.
 
 use deadtime_signal::stats;
 use deadtime_signal::stats::students_t;

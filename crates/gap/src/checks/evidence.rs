@@ -1,4 +1,4 @@
-//! What all checks look at, and what they have in common when they say what they found.
+//! The inputs of all checks, and the common parts of their findings.
 
 use super::faults;
 use super::faults::Search;

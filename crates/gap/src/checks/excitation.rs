@@ -1,4 +1,4 @@
-//! Commands that are too poor to tell anything: constant, one frequency, slower than anything the model does, or two that move together.
+//! Commands with too little excitation: constant, one frequency, slower than the model's dynamics, or two that are collinear.
 
 use nalgebra::{Complex, DMatrix, DVector};
 use rustfft::FftPlanner;

@@ -1,4 +1,4 @@
-//! How far the measured outputs come after the modelled ones, as a whole and stretch by stretch.
+//! The lag of the measured outputs behind the modelled ones, for the whole log and for every stretch.
 
 use nalgebra::{DMatrix, DVector};
 

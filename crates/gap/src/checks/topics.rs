@@ -1,7 +1,7 @@
-//! The clocks of a recording's topics: how even each one's stamps are, and by how much the stamps of two topics that log the same motion are apart.
+//! The clocks of a recording's topics: the evenness of each topic's stamps, and the offset between the stamps of two topics that log the same motion.
 //!
-//! Two outputs of different topics are held against each other by their cross-spectrum S(ω) over many stretches: stamps that are apart by τ turn its phase by −ωτ, and nothing
-//! else. One output may be the other with the other sign, its derivative or its integral: a constant phase of 180°, 90° or −90° besides.
+//! Two outputs of different topics are compared by their cross-spectrum S(ω) over many stretches: an offset of τ turns its phase by −ωτ, and changes nothing
+//! else. One output may be the negative, the derivative or the integral of the other, with a constant phase of 180°, 90° or −90°.
 //!
 //! How it can be wrong: two sensors of one motion, one with a filter or a slower bus, look like a clock offset; the finding names this. No offset is reported where the phase
 //! is not straight (a dynamic relation), where it fits two offsets or two relations alike (narrow band), where the coherence is low, and where

@@ -1,13 +1,13 @@
-//! When each command was there: the hidden delays of commands that come late by a draw of their own each, estimated from the outputs.
+//! The arrival time of each command: the latent random delays of late commands, estimated from the outputs.
 //!
-//! A command that differs by c from the one before it and comes δ later than expected adds −c·δ·h to the outputs, h being their response to an impulse. So to
-//! first order the residual is G(m + δ): m a shift of all, δ normal with the standard deviation s and the correlation that commands have which keep their order.
-//! With A = P⁻¹ + GᵀG the delays are A⁻¹Gᵀr, and what a spread costs is the marginal likelihood, −bᵀA⁻¹b + ln det PA with b = Gᵀr (a Gaussian process; Rasmussen
-//! and Williams 2006, Gaussian Processes for Machine Learning, equations 2.27 to 2.30). The spread is where that is lowest. All is then done again about the
-//! delays that were found, simulated exactly; the sequence with the lowest cost is kept.
+//! A command that differs by c from its predecessor and arrives δ later than expected adds −c·δ·h to the outputs, h being their impulse response. To
+//! first order the residual is G(m + δ). The shift m is common to all; δ is normal with the standard deviation s and the correlation of commands that keep their order.
+//! With A = P⁻¹ + GᵀG the delays are A⁻¹Gᵀr. The marginal likelihood of a spread is −bᵀA⁻¹b + ln det PA with b = Gᵀr (a Gaussian process; Rasmussen
+//! and Williams 2006, Gaussian Processes for Machine Learning, equations 2.27 to 2.30), and the spread minimises it. The steps repeat about the estimated
+//! delays, simulated exactly; the sequence with the lowest cost is kept.
 //!
-//! How it can be wrong: delays longer than what the plant smooths leave the linear range, so the exact simulation has the last word; a plant whose response
-//! varies is followed in part; a response that is long against the record is cut off; a misfit of another kind is followed in part and stays above the floor.
+//! How it can be wrong: delays longer than the plant's smoothing leave the linear range, so the exact simulation decides. A response that
+//! varies, or a misfit of another kind, is fitted in part; the misfit stays above the floor. A response that is long relative to the record is truncated.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;

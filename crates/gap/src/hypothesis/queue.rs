@@ -1,7 +1,7 @@
-//! What commands wait that come late by a random delay each and keep their order: how long on average, how differently, and how alike one after the other.
+//! The waits of commands with random delays that keep their order: mean, standard deviation, and correlation of successive waits.
 //!
 //! Equation: command k acts from a(k) = max(a(k − 1), t(k) + d(k)) on, d(k) gamma distributed; the moments of a(k) − t(k) are those of a draw of many commands.
-//! How it can be wrong: by the chance of that draw, some per cent of the spread.
+//! How it can be wrong: by the sampling error of that draw, some per cent of the standard deviation.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;

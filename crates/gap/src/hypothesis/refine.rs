@@ -1,4 +1,4 @@
-//! What a fit alone does not find: minima beyond a kink, limits that were left out.
+//! Refinements that a fit alone does not reach: minima beyond a kink, omitted limits.
 
 use super::effects::Hypothesis;
 use super::penalised_gain::Penalties;

@@ -1,6 +1,6 @@
-//! What a search may cost: all counts and limits, for a model file, for one of many states, and for a simulator that can only be called.
+//! The cost of a search: all counts and limits, for a model file, for one of many states, and for a simulator that can only be called.
 //!
-//! None of them says what counts as an effect; too small a budget misses one, and a larger one takes longer.
+//! No count defines an effect. Too small a budget misses one, and a larger budget takes longer.
 
 use deadtime_model::simulate::System;
 

@@ -1,4 +1,4 @@
-//! The rule of the verdict: from how large errors are, before and after what explains best, to an effect, none, or something that is in no catalogue.
+//! The rule of the verdict: from the errors before and after the best hypothesis to an effect, none, or a cause outside the catalogue.
 
 use crate::input::criteria::Criteria;
 

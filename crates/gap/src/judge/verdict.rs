@@ -1,4 +1,4 @@
-//! The verdict: no effect, an effect, two of them, or something that is in no catalogue.
+//! The verdict: no effect, an effect, two effects, or a cause outside the catalogue.
 
 use nalgebra::DMatrix;
 

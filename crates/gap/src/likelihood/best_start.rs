@@ -1,4 +1,4 @@
-//! Runs from the start that fits best, with the constants that fit best: what whoever runs the model gets.
+//! Runs from the best initial state with the best constants, as a user of the model simulates them.
 
 use nalgebra::{DMatrix, DVector};
 

@@ -3,13 +3,13 @@
 //!
 //! How declared ones can be wrong:
 //! - The response to a constant is linear: that of the nominal model, between half a standard deviation to either side of the value that fits this model best.
-//! The true response is nonlinear for a clock offset comparable to the outputs' time constants, and for a perturbation of a nonlinear model.
-//! The linearisation error at that best value is added to every hypothesis's predictions. A cause that moves the value by much leaves the remaining error.
-//! Reported values and held-out scores come from real simulations (`constants.rs`, `best_start.rs`).
+//!   The true response is nonlinear for a clock offset comparable to the outputs' time constants, and for a perturbation of a nonlinear model.
+//!   The linearisation error at that best value is added to every hypothesis's predictions. A cause that moves the value by much leaves the remaining error.
+//!   Reported values and held-out scores come from real simulations (`constants.rs`, `best_start.rs`).
 //! - A constant absorbs a cause: with a wide prior a constant that is the same in all logs has almost no cost, log by log. A caveat reports values that are alike in
-//! all logs beyond chance, and estimates that the prior contradicts.
+//!   all logs beyond chance, and estimates that the prior contradicts.
 //! - A constant is an alias of the initial state: a sensor offset and the unknown initial value of an integrating state. The two share the difference by their priors; the sum is
-//! right, and the standard deviation of each is large.
+//!   right, and the standard deviation of each is large.
 
 use std::sync::Arc;
 

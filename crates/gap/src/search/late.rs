@@ -1,4 +1,4 @@
-//! Commands that were late instead of lost: the same sequence under another reason for it.
+//! Late commands instead of lost ones: the same latent sequence with another cause.
 
 use crate::hypothesis::direction::with;
 use crate::hypothesis::effects::{Dropouts, Hypothesis};

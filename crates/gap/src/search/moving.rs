@@ -1,12 +1,12 @@
-//! First guesses of what changes with time: delays that move, and gains and parameters that step.
+//! First guesses of changes over time: delays that move, and gains and parameters that step.
 //!
-//! Delays, from fixed ones: how well each of a grid of delays does at every time of the logs says when another does better. Where one delay holds until a time
+//! Delays start from fixed ones: the squared error of each delay of a grid is known at every time. Where one delay holds until a time
 //! and another from then on, the sum of the best prefix and the best suffix of squared errors is lowest at that time (a change-point scan with two segments;
-//! Hinkley 1970, doi:10.1093/biomet/57.1.1). A drift is the straight line through the grid along which the errors are lowest, a slower loop a period about twice
+//! Hinkley 1970, doi:10.1093/biomet/57.1.1). A drift is the straight line through the grid with the lowest error. A slower loop has a period of about twice
 //! the best fixed delay.
 //!
-//! Steps of anything else, from its signature s, the residual e being about v·s: with v of its own before and behind a time the squared error falls by (Σ s·e)²/Σ s²
-//! of each side (a generalised likelihood ratio on the cumulated score; Basseville and Nikiforov 1993, Detection of Abrupt Changes, section 2.4).
+//! Steps of other effects use the signature s: the residual e is about v·s. With separate values v before and after a time the squared error falls by (Σ s·e)²/Σ s²
+//! on each side (a generalised likelihood ratio on the cumulated score; Basseville and Nikiforov 1993, Detection of Abrupt Changes, section 2.4).
 //!
 //! How it can be wrong: a plant with memory smears the time over its memory length, the grid is coarse, and a signature is that of a small change. The results are
 //! therefore first guesses, which are fitted and compared like all others.
