@@ -324,12 +324,12 @@ fn in_stages(
     let judgement = Judgement::of(&likelihood, &found, tried, &scales, smallest, progress)
         .ok_or_else(|| not_finite(&inputs.training))?;
     progress(Stage::Describing);
-    let beside = judgement.composed.noise.clone().map(|noise| likelihood.with_noise(noise));
+    let final_noise = judgement.composed.noise.clone().map(|noise| likelihood.with_noise(noise));
     let answer = Answer {
         subject,
         simulator,
         inputs: &inputs,
-        likelihood: beside.as_ref().unwrap_or(&likelihood),
+        likelihood: final_noise.as_ref().unwrap_or(&likelihood),
         found: &found,
         scales: &scales,
         motion: &baseline.motion,

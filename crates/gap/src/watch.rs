@@ -109,12 +109,12 @@ impl GapWatch {
     /// [`super::error::Error::Stopped`]. A stretch without a diagnosis is an event, not an error.
     pub fn push(&mut self, time_s: f64, values: &[Option<f64>]) -> Result<Option<GapTold>> {
         let full = self.time_s.first().is_some_and(|first| time_s - first >= self.length_s);
-        let told = if full { Some(self.stretch()?) } else { None };
+        let reported = if full { Some(self.stretch()?) } else { None };
         self.time_s.push(time_s);
         for (at, column) in self.values.iter_mut().enumerate() {
             column.push(values.get(at).copied().flatten());
         }
-        Ok(told)
+        Ok(reported)
     }
 
     /// The remainder of the log, where it is long enough.
@@ -137,13 +137,13 @@ impl GapWatch {
             self.time_s.first().copied().unwrap_or(0.0),
             self.time_s.last().copied().unwrap_or(0.0),
         );
-        let told = match self.diagnosed() {
-            Ok(found) => self.told(from_s, to_s, &found),
+        let reported = match self.diagnosed() {
+            Ok(found) => self.reported(from_s, to_s, &found),
             Err(stopped @ super::error::Error::Stopped(_)) => return Err(stopped),
             Err(error) => GapTold::GapNotTold { from_s, to_s, why: error.message() },
         };
         self.restart();
-        Ok(told)
+        Ok(reported)
     }
 
     fn diagnosed(&self) -> Result<Diagnosed> {
@@ -164,7 +164,7 @@ impl GapWatch {
         diagnose(&self.model, &[self.model.complete(log)?], &[], &self.options, &|_| ())
     }
 
-    fn told(&mut self, from_s: f64, to_s: f64, found: &Diagnosed) -> GapTold {
+    fn reported(&mut self, from_s: f64, to_s: f64, found: &Diagnosed) -> GapTold {
         let cause = &found.diagnosis.cause;
         let acting = |effect: &str, channel: &str, parameters: &[FoundParameter]| ActingEffect {
             effect: effect.to_owned(),
@@ -196,13 +196,13 @@ impl GapWatch {
 
 /// The effects differ, or the 95 % intervals of one of their parameters are disjoint.
 fn differ(before: &[ActingEffect], now: &[ActingEffect]) -> bool {
-    let beside = |(a, b): (&FoundParameter, &FoundParameter)| matches!((a.ci95, b.ci95), (Some(a), Some(b)) if a[1] < b[0] || b[1] < a[0]);
+    let disjoint = |(a, b): (&FoundParameter, &FoundParameter)| matches!((a.ci95, b.ci95), (Some(a), Some(b)) if a[1] < b[0] || b[1] < a[0]);
     let moved = |a: &ActingEffect| match now
         .iter()
         .find(|b| a.effect == b.effect && a.channel == b.channel)
     {
         None => true,
-        Some(b) => a.parameters.iter().zip(&b.parameters).any(beside),
+        Some(b) => a.parameters.iter().zip(&b.parameters).any(disjoint),
     };
     before.len() != now.len() || before.iter().any(moved)
 }

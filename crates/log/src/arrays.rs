@@ -118,14 +118,14 @@ fn collect<'a>(
         let known = options.time_unit.or(unit).or_else(|| named_time(clock).flatten());
         let plain = matches!(clock, "time" | "t" | "tout");
         let times = seconds(stamps.iter().map(f64::to_string), known, plain);
-        if !plain || times.unit != TimeUnit::S || !times.told.is_empty() {
+        if !plain || times.unit != TimeUnit::S || !times.note.is_empty() {
             notes.push(
                 Message::from(format!(
                     "{}time is `{clock}`, in {}",
                     prefix(name),
                     times.unit.words()
                 ))
-                .and(times.told.clone()),
+                .and(times.note.clone()),
             );
         }
         let mut columns: Vec<(String, &[f64])> = Vec::new();

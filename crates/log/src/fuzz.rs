@@ -139,8 +139,8 @@ fn damage_of_files_with_checksums_is_said_or_changes_nothing() {
                 Ok(read) => {
                     let new = read.notes.iter().filter(|n| !whole.notes.contains(n));
                     let of_damage = |n: &str| DAMAGE.iter().any(|word| n.contains(word));
-                    let told = new.map(ToString::to_string).any(|n| of_damage(&n));
-                    assert!(told, "{} {round}: {:?}", path.display(), read.notes);
+                    let noted = new.map(ToString::to_string).any(|n| of_damage(&n));
+                    assert!(noted, "{} {round}: {:?}", path.display(), read.notes);
                     said += 1;
                 }
                 Err(_) => said += 1,

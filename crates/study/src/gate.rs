@@ -600,7 +600,7 @@ fn ratio(count: u64, all: u64) -> Option<f64> {
 fn shares(pair: &Pair) -> Vec<(Measured, Counts)> {
     let of = |cell: &Cell| {
         let answers = (cell.trials - cell.flagged) as u64;
-        // // A study of an older program has no number of intervals.
+        // A study of an older program has no number of intervals.
         let intervals = if cell.intervals == 0 && cell.coverage95.is_some() {
             answers
         } else {
@@ -823,7 +823,7 @@ mod tests {
 
     #[test]
     fn fisher_judges_the_lady_tasting_tea_as_fisher_did() {
-        // // Four cups of each kind: all correct by chance in 1 of 70, three or more of four in 17 of 70.
+        // Four cups of each kind: all correct by chance in 1 of 70, three or more of four in 17 of 70.
         assert_abs_diff_eq!(
             hypergeometric_tail(&counts([0, 4], [4, 4])),
             1.0 / 70.0,

@@ -156,7 +156,7 @@ type Wrong<'w> = &'w dyn Fn(String) -> StudyError;
 fn conversion(key: &Key, sample_time: SampleTime, wrong: Wrong<'_>) -> Result<Box<dyn Conversion>> {
     let (entry, options) = named(CONVERSIONS, "conversion", &key.c2d)?;
     let conversion = entry.with(options.clone())?;
-    // // These two conversions round a delay to the nearest sample by default: the simulated delay would differ from the specified one.
+    // These two conversions round a delay to the nearest sample by default: the simulated delay would differ from the specified one.
     let rounds = match entry.name {
         "tustin" => {
             serde_json::from_value::<Tustin>(options).is_ok_and(|t| t.fractional_delay_order == 0)

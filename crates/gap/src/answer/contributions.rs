@@ -192,10 +192,10 @@ impl GapBudget<'_, '_> {
             .iter()
             .enumerate()
             .flat_map(|(k, a)| numbers[k + 1..].iter().map(move |b| (*a, *b)));
-        let told = pairs
+        let correlated = pairs
             .filter_map(|(a, b)| Some((a, b, cosine(a, b)?)))
             .filter(|(_, _, cosine)| cosine.abs() > TRADE);
-        let traded = told.map(|(a, b, cosine)| {
+        let traded = correlated.map(|(a, b, cosine)| {
             let relative =
                 cosine * hypothesis.effects[a].values[0] * hypothesis.effects[b].values[0];
             let what = if relative < 0.0 { "ratio" } else { "product" };

@@ -110,7 +110,7 @@ pub(super) fn profile(
         })
         .collect();
     let columns: Vec<DMatrix<f64>> =
-        parts.iter().map(|part| part.beside_starts(&responses[part.record], weights)).collect();
+        parts.iter().map(|part| part.without_starts(&responses[part.record], weights)).collect();
     let mut information = DMatrix::zeros(count, count);
     let mut product = DVector::zeros(count);
     for (x, part) in columns.iter().zip(parts) {

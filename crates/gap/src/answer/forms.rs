@@ -94,7 +94,7 @@ impl Part {
     }
 
     /// Responses with the directions of the initial state projected out, one column each.
-    pub(super) fn beside_starts(
+    pub(super) fn without_starts(
         &self,
         responses: &[DMatrix<f64>],
         weights: &[f64],

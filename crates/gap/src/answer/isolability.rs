@@ -161,7 +161,7 @@ pub(crate) fn isolability(
         format: IsolabilityFormat::V1,
         model: names.model.to_owned(),
         logs: names.logs,
-        prediction: likelihood.predictor.told(),
+        prediction: likelihood.predictor.reported(),
         alike_from: ALIKE,
         visible_from,
         effects: effects.collect(),

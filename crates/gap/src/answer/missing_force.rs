@@ -143,7 +143,7 @@ pub(crate) fn describe(
         return None;
     }
     let rank = |t: &Tried| forms.iter().position(|f| *f == t.form);
-    let told = found
+    let simplest = found
         .iter()
         .filter(|t| t.r2 > best - AS_GOOD)
         .min_by(|a, b| rank(a).cmp(&rank(b)).then(b.r2.total_cmp(&a.r2)))?;
@@ -156,8 +156,14 @@ pub(crate) fn describe(
             .map(|p| p.name.clone())
             .unwrap_or_default()
     };
-    let curve = profile((told.state, told.form, told.gain), (&runs, &parts), &weights, every, name);
-    Some((told.described(system, chance), curve))
+    let curve = profile(
+        (simplest.state, simplest.form, simplest.gain),
+        (&runs, &parts),
+        &weights,
+        every,
+        name,
+    );
+    Some((simplest.described(system, chance), curve))
 }
 
 /// A function on a state's derivative.

@@ -156,7 +156,7 @@ impl Answer<'_> {
             model: self.subject.name().to_owned(),
             logs: logs.iter().map(|l| l.source().to_owned()).collect(),
             holdout: self.inputs.held_out.listed(),
-            prediction: likelihood.predictor.told(),
+            prediction: likelihood.predictor.reported(),
             gap,
             place: locate(system, records, &runs.before, floor, &shares, &likelihood.memory()),
             checks: self.checks.clone(),

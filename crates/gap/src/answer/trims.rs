@@ -51,7 +51,7 @@ impl Trims<'_, '_> {
     /// `NotKnown` of one log alone.
     fn constancy(&self, smallest: &[f64]) -> Constancy {
         let logs = self.logs();
-        let told = || {
+        let compared = || {
             let (values, covariance) = self.values(&logs, smallest)?;
             let common = Common::of(&values, &covariance)?;
             let each = logs.iter().enumerate().map(|(i, &at)| {
@@ -63,7 +63,7 @@ impl Trims<'_, '_> {
                 false => Constancy::Alike,
             })
         };
-        if logs.len() < 2 { Constancy::NotKnown } else { told().unwrap_or(Constancy::NotKnown) }
+        if logs.len() < 2 { Constancy::NotKnown } else { compared().unwrap_or(Constancy::NotKnown) }
     }
 
     fn logs(&self) -> Vec<usize> {

@@ -133,7 +133,7 @@ impl Predictor {
     }
 
     /// For whoever reads the answer.
-    pub(crate) fn told(&self) -> Prediction {
+    pub(crate) fn reported(&self) -> Prediction {
         Prediction {
             mode: self.mode,
             why: self.why.clone(),

@@ -137,8 +137,8 @@ impl Fit<'_, '_, '_> {
             left = Some(there);
         }
         let left = left?;
-        let told: f64 = priors.iter().flatten().map(|(off, s)| (off / s).powi(2)).sum();
-        let value = self.score.misfit(&left.squares) + left.prior + told;
+        let prior: f64 = priors.iter().flatten().map(|(off, s)| (off / s).powi(2)).sum();
+        let value = self.score.misfit(&left.squares) + left.prior + prior;
         value.is_finite().then_some((value, left))
     }
 

@@ -229,7 +229,7 @@ fn through(parts: &[Part], filter: Filter, lags: usize) -> Option<Alike> {
     let all = sum(None);
     let turned =
         |sign: f64| all.iter().map(|p| sign * correlation(p)).fold(f64::NEG_INFINITY, f64::max);
-    // // Half a period later both signs look alike: the other sign is accepted only where its correlation is larger by 0.05.
+    // Half a period later both signs look alike: the other sign is accepted only where its correlation is larger by 0.05.
     let sign = if turned(-1.0) > turned(1.0) + 0.05 { -1.0 } else { 1.0 };
     let best = peak(&all, sign, None)?;
     let values = |p: Peak| [p.lag, (p.ratio * p.correlation).ln(), (p.ratio / p.correlation).ln()];
@@ -340,7 +340,7 @@ mod tests {
     /// three and a half standard deviations of that count). The factor's interval is wider by what the ratio of the two noises leaves open.
     #[test]
     fn intervals_hold_the_truth_in_white_and_coloured_noise() {
-        let (mut held, mut told, records) = ([0_usize; 3], 0_usize, 400);
+        let (mut held, mut estimated, records) = ([0_usize; 3], 0_usize, 400);
         for seed in 0..records {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
             let ts = random.random_range(0.005..0.02);
@@ -371,7 +371,7 @@ mod tests {
                 rate: middles(&speed),
             };
             let Some(found) = compare(&[part], 35) else { continue };
-            told += 1;
+            estimated += 1;
             let inside = [
                 (found.factor[0]..=found.factor[1]).contains(&factor),
                 (found.lag.value - lag).abs() <= found.lag.half,
@@ -379,9 +379,9 @@ mod tests {
             ];
             held.iter_mut().zip(inside).for_each(|(h, i)| *h += usize::from(i));
         }
-        println!("estimated {told} of {records}; factor, lag, offset held in {held:?}");
-        assert!(told * 100 >= 98 * records as usize, "{told}");
-        assert!(held.iter().all(|h| h * 100 >= 91 * told), "{held:?} of {told}");
+        println!("estimated {estimated} of {records}; factor, lag, offset held in {held:?}");
+        assert!(estimated * 100 >= 98 * records as usize, "{estimated}");
+        assert!(held.iter().all(|h| h * 100 >= 91 * estimated), "{held:?} of {estimated}");
     }
 
     #[test]

@@ -198,7 +198,7 @@ impl Search {
             }
             // Channels that move alike go together even when they have changed places; a sign or a unit does not hide so.
             let worth = |fault: &Fault| worst < AGREES || matches!(fault, Fault::Swap(..));
-            // // The next round has half of the remaining progress: a second round is rare.
+            // The next round has half of the remaining progress: a second round is rare.
             let part = |round: usize| 1.0 - 0.5_f64.powi(round as i32);
             let far = far.part(part(round), part(round + 1));
             let steps = far.steps(menu.len(), "signs, units and channels tried");

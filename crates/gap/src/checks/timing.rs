@@ -109,7 +109,7 @@ fn of_output(view: &View<'_>, search: &Search, output: usize) -> Option<Timing> 
     if stretches.len() < FEWEST {
         return None;
     }
-    // // Stretches have equal weights: the variance of each is itself uncertain.
+    // Stretches have equal weights: the variance of each is itself uncertain.
     let n = stretches.len() as f64;
     let (middle, lag) =
         (mean(stretches.iter().map(|s| s.middle)), mean(stretches.iter().map(|s| s.lag)));

@@ -121,12 +121,13 @@ pub(super) fn decode(
             (0..likelihood.records.len()).into_par_iter().map(linear).collect::<Option<_>>()?;
         let (chosen, waiting) = spread(&records, &here.late, wait_s, step_s, pass == 0)?;
         let solved = solve(&records, &waiting)?;
-        let told = told(&records, &waiting)?;
+        let information = information(&records, &waiting)?;
         let law = waiting_for(solved.mean_s, chosen.spread_s, chosen.ordered, step_s)
             .map_or(chosen, |(law, _)| law);
         let count =
             records.iter().filter(|r| r.trained).map(|r| r.sent.len()).sum::<usize>().max(2) as f64;
-        let std = vec![solved.precision.sqrt().recip(), law.spread_s / (2.0 * told.spread).sqrt()];
+        let std =
+            vec![solved.precision.sqrt().recip(), law.spread_s / (2.0 * information.spread).sqrt()];
         let law = with(&here.late, &[law.delay_s, law.spread_s, here.late.values[2]]);
         // The way there, or a part of it: the response to a delay is another one once the delay is there.
         let tried = |part: f64| {
@@ -142,7 +143,7 @@ pub(super) fn decode(
                     Some(Fates::Late(record.of_all(&delays, &likelihood.records[at].time_s)));
             }
             there.price = lost.price + solved.freedom + improbability + count.ln();
-            there.followed = told.noise;
+            there.followed = information.noise;
             there.std[input].clone_from(&std);
             let effects: Vec<Applied> = others.iter().cloned().chain([law.clone()]).collect();
             let whitened = likelihood
@@ -185,7 +186,7 @@ struct Place {
 }
 
 /// What the outputs tell of delays.
-struct Told {
+struct Information {
     /// How many numbers of the noise the delays of the training logs follow: tr S = d ln det(1 + KGᵀG)/d ln s², K being the delays' covariance, s their spread and S
     /// what takes the outputs to what is explained of them.
     noise: f64,
@@ -194,7 +195,7 @@ struct Told {
 }
 
 /// By differences of the determinant.
-fn told(records: &[Linear], waiting: &Waiting) -> Option<Told> {
+fn information(records: &[Linear], waiting: &Waiting) -> Option<Information> {
     let at = |step: f64| -> Option<f64> {
         let waiting = Waiting { std_s: (0.5 * step).exp() * waiting.std_s, ..*waiting };
         let one = |r: &Linear| {
@@ -207,7 +208,7 @@ fn told(records: &[Linear], waiting: &Waiting) -> Option<Told> {
     let [less, same, more] = [at(-STEP)?, at(0.0)?, at(STEP)?];
     let noise = (more - less) / (2.0 * STEP);
     let bend = (more - 2.0 * same + less) / (STEP * STEP);
-    Some(Told { noise, spread: (noise - bend).clamp(1.0, noise.max(1.0)) })
+    Some(Information { noise, spread: (noise - bend).clamp(1.0, noise.max(1.0)) })
 }
 
 /// The part of the variance of all delays on the training logs that goes with time: along a straight line, or from one level to another.
@@ -239,7 +240,7 @@ fn with_time(likelihood: &Likelihood<'_>, input: usize, found: &Dropouts) -> f64
 }
 
 /// Fits every effect whose commands come late by a draw each, from the fixed delay that does best on its input; single effects as they are fitted so far.
-pub(crate) fn beside_fixed(likelihood: &Likelihood<'_>, singles: &mut [Hypothesis], cost: f64) {
+pub(crate) fn refit_from_fixed(likelihood: &Likelihood<'_>, singles: &mut [Hypothesis], cost: f64) {
     let fixed: Vec<(String, f64)> = (singles.iter())
         .filter(|e| e.fitted && e.gain > likelihood.criteria.selection_penalty)
         .filter(|e| e.effects.iter().any(|a| a.effect.lateness() == Some(Lateness::Fixed)))

@@ -215,7 +215,7 @@ mod tests {
         };
         let jumps = |rng: &mut ChaCha8Rng| if rng.random::<f64>() < 0.5 { 5 } else { 15 };
         for seed in 0..20 {
-            // // Where losses are few, almost every wait is one sample: the two hypotheses may be indistinguishable, and neither is preferred.
+            // Where losses are few, almost every wait is one sample: the two hypotheses may be indistinguishable, and neither is preferred.
             let few = drawn(seed, losses(0.2));
             assert!(
                 as_lost(&few) < as_late(&few) + Criteria::default().equals,

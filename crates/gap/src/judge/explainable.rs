@@ -56,11 +56,11 @@ pub(crate) fn shares(
         })
         .collect();
     let finite = |moved: DMatrix<f64>| moved.iter().all(|v| v.is_finite()).then_some(moved);
-    let signatures = |beside: ActiveEffects<'_>, without: &DMatrix<f64>| -> Vec<DMatrix<f64>> {
+    let signatures = |given: ActiveEffects<'_>, without: &DMatrix<f64>| -> Vec<DMatrix<f64>> {
         let signature = |applied: &Applied| {
             let effects: Vec<Applied> =
-                beside.effects.iter().cloned().chain([applied.clone()]).collect();
-            finite(stacked(likelihood, beside.with(&effects), None, &rows)? - without)
+                given.effects.iter().cloned().chain([applied.clone()]).collect();
+            finite(stacked(likelihood, given.with(&effects), None, &rows)? - without)
         };
         tried.par_iter().filter_map(signature).collect()
     };
@@ -287,7 +287,7 @@ fn missed_by_rows(left: &DVector<f64>, regressors: &DMatrix<f64>) -> [Option<f64
 mod tests {
     use super::*;
     use crate::likelihood::residuals::residuals;
-    use crate::likelihood::servo::{beside, nominal};
+    use crate::likelihood::servo::{nominal, with_servo};
     use crate::search::catalogue::catalogue;
     use rand::RngExt;
     use rand_chacha::ChaCha8Rng;
@@ -296,7 +296,7 @@ mod tests {
     /// Given an angle that is clipped to a constant, no effect moves it: the whole response is residual, and none of it is noise.
     #[test]
     fn what_a_clipped_output_hides_is_no_noise() {
-        beside(&[("actuator_lag", "u", &[0.1])], |likelihood, scales| {
+        with_servo(&[("actuator_lag", "u", &[0.1])], |likelihood, scales| {
             let clipped =
                 [with(&nominal(likelihood.system, "sensor_saturation", "angle"), &[-0.01, 0.01])];
             let left = residuals(likelihood, &clipped).unwrap();
@@ -310,7 +310,7 @@ mod tests {
     /// Given a friction that sticks, no effect has a signature. A slower and later machine is a weighted sum of delayed predictions of the model.
     #[test]
     fn what_a_friction_that_sticks_hides_is_no_noise() {
-        beside(
+        with_servo(
             &[("actuator_lag", "u", &[0.5]), ("output_delay", "*", &[0.3])],
             |likelihood, scales| {
                 let stuck = [with(&nominal(likelihood.system, "coulomb_friction", "v"), &[1e4])];

@@ -119,7 +119,7 @@ impl<'a> Likelihood<'a> {
         let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
         let prior_states = prior.len().max(1);
         let plan = Applied::plan(system, &model_effects, Chance::Mean)?;
-        // // A linear model takes no steps, but a hypothesis with friction does: an effect of size 0 gives their number.
+        // A linear model takes no steps, but a hypothesis with friction does: an effect of size 0 gives their number.
         let mut integrated = Applied::plan(system, &model_effects, Chance::Mean)?;
         if !(system.is_sampled() || system.is_black_box() || system.states.is_empty()) {
             integrated.terms.push(Term::Function { to: 0, from: 0, f: Arc::new(|_| 0.0) });

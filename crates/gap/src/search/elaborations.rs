@@ -25,7 +25,7 @@ pub(super) fn held_back(
     let penalties = Penalties::of(likelihood);
     let fitted: Vec<Hypothesis> =
         singles.iter().chain(pairs.iter()).filter(|e| e.fitted).cloned().collect();
-    // // The gains of the limited general forms, and their special cases.
+    // The gains of the limited general forms, and their special cases.
     let mut held: Vec<(f64, &Hypothesis)> = Vec::new();
     for hypothesis in singles.iter_mut().chain(pairs.iter_mut()).filter(|e| e.fitted) {
         let plainer = plainer_keys(hypothesis);
@@ -70,7 +70,7 @@ fn plainer_keys(hypothesis: &Hypothesis) -> Vec<String> {
         others.join(" + ")
     };
     let elaborate = hypothesis.effects.iter().enumerate();
-    // // The special case may also act on all outputs, as it does where the model has one output.
+    // The special case may also act on all outputs, as it does where the model has one output.
     let forms = |(at, a): (usize, &Applied)| {
         a.effect.elaborates().map(|plain| [&a.channel, "*"].map(|c| (at, format!("{plain}:{c}"))))
     };

@@ -227,7 +227,7 @@ fn of_step(
         before = (before.0 + along[bin], before.1 + length[bin]);
     }
     let (sum, bin, shares) = best;
-    // // Given a larger fault of another kind, a step absorbs a little of any residual, which would count as explained noise.
+    // Given a larger fault of another kind, a step absorbs a little of any residual, which would count as explained noise.
     let one = fall(whole.0, whole.1);
     if sum - one
         <= likelihood

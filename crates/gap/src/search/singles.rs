@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::screen::Screened;
 use super::slower_loop::from_arrivals;
-use crate::hypothesis::arrivals::beside_fixed;
+use crate::hypothesis::arrivals::refit_from_fixed;
 use crate::hypothesis::direction::with;
 use crate::hypothesis::dropouts::decoded;
 use crate::hypothesis::effects::Hypothesis;
@@ -91,7 +91,7 @@ pub(crate) fn fit_first(
         },
     );
     if !likelihood.system.is_black_box() {
-        beside_fixed(likelihood, &mut singles, cost);
+        refit_from_fixed(likelihood, &mut singles, cost);
     }
     from_arrivals(likelihood, &mut singles, scales, cost);
     singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));

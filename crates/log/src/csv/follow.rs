@@ -129,7 +129,7 @@ impl Follower {
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`LogError`] for a header that cannot be used, a missing column, and what is no text.
     pub fn poll(&mut self) -> Result<Polled, Error> {
         let mut polled = Polled::default();
-        // // The remainder of a file that was moved is read before its replacement.
+        // The remainder of a file that was moved is read before its replacement.
         if self.same(None)? {
             polled.grown = self.read()?;
             if !polled.grown

@@ -113,7 +113,7 @@ fn identity(cell: &Cell) -> String {
 
 fn row(method: String, cells: &[Vec<&Cell>], studies: usize) -> MethodRow {
     let mean = |value: &dyn Fn(&Cell) -> Option<f64>| -> Vec<Option<f64>> {
-        // // A cell without a value in one study is left out in all studies.
+        // A cell without a value in one study is left out in all studies.
         let whole: Vec<Vec<f64>> =
             cells.iter().filter_map(|across| across.iter().map(|c| value(c)).collect()).collect();
         (0..studies)
