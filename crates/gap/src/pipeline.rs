@@ -64,7 +64,7 @@ pub fn diagnose_files(
 
 /// Diagnoses the gap between a model and logs: every effect of the catalogue on every channel, alone and in pairs.
 ///
-/// `progress` is told what is being done.
+/// `progress` receives each stage as it begins.
 ///
 /// # Errors
 /// [`GapError`](crate::format::error::GapError) where model and logs do not fit, the errors of models and logs, [`super::error::Error::Stopped`].
@@ -112,7 +112,7 @@ pub fn diagnose<'a>(
     found
 }
 
-/// Which effects of the catalogue these logs can tell apart; nothing is fitted, and what the logs measured matters only for the size of the noise.
+/// The effects of the catalogue that these logs make distinguishable. Nothing is fitted, and the measured outputs only give the noise standard deviation.
 ///
 /// # Errors
 /// As [`diagnose`].
@@ -324,12 +324,12 @@ fn in_stages(
     let judgement = Judgement::of(&likelihood, &found, tried, &scales, smallest, progress)
         .ok_or_else(|| not_finite(&inputs.training))?;
     progress(Stage::Describing);
-    let beside = judgement.composed.noise.clone().map(|noise| likelihood.with_noise(noise));
+    let final_noise = judgement.composed.noise.clone().map(|noise| likelihood.with_noise(noise));
     let answer = Answer {
         subject,
         simulator,
         inputs: &inputs,
-        likelihood: beside.as_ref().unwrap_or(&likelihood),
+        likelihood: final_noise.as_ref().unwrap_or(&likelihood),
         found: &found,
         scales: &scales,
         motion: &baseline.motion,

@@ -1,7 +1,7 @@
-//! The gap of a machine whose log still grows: a diagnosis of each stretch of it, and what is new in it.
+//! The gap of a machine whose log still grows: a diagnosis of each stretch of the log, and its changes.
 //!
-//! How it can be wrong: what acts in part of a stretch is diluted there; the start of a stretch is estimated from it, so what a long memory kept from before is
-//! not seen; a stretch in which the inputs hardly move names nothing, which is told as such.
+//! How it can be wrong: an effect in a part of a stretch is diluted there. The initial state of a stretch is estimated from the stretch, so earlier memory is
+//! not visible. A stretch with almost constant inputs names nothing; the event reports that.
 
 use deadtime_signal::remedy::{Message, Remedied};
 use serde::Serialize;
@@ -42,7 +42,7 @@ pub struct ActingEffect {
     pub parameters: Vec<FoundParameter>,
 }
 
-/// What a stretch of the log told.
+/// The result of one stretch of the log.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum GapTold {
@@ -60,7 +60,7 @@ pub enum GapTold {
         verdict: String,
         /// Everything that was found to act, the largest first.
         effects: Vec<ActingEffect>,
-        /// Other effects act than in the stretch before, or one whose 95 % interval lies beside that of the stretch before; always so for the first.
+        /// The effects differ from those of the stretch before, or the 95 % intervals of one parameter are disjoint; always so for the first.
         changed: bool,
     },
     /// It could not be diagnosed.
@@ -106,18 +106,18 @@ impl GapWatch {
     /// which takes seconds.
     ///
     /// # Errors
-    /// [`super::error::Error::Stopped`]. What cannot be diagnosed is told.
+    /// [`super::error::Error::Stopped`]. A stretch without a diagnosis is an event, not an error.
     pub fn push(&mut self, time_s: f64, values: &[Option<f64>]) -> Result<Option<GapTold>> {
         let full = self.time_s.first().is_some_and(|first| time_s - first >= self.length_s);
-        let told = if full { Some(self.stretch()?) } else { None };
+        let reported = if full { Some(self.stretch()?) } else { None };
         self.time_s.push(time_s);
         for (at, column) in self.values.iter_mut().enumerate() {
             column.push(values.get(at).copied().flatten());
         }
-        Ok(told)
+        Ok(reported)
     }
 
-    /// What is left of the log, where it is long enough.
+    /// The remainder of the log, where it is long enough.
     ///
     /// # Errors
     /// As [`Self::push`].
@@ -137,13 +137,13 @@ impl GapWatch {
             self.time_s.first().copied().unwrap_or(0.0),
             self.time_s.last().copied().unwrap_or(0.0),
         );
-        let told = match self.diagnosed() {
-            Ok(found) => self.told(from_s, to_s, &found),
+        let reported = match self.diagnosed() {
+            Ok(found) => self.reported(from_s, to_s, &found),
             Err(stopped @ super::error::Error::Stopped(_)) => return Err(stopped),
             Err(error) => GapTold::GapNotTold { from_s, to_s, why: error.message() },
         };
         self.restart();
-        Ok(told)
+        Ok(reported)
     }
 
     fn diagnosed(&self) -> Result<Diagnosed> {
@@ -164,7 +164,7 @@ impl GapWatch {
         diagnose(&self.model, &[self.model.complete(log)?], &[], &self.options, &|_| ())
     }
 
-    fn told(&mut self, from_s: f64, to_s: f64, found: &Diagnosed) -> GapTold {
+    fn reported(&mut self, from_s: f64, to_s: f64, found: &Diagnosed) -> GapTold {
         let cause = &found.diagnosis.cause;
         let acting = |effect: &str, channel: &str, parameters: &[FoundParameter]| ActingEffect {
             effect: effect.to_owned(),
@@ -194,15 +194,15 @@ impl GapWatch {
     }
 }
 
-/// Other effects act, or the 95 % intervals of one of their numbers lie beside each other.
+/// The effects differ, or the 95 % intervals of one of their parameters are disjoint.
 fn differ(before: &[ActingEffect], now: &[ActingEffect]) -> bool {
-    let beside = |(a, b): (&FoundParameter, &FoundParameter)| matches!((a.ci95, b.ci95), (Some(a), Some(b)) if a[1] < b[0] || b[1] < a[0]);
+    let disjoint = |(a, b): (&FoundParameter, &FoundParameter)| matches!((a.ci95, b.ci95), (Some(a), Some(b)) if a[1] < b[0] || b[1] < a[0]);
     let moved = |a: &ActingEffect| match now
         .iter()
         .find(|b| a.effect == b.effect && a.channel == b.channel)
     {
         None => true,
-        Some(b) => a.parameters.iter().zip(&b.parameters).any(beside),
+        Some(b) => a.parameters.iter().zip(&b.parameters).any(disjoint),
     };
     before.len() != now.len() || before.iter().any(moved)
 }

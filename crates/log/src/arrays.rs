@@ -29,17 +29,17 @@ pub(super) enum Array {
     Other,
 }
 
-/// Clocks that are further apart than this do not count from the same day, s: ten years.
+/// Clocks that are further apart than this have different epochs, s: ten years.
 const ANOTHER_CLOCK_S: f64 = 3.2e8;
 
-/// A vector of time and what stands beside it.
+/// A vector of time with its channels.
 struct Found<'a> {
     name: String,
     times: Times,
     columns: Vec<(String, &'a [f64])>,
 }
 
-/// The recording of a file's variables: arrays as long as a vector of time beside them are its channels, structs with a time are topics.
+/// The recording of a file's variables: arrays as long as a vector of time are its channels, structs with a time are topics.
 pub(super) fn assemble(
     source: &str,
     format: &'static str,
@@ -118,14 +118,14 @@ fn collect<'a>(
         let known = options.time_unit.or(unit).or_else(|| named_time(clock).flatten());
         let plain = matches!(clock, "time" | "t" | "tout");
         let times = seconds(stamps.iter().map(f64::to_string), known, plain);
-        if !plain || times.unit != TimeUnit::S || !times.told.is_empty() {
+        if !plain || times.unit != TimeUnit::S || !times.note.is_empty() {
             notes.push(
                 Message::from(format!(
                     "{}time is `{clock}`, in {}",
                     prefix(name),
                     times.unit.words()
                 ))
-                .and(times.told.clone()),
+                .and(times.note.clone()),
             );
         }
         let mut columns: Vec<(String, &[f64])> = Vec::new();
@@ -237,7 +237,7 @@ mod tests {
         Array::Numbers { shape: vec![values.len(), 1], values: values.to_vec() }
     }
 
-    /// `time` from a start on in steps, and a channel beside it.
+    /// `time` from a start on in steps, and a channel of the same length.
     fn timed(name: &str, start: f64, step: f64) -> Vec<(String, Array)> {
         let stamps: Vec<f64> = (0..5).map(|k| start + step * f64::from(k)).collect();
         vec![

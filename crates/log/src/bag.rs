@@ -93,7 +93,7 @@ impl Stream {
 }
 
 impl How {
-    /// By the encoding of the messages and the definition beside them.
+    /// By the encoding of the messages and their definition.
     fn of(message_encoding: &str, schema: Option<&Schema<'_>>) -> Self {
         let ros = |encoding, Schema { name, data, .. }: &Schema<'_>| match Definitions::parse(
             name,

@@ -23,7 +23,7 @@ struct Account {
     left: AtomicU64,
 }
 
-/// What is left of a budget that is exceeded.
+/// The remainder of a budget that is exceeded.
 const EXCEEDED: u64 = u64::MAX;
 
 impl Default for Budget {
@@ -65,7 +65,7 @@ impl Budget {
         let _ = self.0.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add);
     }
 
-    /// What is left, bytes.
+    /// The remainder, bytes.
     pub(super) fn room(&self) -> u64 {
         match self.0.left.load(Ordering::Relaxed) {
             EXCEEDED => 0,

@@ -46,7 +46,7 @@ pub(super) struct Unusable {
     pub(super) error: LogError,
 }
 
-/// Where a log's samples came from: from sample `.0` of a mark on, lines of the file (or samples of the numbers in memory) count up from its `.1`.
+/// The origin of a log's samples: from sample `.0` of a mark on, lines of the file (or indices of the arrays in memory) count up from the mark's `.1`.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Rows {
     pub(super) origin: Origin,
@@ -265,7 +265,7 @@ impl Log {
         Self::assemble(source.into(), time_s, channels, Vec::new(), Rows::default())
     }
 
-    /// The log with a column that is there but holds something else than numbers: `text` at `sample` is the first. Whoever asks for it is told.
+    /// The log with a non-numeric column: `text` at `sample` is its first invalid cell. A request for the column returns this error.
     ///
     /// # Errors
     /// [`LogError::DuplicateChannel`].

@@ -128,10 +128,10 @@ pub(super) fn assemble(
         known,
         clock.name == "time",
     );
-    if clock.name != "time" || times.unit != TimeUnit::S || !times.told.is_empty() {
+    if clock.name != "time" || times.unit != TimeUnit::S || !times.note.is_empty() {
         notes.push(
             Message::from(format!("time is `{}`, in {}", clock.name, times.unit.words()))
-                .and(times.told.clone()),
+                .and(times.note.clone()),
         );
     }
     let mut table = Table::new("");

@@ -31,7 +31,7 @@ pub struct FrequencyResponse {
 pub enum FrequencyError {
     /// No column has what is needed.
     #[error(
-        "no column with the {needed}; there are {}; name them `frequency [Hz]` (or `[rad/s]`) and `real`, `imag`, or `magnitude [dB]` (or `magnitude`) and `phase [deg]` (or `[rad]`); `coherence` or `std` may be beside them",
+        "no column with the {needed}; there are {}; name them `frequency [Hz]` (or `[rad/s]`) and `real`, `imag`, or `magnitude [dB]` (or `magnitude`) and `phase [deg]` (or `[rad]`); `coherence` or `std` are optional",
         existing.join(", ")
     )]
     NoColumn {
@@ -60,7 +60,7 @@ pub enum FrequencyError {
         /// The units that are usual.
         units: [&'static str; 2],
     },
-    /// An empty cell beside others that are not.
+    /// An empty cell in a row whose other cells are not empty.
     #[error("row {row}: `{column}` is empty; fill the cell or delete the row")]
     EmptyCell {
         /// The line of the file.

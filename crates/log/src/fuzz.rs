@@ -139,8 +139,8 @@ fn damage_of_files_with_checksums_is_said_or_changes_nothing() {
                 Ok(read) => {
                     let new = read.notes.iter().filter(|n| !whole.notes.contains(n));
                     let of_damage = |n: &str| DAMAGE.iter().any(|word| n.contains(word));
-                    let told = new.map(ToString::to_string).any(|n| of_damage(&n));
-                    assert!(told, "{} {round}: {:?}", path.display(), read.notes);
+                    let noted = new.map(ToString::to_string).any(|n| of_damage(&n));
+                    assert!(noted, "{} {round}: {:?}", path.display(), read.notes);
                     said += 1;
                 }
                 Err(_) => said += 1,
@@ -353,7 +353,7 @@ fn what_unpacks_to_more_than_its_budget_is_refused_and_the_limit_can_be_lifted()
     );
 }
 
-/// A database of one table `messages` whose only cell has its payload on overflow pages that lead where they are told.
+/// A database of one table `messages`; the payload of its only cell is on overflow pages, each followed by the page that `next` gives.
 fn database(pages: usize, next: impl Fn(usize) -> u32) -> Vec<u8> {
     const PAGE: usize = 512;
     let mut file = vec![0; PAGE * pages];

@@ -1,4 +1,4 @@
-//! HDF5 files, and MAT 7.3, which is HDF5: vectors and matrices beside a vector of time, groups (structs) as topics.
+//! HDF5 files, and MAT 7.3, which is HDF5: vectors and matrices with a vector of time, groups (structs) as topics.
 //!
 //! Source: the HDF5 format, by the crate `hdf5-reader`. MATLAB writes its arrays column by column, so that the dimensions stand the other way round; other programs do not.
 //! MATLAB's cells, arrays of structs and objects refer to arrays in the group `#refs#`.

@@ -1,6 +1,6 @@
 //! Measured logs: time stamps and named channels, checked once when built; one reader per file format.
 //!
-//! NaN and infinities never leave this module: a missing sample is a mark beside the value, and only outputs may have one.
+//! NaN and infinities never leave this module: a flag marks a missing sample, and only outputs may have one.
 
 // What a file holds decides where these read: no place is taken for granted.
 #![deny(clippy::indexing_slicing)]

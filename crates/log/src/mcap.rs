@@ -243,7 +243,7 @@ impl Mcap<'_> {
         Ok(())
     }
 
-    /// Says what is left out.
+    /// Adds a note on each kind of omitted record.
     fn notes(&mut self) {
         if self.strange > 0 {
             self.bag.notes.push(format!("{} records make no sense and are left out", self.strange));

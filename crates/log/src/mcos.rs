@@ -13,7 +13,7 @@ use crate::notes::Notes;
 const MARK: f64 = 3_707_764_736.0;
 /// Objects within objects deeper than this are left out: an object may hold itself.
 const DEEPEST: usize = 16;
-/// Several objects may share what the wrapper holds: at most this many times as much is taken out of it.
+/// Several objects may share the contents of the wrapper: the limit of what is read, as a multiple of the wrapper's size.
 const SHARED: usize = 4;
 
 /// Whether numbers refer to an object.
@@ -220,7 +220,7 @@ impl Properties<'_> {
 /// Objects while they are put into their places.
 struct Objects<'a, 'n> {
     wrapper: Option<&'a Wrapper>,
-    /// How much may still be taken out of the wrapper.
+    /// The remaining amount that may be read from the wrapper.
     left: usize,
     notes: &'n mut Notes,
 }
@@ -340,7 +340,7 @@ impl<'a> Objects<'a, '_> {
         }
     }
 
-    /// `timeseries`: its data beside its time, which is told by start and step where it is even.
+    /// `timeseries`: its data and its time; an even time is stored as start and step.
     fn series(&mut self, path: &str, properties: &Properties<'a>) -> Option<Array> {
         let own = |name: &str| {
             properties
@@ -400,7 +400,7 @@ impl<'a> Objects<'a, '_> {
         ]))
     }
 
-    /// Columns beside the stamps of their rows, which may be told by start and step.
+    /// Columns and the stamps of their rows; even stamps may be stored as start and step.
     fn timetable(
         &mut self,
         path: &str,

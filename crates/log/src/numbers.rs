@@ -134,7 +134,7 @@ impl Numbers {
 
     /// The first that is not finite, from `from` on.
     pub(super) fn not_finite(&self, from: usize) -> Option<usize> {
-        // All are looked at first, which a processor does several at a time: there hardly ever is one.
+        // A branch-free pass over all values comes first, which a processor vectorises: a value that is not finite is rare.
         fn first<T: Copy>(list: &[T], finite: impl Fn(T) -> bool) -> Option<usize> {
             let all = list.iter().fold(true, |all, x| all & finite(*x));
             if all { None } else { list.iter().position(|x| !finite(*x)) }

@@ -1,4 +1,4 @@
-//! rosbag2 in SQLite: topics and messages in tables, definitions beside them since ROS 2 Iron.
+//! rosbag2 in SQLite: tables of topics and messages, with definitions since ROS 2 Iron.
 
 use std::collections::HashMap;
 use std::io::{BufReader, Read, Seek};

@@ -1,4 +1,4 @@
-//! Tables of a step response as logs: the step itself is put beside the response.
+//! Tables of a step response as logs, with the step itself as the input.
 
 use super::channels::{Channel, Log};
 use super::error::LogError;
@@ -15,8 +15,10 @@ const MOST: f64 = 20_000.0;
 const NEAR: f64 = 1e-3;
 
 impl Log {
-    /// The log of a table of a step response: an input [`STEP`] that moves by `size` at `at_s` (default: 0, where the table holds that time, or else its first row) beside `response`
-    /// (default: the only channel), on an even grid. A table that begins with the step gets 20 samples of rest before it, at the value of its first row.
+    /// The log of a table of a step response: the input [`STEP`] and `response` (default: the only channel) on an even grid.
+    ///
+    /// The input moves by `size` at `at_s` (default: 0 where the table contains that time, otherwise the table's first row).
+    /// A table that begins with the step gets 20 samples of rest before it, at the value of its first row.
     ///
     /// # Errors
     /// [`LogError::UnknownChannel`] and [`LogError::AmbiguousChannel`] for the response; [`LogError::StepTime`] for a step outside the table or between two of its rows.

@@ -455,7 +455,7 @@ fn a_gzip_stream_that_is_cut_off_is_read_up_to_there() {
     }
     let records = read_records_from("a.csv", &packed[..packed.len() - 4], "u").unwrap();
     assert_eq!(records.iter().map(Log::len).sum::<usize>(), 20_000);
-    // Of events nobody would be told what is missing.
+    // A reader of events has no place for a note on the missing rows, so it fails.
     let error = crate::csv::events::read_events_from(
         "a.csv",
         &packed[..packed.len() - 4],

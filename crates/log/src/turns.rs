@@ -15,7 +15,7 @@ const SMALL: f64 = 0.25;
 const BEFORE: usize = 5;
 
 impl Log {
-    /// The log with the whole turns taken out of an angle: each sample is within half a turn of the one measured before it.
+    /// The log with the whole turns of an angle removed: each sample is within half a turn of the one measured before it.
     ///
     /// `turn` is a whole turn in the channel's unit.
     ///

@@ -20,7 +20,7 @@ const SHORTEST_BLOCK: usize = 4096;
 /// use deadtime_signal::correlation;
 /// let (a, b) = ([1.0, 2.0, 3.0], [0.0, 1.0, 2.0]);
 /// let r = correlation(&a, &b, -1..=1);
-/// // a(1)·b(0) + a(2)·b(1), a(0)·b(0) + a(1)·b(1) + a(2)·b(2), a(0)·b(1) + a(1)·b(2)
+/// a(1)·b(0) + a(2)·b(1), a(0)·b(0) + a(1)·b(1) + a(2)·b(2), a(0)·b(1) + a(1)·b(2)
 /// assert!(r.iter().zip([3.0, 8.0, 5.0]).all(|(r, s)| (r - s).abs() < 1e-12));
 /// ```
 #[must_use]
@@ -91,7 +91,7 @@ impl Correlator {
         sums
     }
 
-    /// One transform, long enough that what wraps lands beside the lags wanted.
+    /// One transform, long enough that circular wrap-around falls outside the wanted lags.
     fn at_once(&self, a: &[f64], b: &[f64]) -> Vec<f64> {
         let length = self.fourier.length();
         let mut samples = vec![0.0; length];
@@ -121,7 +121,7 @@ impl Correlator {
         sums
     }
 
-    /// Blocks of a beside the samples of b that the lags reach; their spectra are added up and transformed back once.
+    /// Blocks of a, each with the samples of b at the wanted lags; the products of their spectra are summed and transformed back once.
     fn by_blocks(&self, a: &[f64], b: &[f64]) -> Vec<f64> {
         let block = self.fourier.length();
         let step = block - self.wanted + 1;

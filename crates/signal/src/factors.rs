@@ -1,8 +1,8 @@
 //! Roots of a polynomial that reproduce it, however far apart its coefficients are and however close its roots.
 //!
-//! How it can be wrong: roots that agree with the polynomial one by one and not together (all are judged by the product of their factors), a judgement by
-//! coefficients, of which narrow bands use a small difference (values are compared, at points beside the roots), values that rounding spoils (they are sums of
-//! twice the digits).
+//! How it can be wrong: roots that agree with the polynomial one by one and not jointly (the product of all factors is tested); a comparison of
+//! coefficients, which cancel in narrow bands (values are compared, at points near the roots); values that rounding spoils (they are sums in
+//! double-double arithmetic).
 
 use nalgebra::Complex;
 

@@ -6,7 +6,7 @@ use nalgebra::Complex;
 
 use super::fourier::{RealFourier, fast_length};
 
-/// Samples of zeros beside a signal that is delayed by a fraction: the ringing of its ends dies away there instead of coming round.
+/// Zero samples around a signal that is delayed by a fraction: the ringing of its ends decays there and does not wrap around.
 const REST: usize = 64;
 
 /// `x` later by `samples` (earlier where negative), as long as `x`: x(t − d) of the band-limited signal through the samples, which is zero outside them.

@@ -1,4 +1,4 @@
-//! What a plan is to reach, to stand beside what it did.
+//! The target values of a plan, for comparison with its results.
 
 use serde::{Deserialize, Serialize};
 

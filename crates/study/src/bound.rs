@@ -14,11 +14,12 @@ use deadtime_signal::time::SampleTime;
 
 /// Share of a coefficient, or samples of delay, by which a difference is taken: the error of the difference is its square.
 const STEP: f64 = 1e-5;
-/// Poles beyond which the bound says little: most of them cannot be told from the others, and none of the methods fits as many.
+/// Number of poles above which no bound is given: most of them are indistinguishable, and none of the methods fits as many.
 const MOST_POLES: usize = 4;
 
-/// The least standard deviation of an unbiased estimate of the delay, samples, of one output of a plant of one input; `None` where it is not known: several inputs, many or
-/// unstable poles, no noise, or parameters that cannot be told apart.
+/// The least standard deviation of an unbiased estimate of the delay, samples, of one output of a plant of one input.
+///
+/// `None` where it is unknown: several inputs, many or unstable poles, no noise, or indistinguishable parameters.
 pub(super) fn bound_samples(
     plant: &StateSpace<Continuous>,
     output: usize,

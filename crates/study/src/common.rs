@@ -78,7 +78,7 @@ pub struct MethodRow {
 type Known = (Experiment<'static>, f64, usize);
 
 impl Common {
-    /// One row per method, in the order of the list; `progress` is told of each one that is done. The same for any number of threads but for the run times.
+    /// One row per method, in the order of the list; `progress` receives the name of each finished one. The rows do not depend on the number of threads, except for the run times.
     ///
     /// # Errors
     /// Whatever keeps a record from being made or a method from being set up.

@@ -8,7 +8,7 @@
 //!   the lucky run at its word), with the larger of two standard errors: Welch's, which is large where the new run has few and large outliers, and that of a permutation of all
 //!   answers, which is large where the old run saw too few. An outlier thus adds to the difference and to its standard error alike.
 //! - *Counts near 0 or all*: shares are compared by Fisher's exact test (Fisher 1922, doi:10.2307/2340521).
-//! - *A real loss drowned by the correction*: beside every cell all cells of a method in a grid are compared together, where a loss that is too small in every cell stands out.
+//! - *A real loss below the corrected threshold*: in addition to every cell, all cells of a method in a grid are compared jointly; a loss that is too small in every cell is significant there.
 //!   Standard scores of mean squares are averaged; counts keep to their cells, so that cells of different difficulty and numbers of intervals do not mix, and their sum, which
 //!   is one of independent events of unequal chances, is bounded by a binomial (Hoeffding 1956, doi:10.1214/aoms/1177728178). Cells of one record (several outputs)
 //!   count as one.
@@ -600,7 +600,7 @@ fn ratio(count: u64, all: u64) -> Option<f64> {
 fn shares(pair: &Pair) -> Vec<(Measured, Counts)> {
     let of = |cell: &Cell| {
         let answers = (cell.trials - cell.flagged) as u64;
-        // A study of an older program does not count its intervals.
+        // A study of an older program has no number of intervals.
         let intervals = if cell.intervals == 0 && cell.coverage95.is_some() {
             answers
         } else {
@@ -823,7 +823,7 @@ mod tests {
 
     #[test]
     fn fisher_judges_the_lady_tasting_tea_as_fisher_did() {
-        // Four cups of each kind: all told apart by chance in 1 of 70, three or more of four in 17 of 70.
+        // Four cups of each kind: all correct by chance in 1 of 70, three or more of four in 17 of 70.
         assert_abs_diff_eq!(
             hypergeometric_tail(&counts([0, 4], [4, 4])),
             1.0 / 70.0,

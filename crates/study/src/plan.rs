@@ -69,7 +69,7 @@ pub struct Plan {
     /// The products.
     #[serde(skip_deserializing)]
     pub grids: Vec<Grid>,
-    /// Published numbers, to stand beside ours.
+    /// Published values, for comparison with the results.
     #[serde(default)]
     pub published: Vec<Published>,
     /// Numbers to be reached.
@@ -217,7 +217,7 @@ pub struct Grid {
     pub detrend: Detrend,
     /// Samples of response that methods take off: those of the plant (`true`), or the one that is assumed without a model.
     pub known_degree: bool,
-    /// Tables beside the list of all cells.
+    /// Tables in addition to the list of all cells.
     pub by: Vec<Layout>,
 }
 

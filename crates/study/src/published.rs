@@ -1,4 +1,4 @@
-//! Published numbers, to stand beside ours.
+//! Published values, for comparison with the results of a study.
 
 use std::collections::BTreeSet;
 
@@ -50,7 +50,7 @@ pub enum Statistic {
     Failed,
 }
 
-/// Keys of cells; what is left out is any.
+/// Keys of cells; an omitted key matches every cell.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[allow(missing_docs)]
@@ -68,7 +68,7 @@ pub struct Which {
     pub method: Option<String>,
 }
 
-/// How ours stands beside a published number.
+/// The agreement of a result with a published value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Standing {
@@ -174,7 +174,7 @@ pub(super) fn spread(entries: toml::Value) -> Result<toml::Value, String> {
 }
 
 impl Published {
-    /// This number beside a study's; `None` where the study has none of its cells.
+    /// The published value with a study's result; `None` where the study has none of its cells.
     #[must_use]
     pub fn beside(&self, study: &Study) -> Option<Beside<'_>> {
         let cells: Vec<&Cell> = study.cells.iter().filter(|c| self.cells.holds(c)).collect();

@@ -479,7 +479,7 @@ fn shared_out(count: usize, work: impl Fn(usize) -> Result<()> + Sync) -> Result
                 Err(StudyError::Threads { detail: "a worker stopped".to_owned() }.into())
             })
         };
-        // All are waited for; the first error is told.
+        // All workers are joined; the first error is returned.
         workers.into_iter().map(ended).collect::<Vec<_>>().into_iter().collect()
     })
 }

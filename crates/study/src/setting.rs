@@ -103,7 +103,7 @@ pub(super) struct Setting {
     pub(super) repeatable: bool,
 }
 
-/// What a plant does, and the model that methods are told of it.
+/// The noise-free signals of a plant, and the model that methods receive.
 struct Clean {
     input: Vec<Vec<f64>>,
     outputs: Vec<Vec<f64>>,
@@ -156,7 +156,7 @@ type Wrong<'w> = &'w dyn Fn(String) -> StudyError;
 fn conversion(key: &Key, sample_time: SampleTime, wrong: Wrong<'_>) -> Result<Box<dyn Conversion>> {
     let (entry, options) = named(CONVERSIONS, "conversion", &key.c2d)?;
     let conversion = entry.with(options.clone())?;
-    // These two put a delay on the nearest sample unless told otherwise: what was injected would not be what acts.
+    // These two conversions round a delay to the nearest sample by default: the simulated delay would differ from the specified one.
     let rounds = match entry.name {
         "tustin" => {
             serde_json::from_value::<Tustin>(options).is_ok_and(|t| t.fractional_delay_order == 0)
@@ -584,7 +584,7 @@ impl Setting {
         self.key.c2d == "zoh"
     }
 
-    /// The model that methods are told: continuous behind a hold, so that fractions can be resolved; else what was simulated.
+    /// The model that methods receive: continuous for a held input, so that fractional delays are resolvable; otherwise the simulated one.
     fn told(&self, model: &PlantModel, bare: &StateSpace<Sampled>) -> PlantModel {
         if self.exact_hold() { model.clone() } else { PlantModel::Sampled(bare.clone()) }
     }

@@ -146,7 +146,7 @@ impl Tally {
 /// −ln(2.5 %): of n records without an event, its chance is below this over n at 97.5 %.
 const UNSEEN: f64 = 3.69;
 
-/// What is left of cells when the worst of all their answers are left out: the bin at the border, the share of it that stays, and so every cell's root mean square.
+/// Root mean squares of the cells without the largest errors of all their answers: the histogram bin at the limit and the retained share of that bin are common to all cells.
 pub(super) fn kept(tallies: &[&Tally], percent: f64) -> Vec<Option<f64>> {
     let mut all: BTreeMap<u64, f64> = BTreeMap::new();
     for (bin, [count, _]) in tallies.iter().flat_map(|t| &t.bins) {

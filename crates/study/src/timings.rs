@@ -306,7 +306,7 @@ mod tests {
             println!(
                 "margin {margin}: of {RUNS} pairs of equal programs {slower} called slower, {faster} faster"
             );
-            // Fewer than 1 % of the runs; without the margin the test alone is what stands, and it is allowed the 1 %: three standard deviations of that count beside it.
+            // Fewer than 1 % of the runs. Without the margin the test alone has a level of 1 %; the limit adds three standard deviations of that count.
             let most = if margin > 0.0 { 9 } else { 20 };
             assert!(slower <= most && faster <= most, "{slower} {faster}");
         }

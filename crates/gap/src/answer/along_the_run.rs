@@ -1,7 +1,7 @@
-//! The model as it is handed over, linearised along its own run: how outputs answer to a little more on a state's derivative.
+//! The model that is handed over, linearised along its own run: the outputs' response to a perturbation of a state's derivative.
 //!
-//! How it can be wrong: where the linearisation is renewed too seldom, a fast nonlinear model answers otherwise; lags, delays and limits of sensors, and the
-//! memory of an actuator, are left out. Friction that sticks is taken to slide.
+//! How it can be wrong: between two linearisations a fast nonlinear model changes its response. Lags, delays and limits of sensors, and the
+//! memory of an actuator, are left out. Sticking friction counts as sliding.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;

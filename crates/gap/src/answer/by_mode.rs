@@ -1,6 +1,6 @@
-//! Held-out errors one step ahead, over horizons and in free run, whatever mode the diagnosis was made in.
+//! Held-out errors one step ahead, over horizons and in free run, whatever the mode of the diagnosis.
 //!
-//! How it can be wrong: the observer is that of the nominal model, so a poor model begins every horizon off; both columns do.
+//! How it can be wrong: the observer is that of the nominal model, so a poor model starts every horizon with an error; both columns contain it.
 
 use std::num::NonZeroUsize;
 

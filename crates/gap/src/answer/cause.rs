@@ -1,4 +1,4 @@
-//! The section `cause`: the verdict with its effects, the ranking, and what the data cannot tell apart.
+//! The section `cause`: the verdict with its effects, the ranking, and the classes of indistinguishable effects.
 
 use rayon::prelude::*;
 

@@ -1,9 +1,9 @@
 //! The probability that a member of a class acts on the machine, calibrated on drawn machines.
 //!
-//! A posterior over sets alone is no such probability: beside hundreds of samples every member of the best set is certain, and what is wrong is the catalogue.
-//! So a logistic law (Platt 1999) maps what an answer shows of a class to how often such classes are right on drawn machines. Its
-//! grounds are the evidence for the class, how well its parameters are known, and the class's share of the gap. What stays above the noise
-//! adds nothing on the drawn machines.
+//! A posterior over sets alone is no such probability. Given hundreds of samples, every member of the best set has a posterior near 1; the incomplete catalogue is the source of error.
+//! A logistic law (Platt 1999) therefore maps the evidence on a class to the frequency with which such classes act on drawn machines.
+//! Its inputs are the evidence for the class, the distance of its parameters from nominal in standard deviations, and its share of the gap.
+//! The residual above the noise adds no information on the drawn machines.
 //!
 //! How it can be wrong: a machine unlike the drawn ones.
 

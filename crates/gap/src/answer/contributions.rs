@@ -1,8 +1,10 @@
-//! The budget of a gap: what each effect takes, and what stays.
+//! The budget of a gap: the share of each effect, and the remainder.
 //!
-//! An effect's share is what the squared error rises by when it is taken out of the model and everything else stays, scaled so that all shares add up to what
-//! is explained (leave-one-out, normalised). It depends on no order, and whoever deletes the effect from the model file sees that error. How it can be wrong:
-//! two effects that act against each other are both large; the share says what an effect predicts, not that it is the physics.
+//! An effect's share is the rise of the squared error when the effect is removed and all others stay in the model (leave-one-out).
+//! The shares are normalised to the explained part of the gap. The shares depend on no order of the effects.
+//! A model file without the effect has exactly that squared error.
+//!
+//! How it can be wrong: two effects that act against each other both have large shares. A share measures prediction, not physical truth.
 
 use nalgebra::DMatrix;
 
@@ -32,7 +34,7 @@ pub(super) const NAMED: f64 = 0.01;
 /// A gap of which no more than this part stays is mostly explained.
 const MOST: f64 = 0.5;
 
-/// Two numbers whose changes act alike by more than this correlation are hardly told apart: each alone is known 1/√(1 − r²) = 3.2 times worse.
+/// Absolute correlation of the sensitivities of two parameters above which the pair is reported as indistinguishable. At this correlation each standard deviation is inflated by 1/√(1 − r²) = 3.2.
 const TRADE: f64 = 0.95;
 
 /// What the budget is made of.
@@ -47,7 +49,7 @@ pub(crate) struct GapBudget<'b, 'a> {
     pub(crate) seed: u64,
 }
 
-/// Squared errors of the model as it came, with everything, and with each effect taken out; and the floor's.
+/// Squared errors of the nominal model, of the model with all effects, and of the model without each effect; and that of the noise floor.
 struct Squares {
     before: f64,
     after: f64,
@@ -81,7 +83,7 @@ impl Squares {
 }
 
 impl GapBudget<'_, '_> {
-    /// Contributions, most first, the model's own numbers, and what stays.
+    /// Contributions, largest first, the joint recalibration of the model's parameters, and the remainder.
     pub(crate) fn sections(
         &self,
         estimate: Option<&Estimate>,
@@ -171,7 +173,7 @@ impl GapBudget<'_, '_> {
         (contributions, recalibration, self.remainder(left, &learnt))
     }
 
-    /// Pairs of the model's numbers that the data hardly tell apart, and numbers that only predict, in words.
+    /// Sentences on pairs of parameters with correlated sensitivities, and on parameters that predict without physical meaning.
     fn directions(&self, numbers: &[usize]) -> Vec<String> {
         let Some(hypothesis) = &self.composed.hypothesis else { return Vec::new() };
         let Some(slopes) = hypothesis.slopes(self.likelihood, self.scales) else {
@@ -190,14 +192,14 @@ impl GapBudget<'_, '_> {
             .iter()
             .enumerate()
             .flat_map(|(k, a)| numbers[k + 1..].iter().map(move |b| (*a, *b)));
-        let told = pairs
+        let correlated = pairs
             .filter_map(|(a, b)| Some((a, b, cosine(a, b)?)))
             .filter(|(_, _, cosine)| cosine.abs() > TRADE);
-        let traded = told.map(|(a, b, cosine)| {
+        let traded = correlated.map(|(a, b, cosine)| {
             let relative =
                 cosine * hypothesis.effects[a].values[0] * hypothesis.effects[b].values[0];
             let what = if relative < 0.0 { "ratio" } else { "product" };
-            format!("{} and {} hardly but as their {what}", name(a), name(b))
+            format!("{} and {} are identifiable only as their {what}", name(a), name(b))
         });
         let surrogates = numbers.iter().filter(|&&at| self.is_surrogate(hypothesis, at));
         traded

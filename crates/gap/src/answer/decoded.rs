@@ -1,4 +1,4 @@
-//! Lost and late commands of the held-out data: which ones is decoded from their own outputs, as their initial states are.
+//! Lost and late commands of the held-out data, decoded from the held-out outputs, like the initial states.
 
 use super::held_out::HeldOut;
 use crate::causes::conclusion::ActiveCauses;

@@ -1,4 +1,4 @@
-//! A diagnosis with the curves and the model behind it.
+//! A diagnosis with its curves and its model.
 
 use super::force_profile::ForceProfile;
 use super::traces::{CommandTrace, Trace};
@@ -26,7 +26,7 @@ pub struct Diagnosed {
     pub commands: Vec<CommandTrace>,
     /// The experiment that `next_experiment` of the diagnosis is about.
     pub next_experiment: Option<NextExperiment>,
-    /// What stays, as a force over what it goes with; `None` where nothing is told.
+    /// The remainder as a force over the variable that correlates with it; `None` where no force is reported.
     pub missing_force: Option<ForceProfile>,
     /// What a reader has to know of the data.
     pub caveats: Vec<Caveat>,

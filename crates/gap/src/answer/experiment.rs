@@ -1,10 +1,11 @@
 //! The next experiment: what would separate hypotheses that this data cannot.
 //!
-//! Both hypotheses are simulated through a handful of experiments; the one with the largest expected log-Bayes-factor is proposed, what the rival's own
-//! parameters could still make up for taken out (T-optimal discrimination; Atkinson and Fedorov 1975, doi:10.1093/biomet/62.1.57).
+//! A fixed set of experiments is simulated under both hypotheses. The experiment with the largest expected log-Bayes-factor is proposed.
+//! The directions in which the alternative's own parameters can adapt are projected out (T-optimal discrimination; Atkinson and Fedorov 1975, doi:10.1093/biomet/62.1.57).
 //!
-//! How it can be wrong: the machine's limits are not known here, so an experiment may ask for more than it stands; an unstable model cannot be simulated
-//! ahead without its controller, nor a simulator that the log starts again, and gets advice by the kinds of its rivals only.
+//! How it can be wrong: the machine's limits are unknown, so an experiment may exceed them.
+//! An unstable model cannot be simulated without its controller, and neither can a simulator that is restarted from the log.
+//! Both get advice by the kinds of the competing hypotheses only.
 
 use nalgebra::DVector;
 use rayon::prelude::*;
@@ -83,8 +84,9 @@ pub(crate) fn experiment(
     NextExperiment { separates: names(class), proposal }
 }
 
-/// Twice the expected log-Bayes-factor of one experiment: the squared distance of the two trajectories in units of the noise, less what the rival's
-/// parameters, and a start that is not known, can make up for. As in a log, what happens within the longest delay has no weight.
+/// Twice the expected log-Bayes-factor of one experiment: the squared distance of the two trajectories in units of the noise standard deviation.
+/// The directions of the alternative's parameters, and of an unknown initial state, are projected out.
+/// Samples within the longest delay have no weight, as in a log.
 fn apart(
     likelihood: &Likelihood<'_>,
     scales: &Scales,

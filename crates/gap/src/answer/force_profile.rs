@@ -1,10 +1,10 @@
-//! The missing force as a curve over the variable that it goes with, whatever its shape.
+//! The missing force as a piecewise linear curve over the variable that correlates with it.
 //!
-//! The force is straight between knots, which stand halfway between quantiles of the variable and an even grid; its values there are fitted to what is left, all at once, the start of every span
-//! being free. Both kinds of spans take part: it is a picture, and the judgement beside it has used its own. Standard errors sum over blocks of time (Liang and
-//! Zeger 1986, doi:10.1093/biomet/73.1.13), as what is left has a memory.
+//! The knots stand halfway between quantiles of the variable and an even grid. The values at all knots are fitted jointly to the residual, with a free initial state in every span.
+//! Training and held-out spans both take part: the curve is an illustration, and the held-out R² is computed separately.
+//! Standard errors sum over blocks of time (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13), because the residual is autocorrelated.
 //!
-//! How it can be wrong: as the linearised run is; a force that goes with something else is spread over this variable; between knots a step becomes a slope.
+//! How it can be wrong: the linearisation fails. A force of another variable is spread over this one. A step between two knots appears as a slope.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -29,7 +29,7 @@ pub struct ForceProfile {
     pub state: String,
     /// What it is drawn over: a state, a command, or a product of two, as an expression of the model file.
     pub over: String,
-    /// The expression that is told, times its gain.
+    /// The reported expression, times its gain.
     pub told: String,
     /// Values of the variable.
     pub at: Vec<f64>,
@@ -37,7 +37,7 @@ pub struct ForceProfile {
     pub force: Vec<f64>,
     /// Its 95 % interval, point by point.
     pub ci95: Vec<[f64; 2]>,
-    /// The force as told.
+    /// The force of the reported expression.
     pub law: Vec<f64>,
 }
 
@@ -45,7 +45,7 @@ pub struct ForceProfile {
 struct Knots(Vec<f64>);
 
 impl Knots {
-    /// At quantiles of some values; `None` where these hardly differ.
+    /// Knots at quantiles of the values, spaced apart; `None` where fewer than two knots differ.
     fn of(mut values: Vec<f64>) -> Option<Self> {
         values.retain(|v| v.is_finite());
         values.sort_by(f64::total_cmp);
@@ -110,7 +110,7 @@ pub(super) fn profile(
         })
         .collect();
     let columns: Vec<DMatrix<f64>> =
-        parts.iter().map(|part| part.beside_starts(&responses[part.record], weights)).collect();
+        parts.iter().map(|part| part.without_starts(&responses[part.record], weights)).collect();
     let mut information = DMatrix::zeros(count, count);
     let mut product = DVector::zeros(count);
     for (x, part) in columns.iter().zip(parts) {

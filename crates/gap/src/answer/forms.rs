@@ -1,4 +1,4 @@
-//! What a missing force is made of: simple functions of states and commands, and what is left of a span beside the responses to its start.
+//! Candidate functions of a missing force (states, commands, products), and the residual of a span without the responses to its initial state.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -71,7 +71,7 @@ impl Form {
     }
 }
 
-/// What is left in a span of a log, the responses to the span's start taken out; every output in units of its spread.
+/// The residual of one span of a log, with the responses to the span's initial state projected out; every output in units of its spread.
 pub(super) struct Part {
     pub(super) record: usize,
     pub(super) held: bool,
@@ -93,8 +93,8 @@ impl Part {
             .sum()
     }
 
-    /// Responses beside the starts, one column each.
-    pub(super) fn beside_starts(
+    /// Responses with the directions of the initial state projected out, one column each.
+    pub(super) fn without_starts(
         &self,
         responses: &[DMatrix<f64>],
         weights: &[f64],
@@ -110,7 +110,7 @@ impl Part {
         all
     }
 
-    /// The square of a response beside the starts.
+    /// The squared norm of a response with the directions of the initial state projected out.
     pub(super) fn square(&self, response: &DMatrix<f64>, weights: &[f64]) -> f64 {
         let values = DVector::from_iterator(
             self.rows.len(),

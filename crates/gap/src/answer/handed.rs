@@ -1,11 +1,11 @@
-//! The model as it is handed over: what was found, in the form that helps a simulation.
+//! The model as it is handed over: the effects in the form that improves a simulation.
 //!
-//! Which commands were lost, or how late each was, is decoded from the outputs; of a run that is still to come nobody knows it, and a draw of its own is as
-//! far from the truth as the truth is from its mean. So a hidden sequence is handed over as the fixed delay or the lag that comes closest on average, or
-//! not at all where neither helps. And what makes held-out data worse is not handed over, whatever it explains of the training logs: a delay that jumped
-//! once need not jump again at the same time.
+//! The latent sequence of lost or late commands is decoded from the outputs. A future run has another, unknown sequence.
+//! A random draw of the sequence is as far from the truth as the truth is from the mean.
+//! A fixed delay or a lag that fits best on average therefore replaces a latent sequence. The sequence is dropped where neither lowers the error.
+//! An effect set that raises the held-out error is not handed over, whatever its share on the training logs. A delay that jumped once need not jump again at the same time.
 //!
-//! How it can be wrong: that the held-out data may veto makes the shrink a little too good where it is about 0; it is never negative.
+//! How it can be wrong: the held-out data selects here, so a true reduction near 0 is overestimated; the reported reduction is never negative.
 
 use rayon::prelude::*;
 
@@ -19,9 +19,9 @@ use crate::likelihood::gaussian::Likelihood;
 use crate::likelihood::residuals::simulated;
 use deadtime_model::effect::{Applied, Lateness, Scales, row};
 
-/// What stands in for a hidden sequence must lower the training error to this part, or it is left out; 1.
+/// An alias of a latent sequence must lower the training error to this part of the nominal error; 1.
 const HELPS: f64 = 0.98;
-/// Effects that stand in for a hidden sequence.
+/// Aliases of a latent sequence.
 const INSTEAD: [Lateness; 2] = [Lateness::Fixed, Lateness::Lag];
 
 /// Effects as they are handed over.
@@ -31,7 +31,7 @@ pub(crate) struct HandedOver {
     pub(crate) caveat: Option<Caveat>,
 }
 
-/// Errors of runs with effects, without anything decoded: learnt and held out; `None` where they cannot be simulated.
+/// Training and held-out errors of simulations with effects, nothing decoded; `None` where the simulation fails.
 fn errors(likelihood: &Likelihood<'_>, held: &HeldOut, effects: &[Applied]) -> Option<[f64; 2]> {
     let residuals = if effects.is_empty() {
         simulated(likelihood, NO_EFFECT)?
@@ -75,7 +75,7 @@ pub(crate) fn in_a_form_that_helps(
     let known: Vec<([f64; 2], Vec<Applied>)> = (forms.into_iter())
         .filter_map(|(factor, effects)| {
             let [learnt, held] = errors(likelihood, held_out, &effects)?;
-            // What is left out needs no excuse; what stands in has to help.
+            // The removal of a sequence needs no gain; an alias must lower the error by its factor.
             (held <= nominal_held).then_some(([learnt / factor, held], effects))
         })
         .filter(|([learnt, _], effects)| effects.is_empty() || *learnt <= nominal)
@@ -104,7 +104,7 @@ pub(crate) fn in_a_form_that_helps(
     HandedOver { effects, caveat: Some(caveat) }
 }
 
-/// What could stand in for the hidden sequences beside the other effects, fitted, each with the part of the error to which it must come down.
+/// Effect sets in which each alias replaces the latent sequences, fitted jointly with the other effects; each with the factor to which the training error must fall.
 fn aliases(
     likelihood: &Likelihood<'_>,
     hidden: &[Applied],
@@ -119,7 +119,7 @@ fn aliases(
         for one in hidden {
             let nominal =
                 Applied::nominal(likelihood.system, late.effect().ok()?, &one.channel).ok()?;
-            // Of the first guesses the one that does best beside the others.
+            // The first guess with the lowest cost, given the other effects.
             let better = |start: &Vec<f64>| {
                 let there: Vec<Applied> =
                     begin.iter().cloned().chain([with(&nominal, start)]).collect();

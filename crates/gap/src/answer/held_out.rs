@@ -1,4 +1,4 @@
-//! The held-out part of the logs. Its samples are visible in this module's parent alone, which writes the report: the compiler keeps them from all that selects.
+//! The held-out part of the logs. Its samples are visible in the parent module alone, which writes the report; the compiler denies them to every selection step.
 
 use nalgebra::DMatrix;
 

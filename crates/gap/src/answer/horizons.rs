@@ -1,4 +1,4 @@
-//! How the held-out error grows with the steps since a prediction began: a correction may help far ahead and hurt at the next sample, or the other way round.
+//! The held-out error as a function of the prediction horizon: a correction may reduce the error far ahead and raise it at the next sample, or the reverse.
 
 use std::num::NonZeroUsize;
 
@@ -48,11 +48,11 @@ pub(super) fn horizon_errors(
         before: nrmse(before, samples),
         after: nrmse(after, samples),
     };
-    told(horizon).into_iter().map(one).collect()
+    reported(horizon).into_iter().map(one).collect()
 }
 
 /// 1, 2, 5, 10, 20, 50 … steps, and the last.
-fn told(horizon: NonZeroUsize) -> Vec<usize> {
+fn reported(horizon: NonZeroUsize) -> Vec<usize> {
     let decades = (0..).map_while(|e| 10_usize.checked_pow(e)).take_while(|d| *d <= horizon.get());
     let mut steps: Vec<usize> =
         decades.flat_map(|d| [1, 2, 5].map(|m| m * d)).filter(|s| *s < horizon.get()).collect();
@@ -65,8 +65,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_steps_that_are_told_end_with_the_horizon() {
-        let of = |n: usize| told(NonZeroUsize::new(n).unwrap());
+    fn the_reported_steps_end_with_the_horizon() {
+        let of = |n: usize| reported(NonZeroUsize::new(n).unwrap());
         assert_eq!((of(1), of(2), of(30)), (vec![1], vec![1, 2], vec![1, 2, 5, 10, 20, 30]));
     }
 }

@@ -1,8 +1,8 @@
-//! Which effects an excitation can tell apart at all, before anyone trusts a verdict: by signatures, nothing is fitted.
+//! Effects that an excitation makes distinguishable, from signatures alone, before any fit.
 //!
-//! A signature is the whitened change of the predictions by an effect of a plausible size, the start integrated out. Two effects whose signatures are parallel cannot
-//! be told apart, whatever the fit (isolability by the angle between signatures: Basseville and Nikiforov 1993, "Detection of Abrupt Changes", Prentice Hall,
-//! section 7.2).
+//! A signature is the whitened change of the predictions by an effect of a plausible size, with the initial state integrated out.
+//! Two effects with parallel signatures are indistinguishable, whatever the fit (isolability by the angle between signatures: Basseville and Nikiforov 1993,
+//! "Detection of Abrupt Changes", Prentice Hall, section 7.2).
 
 use deadtime_signal::decompositions::{singular_values, symmetric_eigen};
 use nalgebra::{DMatrix, DVector};
@@ -41,7 +41,7 @@ pub enum IsolabilityFormat {
     V1,
 }
 
-/// What an excitation can tell apart, `deadtime/isolability@1`.
+/// The distinguishable effects of an excitation, `deadtime/isolability@1`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Isolability {
@@ -59,8 +59,8 @@ pub struct Isolability {
     pub visible_from: f64,
     /// Every candidate, in the order of the table of effects.
     pub effects: Vec<EffectVisibility>,
-    /// Absolute cosines between the signatures, in the order of `effects`: the mean over an effect's sizes, each beside the other's most similar one, in the
-    /// direction in which it is smaller. 0 for what changes nothing.
+    /// Absolute cosines between the signatures, in the order of `effects`: the mean over an effect's sizes of the cosine to the other's most similar signature.
+    /// The smaller of the two directions is taken. An effect without any response has 0.
     pub cosines: Vec<Vec<f64>>,
     /// Groups of visible effects that are alike: each with the first of the group, which comes first in the table.
     pub classes: Vec<Class>,
@@ -162,7 +162,7 @@ pub(crate) fn isolability(
         format: IsolabilityFormat::V1,
         model: names.model.to_owned(),
         logs: names.logs,
-        prediction: likelihood.predictor.told(),
+        prediction: likelihood.predictor.reported(),
         alike_from: ALIKE,
         visible_from,
         effects: effects.collect(),

@@ -1,4 +1,4 @@
-//! What was found, in the rows of long logs that were not looked at: a free run over the whole log, the error there beside that in what was looked at.
+//! The error of the resulting model in the unused later rows of long logs: a free run over the whole log, compared with the error in the used rows.
 
 use std::ops::Range;
 

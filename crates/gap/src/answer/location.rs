@@ -11,7 +11,7 @@ use deadtime_model::simulate::System;
 
 /// The share of the excess that a band or a range must hold.
 const MOST: f64 = 0.8;
-/// The same for a span of time: an event should be told from its beginning to its end.
+/// The same for a span of time: the span of an event should include its beginning and its end.
 const NEARLY_ALL: f64 = 0.95;
 /// A range of a variable is only worth naming if it holds less than this part of all samples.
 const NARROW: f64 = 0.6;
@@ -102,7 +102,7 @@ fn significant(cells: &[Cell], noise: Noise) -> Vec<f64> {
         .collect()
 }
 
-/// A quantity by whose range a gap may be told: a command, its size, a further column of the logs.
+/// A quantity whose range may localise a gap: a command, its absolute value, a further column of the logs.
 struct Variable {
     name: String,
     /// One series per record.

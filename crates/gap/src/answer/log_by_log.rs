@@ -42,7 +42,7 @@ impl Common {
         ChiSquared::new(self.freedom).is_ok_and(|law| law.sf(self.statistic) < BY_CHANCE)
     }
 
-    /// They are nearer to each other than values of their own would be by chance, with this standard deviation of each beside that of its estimate, 1 of that.
+    /// The values are closer to each other than chance allows for independent values of standard deviation `own`, in units of each estimate's standard deviation.
     pub(super) fn alike(&self, own: f64) -> bool {
         !self.differs()
             && ChiSquared::new(self.freedom)

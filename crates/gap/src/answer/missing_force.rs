@@ -1,14 +1,14 @@
-//! What stays of a gap, told as a missing force: on which state's derivative, and with which variable it goes.
+//! The remainder of a gap as a missing force: the state on whose derivative it acts, and the variable that correlates with it.
 //!
-//! The model as it is handed over is linearised along its own run. For each state and each simple function φ of a state or a command, the response of the outputs to φ
-//! on the state's derivative is regressed on what is left, the start of every span being free. That is the least-squares estimate of g in ẋ_i = f_i + g·φ, without
-//! a smoothed force in between whose own roughness would have to be chosen. g comes from the training spans; the part of what is left that it predicts (R²) is
-//! that of the held-out spans.
+//! The model that is handed over is linearised along its own run. Every simple function φ of a state or a command is tried on the derivative of every state.
+//! The outputs' response to φ is regressed on the residual, with a free initial state in every span.
+//! The coefficient is the least-squares estimate of g in ẋ_i = f_i + g·φ; no smoothed force with a roughness parameter is needed.
+//! The training spans give g; the held-out spans give R², the part of the residual that g·φ predicts.
 //!
-//! How it can be wrong: many functions are tried, and something goes with the rest by chance, above all where both are slow. So the same search is done with the
-//! responses turned round in time against what is left, which keeps the colour of both; nothing is said unless the true R² is larger than the largest of all
-//! turns. A periodic command fits again after a period: then nothing is said, too. Two functions may go together on these data, and the plainer one is told.
-//! Past the linearisation, and behind a lag or a delay of a sensor, the response is another: R² is smaller then. It describes, and is no cause.
+//! How it can be wrong: many functions are tried, and one may correlate by chance, above all where both signals are slow.
+//! The same search therefore runs with circularly shifted responses, which keep their spectra. A force is reported only where the true R² exceeds the largest R² of all shifts.
+//! A periodic command fits again after a period; no force is reported then. Of two functions that are collinear on these data, the simpler one is reported.
+//! Beyond the linearisation, and behind a lag or a delay of a sensor, the response differs and R² falls. A reported force is a description, not a cause.
 
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
@@ -28,9 +28,9 @@ use deadtime_model::effect::Applied;
 use deadtime_model::simulate::System;
 use deadtime_signal::remedy::{Message, Remedy};
 
-/// Turns of the responses against what is left: what chance does. The largest of so many is passed once in 60 times.
+/// Circular shifts of the responses: the null distribution of R². Chance exceeds the largest of 59 once in 60 times.
 const TURNS: usize = 59;
-/// A part of what is left that is worth a sentence.
+/// Least R² of a reported force; 1.
 const WORTH: f64 = 0.1;
 /// Functions whose R² is so near to the best one's are as good.
 const AS_GOOD: f64 = 0.02;
@@ -38,23 +38,25 @@ const AS_GOOD: f64 = 0.02;
 const SAMPLES: usize = 6000;
 /// With more states nothing is described.
 const STATES: usize = 16;
-/// What of a start's response is no more than rounding beside the starts before it.
+/// A start's response whose norm falls below this part after projection on the earlier starts is rounding error.
 const INDEPENDENT: f64 = 1e-6;
 
-/// Sums over the parts of one kind: response by what is left, and by itself.
+/// Inner products over the spans of one kind: response with residual, and response with itself.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     product: f64,
     square: f64,
 }
 
-/// The gain from training spans, and the part of what is left in held-out spans that it predicts.
+/// The gain from training spans, and the part of the held-out residual that it predicts.
 fn predicted(trained: Sums, held: Sums, left: f64) -> (f64, f64) {
     let gain = trained.product / trained.square;
     (gain, (2.0 * gain * held.product - gain * gain * held.square) / left)
 }
 
-/// What is left, told as a missing force, and its curve where that can be had; `None` where chance does as much, and for a simulator without differential equations at hand.
+/// The residual as a missing force, with its curve where one can be fitted.
+///
+/// `None` where shifted responses reach the same R², and for a simulator without differential equations.
 pub(crate) fn describe(
     likelihood: &Likelihood<'_>,
     held_out: &HeldOut,
@@ -141,7 +143,7 @@ pub(crate) fn describe(
         return None;
     }
     let rank = |t: &Tried| forms.iter().position(|f| *f == t.form);
-    let told = found
+    let simplest = found
         .iter()
         .filter(|t| t.r2 > best - AS_GOOD)
         .min_by(|a, b| rank(a).cmp(&rank(b)).then(b.r2.total_cmp(&a.r2)))?;
@@ -154,8 +156,14 @@ pub(crate) fn describe(
             .map(|p| p.name.clone())
             .unwrap_or_default()
     };
-    let curve = profile((told.state, told.form, told.gain), (&runs, &parts), &weights, every, name);
-    Some((told.described(system, chance), curve))
+    let curve = profile(
+        (simplest.state, simplest.form, simplest.gain),
+        (&runs, &parts),
+        &weights,
+        every,
+        name,
+    );
+    Some((simplest.described(system, chance), curve))
 }
 
 /// A function on a state's derivative.
@@ -194,7 +202,7 @@ fn three_digits(value: f64) -> String {
     }
 }
 
-/// What is left in a span, with the responses to its start.
+/// The residual of a span, with the responses to its initial state.
 fn part(
     likelihood: &Likelihood<'_>,
     (at, held, span): (usize, bool, Span),

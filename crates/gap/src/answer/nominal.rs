@@ -1,7 +1,7 @@
 //! What has to be said of the nominal model before any cause is: it lives about another operating point than the logs, or it is no better than a constant.
 //!
-//! How it can be wrong: an output that hardly moves about a level that the model misses looks the same where the level alone is wrong; what is said then is that
-//! the level is far off, which is so. A delay or a wrong sign can make a good model worse than a constant; so nothing is said where what was found mends it.
+//! How it can be wrong: an output that moves little about an offset that the model misses looks the same where the offset alone is wrong. The caveat reports the offset, which is true.
+//! A delay or a wrong sign can make a good model worse than a constant. No caveat is given where the reported effects halve the error.
 
 use nalgebra::DMatrix;
 
@@ -15,7 +15,7 @@ use deadtime_signal::stats;
 const APART: f64 = 3.0;
 /// An error of the spread itself: that of the best constant.
 const CONSTANT: f64 = 1.0;
-/// What was found mends the model where it takes half of the error.
+/// The reported effects correct the model where they halve the error.
 const MENDED: f64 = 0.5;
 
 /// All that has to be said. `predicted`: by the model as it came, from its own start or with what is a log's own; a predictor follows every level.

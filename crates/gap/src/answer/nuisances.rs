@@ -1,7 +1,8 @@
 //! The nuisances of the model file in every log, and what speaks against calling them that.
 //!
-//! How it can be wrong: a value is the most probable one beside what was found, so a wrong cause moves it; its standard deviation knows of the cause's numbers, not of
-//! its law. A prior that is too wide lets a nuisance take what is a cause: then its values are alike in all logs, which is told.
+//! How it can be wrong: a value is the most probable one given the reported effects, so a wrong cause moves it.
+//! The standard deviation includes the uncertainty of the cause's parameters, not of its law.
+//! A prior that is too wide lets a nuisance absorb a cause. The values are then alike in all logs, and a caveat reports that.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -17,7 +18,7 @@ use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::{Applied, Scales};
 use deadtime_signal::text::plus_minus;
 
-/// Every nuisance in every log beside what was found; empty without nuisances, and where a simulation fails.
+/// Every nuisance in every log, given the reported effects; empty without nuisances, and where a simulation fails.
 pub(crate) fn nuisance_estimates(
     likelihood: &Likelihood<'_>,
     found: Option<&Hypothesis>,

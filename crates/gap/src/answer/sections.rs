@@ -156,7 +156,7 @@ impl Answer<'_> {
             model: self.subject.name().to_owned(),
             logs: logs.iter().map(|l| l.source().to_owned()).collect(),
             holdout: self.inputs.held_out.listed(),
-            prediction: likelihood.predictor.told(),
+            prediction: likelihood.predictor.reported(),
             gap,
             place: locate(system, records, &runs.before, floor, &shares, &likelihood.memory()),
             checks: self.checks.clone(),
@@ -175,7 +175,7 @@ impl Answer<'_> {
         (diagnosis, next_experiment, missing_force)
     }
 
-    /// The section `cause`, the experiment that it proposes, and what stays as a force.
+    /// The section `cause`, the proposed experiment, and the remainder as a force.
     fn cause(&self, runs: &Runs) -> (Cause, Option<NextExperiment>, Option<ForceProfile>) {
         let (likelihood, composed) = (self.likelihood, &self.composed);
         let budget = GapBudget {
@@ -219,7 +219,7 @@ impl Answer<'_> {
         cause(self.likelihood, composed, self.found, self.scales, self.sensitivities, after)
     }
 
-    /// What stays, as a missing force. Effects that are none of the causes bend what they leave: the force that predicts more of what it is fitted to is reported.
+    /// The remainder as a missing force, with and without the handed-over effects. Effects that are not the causes distort the residual, so the force with the larger held-out R² is reported.
     fn described(&self, runs: &Runs) -> Option<(Description, Option<ForceProfile>)> {
         if self.composed.judged.verdict == GapVerdict::Effects {
             return None;

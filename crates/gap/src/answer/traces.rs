@@ -1,4 +1,4 @@
-//! What was measured, and what the model says with and without what was found: the curves behind a diagnosis.
+//! The measured outputs, and the model's outputs with and without the reported effects: the curves of a diagnosis.
 
 use nalgebra::DMatrix;
 
@@ -24,9 +24,9 @@ pub struct Trace {
     pub before: Vec<f64>,
     /// The prediction with the effects that were found; `None` where none was.
     pub after: Option<Vec<f64>>,
-    /// The span that was learnt from, s.
+    /// The training span, s.
     pub train: Option<[f64; 2]>,
-    /// The span that was held back, s.
+    /// The held-out span, s.
     pub held: Option<[f64; 2]>,
     /// Standard deviation of the part that no deterministic model can explain.
     pub floor: f64,

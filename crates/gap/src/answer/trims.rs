@@ -1,9 +1,10 @@
-//! Constants among what was found that no log need share: how they are declared as nuisances, and whether they are another in every log.
+//! Constants among the effects that may differ between logs: their declaration as nuisances, and the test whether they differ.
 //!
-//! Every log gets its own value of the constant; all other numbers stay common. One Gauss-Newton step from the common value gives them, first under white noise: one
-//! that was fitted to what a wrong common value leaves forgets slowly and hides the difference. Then under the noise of what the own values leave.
+//! Every log gets its own value of the constant; all other parameters stay common. One Gauss-Newton step from the common value gives the values, first under white noise.
+//! A noise model fitted to the residual of a wrong common value has a long correlation length and hides the difference.
+//! A second step follows under the noise model of the residual of the separate values.
 //!
-//! How it can be wrong: beside a cause that is not found, the constant takes up what that does in each log, and differs for that reason.
+//! How it can be wrong: where a cause is not found, the constant absorbs the cause's effect in each log, and differs for that reason.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -50,7 +51,7 @@ impl Trims<'_, '_> {
     /// `NotKnown` of one log alone.
     fn constancy(&self, smallest: &[f64]) -> Constancy {
         let logs = self.logs();
-        let told = || {
+        let compared = || {
             let (values, covariance) = self.values(&logs, smallest)?;
             let common = Common::of(&values, &covariance)?;
             let each = logs.iter().enumerate().map(|(i, &at)| {
@@ -62,7 +63,7 @@ impl Trims<'_, '_> {
                 false => Constancy::Alike,
             })
         };
-        if logs.len() < 2 { Constancy::NotKnown } else { told().unwrap_or(Constancy::NotKnown) }
+        if logs.len() < 2 { Constancy::NotKnown } else { compared().unwrap_or(Constancy::NotKnown) }
     }
 
     fn logs(&self) -> Vec<usize> {

@@ -1,10 +1,10 @@
-//! Whether what the model misses goes with the commands at all.
+//! Whether the residual depends on the commands at all.
 //!
-//! The residual is whitened by an autoregression, so that what is left at a sample is independent of every command before it, also under feedback. Its regression
-//! on past commands, their sizes and, of a free run, the model's outputs and their squares is tested against chance (Wald 1943, doi:10.1090/S0002-9947-1943-0012401-3; a
-//! test of causality as in Granger 1969, doi:10.2307/1912791).
+//! The residual is whitened by an autoregression; a whitened sample is independent of every earlier command, also under feedback.
+//! The whitened residual is regressed on past commands and their absolute values and, for a free run, on the model's outputs and their squares.
+//! The regression is tested against chance (Wald 1943, doi:10.1090/S0002-9947-1943-0012401-3; a test of causality as in Granger 1969, doi:10.2307/1912791).
 //!
-//! How it can be wrong: a relation with a memory longer than the lags, or with a product of commands, is not seen; a short record has no power, so it gets no answer.
+//! How it can be wrong: a relation over more lags than tested, or with a product of commands, is not detected. A short record has no power and gets no answer.
 
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF};

@@ -1,11 +1,11 @@
 //! Feedback without a delay: a command that reacts to the noise of its own sample.
 //!
-//! Under such feedback every rival with a direct path from u(k) into an output gains falsely, because u(k) holds a part of the noise in y(k). What of u(k)
-//! the past of commands and outputs does not predict is then a nuisance regressor of the residual of the same sample, for all rivals alike, which amounts to
-//! feeding direct paths the predicted command only (Frisch and Waugh 1933, doi:10.2307/1907330).
+//! Under such feedback every hypothesis with a direct path from u(k) into an output gains falsely, because u(k) contains a part of the noise in y(k).
+//! The part of u(k) that past commands and outputs do not predict is a nuisance regressor of the residual of the same sample, alike for all hypotheses.
+//! This is equivalent to direct paths from the predicted command only (Frisch and Waugh 1933, doi:10.2307/1907330).
 //!
-//! How it can be wrong: in open loop an unpredicted command meets the residual of a wrong direct path, which is a cause and no feedback. So the commands
-//! must also depend on past outputs (Granger 1969, doi:10.2307/1912791), and plainly so.
+//! How it can be wrong: in open loop an unpredicted command correlates with the residual of a wrong direct path, which is a cause and no feedback.
+//! The commands must therefore also depend on past outputs (Granger 1969, doi:10.2307/1912791), by the margin `fed_back`.
 
 use nalgebra::{DMatrix, DVector};
 

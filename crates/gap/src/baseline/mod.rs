@@ -1,4 +1,4 @@
-//! The model as it is on the logs: how it predicts, how far everything moves, how large the noise is.
+//! The nominal model on the logs: its predictions, the motion of all signals, the noise standard deviation.
 
 pub(crate) mod feedback;
 pub(crate) mod motion;

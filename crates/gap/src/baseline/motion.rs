@@ -1,4 +1,4 @@
-//! Sizes of the data: how far signals go and how fast, from which priors and first guesses are made.
+//! Amplitudes and rates of the signals, from which priors and first guesses are made.
 
 use nalgebra::DMatrix;
 

@@ -1,4 +1,4 @@
-//! The noise of the residuals: autoregressive per output, correlated across outputs, shared by all rivals.
+//! The noise of the residuals: autoregressive per output, correlated across outputs, common to all hypotheses.
 
 use nalgebra::DMatrix;
 

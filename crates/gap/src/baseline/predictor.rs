@@ -1,9 +1,9 @@
-//! What "predicted" means: a free run, one-step predictions of a fixed-gain observer, or free runs over a horizon from the states that such an observer has
-//! estimated. Decided once from the nominal model, the same for all rivals.
+//! The meaning of "predicted": a free run, one-step predictions of a fixed-gain observer, or free runs over a horizon from the observer's estimated states.
+//! The nominal model alone decides which, and all hypotheses share the decision.
 //!
-//! How a horizon can be wrong: an observer that trusts the model starts every run where the free run already is, one that trusts the samples starts it in
-//! their noise. So how much the states are driven by what the model does not know is a scale that the nominal model's own one-step predictions choose. Where
-//! the model is far off, starts are off as well, for all rivals alike.
+//! How a horizon can be wrong: an observer that trusts the model starts every run at the free run's state. An observer that trusts the samples starts every run in their noise.
+//! The process noise of the states is therefore a scale chosen by the nominal model's one-step predictions.
+//! Where the model is far off, the starts are off as well, alike for all hypotheses.
 
 use std::num::NonZeroUsize;
 
@@ -88,8 +88,8 @@ impl Predictor {
         Self { mode, why, gains, settling_s: poles.settling_s, horizon: None, unknown }
     }
 
-    /// Free runs over a horizon, of a model with effects of its own. The observer is the one whose one-step predictions of what is learnt from are the most
-    /// likely ones under white normal noise of unknown size in every output.
+    /// Free runs over a horizon, of a model with effects of its own. The observer maximises the likelihood of one-step predictions of the training spans
+    /// under white normal noise of unknown variance in every output.
     ///
     /// # Errors
     /// Those of [`Applied::plan`].
@@ -133,7 +133,7 @@ impl Predictor {
     }
 
     /// For whoever reads the answer.
-    pub(crate) fn told(&self) -> Prediction {
+    pub(crate) fn reported(&self) -> Prediction {
         Prediction {
             mode: self.mode,
             why: self.why.clone(),
@@ -151,7 +151,7 @@ impl Predictor {
     }
 }
 
-/// Minus twice the log-likelihood of one-step predictions of what is learnt from; `None` where they cannot be made.
+/// Minus twice the log-likelihood of one-step predictions of the training spans; `None` where the predictions fail.
 fn misfit(
     system: &System,
     plan: &Plan,

@@ -1,4 +1,4 @@
-//! The classes of effects that were fitted one by one, where no sets are searched: of a simulator that can only be called, and of a lattice.
+//! The alias classes of individually fitted effects, where no sets are searched: for a simulator that can only be called, and for a lattice.
 
 use super::class::EffectClass;
 use crate::hypothesis::direction::difference;
@@ -8,8 +8,8 @@ use crate::likelihood::gaussian::Likelihood;
 use crate::search::catalogue_search::SearchResult;
 use deadtime_model::effect::Applied;
 
-/// For every effect of the leader: all that could replace it with a likelihood and trajectories as good. `inexact` is what the simulator is seen to be off by
-/// beside the leader: smaller differences are no evidence.
+/// For every effect of the leader: all candidates that could replace it with an equal likelihood and equal trajectories. `inexact` is the simulator's own error
+/// given the leader; smaller differences are no evidence.
 pub(super) fn classes(
     likelihood: &Likelihood<'_>,
     leader: &Hypothesis,

@@ -1,4 +1,4 @@
-//! Effects that the training logs cannot tell apart.
+//! Classes of effects that are indistinguishable on the training logs.
 
 use deadtime_model::effect::Applied;
 

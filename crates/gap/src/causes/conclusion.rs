@@ -1,7 +1,7 @@
 //! The active effects: the best set of the search with its shares, intervals and aliases, and the verdict on it.
 //!
-//! How it can be wrong: a sequence of lost or late commands that is decoded from the outputs takes a little of everything, so it must beat the best set of
-//! deterministic effects under the same score; a lattice lowers no error, so the trace in the raw values decides on it alone.
+//! How it can be wrong: a sequence of lost or late commands that is decoded from the outputs absorbs a little of every misfit. It must therefore beat the best set of
+//! deterministic effects under the same score. A lattice lowers no error, so the trace in the raw values alone decides on it.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -162,7 +162,7 @@ impl Conclusion<'_, '_> {
         let alone = leader.and_then(|e| Level::of(self.likelihood, Some(e)));
         let levels = std::iter::once(nothing).chain(alone);
         let reached = levels.map(|level| level.noise(self.likelihood)).collect();
-        let noise = self.noise_beside(&training, best)?;
+        let noise = self.noise_given(&training, best)?;
         let likelihood = self.likelihood.with_noise(noise.clone());
         let concluded = Conclusion { likelihood: &likelihood, ..*self };
         let causes = concluded.concluded(reached, &found, best)?;
@@ -170,7 +170,7 @@ impl Conclusion<'_, '_> {
     }
 
     /// The noise of what a set leaves. The search fits initial states under white noise; under the colour of what a single effect leaves they would be others.
-    fn noise_beside(&self, training: &Training<'_, '_>, best: &CauseSet) -> Option<Vec<Noise>> {
+    fn noise_given(&self, training: &Training<'_, '_>, best: &CauseSet) -> Option<Vec<Noise>> {
         let sizes = best.squares.iter().zip(&training.counts).zip(self.smallest);
         let std: Vec<f64> = sizes
             .map(|((square, count), least)| (square / count.max(1.0)).sqrt().max(*least))
@@ -224,12 +224,12 @@ impl Conclusion<'_, '_> {
         if best.singly().next().is_none() {
             begin.effects.sort_by(|a, b| relative(b).total_cmp(&relative(a)));
         }
-        let beside =
+        let final_noise =
             shrunk.likelihood.with_noise(noise_of(shrunk.likelihood, Some(&begin), self.smallest)?);
-        let settled = shrunk.settled(&beside, begin)?;
+        let settled = shrunk.settled(&final_noise, begin)?;
         let (hypothesis, taken_out) = shrunk.by_share(settled, best.recalibration);
-        let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
-        let unsure = shrunk.within_noise(&beside, found, best, &hypothesis);
+        let estimate = intervals::estimate(&final_noise, &hypothesis, self.scales);
+        let unsure = shrunk.within_noise(&final_noise, found, best, &hypothesis);
         if let Some(fewer) = unsure.and_then(|out| found.without(best, out)) {
             return self.concluded(reached, found, fewer);
         }
@@ -275,7 +275,7 @@ impl Conclusion<'_, '_> {
         })
     }
 
-    /// The rules of the verdict beside the floor that the best of what was `reached` leaves.
+    /// The rules of the verdict, and the floor given the residuals of all `reached` hypotheses.
     fn ruled(
         &self,
         levels: [&Level; 2],
@@ -285,7 +285,7 @@ impl Conclusion<'_, '_> {
         ruled(self.likelihood, levels, reached, self.catalogue, self.scales, beaten)
     }
 
-    /// In the order of what each effect explains beside the others, the block of the model's numbers last; and all the others without each.
+    /// The effects ordered by their leave-one-out error, the joint recalibration last; and the remaining effects without each.
     fn by_share(
         &self,
         hypothesis: Hypothesis,
@@ -310,15 +310,15 @@ impl Conclusion<'_, '_> {
         (ordered, sorted.into_iter().map(|p| taken_out[p].clone()).collect())
     }
 
-    /// The parameters under the noise of what is left, unless that makes the errors larger: under a colour that is another effect's, slow effects vanish.
-    fn settled(&self, beside: &Likelihood<'_>, composed: Hypothesis) -> Option<Hypothesis> {
+    /// The parameters refitted under the noise model of the residual, unless that raises the error: a noise model that absorbed another effect hides slow effects.
+    fn settled(&self, final_noise: &Likelihood<'_>, composed: Hypothesis) -> Option<Hypothesis> {
         let before = self.error_of(&composed)?;
         let refitted = Hypothesis::refit(
-            beside,
+            final_noise,
             composed.clone(),
             self.scales,
-            cost(beside)?,
-            beside.budget.steps,
+            cost(final_noise)?,
+            final_noise.budget.steps,
         );
         let mut settled = refitted
             .filter(|e| self.error_of(e).is_some_and(|after| after <= SETTLED * before))
@@ -328,20 +328,20 @@ impl Conclusion<'_, '_> {
         Some(settled)
     }
 
-    /// The effect that lowers the cost under the coloured noise of what is left by less than its price, if any: the score counts effective samples alike at all
-    /// frequencies, so a slow effect can take slow noise. Only effects whose linearised gain (Wald 1943, doi:10.1090/S0002-9947-1943-0012401-3) is that
-    /// small are taken out and the others refitted.
+    /// The effect whose gain under the coloured noise of the residual is smallest relative to its complexity penalty, if any gain is below the penalty.
+    /// The score counts effective samples alike at all frequencies, so a slow effect can absorb slow noise.
+    /// Only effects with a linearised gain (Wald 1943, doi:10.1090/S0002-9947-1943-0012401-3) below the penalty are removed, with a refit of the others.
     fn within_noise<'e>(
         &self,
-        beside: &Likelihood<'_>,
+        final_noise: &Likelihood<'_>,
         found: &Found,
         best: &CauseSet,
         hypothesis: &'e Hypothesis,
     ) -> Option<&'e Applied> {
-        let slopes = hypothesis.slopes(beside, self.scales)?;
-        let prior = hypothesis.prior(beside);
-        let covariance = information(beside, &slopes.columns, &prior).cholesky()?.inverse();
-        let own = beside.inner(&slopes.residual, &slopes.residual);
+        let slopes = hypothesis.slopes(final_noise, self.scales)?;
+        let prior = hypothesis.prior(final_noise);
+        let covariance = information(final_noise, &slopes.columns, &prior).cholesky()?.inverse();
+        let own = final_noise.inner(&slopes.residual, &slopes.residual);
         let lacks = |(e, a): (usize, &'e Applied)| {
             let places = hypothesis.free.iter().enumerate().filter(|(_, free)| free.0 == e);
             let size = |(at, &(_, i)): (usize, &(usize, usize))| {
@@ -352,13 +352,13 @@ impl Conclusion<'_, '_> {
             let price = found.price(places.clone().count());
             places.filter_map(size).reduce(f64::max).filter(|gain| *gain < price)?;
             let others = Self::taken_out(hypothesis, &[vec![e]]).pop()?;
-            let steps = beside.budget.steps;
+            let steps = final_noise.budget.steps;
             let others = match others.effects.is_empty() {
                 true => others,
-                false => Hypothesis::refit(beside, others, self.scales, own, steps)?,
+                false => Hypothesis::refit(final_noise, others, self.scales, own, steps)?,
             };
-            let left = beside.whitened(&others)?;
-            let gain = beside.inner(&left, &left) - own;
+            let left = final_noise.whitened(&others)?;
+            let gain = final_noise.inner(&left, &left) - own;
             (gain < price).then_some((price - gain, a))
         };
         let effects = hypothesis.effects.iter().enumerate();
@@ -374,7 +374,7 @@ impl Conclusion<'_, '_> {
         overall(&Level::of(self.likelihood, Some(hypothesis))?.train.nrmse())
     }
 
-    /// Hypotheses refitted under white weights as large as what is left by all.
+    /// The hypotheses refitted under white noise of the standard deviation of the residual of `hypothesis`.
     fn refitted(&self, hypothesis: &Hypothesis, without: &[Hypothesis]) -> Vec<Option<Hypothesis>> {
         let Some(left) = residuals(self.likelihood, hypothesis) else {
             return vec![None; without.len()];

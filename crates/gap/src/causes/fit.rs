@@ -1,7 +1,7 @@
 //! The joint fit of a set: bounded Levenberg-Marquardt steps on the concentrated likelihood, with the initial states eliminated.
 //!
-//! How it can be wrong: a parameter without influence has no derivative, so it stays where it is and is not counted; a kink has none at the kink, so limits are
-//! moved by a larger step; the response to an initial state is that of the nominal model.
+//! How it can be wrong: a parameter without influence has no derivative, so it keeps its value and is not counted. A kink has no derivative, so limits are
+//! moved by a larger step. The response to an initial state is that of the nominal model.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -108,7 +108,7 @@ impl Fit<'_, '_, '_> {
         Some(Directions { columns: self.columns(set, &residual), residual })
     }
 
-    /// A residual with the initial states and nuisances that fit best: what is left.
+    /// The remainder of a residual after a fit of the initial states and nuisances.
     pub(super) fn remainder(&self, residual: &Stacked) -> Option<Stacked> {
         let gram = Gram::of(self.training, &[residual]);
         let mut squares = self.training.squares(residual);
@@ -137,8 +137,8 @@ impl Fit<'_, '_, '_> {
             left = Some(there);
         }
         let left = left?;
-        let told: f64 = priors.iter().flatten().map(|(off, s)| (off / s).powi(2)).sum();
-        let value = self.score.misfit(&left.squares) + left.prior + told;
+        let prior: f64 = priors.iter().flatten().map(|(off, s)| (off / s).powi(2)).sum();
+        let value = self.score.misfit(&left.squares) + left.prior + prior;
         value.is_finite().then_some((value, left))
     }
 

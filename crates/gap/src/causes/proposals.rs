@@ -1,4 +1,4 @@
-//! What could be added to a set: every candidate by its change of the predictions at the set's own fit.
+//! Candidate additions to a set: every candidate by its change of the predictions at the set's own fit.
 
 use nalgebra::DVector;
 use rayon::prelude::*;

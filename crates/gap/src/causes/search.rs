@@ -1,7 +1,7 @@
 //! The search over sets of effects: sets are expanded by additions, removals and the joint recalibration, the best score first.
 //!
-//! How it can be wrong: two effects of which neither helps alone are not reached one at a time; so the search begins from every set that is given to it as well as
-//! from none. A set is fitted once, from the values of the set that led to it.
+//! How it can be wrong: two effects are missed where neither lowers the score alone. The search therefore starts from every given set and from the empty set.
+//! A set is fitted once, from the parameters of its parent set.
 
 use std::collections::HashMap;
 

@@ -1,12 +1,12 @@
-//! How a rate that was measured goes with the slope of what was measured beside it: the factor, the lag and the offset between the two, with intervals.
+//! How a measured rate relates to the slope of another measured output: factor, lag and offset, with intervals.
 //!
 //! How this can be wrong, and what is done about it:
 //! - A difference of two samples is mostly noise. Slope and rate pass the same symmetric filter, and the one of twelve through which they agree best is taken.
 //! - Noise of the one makes a factor too small, noise of the other too large, whatever its colour. Both regressions are made; the factor lies between the two
 //!   (Frisch 1934, "Statistical Confluence Analysis", Oslo) as long as the two noises do not depend on each other: two estimates of one observer may.
 //! - Rates that the logger held, or a slow filter, look late; the lag is a lag, not its cause.
-//! - The stretches of a log need not agree. Sixteen are left out in turn (delete-a-group jackknife; Künsch 1989, doi:10.1214/aos/1176347265), so that neither white
-//!   noise nor Gaussian is supposed, only that the noise has forgotten itself after a stretch.
+//! - The stretches of a log need not agree. Sixteen are left out in turn (delete-a-group jackknife; Künsch 1989, doi:10.1214/aos/1176347265). The noise may be neither
+//!   white nor Gaussian; only its correlation length must be shorter than a stretch.
 
 use deadtime_signal::stats;
 use deadtime_signal::stats::students_t;
@@ -229,7 +229,7 @@ fn through(parts: &[Part], filter: Filter, lags: usize) -> Option<Alike> {
     let all = sum(None);
     let turned =
         |sign: f64| all.iter().map(|p| sign * correlation(p)).fold(f64::NEG_INFINITY, f64::max);
-    // Half a period later everything is turned round: only where that fits far better is it believed.
+    // Half a period later both signs look alike: the other sign is accepted only where its correlation is larger by 0.05.
     let sign = if turned(-1.0) > turned(1.0) + 0.05 { -1.0 } else { 1.0 };
     let best = peak(&all, sign, None)?;
     let values = |p: Peak| [p.lag, (p.ratio * p.correlation).ln(), (p.ratio / p.correlation).ln()];
@@ -340,7 +340,7 @@ mod tests {
     /// three and a half standard deviations of that count). The factor's interval is wider by what the ratio of the two noises leaves open.
     #[test]
     fn intervals_hold_the_truth_in_white_and_coloured_noise() {
-        let (mut held, mut told, records) = ([0_usize; 3], 0_usize, 400);
+        let (mut held, mut estimated, records) = ([0_usize; 3], 0_usize, 400);
         for seed in 0..records {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
             let ts = random.random_range(0.005..0.02);
@@ -371,7 +371,7 @@ mod tests {
                 rate: middles(&speed),
             };
             let Some(found) = compare(&[part], 35) else { continue };
-            told += 1;
+            estimated += 1;
             let inside = [
                 (found.factor[0]..=found.factor[1]).contains(&factor),
                 (found.lag.value - lag).abs() <= found.lag.half,
@@ -379,9 +379,9 @@ mod tests {
             ];
             held.iter_mut().zip(inside).for_each(|(h, i)| *h += usize::from(i));
         }
-        println!("told {told} of {records}; factor, lag, offset held in {held:?}");
-        assert!(told * 100 >= 98 * records as usize, "{told}");
-        assert!(held.iter().all(|h| h * 100 >= 91 * told), "{held:?} of {told}");
+        println!("estimated {estimated} of {records}; factor, lag, offset held in {held:?}");
+        assert!(estimated * 100 >= 98 * records as usize, "{estimated}");
+        assert!(held.iter().all(|h| h * 100 >= 91 * estimated), "{held:?} of {estimated}");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::view::Columns;
 use crate::format::diagnosis::{Check, CheckKind};
 use deadtime_signal::remedy::{Message, Remedy};
 
-/// Correlation of two outputs' models from which on they cannot be told apart: just below where a swap is no longer looked for.
+/// Correlation of two outputs' models above which the outputs are indistinguishable: 95 % of the correlation above which no swap is searched.
 const ALIKE: f64 = 0.95 * GOOD;
 
 pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
@@ -15,7 +15,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
         if let Fault::Swap(p, q) = f.fault {
             let (p, q) = (p.name(&e.view), q.name(&e.view));
             let finding = format!(
-                "`{p}` and `{q}` are swapped: correlation {} as logged, {} exchanged{}; use ",
+                "`{p}` and `{q}` are swapped: correlation {} as logged, {} swapped{}; use ",
                 short(f.before),
                 short(f.correlation),
                 e.or_instead(f)

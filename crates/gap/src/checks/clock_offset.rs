@@ -7,13 +7,13 @@ use crate::format::diagnosis::{Check, CheckKind};
 
 /// The part of what a filter could correct that the lag alone must correct.
 const PURE: f64 = 0.9;
-/// The part of what is left after present and past that commands to come must explain: no machine, however fast, answers before the command.
+/// The part of the residual after present and past commands that future commands must explain: no machine answers before the command.
 const AHEAD: f64 = 0.15;
-/// Lags that differ by so much beside their scatter may be the same: half a sample is a whole one for an output with a direct path from the command.
+/// Lags that differ by this much beyond four times their standard deviations may be equal, samples: half a sample is a whole one for an output with a direct path.
 const SAME: f64 = 0.5;
-/// No lag is known more closely, samples: that is what the interpolation is good for.
+/// The least interval of a reported offset, samples: the accuracy of the interpolation.
 const LEAST: f64 = 0.02;
-/// A lag that is known less closely than this says nothing, samples.
+/// A lag with a larger standard deviation is unused, samples.
 const KNOWN: f64 = 0.25;
 
 pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {

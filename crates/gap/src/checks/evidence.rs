@@ -1,4 +1,4 @@
-//! What all checks look at, and what they have in common when they say what they found.
+//! The inputs of all checks, and the common parts of their findings.
 
 use super::faults;
 use super::faults::Search;
@@ -32,7 +32,7 @@ pub(super) fn result(
     Check { check, channel: channel.to_owned(), ok, finding: finding.into() }
 }
 
-/// What cannot be told of an uneven log.
+/// The finding on an uneven log: undecided.
 pub(super) fn uneven(what: &str) -> Message {
     Message::from(format!("undecided{what}: the time stamps are uneven; use "))
         .and(Remedy::Resample)

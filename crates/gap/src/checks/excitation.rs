@@ -1,4 +1,4 @@
-//! Commands that are too poor to tell anything: constant, one frequency, slower than anything the model does, or two that move together.
+//! Commands with too little excitation: constant, one frequency, slower than the model's dynamics, or two that are collinear.
 
 use deadtime_signal::decompositions::symmetric_eigen;
 use nalgebra::{Complex, DMatrix, DVector};
@@ -10,11 +10,11 @@ use super::moments::mean;
 use super::view::View;
 use crate::format::diagnosis::{Check, CheckKind};
 
-/// Eigenvalues of the delayed command's covariance below this part of the largest are 0: what is left of a pure sine is rounding.
+/// Eigenvalues of the delayed command's covariance below this part of the largest count as 0: for a pure sine these eigenvalues are rounding errors.
 const RANK: f64 = 1e-9;
 /// Delayed copies of the command that are looked at.
 const COPIES: usize = 8;
-/// A command of so few independent delayed copies (a sine has 2) tells one gain and one phase.
+/// A command with this many independent delayed copies (a sine has 2) determines one gain and one phase.
 const POOR: usize = 2;
 /// The largest change of a command within the slowest time constant, in its standard deviations; below it only a static gain can be seen.
 const CHANGES: f64 = 0.1;

@@ -1,7 +1,7 @@
 //! Which signs, units and places of channels make model and log go together: a greedy search over single faults.
 //!
-//! A model may lack a delay, a lag, friction, a fifth of its gain: two signals go together when their correlation at the best lag is high and their sizes are not
-//! too different. So what is in the catalogue of effects is no fault here.
+//! A model may lack a delay, a lag, friction, or 20 % of its gain. Two signals agree when their correlation at the best lag is high and their
+//! standard deviations are similar. An effect of the catalogue is therefore no fault here.
 
 use rayon::prelude::*;
 
@@ -198,7 +198,7 @@ impl Search {
             }
             // Channels that move alike go together even when they have changed places; a sign or a unit does not hide so.
             let worth = |fault: &Fault| worst < AGREES || matches!(fault, Fault::Swap(..));
-            // The next round has half of what is left: there is seldom one.
+            // The next round has half of the remaining progress: a second round is rare.
             let part = |round: usize| 1.0 - 0.5_f64.powi(round as i32);
             let far = far.part(part(round), part(round + 1));
             let steps = far.steps(menu.len(), "signs, units and channels tried");
@@ -264,7 +264,7 @@ impl Search {
 }
 
 impl Fault {
-    /// The factor within which sizes must agree for this fault to be believed.
+    /// The factor within which the standard deviations must agree for this fault to be accepted.
     fn tolerance(self) -> f64 {
         match self {
             Self::Unit(_, f) | Self::TurnedUnit(_, f)

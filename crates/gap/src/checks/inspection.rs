@@ -1,4 +1,4 @@
-//! Whether a model and logs fit at all, before anyone diagnoses: names, units, time stamps, missing samples, then all checks.
+//! Consistency of a model and logs before any diagnosis: names, units, time stamps, missing samples, then all checks.
 
 use deadtime_signal::remedy::{Message, Remedied, Remedy, Words};
 use serde::{Deserialize, Serialize};

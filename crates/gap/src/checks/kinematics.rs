@@ -167,7 +167,7 @@ fn compare(view: &View<'_>, of: usize, rate: usize) -> Option<(f64, f64)> {
         .max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
 }
 
-/// Every relation beside the logs; those whose channels stand still are left out.
+/// Every relation as measured in the logs; relations whose channels stand still are left out.
 pub(super) fn measure(view: &View<'_>, relations: &[Relation]) -> Vec<Measured> {
     let moves = |i: usize| {
         let values = || {

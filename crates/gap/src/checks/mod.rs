@@ -1,8 +1,8 @@
 //! Checks that need no dynamics: the commonest and cheapest causes of a gap, looked at before any effect is fitted. They change no log.
 //!
-//! One file per check. What they look at is prepared once: the logs beside the nominal model ([`view`]), the outputs of which the model says that one is the
-//! derivative of another ([`kinematics`]; two such sensors beside each other: [`pairs`]), the signs, units and places of channels that would make model and log go together ([`faults`]), and how late the
-//! outputs are ([`timing`]).
+//! One file per check. All checks share prepared inputs: the logs with the nominal model ([`view`]), the outputs of which one is the derivative of another
+//! by the model's equations ([`kinematics`]; two such sensors compared: [`pairs`]), the signs, units and places of channels that would make model and log agree
+//! ([`faults`]), and the lags of the outputs ([`timing`]).
 
 mod alike;
 mod axes;

@@ -1,5 +1,5 @@
-//! Sensors against each other, without dynamics: a velocity beside the slope of a position, a rate beside the turning of an attitude, an acceleration beside the
-//! slope of a velocity. The factor, the lag and the offset between the two, each with an interval; axes that are turned are no factor.
+//! Sensors against each other, without dynamics: a velocity and the slope of a position, a rate and the derivative of an attitude, an acceleration and the
+//! slope of a velocity. The result is the factor, the lag and the offset between the two, each with an interval. Rotated axes are no factor.
 //!
 //! Pairs are the model's own: outputs of which its equations say that one is the derivative of another whatever the parameters, and four outputs that turn as a
 //! quaternion does by three others. A model that shows no equations has its outputs' names and units looked at instead.
@@ -140,7 +140,7 @@ const NAMES: [(&str, &str); 8] = [
     ("", "_velocity"),
     ("", "_speed"),
 ];
-/// Parts of names that are exchanged.
+/// Parts of names, and what replaces each in the name of the rate.
 const EXCHANGED: [(&str, &str); 6] = [
     ("position", "velocity"),
     ("pos", "vel"),
@@ -153,7 +153,7 @@ const EXCHANGED: [(&str, &str); 6] = [
 const UNITS: [[&str; 2]; 5] =
     [["m", "m/s"], ["rad", "rad/s"], ["m/s", "m/s^2"], ["deg", "deg/s"], ["rad/s", "rad/s^2"]];
 
-/// Pairs by name, where the units do not speak against it.
+/// Pairs by name, except where the units contradict the pair.
 fn named(view: &View<'_>) -> Vec<Pair> {
     let outputs = &view.system.outputs;
     let goes = |of: usize, rate: usize| {

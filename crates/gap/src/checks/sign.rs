@@ -59,7 +59,7 @@ impl Evidence<'_> {
                 Fault::TurnedUnit(_, factor) => {
                     format!("{} turned round and in {}", names.join(""), factor.unit)
                 }
-                Fault::Swap(..) => format!("{} exchanged", names.join(" and ")),
+                Fault::Swap(..) => format!("{} swapped", names.join(" and ")),
             }
         };
         let others: Vec<String> = found.instead.iter().map(other).collect();

@@ -1,4 +1,4 @@
-//! How far the measured outputs come after the modelled ones, as a whole and stretch by stretch.
+//! The lag of the measured outputs behind the modelled ones, for the whole log and for every stretch.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -20,7 +20,7 @@ const FEWEST: usize = 5;
 const EDGE: usize = 18;
 /// What is added to the diagonal of equal columns' products.
 const RIDGE: f64 = 1e-9;
-/// Samples that a fitted column needs, so that commands without a meaning explain at most a tenth of what is left.
+/// Samples per fitted column, so that commands without effect explain at most 10 % of the residual.
 const FEWEST_PER_COLUMN: usize = 10;
 /// Taps of a general linear correction, samples.
 const TAPS: [isize; 11] = [-16, -8, -4, -2, -1, 0, 1, 2, 4, 8, 16];
@@ -40,13 +40,13 @@ pub(super) struct Timing {
     pub(super) length: f64,
     /// What the lag alone takes off the misfit, over what any short linear filter takes off: 1 where timing is all there is.
     pub(super) pure: f64,
-    /// The part of what is left after the present and past that the commands to come explain. 0 where the output does not lead, where the model is predicted, as feedback does
-    /// the same, and where the samples are too few for all commands.
+    /// The part of the residual after present and past commands that future commands explain. 0 where the output does not lead, where the model is predicted (feedback has the
+    /// same signature), and where the samples are too few for all commands.
     pub(super) ahead: f64,
 }
 
 impl Timing {
-    /// The lag is told from 0: by its scatter, and by more than the interpolation between samples is good for.
+    /// The lag differs from 0 by four standard deviations, and by more than the error of the interpolation between samples.
     pub(super) fn is_late(&self) -> bool {
         self.lag.abs() > (4.0 * self.std).max(0.15)
     }
@@ -109,7 +109,7 @@ fn of_output(view: &View<'_>, search: &Search, output: usize) -> Option<Timing> 
     if stretches.len() < FEWEST {
         return None;
     }
-    // Stretches count alike: their errors are hardly known better than that.
+    // Stretches have equal weights: the variance of each is itself uncertain.
     let n = stretches.len() as f64;
     let (middle, lag) =
         (mean(stretches.iter().map(|s| s.middle)), mean(stretches.iter().map(|s| s.lag)));

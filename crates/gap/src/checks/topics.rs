@@ -1,11 +1,11 @@
-//! The clocks of a recording's topics: how even each one's stamps are, and by how much the stamps of two topics that log the same motion are apart.
+//! The clocks of a recording's topics: the evenness of each topic's stamps, and the offset between the stamps of two topics that log the same motion.
 //!
-//! Two outputs of different topics are held against each other by their cross-spectrum S(ω) over many stretches: stamps that are apart by τ turn its phase by −ωτ, and nothing
-//! else. One output may be the other with the other sign, its derivative or its integral: a constant phase of 180°, 90° or −90° besides.
+//! Two outputs of different topics are compared by their cross-spectrum S(ω) over many stretches: an offset of τ turns its phase by −ωτ, and changes nothing
+//! else. One output may be the negative, the derivative or the integral of the other, with a constant phase of 180°, 90° or −90°.
 //!
-//! How it can be wrong: two sensors of one motion, of which one has a filter or a slower bus, look as clocks do (said in the finding). So nothing is told where the phase
-//! is not straight (a dynamic relation), where it fits two offsets or two relations alike (narrow band), where little of one goes with the other, and where
-//! the record is short. An offset that changes over the record shows in the interval, which is that of the stretches.
+//! How it can be wrong: two sensors of one motion, one with a filter or a slower bus, look like a clock offset; the finding names this. No offset is reported where the phase
+//! is not straight (a dynamic relation), where it fits two offsets or two relations alike (narrow band), where the coherence is low, and where
+//! the record is short. An offset that changes over the record widens the interval, which is that of the stretches.
 //!
 //! Source: Knapp and Carter (1976), "The generalized correlation method for estimation of time delay", IEEE Trans. ASSP 24(4), 320-327, doi:10.1109/TASSP.1976.1162830
 //! (weights γ²/(1 − γ²)); variance of the phase (1 − γ²)/(2γ²·K): Bendat and Piersol (2010), "Random Data", 4th ed., eq. 9.52.
@@ -82,11 +82,11 @@ pub struct ClockOffset {
     pub first: String,
     /// An output of another topic.
     pub second: String,
-    /// By how much the second is stamped later, s; `None` where it cannot be told.
+    /// The time by which the second topic's stamps are later, s; `None` where no estimate is possible.
     pub offset_s: Option<f64>,
     /// Its 95 % interval, s.
     pub ci95_s: Option<[f64; 2]>,
-    /// What was found, or why nothing can be told.
+    /// The estimate in words, or the reason for none.
     pub finding: String,
 }
 

@@ -1,9 +1,9 @@
 //! A sensor whose axes are turned against the model's: two or three outputs of one vector that agree with the model after a rotation.
 //!
-//! The rotation is the one of least squares (Kabsch 1976, doi:10.1107/S0567739476001873). It counts where it explains most of what any matrix between the outputs could.
+//! The rotation is the one of least squares (Kabsch 1976, doi:10.1107/S0567739476001873). It must explain at least `OF_ANY` of what a general matrix between the outputs explains.
 //!
-//! How it can be wrong: gains that differ by axis or a cross coupling look like a small rotation; motion about one axis alone fixes no rotation about it; a predicted
-//! model holds the measured outputs, so it says nothing here.
+//! How it can be wrong: gains that differ by axis or a cross coupling look like a small rotation. Motion about one axis alone determines no rotation about it.
+//! A predicted model contains the measured outputs, so this check is silent there.
 
 use nalgebra::{DMatrix, Matrix3};
 
@@ -13,7 +13,7 @@ use crate::format::diagnosis::{Check, CheckKind};
 
 /// A rotation of fewer degrees is within the mounting of most boards.
 const LEAST_DEG: f64 = 2.0;
-/// The part of the squared misfit that stays beside the rotation, at most.
+/// The largest part of the squared misfit that may remain after the rotation.
 const LEAVES: f64 = 0.5;
 /// The part of what any matrix takes that the rotation takes, at least.
 const OF_ANY: f64 = 0.9;

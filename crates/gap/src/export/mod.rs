@@ -1,7 +1,7 @@
 //! What was found, on its way out: ranges for domain randomisation, settings of other simulators, transfer functions with delay.
 //!
 //! A target is one file here and one line in [`TARGETS`]. How an export can be wrong: the intervals of a diagnosis are about one machine and what its logs
-//! showed, so they are narrow; [`Source::widen`] is there for fleets. What a target cannot hold is listed beside it with the reason, and never dropped.
+//! showed, so they are narrow; [`Source::widen`] is there for fleets. The effects that a target cannot hold are listed with the reason, and never dropped.
 
 mod domain_randomisation;
 mod isaaclab;

@@ -1,7 +1,7 @@
 //! Fields of MuJoCo's mjModel, for MuJoCo Playground's randomisation functions and for `deadtime.mujoco.randomise`.
 //!
 //! A command is an actuator of the same name, an output a sensor, a state on whose derivative friction acts a joint; `names` says where they are called
-//! otherwise. Delays need MuJoCo's history buffers (`nsample`), which are made when the XML is compiled: the number that is needed stands beside each.
+//! otherwise. Delays need MuJoCo's history buffers (`nsample`), which are made when the XML is compiled; each delay carries the number of samples that it needs.
 //!
 //! How it can be wrong: a dry friction is found as an acceleration and MuJoCo wants a force. The joint's own inertia at the reference pose, `dof_M0`, is
 //! the factor between them where no other joint moves along.
@@ -41,7 +41,7 @@ struct Place {
     index: Option<i64>,
     /// Another field by which the number is multiplied first.
     times: Option<&'static str>,
-    /// What the XML must have beside it.
+    /// The attributes that the XML must also have.
     needs: Option<String>,
 }
 

@@ -1,7 +1,7 @@
-//! What was found as ranges: every parameter of everything that acts, between what it may be at least and at most.
+//! The effects as ranges: every parameter of every active effect, between its least and its largest value.
 //!
-//! How it can be wrong: an interval says how well a number is known, not how far machines of one kind differ; a parameter at a bound has none, so that its
-//! range is one number, which is said; and an effect that only stands in for another (`surrogate`) predicts, but its number is not the physics'.
+//! How it can be wrong: an interval is the uncertainty of one machine's parameter, not the spread over machines of one kind. A parameter at a bound has no interval;
+//! its range is one number, and a note reports that. The parameter of an alias (`surrogate`) predicts, but is not the physical value.
 
 use super::node::Node;
 use super::source::{ExportError, Source};

@@ -3,8 +3,9 @@
 //! gain · numerator(s)/denominator(s) · e^(−delay·s) for every pair of input and output; in z where the model is sampled. Equations are linearised where a log
 //! starts, with every input at 0.
 //!
-//! How it can be wrong: friction, dead zones and limits have no transfer function, so they are listed in `left_out`; about another operating point a nonlinear model has
-//! another one. A sensors' clock that runs ahead makes a negative delay, which stands in `value_s` and in no formula. Coefficients of many poles lose digits, so zeros, poles and gain stand beside them.
+//! How it can be wrong: friction, dead zones and limits have no transfer function and are listed in `left_out`. A nonlinear model has another transfer function about
+//! another operating point. A sensor clock that runs ahead makes a negative delay, which appears in `value_s` and in no formula.
+//! Coefficients of many poles lose digits, so zeros, poles and gain are given as well.
 
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};

@@ -55,7 +55,7 @@ pub enum Caveat {
         after: String,
         /// With what was found, in the rows that were looked at.
         within: String,
-        /// It is hardly larger there.
+        /// The error there is about as large as in the used rows.
         holds: bool,
     },
     /// Measured about another level than the model's.
@@ -102,7 +102,7 @@ pub enum Caveat {
         /// How often.
         times: usize,
     },
-    /// A command that never changes in what is learnt from.
+    /// A command that is constant in the training logs.
     #[error(
         "`{input}` never changes in the training logs: no effect on it is detectable; record a log in which it moves"
     )]
@@ -110,13 +110,13 @@ pub enum Caveat {
         /// The input.
         input: String,
     },
-    /// An output without a sample in what is learnt from.
+    /// An output without a sample in the training logs.
     #[error("`{output}` has no sample in the training logs: it is left out")]
     NothingToLearn {
         /// The output.
         output: String,
     },
-    /// Calls of a simulator failed; the rivals that made them are out of the race.
+    /// Calls of a simulator failed; the hypotheses that made them are dropped.
     #[error(
         "the simulator failed in {failed} of {calls} calls, and what asked for them was given up; the last time: {why}"
     )]
@@ -155,13 +155,13 @@ pub enum Caveat {
         "no state of the simulator is named: every log is taken to start exactly as the simulator does; a start that is off passes for an effect"
     )]
     NoStart,
-    /// A simulator that remembers its start to the end of a log.
+    /// A simulator whose response to its initial state lasts to the end of a log.
     #[error(
         "of a perturbation of the initial state {left} is left at the end of the log: the simulator integrates, and what is a little off at first stays so{}",
         if *started { "" } else { "; name its states with their uncertainty" }
     )]
     NeverForgets {
-        /// What is left.
+        /// The part of the perturbation at the end of the log.
         left: String,
         /// Starts are named.
         started: bool,
@@ -177,7 +177,7 @@ pub enum Caveat {
     /// A simulator whose free run is nowhere near the log, as one that fell over and came to rest.
     #[error(
         "the free run of the simulator has left the log: it misses `{output}` by {times} times what that moves and goes its own way{}. So does an unstable machine that fell over, \
-         and no effect that is named here can be believed; name the log's channels of its states, from which it is then started again and again ({states}), \
+         and no effect that is named here is trustworthy; name the log's channels of its states, from which it is then started again and again ({states}), \
          or close the loop inside the simulator", grown.as_ref().map_or_else(String::new, |grown| format!(", and a perturbation of the initial state grows {grown}-fold"))
     )]
     LeftTheLog {
@@ -185,14 +185,14 @@ pub enum Caveat {
         output: String,
         /// By how much.
         times: String,
-        /// What a push on a start grows by, where one is named.
+        /// The growth of a perturbation of the initial state, where a state is named.
         grown: Option<String>,
         /// What names the log's channels of its states.
         states: Message,
     },
     /// A simulator that answers next to nothing with something.
     #[error(
-        "a change of the inputs by 1e-10 moves `{output}` by {percent} % of its motion: the simulator is rough or chaotic, and no effect smaller than that can be told"
+        "a change of the inputs by 1e-10 moves `{output}` by {percent} % of its motion: the simulator is rough or chaotic, and no effect smaller than that is detectable"
     )]
     Rough {
         /// The output.
@@ -208,9 +208,9 @@ pub enum Caveat {
         /// The residual over the floor.
         times: String,
     },
-    /// Something is left beside what was found.
+    /// A residual above the noise floor remains after the reported effects.
     #[error(
-        "beside what was found {times} times the noise floor remain of `{output}`: something else differs too"
+        "given the reported effects, {times} times the noise floor remain of `{output}`: something else differs too"
     )]
     Rest {
         /// The residual over the floor.
@@ -282,7 +282,7 @@ pub enum Caveat {
     },
 }
 
-/// Whether a constant is one in all logs that were learnt from.
+/// Whether a constant is one in all training logs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Constancy {
     /// There is one log, or none that shows it.
@@ -316,7 +316,7 @@ impl Caveat {
         }
     }
 
-    /// It has to be settled before anything else is believed.
+    /// Whether this caveat must be resolved before any other result is trustworthy.
     #[must_use]
     pub fn comes_first(&self) -> bool {
         matches!(

@@ -1,4 +1,4 @@
-//! Classes of causes: what the logs cannot tell apart, with the probability that one of its members acts.
+//! Classes of causes that are indistinguishable on the logs, with the probability that one of the members acts.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! What contributes to a gap, and what stays of it: the part of a diagnosis that `deadtime/diagnosis@2` added.
+//! The contributions to a gap and its remainder: the part of a diagnosis that `deadtime/diagnosis@2` added.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +10,7 @@ use deadtime_signal::remedy::Message;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Explained {
-    /// What is left is noise, or nearly nothing of the gap.
+    /// The remainder is noise, or a negligible part of the gap.
     All,
     /// Half of the gap or more is explained, and more than noise stays.
     Mostly,
@@ -34,7 +34,7 @@ pub enum Strength {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Share {
-    /// On what was learnt from.
+    /// On the training logs.
     pub learnt: Option<f64>,
     /// On held-out data.
     pub held_out: Option<f64>,
@@ -58,11 +58,11 @@ pub struct Contribution {
     pub probability: Option<f64>,
     /// How clearly it shows.
     pub strength: Strength,
-    /// Its share: what the squared error rises by when it is taken out and the others stay, scaled so that shares add up to what is explained.
+    /// Its share: the rise of the squared error when the effect is removed and the others stay, scaled so that the shares add up to the explained part.
     pub share: Share,
     /// The training nrmse without it, all others refitted; missing where that cannot be simulated.
     pub without_it: Option<f64>,
-    /// What could stand in its place, as `effect:channel`.
+    /// Aliases of the effect, as `effect:channel`.
     pub class: Vec<String>,
     /// It predicts, but its value is not the physics'.
     pub surrogate: bool,
@@ -81,11 +81,11 @@ pub struct Recalibration {
     pub share: Share,
     /// The parameters with their new values.
     pub parameters: Vec<FoundParameter>,
-    /// What cannot be told apart among them, and which of them predict without being the physics', in words.
+    /// Sentences on indistinguishable parameters, and on parameters that predict without being physical.
     pub directions: Vec<String>,
 }
 
-/// What stays of a gap.
+/// The remainder of a gap.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Remainder {
@@ -111,7 +111,7 @@ pub struct Remainder {
     pub unrelated: Option<Unrelated>,
 }
 
-/// How what stays goes with past commands and the model's outputs.
+/// How the remainder depends on past commands and the model's outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Unrelated {
@@ -129,7 +129,7 @@ impl Unrelated {
     }
 }
 
-/// A missing force, as regressed from what stays. It describes, and is no cause.
+/// A missing force, as regressed from the remainder. A missing force is a description, and no cause.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Description {

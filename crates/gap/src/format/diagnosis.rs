@@ -47,7 +47,7 @@ pub enum DiagnosisFormat {
     /// The verdict alone, without what contributes.
     #[serde(rename = "deadtime/diagnosis@1")]
     V1,
-    /// With all that contributes, and what stays.
+    /// With all contributions, and the remainder.
     #[serde(rename = "deadtime/diagnosis@2")]
     V2,
     /// With classes and their probabilities.
@@ -89,7 +89,7 @@ pub struct Diagnosis {
     pub nuisances: Vec<NuisanceEstimate>,
 }
 
-/// A part of a log that was held back.
+/// A held-out part of a log.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Holdout {
@@ -247,7 +247,7 @@ pub struct Cause {
     pub channel: Option<String>,
     /// All effects found to act, in order of what they contribute.
     pub effects: Vec<FoundEffect>,
-    /// What the logs cannot tell apart, as classes with the probability that a member acts, the most probable first; empty in `@1` and `@2`.
+    /// Classes of indistinguishable effects with the probability that a member acts, the most probable first; empty in `@1` and `@2`.
     #[serde(default)]
     pub classes: Vec<CauseClass>,
     /// In which order the effects of the written model act, as `effect:channel`; empty in `@1` and `@2`.
@@ -255,7 +255,7 @@ pub struct Cause {
     pub order: Vec<String>,
     /// Every candidate, and one row each for `none` and `unknown`; probabilities add up to 1.
     pub ranking: Vec<RankingRow>,
-    /// Classes of `effect:channel` that the data cannot tell apart.
+    /// Classes of indistinguishable `effect:channel`.
     pub indistinguishable: Vec<Vec<String>>,
     /// Candidates that were left out.
     pub not_tried: Vec<NotTried>,
@@ -270,7 +270,7 @@ pub struct Cause {
     /// What the model's own parameters explain where all of them may be a little off; missing in `@1`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recalibration: Option<Recalibration>,
-    /// What stays of the gap; missing in `@1`.
+    /// The remainder of the gap; missing in `@1`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remainder: Option<Remainder>,
 }

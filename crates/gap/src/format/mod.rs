@@ -1,4 +1,4 @@
-//! The diagnosis as data, and what is said beside it: caveats, errors, progress.
+//! The diagnosis as data, with its caveats, errors and progress.
 
 pub(crate) mod caveat;
 pub(crate) mod class;

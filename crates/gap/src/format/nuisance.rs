@@ -18,7 +18,7 @@ pub struct NuisanceEstimate {
     pub parameter: String,
     /// The parameter's unit.
     pub unit: String,
-    /// The value, beside what was found.
+    /// The value, given the reported effects.
     pub value: f64,
     /// Its standard deviation.
     pub std: f64,

@@ -11,7 +11,7 @@ pub enum Stage {
     Scanning,
     /// So many candidates are screened.
     Screening(usize),
-    /// The most promising candidates are fitted.
+    /// The candidates with the largest predicted cost reduction are fitted.
     Fitting,
     /// Pairs of effects are looked for.
     Pairing,
@@ -21,9 +21,9 @@ pub enum Stage {
     Longer,
     /// What was found is judged.
     Judging,
-    /// So many causes act; one more is looked for beside them.
+    /// So many causes are found; one more is searched.
     Composing(usize),
-    /// The answer is put together: shares, intervals, what stays.
+    /// The answer is assembled: shares, intervals, remainder.
     Describing,
 }
 

@@ -1,13 +1,13 @@
-//! When each command was there: the hidden delays of commands that come late by a draw of their own each, estimated from the outputs.
+//! The arrival time of each command: the latent random delays of late commands, estimated from the outputs.
 //!
-//! A command that differs by c from the one before it and comes δ later than expected adds −c·δ·h to the outputs, h being their response to an impulse. So to
-//! first order the residual is G(m + δ): m a shift of all, δ normal with the standard deviation s and the correlation that commands have which keep their order.
-//! With A = P⁻¹ + GᵀG the delays are A⁻¹Gᵀr, and what a spread costs is the marginal likelihood, −bᵀA⁻¹b + ln det PA with b = Gᵀr (a Gaussian process; Rasmussen
-//! and Williams 2006, Gaussian Processes for Machine Learning, equations 2.27 to 2.30). The spread is where that is lowest. All is then done again about the
-//! delays that were found, simulated exactly; the sequence with the lowest cost is kept.
+//! A command that differs by c from its predecessor and arrives δ later than expected adds −c·δ·h to the outputs, h being their impulse response. To
+//! first order the residual is G(m + δ). The shift m is common to all; δ is normal with the standard deviation s and the correlation of commands that keep their order.
+//! With A = P⁻¹ + GᵀG the delays are A⁻¹Gᵀr. The marginal likelihood of a spread is −bᵀA⁻¹b + ln det PA with b = Gᵀr (a Gaussian process; Rasmussen
+//! and Williams 2006, Gaussian Processes for Machine Learning, equations 2.27 to 2.30), and the spread minimises it. The steps repeat about the estimated
+//! delays, simulated exactly; the sequence with the lowest cost is kept.
 //!
-//! How it can be wrong: delays longer than what the plant smooths leave the linear range, so the exact simulation has the last word; a plant whose response
-//! varies is followed in part; a response that is long against the record is cut off; a misfit of another kind is followed in part and stays above the floor.
+//! How it can be wrong: delays longer than the plant's smoothing leave the linear range, so the exact simulation decides. A response that
+//! varies, or a misfit of another kind, is fitted in part; the misfit stays above the floor. A response that is long relative to the record is truncated.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -90,7 +90,7 @@ impl Linear {
     }
 }
 
-/// The sequence of delays of one input over all records, beside other effects; `late` with its numbers, and what is known of it in `lost`.
+/// The sequence of delays of one input over all records, given the other effects; `late` with its parameters, and the known latent sequence in `lost`.
 pub(super) fn decode(
     likelihood: &Likelihood<'_>,
     others: &[Applied],
@@ -121,12 +121,13 @@ pub(super) fn decode(
             (0..likelihood.records.len()).into_par_iter().map(linear).collect::<Option<_>>()?;
         let (chosen, waiting) = spread(&records, &here.late, wait_s, step_s, pass == 0)?;
         let solved = solve(&records, &waiting)?;
-        let told = told(&records, &waiting)?;
+        let information = information(&records, &waiting)?;
         let law = waiting_for(solved.mean_s, chosen.spread_s, chosen.ordered, step_s)
             .map_or(chosen, |(law, _)| law);
         let count =
             records.iter().filter(|r| r.trained).map(|r| r.sent.len()).sum::<usize>().max(2) as f64;
-        let std = vec![solved.precision.sqrt().recip(), law.spread_s / (2.0 * told.spread).sqrt()];
+        let std =
+            vec![solved.precision.sqrt().recip(), law.spread_s / (2.0 * information.spread).sqrt()];
         let law = with(&here.late, &[law.delay_s, law.spread_s, here.late.values[2]]);
         // The way there, or a part of it: the response to a delay is another one once the delay is there.
         let tried = |part: f64| {
@@ -142,7 +143,7 @@ pub(super) fn decode(
                     Some(Fates::Late(record.of_all(&delays, &likelihood.records[at].time_s)));
             }
             there.price = lost.price + solved.freedom + improbability + count.ln();
-            there.followed = told.noise;
+            there.followed = information.noise;
             there.std[input].clone_from(&std);
             let effects: Vec<Applied> = others.iter().cloned().chain([law.clone()]).collect();
             let whitened = likelihood
@@ -185,7 +186,7 @@ struct Place {
 }
 
 /// What the outputs tell of delays.
-struct Told {
+struct Information {
     /// How many numbers of the noise the delays of the training logs follow: tr S = d ln det(1 + KGᵀG)/d ln s², K being the delays' covariance, s their spread and S
     /// what takes the outputs to what is explained of them.
     noise: f64,
@@ -194,7 +195,7 @@ struct Told {
 }
 
 /// By differences of the determinant.
-fn told(records: &[Linear], waiting: &Waiting) -> Option<Told> {
+fn information(records: &[Linear], waiting: &Waiting) -> Option<Information> {
     let at = |step: f64| -> Option<f64> {
         let waiting = Waiting { std_s: (0.5 * step).exp() * waiting.std_s, ..*waiting };
         let one = |r: &Linear| {
@@ -207,7 +208,7 @@ fn told(records: &[Linear], waiting: &Waiting) -> Option<Told> {
     let [less, same, more] = [at(-STEP)?, at(0.0)?, at(STEP)?];
     let noise = (more - less) / (2.0 * STEP);
     let bend = (more - 2.0 * same + less) / (STEP * STEP);
-    Some(Told { noise, spread: (noise - bend).clamp(1.0, noise.max(1.0)) })
+    Some(Information { noise, spread: (noise - bend).clamp(1.0, noise.max(1.0)) })
 }
 
 /// The part of the variance of all delays on the training logs that goes with time: along a straight line, or from one level to another.
@@ -239,7 +240,7 @@ fn with_time(likelihood: &Likelihood<'_>, input: usize, found: &Dropouts) -> f64
 }
 
 /// Fits every effect whose commands come late by a draw each, from the fixed delay that does best on its input; single effects as they are fitted so far.
-pub(crate) fn beside_fixed(likelihood: &Likelihood<'_>, singles: &mut [Hypothesis], cost: f64) {
+pub(crate) fn refit_from_fixed(likelihood: &Likelihood<'_>, singles: &mut [Hypothesis], cost: f64) {
     let fixed: Vec<(String, f64)> = (singles.iter())
         .filter(|e| e.fitted && e.gain > likelihood.criteria.selection_penalty)
         .filter(|e| e.effects.iter().any(|a| a.effect.lateness() == Some(Lateness::Fixed)))

@@ -1,11 +1,11 @@
-//! Which commands were lost: the hidden sequence, estimated from the outputs.
+//! The lost commands: their latent sequence, estimated from the outputs.
 //!
 //! A lost command leaves the last one that arrived in force. To first order every such difference δ adds δ·g to the residual, g being the response to one
 //! held sample. A search through the sequences keeps the most probable ones (the M-algorithm; Anderson and Mohan 1984, doi:10.1109/TCOM.1984.1096023);
 //! the best is then simulated exactly and its likelihood charged with the probability of its decisions.
 //!
-//! How it can be wrong: a command that changes by less than the noise shows decides nothing, so the probability is taken from the others; a nonlinear plant's
-//! response varies, so the exact simulation has the last word; a misfit of another kind is followed by lost commands in part only, and stays above the floor.
+//! How it can be wrong: a change of a command below the noise gives no decision, so the loss probability is estimated from the others. A nonlinear plant's
+//! response varies, so the exact simulation decides. Lost commands fit a misfit of another kind in part only, and the misfit stays above the floor.
 
 use rayon::prelude::*;
 

@@ -32,7 +32,7 @@ pub(crate) struct Dropouts {
     pub(crate) waits: Vec<Vec<Wait>>,
     /// Per input, standard deviations of the first parameters of what makes its commands late, as far as they could be estimated.
     pub(crate) std: Vec<Vec<f64>>,
-    /// How many numbers of the training logs' noise the sequence follows: what is left is smaller than the noise by these. 0 where decisions are few.
+    /// Effective number of noise values that the latent sequence fits: the residual is smaller than the noise by these degrees of freedom. 0 where decisions are few.
     pub(crate) followed: f64,
 }
 
@@ -102,7 +102,7 @@ impl Hypothesis {
         (samples / (samples - followed.min(0.5 * samples))).sqrt()
     }
 
-    /// One of its effects, with the values that it has beside the others.
+    /// One of the effects, with its value from the joint fit.
     pub(crate) fn only(&self, place: usize) -> Self {
         let effects = self.effects.get(place).cloned().into_iter().collect();
         let free = self.free.iter().filter(|f| f.0 == place).map(|f| (0, f.1)).collect();

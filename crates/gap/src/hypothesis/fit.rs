@@ -148,12 +148,12 @@ fn without_unreached(
         if !best[e].parameters[i].nominal.is_infinite() {
             continue;
         }
-        let told = prior_cost(likelihood, &best, &free);
+        let prior = prior_cost(likelihood, &best, &free);
         let mut without = best.clone();
         without[e].values[i] = without[e].parameters[i].nominal;
         if likelihood
             .whitened(active.with(&without))
-            .is_some_and(|w| (likelihood.inner(&w, &w) + told - cost).abs() <= 1e-9 * cost)
+            .is_some_and(|w| (likelihood.inner(&w, &w) + prior - cost).abs() <= 1e-9 * cost)
         {
             best = without;
             kept.retain(|&at| at != (e, i));

@@ -48,7 +48,7 @@ impl Level {
             .is_some_and(|e| e.effects.iter().any(|a| a.effect.leaves_residual()))
     }
 
-    /// Training errors without the effects whose single samples noise decides: beside a lattice, a little more or less of anything moves many samples.
+    /// Training errors without the effects whose single samples noise decides: on a lattice of values, a small change of any parameter moves many samples.
     pub(crate) fn smooth(&self, likelihood: &Likelihood<'_>) -> Option<Errors> {
         let Some(hypothesis) = self.hypothesis.as_ref().filter(|_| self.is_chance()) else {
             return Some(self.train.clone());

@@ -1,4 +1,4 @@
-//! How much better than no effect a hypothesis is, its parameters and the search over the whole catalogue paid for; and which of several leads.
+//! The gain of a hypothesis over no effect, less the penalties for its parameters and for the search over the catalogue; and the leader of several.
 
 use super::effects::Hypothesis;
 use crate::input::criteria::Criteria;

@@ -1,7 +1,7 @@
-//! What commands wait that come late by a random delay each and keep their order: how long on average, how differently, and how alike one after the other.
+//! The waits of commands with random delays that keep their order: mean, standard deviation, and correlation of successive waits.
 //!
 //! Equation: command k acts from a(k) = max(a(k − 1), t(k) + d(k)) on, d(k) gamma distributed; the moments of a(k) − t(k) are those of a draw of many commands.
-//! How it can be wrong: by the chance of that draw, some per cent of the spread.
+//! How it can be wrong: by the sampling error of that draw, some per cent of the standard deviation.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -13,7 +13,7 @@ use deadtime_model::simulate::{Delays, Late};
 const DRAWN: usize = 4000;
 /// A spread is no larger than this multiple of its mean: beyond it most delays are none.
 const MOST_UNEVEN: f64 = 1.5;
-/// Waits are never told to be more alike than this: what does not change at all is a fixed delay.
+/// Upper limit of the estimated correlation of successive waits: a constant wait is a fixed delay.
 const MOST_ALIKE: f64 = 0.99;
 
 /// The waits of commands.

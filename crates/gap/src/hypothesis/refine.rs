@@ -1,4 +1,4 @@
-//! What a fit alone does not find: minima beyond a kink, limits that were left out.
+//! Refinements that a fit alone does not reach: minima beyond a kink, omitted limits.
 
 use super::effects::Hypothesis;
 use super::penalised_gain::Penalties;
@@ -7,7 +7,7 @@ use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::{Applied, Scales};
 
 impl Hypothesis {
-    /// Tries steps of each parameter beside the fit: a cost with kinks has minima that no gradient leaves.
+    /// Tries steps of each parameter after the fit: a cost with kinks has minima that no gradient leaves.
     pub(crate) fn polished(
         self,
         likelihood: &Likelihood<'_>,

@@ -1,4 +1,4 @@
-//! What one command does to the outputs, and what it becomes on its way.
+//! The outputs' response to one command, and the command's path through the input effects.
 
 use nalgebra::DMatrix;
 

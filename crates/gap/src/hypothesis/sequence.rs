@@ -150,7 +150,7 @@ mod tests {
             let pattern: u32 =
                 (0..SAMPLES).map(|k| u32::from(rng.random::<f64>() < 0.3) << k).sum();
             let noise = DMatrix::from_fn(SAMPLES, 2, |_, _| rng.random_range(-1.0..1.0));
-            // The residual of a true pattern is its deviation; what is left of the cost is that pattern's.
+            // The residual of a true pattern is its deviation; the remaining cost is that pattern's.
             let (none, silent) =
                 (DMatrix::zeros(SAMPLES, 2), |p: u32, e: &DMatrix<f64>| cost(p, &u, e, &g, 0.3));
             let mut deviation = none.clone();

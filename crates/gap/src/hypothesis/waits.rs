@@ -1,12 +1,12 @@
 //! Lost or late: what the waits of commands, decoded from the outputs, speak for.
 //!
-//! A command that is not there for so many samples may have been lost so often, each time as likely as before, or in bursts; or it came late by a delay of
-//! its own. All of them tell the same trajectories, and differ in how probable they make the waits. Each pays for its freedom in the same coin: twice the
-//! negative log-probability of all waits, and half a log of their number per parameter (Schwarz 1978, doi:10.1214/aos/1176344136); a distribution of delays
-//! of any shape pays as it learns (Krichevsky and Trofimov 1981, doi:10.1109/TIT.1981.1056331).
+//! A command that is missing for several samples may have been lost repeatedly, each time with the same probability, or in a burst; or its own delay is that long.
+//! All these hypotheses have the same trajectories, and differ in the probability of the waits. Each has the same form of score: minus twice the
+//! log-probability of all waits, plus the logarithm of their number per parameter (Schwarz 1978, doi:10.1214/aos/1176344136). A distribution of delays
+//! of any shape is coded predictively (Krichevsky and Trofimov 1981, doi:10.1109/TIT.1981.1056331).
 //!
-//! How it can be wrong: a command that changes again before it arrives hides its wait, and one that hardly shows decides nothing; neither is counted. Few
-//! waits tell little: then the hypotheses differ by less than what tells nothing, and stand in one class.
+//! How it can be wrong: a command that changes again before it arrives hides its wait, and a command without a visible response has no weight; neither is counted.
+//! Few waits carry little evidence: the scores then differ by less than the threshold, and the hypotheses form one class.
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
@@ -215,7 +215,7 @@ mod tests {
         };
         let jumps = |rng: &mut ChaCha8Rng| if rng.random::<f64>() < 0.5 { 5 } else { 15 };
         for seed in 0..20 {
-            // Where few are lost hardly any wait is longer than a sample: then both may be told, and none is called the other.
+            // Where losses are few, almost every wait is one sample: the two hypotheses may be indistinguishable, and neither is preferred.
             let few = drawn(seed, losses(0.2));
             assert!(
                 as_lost(&few) < as_late(&few) + Criteria::default().equals,

@@ -1,8 +1,8 @@
-//! What has to be found out about a simulator that can only be called, by calling it: whether it answers the same twice, how fine it resolves, how long it
-//! remembers a push, which inputs, parameters and starts move it at all.
+//! Properties of a simulator that can only be called, found by calls: repeatability, resolution, the decay time of a perturbation,
+//! and the inputs, parameters and initial states that move an output.
 //!
-//! How it can be wrong: everything is tried on one log (the longest that is learnt from) and from the nominal start; a simulator that remembers there may
-//! forget elsewhere, and a dead zone may hide an input that is pushed too little.
+//! How it can be wrong: all tests run on the longest training log and from the nominal initial state. A simulator may decay there and integrate elsewhere,
+//! and a dead zone may hide an input whose perturbation is too small.
 
 use std::sync::Arc;
 
@@ -17,13 +17,13 @@ use deadtime_signal::remedy::Remedy;
 use deadtime_signal::stats;
 use deadtime_signal::stop::Stop;
 
-/// The push on an input, as a part of its standard deviation.
+/// The perturbation of an input, as a part of its standard deviation.
 const PUSH: f64 = 0.1;
-/// It lasts this part of the log, and so many samples at least.
+/// The duration of the perturbation, as 1/100 of the log, and its least number of samples.
 const LASTS: (usize, usize) = (100, 3);
-/// A push is forgotten when what is left of it is less than this part of its largest effect: four time constants.
+/// A perturbation has decayed when its response is below this part of its largest value: four time constants.
 const FORGOTTEN: f64 = 0.02;
-/// Of a push that is not forgotten more than this is left in the last tenth of the log.
+/// The part of a response in the last tenth of the log above which the simulator integrates.
 const LEFT: f64 = 0.05;
 /// What grows by more than this from the first third of a log to its last tenth is no integrator's ramp.
 pub(super) const GROWS: f64 = 10.0;
@@ -45,10 +45,10 @@ const LOST: f64 = 0.1;
 const SAME: f64 = 1e-5;
 /// A relative change by this shows whether a parameter matters: the first guess of `parameter_error`.
 const TENTH: f64 = 0.1;
-/// Tenfold larger pushes on a start until it shows.
+/// Attempts with a larger perturbation of an initial state until its response is detectable.
 const LOOKS: usize = 8;
 
-/// A system whose runs are remembered, and the memory; as it came where it is no black box.
+/// A system whose runs are cached, and the cache; the system as given where it is no black box.
 pub(crate) fn remembering(mut system: System, stop: &Stop) -> (System, Option<Arc<Remembered>>) {
     let Dynamics::BlackBox(simulator, parameters) = &system.dynamics else { return (system, None) };
     let memory = Arc::new(Remembered::new(simulator.clone(), system.outputs.clone(), stop.clone()));
@@ -59,13 +59,13 @@ pub(crate) fn remembering(mut system: System, stop: &Stop) -> (System, Option<Ar
 /// What was found out.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Probed {
-    /// The time in which a push is forgotten, seconds, at most a tenth of the log.
+    /// The time in which a perturbation decays, seconds, at most 10 % of the log.
     pub(crate) settling_s: f64,
-    /// Why outputs are simulated freely, and how long a push is remembered.
+    /// The reason why outputs are simulated freely, with the decay time of a perturbation.
     pub(crate) why: String,
     /// Per state, how far it must move to move an output as far as that moves in the log.
     pub(crate) states: Vec<f64>,
-    /// Per output, what is no more than rounding.
+    /// Per output, the size of rounding errors.
     pub(crate) resolution: Vec<f64>,
     /// Inputs that move nothing.
     pub(crate) idle_inputs: Vec<String>,
@@ -148,7 +148,7 @@ impl Probe<'_> {
         Some(self.apart(&self.run(&self.record.inputs, &self.record.start, &plan)?))
     }
 
-    /// An input with a push on its first samples, or throughout.
+    /// An input with a perturbation on its first samples, or on all samples.
     fn input(&self, at: usize, samples: usize) -> Vec<Vec<f64>> {
         let mut inputs = self.record.inputs.clone();
         let spread = spread(&inputs[at]);
@@ -193,7 +193,7 @@ fn largest(response: &[f64]) -> f64 {
 /// Finds out; `None` for a simulator that is no black box. Of one that is started again, every how many seconds and why.
 ///
 /// # Errors
-/// [`GapError`]: a call with the nominal model fails, or two of them differ, or what a push does grows without bounds.
+/// [`GapError`]: a call with the nominal model fails, two calls differ, or the response to a perturbation grows without bounds.
 pub(crate) fn probe(
     system: &System,
     memory: Option<&Arc<Remembered>>,
@@ -368,7 +368,7 @@ fn same_twice(
     Ok(apart)
 }
 
-/// How far a state's start must be off to move an output as far as that moves in the log, and the response to such a push; 0 where it moves nothing.
+/// The perturbation of an initial state that moves an output as far as that moves in the log, and its response; 0 where no output moves.
 fn start(probe: &Probe<'_>, state: usize) -> (f64, Option<Response>) {
     let known = probe.system.initial_std[state].filter(|s| *s > 0.0);
     let mut by = known.unwrap_or_else(|| 1e-2 * probe.system.initial[state].abs().max(0.1));
@@ -389,7 +389,7 @@ fn start(probe: &Probe<'_>, state: usize) -> (f64, Option<Response>) {
     last.map_or((0.0, None), |(by, moved, response)| (by / moved, Some(response)))
 }
 
-/// How long pushes are remembered.
+/// The decay time of the responses to perturbations, with the caveats on slow and growing ones.
 fn forgetting(record: &LogRecord, responses: &[Response], found: &mut Probed) -> Result<()> {
     let samples = record.time_s.len();
     let (mut settling_s, mut left, mut growth): (f64, f64, f64) = (0.0, 0.0, 0.0);

@@ -1,6 +1,6 @@
-//! What a search may cost: all counts and limits, for a model file, for one of many states, and for a simulator that can only be called.
+//! The cost of a search: all counts and limits, for a model file, for one of many states, and for a simulator that can only be called.
 //!
-//! None of them says what counts as an effect; too small a budget misses one, and a larger one takes longer.
+//! No count defines an effect. Too small a budget misses one, and a larger budget takes longer.
 
 use deadtime_model::simulate::System;
 
@@ -39,7 +39,7 @@ pub(crate) struct Budget {
     pub(crate) steps: usize,
     /// Steps after which all but the best are given up.
     pub(crate) trial_steps: usize,
-    /// Steps to either side that are tried for one parameter beside a fit.
+    /// Steps to either side that are tried for one parameter after a fit.
     pub(crate) polishes: usize,
     /// How often the noise model is renewed from the leading hypothesis.
     pub(crate) rounds: usize,
@@ -49,7 +49,7 @@ pub(crate) struct Budget {
     pub(crate) glances: usize,
     /// Pairs whose members are tried as first effects in their turn.
     pub(crate) swapped: usize,
-    /// First effects beside which lost commands are looked for.
+    /// First effects given which lost commands are searched.
     pub(crate) losing: usize,
     /// The part of the best gain from which lost commands are looked for again under another noise.
     pub(crate) again: f64,
@@ -63,7 +63,7 @@ pub(crate) struct Budget {
     pub(crate) response: usize,
     /// Leading hypotheses of each size that are compared again under other priors.
     pub(crate) rivals: usize,
-    /// A push on a start for its response, as a part of its prior's standard deviation: what rounding adds is then a small part of what the prior lets it do.
+    /// The perturbation of an initial state for its response, as a part of the prior's standard deviation: rounding errors are then small relative to the prior.
     pub(crate) start_push: f64,
     /// The same in an experiment that is simulated ahead, relative to the state's motion.
     pub(crate) ahead_push: f64,

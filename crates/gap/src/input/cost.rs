@@ -1,7 +1,7 @@
-//! What a diagnosis of a linear model costs, estimated before the search begins.
+//! The cost of a diagnosis of a linear model, estimated before the search begins.
 //!
-//! How it can be wrong: the estimate counts operations of one thread at a rate that was measured once, and a search that stops early or composes many causes takes
-//! 30 % or 300 % of it. It refuses what is out of reach, and promises nothing.
+//! How it can be wrong: the estimate counts operations of one thread at a constant rate. A search that stops early or combines many causes takes
+//! 30 % or 300 % of it. The estimate only rejects infeasible diagnoses.
 
 use super::options::GapOptions;
 use crate::format::error::GapError;

@@ -1,16 +1,16 @@
-//! Every threshold that can change a verdict: what it means, its unit, where it comes from.
+//! Every threshold that can change a verdict: its meaning, its unit, its origin.
 //!
-//! Three kinds of origin. *Formula*: it follows from what stands beside it. *Null*: what chance alone reaches where nothing acts. *Chosen*: set by hand on
-//! withheld cases with known causes; no theory gives it, and how much each matters has not been measured. Formulas were found beside values that stood already.
+//! Three kinds of origin. *Formula*: the stated formula gives the value. *Null*: the value that chance alone reaches without any effect. *Chosen*: set by hand on
+//! withheld cases with known causes. No theory gives a chosen value, and the sensitivity of the results to it is not measured.
 
 /// The thresholds; [`Default`] gives those that every verdict of the program rests on.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Criteria {
-    /// By so much the best of a whole catalogue must beat no effect, and the best second effect a single one; twice a log-likelihood. Null: the best of 50 to
-    /// 100 rivals reaches 10 to 25 on noise alone. Were the noise known, a rival of k parameters would gain χ² of k degrees of freedom by chance, and the best of N
-    /// would pass this with N times its tail at most (Bonferroni): 300 rivals of three parameters in 0.04 % of logs, where 20 would give 5 %. The rest is for
-    /// noise whose colour is estimated.
+    /// The margin by which the best of a catalogue must beat no effect, and the best second effect a single one; twice a log-likelihood.
+    /// Null: the best of 50 to 100 hypotheses reaches 10 to 25 on noise alone. Under known noise, a hypothesis of k parameters gains χ² of k degrees of freedom by chance.
+    /// The best of N then exceeds this value with at most N times the tail probability (Bonferroni): 300 hypotheses of three parameters in 0.04 % of logs.
+    /// A value of 20 would give 5 %. The margin above 20 is for noise whose colour is estimated.
     pub selection_penalty: f64,
     /// Hypotheses that differ by less are as good as each other; twice a log-likelihood. Formula: a likelihood ratio of 20, as between a 95 % and a certain
     /// statement (2 ln 20 = 6.0).
@@ -40,25 +40,25 @@ pub struct Criteria {
     pub two_explain: f64,
     /// Whatever is explained, a residual this many times its floor has a further cause; 1. Chosen: 96 % of its energy are no noise. No drawn case depends on it.
     pub further: f64,
-    /// Of a simulator that can only be called, an elaborate form of a plain effect must take this part of the gap's original square beyond it, or lower the
+    /// For a simulator that can only be called: a general form must explain this part of the gap's squared error beyond its special case, or lower the
     /// rms by `clear`; 1. Chosen.
     pub added_matters: f64,
-    /// Where nothing is named, an effect that a start trusted more or less would bring to light must promise so many selection penalties to be told; 1.
-    /// Chosen: what was just below one penalty and now is just above it is no other verdict.
+    /// Where nothing is named: the predicted cost reduction, in selection penalties, of an effect that becomes detectable under another prior of the initial state; 1.
+    /// Chosen: a change from just below one penalty to just above it changes no verdict.
     pub newly_visible: f64,
-    /// Noise of a sensor forgets within so many samples; what remembers longer is a gap. Chosen: an assumption about sensors, not a result.
+    /// The longest correlation length of sensor noise, samples; a residual with a longer one is a gap. Chosen: an assumption about sensors, not a result.
     pub slowest_noise: f64,
-    /// A window in which calm is looked for holds at least so many times the noise's memory; 1. Chosen.
+    /// The length of a window of the search for low-variance windows, in correlation lengths of the noise, at least; 1. Chosen.
     pub window_memories: f64,
-    /// Windows per record in which calm is looked for, one search for each; what comes and goes may do so slowly or fast. Chosen.
+    /// Windows per record, one search for low-variance windows for each number; changes of variance may be slow or fast. Chosen.
     pub windows: [usize; 3],
     /// Samples of the shortest window. Chosen: a variance of fewer has an error of half its size.
     pub shortest_window: usize,
-    /// So many windows at least tell calm ones from others. Chosen: two in the calmest quarter.
+    /// The least number of windows for a comparison. Chosen: two windows in the quarter with the lowest variance.
     pub fewest_windows: usize,
-    /// The part of the windows that is taken for the calm ones; 1. Chosen.
+    /// The part of the windows with the lowest variance; 1. Chosen.
     pub calm_part: f64,
-    /// Windows are calmer than others where stationary noise of their colour reaches as much with this probability only; 1. Null: the draw of that noise itself,
+    /// The probability below which low-variance windows are significant: that of stationary noise of the same colour; 1. Null: draws of that noise,
     /// made anew for every residual.
     pub calm_by_chance: f64,
     /// The longest autoregression of a residual, in samples; its order is Akaike's choice below this. Chosen.
@@ -67,7 +67,7 @@ pub struct Criteria {
     pub samples_per_coefficient: f64,
     /// Past samples of all channels that predict a command, where feedback is looked for. Chosen.
     pub feedback_past: usize,
-    /// The fixed-gain predictor takes commands to be uncertain by this part of their rms: hardly at all, so that slow effects are not swallowed; 1. Chosen.
+    /// The uncertainty of commands in the fixed-gain predictor, as a part of their rms: small, so that the predictor absorbs no slow effect; 1. Chosen.
     pub uncertain: f64,
     /// So many time constants of the predictor's slowest pole fit into a log; poles that are slower or unstable are mirrored about that circle. Chosen.
     pub forgets: f64,
@@ -80,8 +80,8 @@ pub struct Criteria {
     pub decided: f64,
     /// So many decisions at least give a probability of losses. Chosen.
     pub decisions: f64,
-    /// An interval is doubled while less than this is lost at its end; twice a log-likelihood. Formula: a smooth cost loses 3.84 at the end of a 95 %
-    /// interval, and a quarter of that at the end of one that is half as wide.
+    /// An interval is doubled while the loss at its end is below this; twice a log-likelihood. Formula: a smooth cost loses 3.84 at the end of a 95 %
+    /// interval, and 25 % of 3.84 at the end of an interval of half the width.
     pub unnoticed: f64,
     /// The prior of one state's start is taken this much wider, and as much tighter, when the lead is looked at again; 1. Chosen.
     pub prior_factor: f64,
@@ -93,7 +93,7 @@ pub struct Criteria {
     pub moved_explains: f64,
     /// Then delays are looked for up to so many times that shift; 1. Chosen: the best of an interval must not stand at its end.
     pub longer_than_moved: f64,
-    /// The part of the gap below which a residual does not count as misfit: no simulator is exact; rms, 1. Chosen.
+    /// The part of the gap below which a residual is no misfit: no simulator is exact; rms, 1. Chosen.
     pub inexact_gap: f64,
     /// A delay explains much where it gains this part of what the best effect gains, or takes this part of the squared error; 1. Chosen.
     pub much: f64,

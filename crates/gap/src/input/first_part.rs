@@ -1,10 +1,10 @@
-//! Of long logs the first part: a diagnosis simulates its logs some thousand times, and what a cause is shows in far fewer rows than a long log has.
+//! The first part of long logs: a diagnosis simulates its logs some thousand times, and far fewer rows identify a cause than a long log has.
 //!
-//! The part is the first one, in one piece, because its start is that of the model and because what a clock or a queue adds up to counts from there. Nothing is thinned:
-//! a log of every tenth row would be another log, whose commands and delays are not those of the machine.
+//! The part is the first one, in one piece: its initial state is that of the model, and clocks and queues accumulate from there. No rows are skipped:
+//! a log of every tenth row would have other commands and other delays than the machine.
 //!
-//! How it can be wrong: what happens later only is not seen. So the model with what was found is run over the whole log once, and the error in the rows that
-//! were not looked at stands beside that in those that were. A window of the log shows the rest.
+//! How it can be wrong: an event in later rows is not found. The resulting model therefore runs over the whole log once, and its error in the unused rows
+//! is reported with the error in the used rows. A window of the log makes the later rows the used ones.
 
 use std::borrow::Cow;
 

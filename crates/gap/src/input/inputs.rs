@@ -1,4 +1,4 @@
-//! What every diagnosis begins with: the simulator, its logs with what is learnt from and what is held back.
+//! The inputs of every diagnosis: the simulator, its logs, and their training and held-out spans.
 
 use std::num::NonZeroUsize;
 use std::sync::Arc;
@@ -20,7 +20,7 @@ use deadtime_model::effect::Applied;
 use deadtime_model::simulate::{Remembered, System};
 use deadtime_signal::stop::Stop;
 
-/// The simulator that is diagnosed. One that can only be called remembers its runs.
+/// The simulator under diagnosis. The runs of a simulator that can only be called are cached.
 pub(crate) struct Simulator {
     pub(crate) system: System,
     pub(crate) memory: Option<Arc<Remembered>>,

@@ -1,4 +1,4 @@
-//! What of the logs themselves weakens a diagnosis: samples that come twice, commands that stand still, outputs that are not there.
+//! Weaknesses of the logs themselves: repeated samples, constant commands, missing outputs.
 
 use super::record::{LogRecord, Span};
 use super::subject::Subject;

@@ -1,4 +1,4 @@
-//! The logs of a diagnosis: what was commanded and measured, what is trained on and what is held back.
+//! The logs of a diagnosis: commands and measurements, the training spans and the held-out spans.
 
 use crate::error::Result;
 use crate::format::error::GapError;

@@ -1,15 +1,15 @@
-//! Multiple shooting: a simulator whose free run says nothing is started again and again from what the log says of its states, and judged from window to window.
+//! Multiple shooting: a simulator whose free run diverges from the log restarts repeatedly from the logged states, and is judged window by window.
 //!
-//! A window is as long as it can be: twice as many samples as long as no push on a state grows more than tenfold within one.
+//! A window is as long as possible: its length doubles as long as no perturbation of a state grows more than tenfold within one window.
 //!
 //! How it can be wrong:
 //! * *The logged states are noisy, biased or late.* So each start is a nuisance with a prior about the logged value, as wide as the state moves unless a standard
 //!   deviation is given, and integrated out by its straight-line response. A narrow one takes a sensor's bias or delay for certain.
-//! * *A window is too short to show the effect.* What is slower than a window is in its start: a drift, a slow lag, a small constant force. Nothing tells that it was
-//!   there; the windows are therefore the longest ones that can be had, and their length is said.
+//! * *A window is too short for an effect to be detectable.* The initial states absorb every effect slower than a window: a drift, a slow lag, a small constant force.
+//!   No result reveals such an effect; the windows are therefore the longest possible ones, and their length is reported.
 //! * *What came before the window.* Effects act on the commands of the whole log before windows are cut, so a delay's past is the log's. An output's delay or lag
 //!   reads the window before, from that window's own start: a step where they meet, as large as the starts disagree.
-//! * *Memory that is no state.* What the simulator keeps beside the states that are named (an integrator, a filter) begins anew in each window.
+//! * *Memory that is no state.* The simulator's memory outside the named states (an integrator, a filter) is reset in each window.
 //! * *Many starts explain much.* Each takes one degree of freedom; with few samples between two starts they take up the effect itself.
 
 use super::black_box::{GROWS, UNSTABLE, spread};
@@ -21,9 +21,9 @@ use deadtime_model::simulate::{Commands, Plan, System};
 
 /// Samples of a window at least.
 const SHORTEST: usize = 10;
-/// Starts of a log at most, of all states together: each is a column beside the log's samples.
+/// Initial states per log at most, of all states together: each is a further column of the log's regression.
 const MOST: usize = 800;
-/// A push on the starts, as a part of how far the state moves in the log.
+/// The perturbation of the initial states, as a part of the state's motion in the log.
 const PUSH: f64 = 1e-3;
 
 /// How a simulator is started again.
@@ -32,7 +32,7 @@ struct Restarted {
     /// Seconds between two starts.
     every_s: f64,
     windows: usize,
-    /// How much a push grows within one.
+    /// The growth of a perturbation within one window.
     growth: f64,
 }
 
@@ -43,7 +43,7 @@ impl Restarted {
             1 => "simulated freely, from what the log says of its states at the first sample"
                 .to_owned(),
             _ => format!(
-                "{STARTED_AGAIN} from what the log says of its states, every {every_s:.3} s ({windows} windows in the longest log); within one a push grows {growth:.1}-fold"
+                "{STARTED_AGAIN} from what the log says of its states, every {every_s:.3} s ({windows} windows in the longest log); within one a perturbation grows {growth:.1}-fold"
             ),
         }
     }
@@ -52,7 +52,7 @@ impl Restarted {
 /// Sets where the simulator starts on every log, and says every how many seconds and why; `None` where it is started once.
 ///
 /// # Errors
-/// [`GapError`]: the simulator fails, or a push grows without bounds even in the shortest windows, or there would be more starts than can be fitted.
+/// [`GapError`]: the simulator fails, a perturbation grows without bounds even in the shortest windows, or the initial states are too many for a fit.
 pub(crate) fn restart(system: &System, records: &mut [LogRecord]) -> Result<Option<(f64, String)>> {
     let Some(wanted) = &system.restart else { return Ok(None) };
     let Some(at) = (0..records.len()).max_by_key(|&at| records[at].time_s.len()) else {
@@ -98,7 +98,7 @@ pub(crate) fn restart(system: &System, records: &mut [LogRecord]) -> Result<Opti
     Ok(Some((restarted.every_s, restarted.why())))
 }
 
-/// The longest windows, in samples, within which no push grows more than tenfold, and how much one does.
+/// The longest windows, in samples, within which no perturbation grows more than tenfold, and the growth there.
 fn longest(system: &System, record: &mut LogRecord) -> Result<(usize, f64)> {
     let samples = record.time_s.len();
     let mut length = SHORTEST.min(samples);
@@ -117,7 +117,7 @@ fn longest(system: &System, record: &mut LogRecord) -> Result<(usize, f64)> {
     Ok((length, growth))
 }
 
-/// How much a push on any state grows from the first third of a window to its last tenth, at most.
+/// The largest growth of a perturbation of any state from the first third of a window to its last tenth.
 fn grown(system: &System, record: &mut LogRecord, length: usize) -> Result<f64> {
     record.restart_after(length, system);
     let plan = Plan::new(system);

@@ -1,8 +1,8 @@
-//! What of every log is learnt from, what is held back, and what carries no weight.
+//! The training span and the held-out span of every log, and the parts without weight.
 
 use super::record::{LogRecord, Span};
 
-/// The part of each log that is held back where no log is held out.
+/// The held-out part of each log, where no log is held out.
 const HELD_BACK: f64 = 0.3;
 
 /// 35 samples or half the time in which the model settles, at most a tenth of the shortest log.
@@ -30,9 +30,9 @@ pub(crate) struct Divide {
 }
 
 impl Divide {
-    /// Sets the training spans and returns the held-out ones, per record. The first so many records are to be learnt from.
+    /// Sets the training spans and returns the held-out ones, per record. The first `training` records are the training logs.
     ///
-    /// What a black box does after the last sample is not known, and a clock that is ahead would show it: so much of its end carries no weight either.
+    /// A black box has no values after the last sample, and a clock that is ahead needs them: the last `start_s` seconds of a black box carry no weight either.
     pub(crate) fn set_spans(
         &self,
         records: &mut [LogRecord],

@@ -1,16 +1,16 @@
-//! What of a residual hangs together with the commands: the share that all effects of the catalogue together explain, tried on data they were not fitted to.
+//! The share of a residual that depends on the commands: all effects of the catalogue together predict it in blocked cross-validation.
 //!
-//! Every effect's signature beside the best hypothesis is a regressor: it went through the simulator's own dynamics. A ridge regression on all of them
-//! (Hoerl and Kennard 1970, doi:10.1080/00401706.1970.10488634) is no explanation, but what it predicts of a block of time that was left out (Stone 1974,
+//! Every effect's signature given the best hypothesis is a regressor, computed with the simulator's own dynamics. A ridge regression on all signatures
+//! (Hoerl and Kennard 1970, doi:10.1080/00401706.1970.10488634) explains nothing, but its prediction of a block of time outside the fit (Stone 1974,
 //! doi:10.1111/j.2517-6161.1974.tb00994.x) is no noise either.
 //!
-//! What acts may hide all others: beside an output that is clipped to a constant, or a friction that sticks, no effect has a signature, and all that is left would
-//! pass for noise. So the signatures beside the model as it is are regressors, too, and its own prediction, as it is and later.
+//! An active effect may hide all others: given an output that is clipped to a constant, or a friction that sticks, no effect has a signature,
+//! and the whole residual would pass for noise. The signatures on the nominal model are therefore regressors as well, together with its prediction and delayed copies of it.
 //!
-//! A simulator that can only be called lacks the signatures of friction and all else that acts on equations; pushes on its inputs stand in for them, and what
-//! acts already may have made up for some of it, so its own parameters may move.
+//! A simulator that can only be called lacks the signatures of friction and of all other effects on equations; perturbations of its inputs are their substitutes.
+//! Active effects may have absorbed a part of those effects, so the directions of their parameters are regressors as well.
 //!
-//! How it can be wrong: a gap with a memory that no effect has, or one that happens once, is not predicted; then this says nothing, and windows must tell.
+//! How it can be wrong: a gap with a longer memory than every effect, or a single event, is not predicted. The share is then near 0, and only the low-variance windows can reveal the gap.
 
 use faer::linalg::solvers::Solve;
 use faer::{MatRef, Side};
@@ -31,7 +31,7 @@ const EACH: usize = 2;
 const ROWS: usize = 4000;
 /// Blocks of time that are left out in turn.
 const FOLDS: usize = 8;
-/// A parameter of what acts already moves by this part of its distance from nominal.
+/// The step of a parameter of an active effect, as a part of its distance from nominal.
 const FURTHER: f64 = 0.1;
 /// Ridge parameters that are tried, relative to a signature's mean square.
 const RIDGES: [f64; 5] = [1e-6, 1e-4, 1e-3, 1e-2, 1e-1];
@@ -56,11 +56,11 @@ pub(crate) fn shares(
         })
         .collect();
     let finite = |moved: DMatrix<f64>| moved.iter().all(|v| v.is_finite()).then_some(moved);
-    let signatures = |beside: ActiveEffects<'_>, without: &DMatrix<f64>| -> Vec<DMatrix<f64>> {
+    let signatures = |given: ActiveEffects<'_>, without: &DMatrix<f64>| -> Vec<DMatrix<f64>> {
         let signature = |applied: &Applied| {
             let effects: Vec<Applied> =
-                beside.effects.iter().cloned().chain([applied.clone()]).collect();
-            finite(stacked(likelihood, beside.with(&effects), None, &rows)? - without)
+                given.effects.iter().cloned().chain([applied.clone()]).collect();
+            finite(stacked(likelihood, given.with(&effects), None, &rows)? - without)
         };
         tried.par_iter().filter_map(signature).collect()
     };
@@ -126,7 +126,7 @@ fn later(
         .collect()
 }
 
-/// What acts with one parameter a little further from nominal.
+/// The active effects, each time with one parameter a small step further from nominal.
 fn own_directions(active: ActiveEffects<'_>) -> Vec<Vec<Applied>> {
     let all = active.effects.iter().enumerate().flat_map(|(e, a)| {
         (0..a.values.len()).map(move |i| (e, i, a.parameters[i].nominal, a.values[i]))
@@ -287,16 +287,16 @@ fn missed_by_rows(left: &DVector<f64>, regressors: &DMatrix<f64>) -> [Option<f64
 mod tests {
     use super::*;
     use crate::likelihood::residuals::residuals;
-    use crate::likelihood::servo::{beside, nominal};
+    use crate::likelihood::servo::{nominal, with_servo};
     use crate::search::catalogue::catalogue;
     use rand::RngExt;
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::SeedableRng;
 
-    /// Beside an angle that is clipped to a constant nothing moves it: all of the response is left, and none of it is noise.
+    /// Given an angle that is clipped to a constant, no effect moves it: the whole response is residual, and none of it is noise.
     #[test]
     fn what_a_clipped_output_hides_is_no_noise() {
-        beside(&[("actuator_lag", "u", &[0.1])], |likelihood, scales| {
+        with_servo(&[("actuator_lag", "u", &[0.1])], |likelihood, scales| {
             let clipped =
                 [with(&nominal(likelihood.system, "sensor_saturation", "angle"), &[-0.01, 0.01])];
             let left = residuals(likelihood, &clipped).unwrap();
@@ -307,10 +307,10 @@ mod tests {
         });
     }
 
-    /// Beside a friction that sticks no effect has a signature. A slower and later machine is a weighted sum of what the model predicted before.
+    /// Given a friction that sticks, no effect has a signature. A slower and later machine is a weighted sum of delayed predictions of the model.
     #[test]
     fn what_a_friction_that_sticks_hides_is_no_noise() {
-        beside(
+        with_servo(
             &[("actuator_lag", "u", &[0.5]), ("output_delay", "*", &[0.3])],
             |likelihood, scales| {
                 let stuck = [with(&nominal(likelihood.system, "coulomb_friction", "v"), &[1e4])];

@@ -1,8 +1,8 @@
 //! The noise floor: the part of a residual that no deterministic model can explain.
 //!
-//! How it can be wrong: a gap that is the same everywhere and unrelated to inputs and predictions looks like noise; coloured noise has few independent
-//! samples, so calm stretches come by chance. So a floor is the least of four: what the commands do not predict, what calm windows hold (corrected for the
-//! noise's memory), what noise of the longest memory allowed would hold, and what any hypothesis reaches.
+//! How it can be wrong: a gap that is the same everywhere and unrelated to inputs and predictions looks like noise. Coloured noise has few independent
+//! samples, so low-variance windows occur by chance. The floor is therefore the least of four: the part that commands do not predict, the low-variance windows (corrected for the
+//! noise's correlation length), noise of the longest correlation length allowed, and the least residual of any hypothesis.
 
 use nalgebra::DMatrix;
 use rand::RngExt;
@@ -18,7 +18,7 @@ use crate::likelihood::errors::Errors;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_signal::stats;
 
-/// Samples of noise that are simulated to see how calm calm windows are by chance.
+/// Samples of simulated noise for the variance of its low-variance windows.
 const SIMULATED: usize = 200_000;
 
 /// What of each output's residual is noise: its standard deviation.
@@ -60,7 +60,7 @@ fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
     stats::mean(values.map(|v| v * v)).unwrap_or(0.0)
 }
 
-/// The mean square that noise of the longest memory allowed would have with this residual's innovations; infinite where the residual forgets sooner.
+/// The mean square of noise of the longest correlation length allowed with this residual's innovations; infinite where the residual's correlation length is shorter.
 fn slow(
     records: &[LogRecord],
     residuals: &[DMatrix<f64>],

@@ -1,10 +1,10 @@
-//! Parameters with honest intervals: the nominal model's own parameters are a little off, and residuals are coloured.
+//! Parameters with intervals that account for two errors: the nominal model's own parameters are inexact, and residuals are coloured.
 //!
-//! How it can be wrong: with a perfect nominal model a plain fit has the smallest variance, and nothing is gained; with a nominal model that is a per cent
-//! off, a plain fit takes up the error and its interval is many times too narrow. So the relative errors of all nominal parameters join the fit, with a
-//! common normal prior whose size the data choose (type-II maximum likelihood; `MacKay` 1992, doi:10.1162/neco.1992.4.3.415). The value stays that of the
-//! plain fit, which is what the model with its effects is made of; its variance is the larger of the posterior's and that of the scores of separate
-//! blocks of time (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13), and the squared distance to the joint estimate.
+//! How it can be wrong: with a perfect nominal model a plain fit has the smallest variance, and nothing is gained. With a nominal model that is 1 %
+//! off, a plain fit absorbs the error and its interval is many times too narrow. The relative errors of all nominal parameters therefore join the fit, with a
+//! common normal prior of estimated variance (type-II maximum likelihood; `MacKay` 1992, doi:10.1162/neco.1992.4.3.415).
+//! The value stays that of the plain fit, as in the model with its effects. The variance is the larger of the posterior's and that of the scores of separate
+//! blocks of time (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13), plus the squared distance to the joint estimate.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -169,9 +169,9 @@ impl Estimate {
     }
 }
 
-/// The standard deviation, doubled for as long as the parameter alone can move to the end of its interval, on either side, and the likelihood hardly notices:
-/// a cost with jumps or kinks (a delay beside a direct path, where uneven samples pass edges of the commands one by one) has no slope that tells its width.
-/// A smooth cost rises by 3.84 or more at the end of a 95 % interval, and nothing changes. Infinite where it is never noticed: a limit that nothing reaches.
+/// The standard deviation, doubled while the parameter alone can move to either end of its 95 % interval at a cost below `unnoticed`.
+/// A cost with jumps or kinks has no curvature that gives its width: a delay together with a direct path, where uneven samples pass edges of the commands one by one.
+/// A smooth cost rises by 3.84 or more at the end of a 95 % interval, and the standard deviation stays. Infinite where the cost never rises: a limit that nothing reaches.
 fn as_far_as_unnoticed(
     likelihood: &Likelihood<'_>,
     hypothesis: &Hypothesis,

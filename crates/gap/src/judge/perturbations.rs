@@ -1,9 +1,9 @@
-//! Pushes on the inputs of a simulator that can only be called, in place of the effects on equations that cannot be tried on it.
+//! Perturbations of the inputs of a simulator that can only be called, as substitutes of the effects on equations.
 //!
-//! Friction, drag, a hardening spring and wrong dampings are functions of the motion that act where an input acts, or nearly so. Nobody knows where in
-//! the simulator they would act, so they are no candidates; but what goes with such a push is no noise.
+//! Friction, drag, a hardening spring and wrong dampings are functions of the motion that act at an input, or close to one. Their exact place in
+//! the simulator is unknown, so they are no candidates; but a residual that correlates with such a perturbation is no noise.
 //!
-//! How it can be wrong: what acts where no input reaches, or depends on what no output shows, is not among them.
+//! How it can be wrong: an effect where no input acts, or one that depends on unmeasured states, is not covered.
 
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::Likelihood;
@@ -13,13 +13,13 @@ use deadtime_signal::stats;
 /// The commands of every record, by input.
 pub(crate) type Commanded = Vec<Vec<Vec<f64>>>;
 
-/// A push, as a part of its input's standard deviation.
+/// The size of a perturbation, as a part of its input's standard deviation.
 const PUSH: f64 = 0.1;
 
-/// What a push may be of an output or its rate: dry friction, drag, a hardening spring, one that is off.
+/// Perturbations as functions of an output or its rate: dry friction, drag, a hardening spring, a wrong stiffness or damping.
 const SHAPES: [fn(f64) -> f64; 4] = [f64::signum, |v| v * v.abs(), |v| v * v * v, |v| v];
 
-/// The commands with one push each; none where the simulator fails.
+/// The commands with one perturbation each; none where the simulator fails.
 pub(crate) fn perturbations(
     likelihood: &Likelihood<'_>,
     active: ActiveEffects<'_>,

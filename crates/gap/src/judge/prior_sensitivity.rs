@@ -1,9 +1,9 @@
-//! Whether a verdict hangs on how far the initial state is trusted.
+//! Sensitivity of a verdict to the prior of the initial state.
 //!
-//! A start that is off and a constant offset at input, state or sensor look alike over one log: which of them is named depends on the prior of the start.
-//! So the leaders are compared again with the start known ten times better and ten times worse, state by state; where another hypothesis leads, or none
-//! does, the state joins the class of what cannot be told apart. Where nothing was named, the signatures of all candidates are compared: what the start took
-//! up is not in any fit.
+//! A wrong initial state and a constant offset at input, state or sensor look alike over one log: the prior of the initial state decides which of them is named.
+//! The leaders are therefore compared again with the initial state known ten times better and ten times worse, state by state. Where another hypothesis leads, or none
+//! does, the state joins the class of indistinguishable causes. Where nothing was named, the signatures of all candidates are compared,
+//! because no fit contains what the initial state absorbed.
 
 use rayon::prelude::*;
 

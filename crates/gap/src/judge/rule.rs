@@ -1,4 +1,4 @@
-//! The rule of the verdict: from how large errors are, before and after what explains best, to an effect, none, or something that is in no catalogue.
+//! The rule of the verdict: from the errors before and after the best hypothesis to an effect, none, or a cause outside the catalogue.
 
 use crate::input::criteria::Criteria;
 
@@ -23,7 +23,7 @@ pub(super) struct Sizes {
 /// What the verdict is decided on.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Levels {
-    /// On what was learnt from.
+    /// On the training logs.
     pub(super) train: Sizes,
     /// How many effects explain best; 0: the model as it came.
     pub(super) effects: usize,
@@ -116,7 +116,7 @@ mod tests {
         assert!((ruling.unknown - (1.0 - 0.5 * (-0.5_f64).exp())).abs() < 1e-12);
     }
 
-    /// The same twice the floor of a ten times larger gap: 99.9 % explained. It is named, and what is left is reported.
+    /// The same twice the floor of a ten times larger gap: 99.9 % explained. The effect is named, and the remainder is reported.
     #[test]
     fn an_effect_that_explains_nearly_all_of_a_large_gap_is_named_beside_a_little_more_than_noise()
     {

@@ -1,4 +1,4 @@
-//! The verdict: no effect, an effect, two of them, or something that is in no catalogue.
+//! The verdict: no effect, an effect, two effects, or a cause outside the catalogue.
 
 use nalgebra::DMatrix;
 
@@ -28,7 +28,7 @@ pub(crate) struct Judged {
     pub(crate) unknown: f64,
     /// The output on which the verdict was decided, and how many times the noise floor is left of it, where that is more than noise.
     pub(crate) left_over: Option<(usize, f64)>,
-    /// Twice the log-likelihood that a further effect would gain which does not matter: so far off is the simulator beside what was found.
+    /// Twice the log-likelihood gain of a further effect that does not matter: the simulator's own error, given the reported effects.
     pub(crate) inexact: f64,
     pub(crate) floor: Floor,
     /// The effect that is not named, because the model's numbers, each a little off, explain as much.
@@ -135,7 +135,8 @@ pub(crate) fn judge(
     })
 }
 
-/// The floor beside what explains best, and what follows from it. `reached`: errors and residuals of the leading hypotheses, no effect first; no floor is above what any of them reaches. `beaten`: something beats no effect, by whatever measure.
+/// The noise floor given the best hypothesis, and the ruling that follows. `reached`: errors and residuals of the leading hypotheses, no effect first.
+/// The floor is never above the residual of any of them. `beaten`: some hypothesis beats no effect by any measure.
 pub(crate) fn ruled(
     likelihood: &Likelihood<'_>,
     [nothing, best]: [&Level; 2],

@@ -1,4 +1,4 @@
-//! Runs from the start that fits best, with the constants that fit best: what whoever runs the model gets.
+//! Runs from the best initial state with the best constants, as a user of the model simulates them.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,10 +9,10 @@ use deadtime_model::simulate::Plan;
 use deadtime_signal::stats;
 
 impl Likelihood<'_> {
-    /// Predicted outputs from the start that fits best, simulated from there: what whoever runs the model gets, and not what the nominal model's response to a start says.
+    /// Predicted outputs, simulated from the best initial state: a real run of the model, without the nominal model's linear response to an initial state.
     ///
-    /// Best is what leaves the least of the samples in `span`, every output over its own spread, beside the prior of the start. The constants that every log has of
-    /// its own are sought and simulated as the start is. A simulator that can only be called is not asked so often.
+    /// The best initial state minimises the squared residual in `span`, every output in units of its spread, plus the prior's cost. The constants of each log
+    /// are estimated and simulated in the same way. A simulator that can only be called gets fewer iterations.
     pub(crate) fn predict_from_best_start<'e>(
         &self,
         record: usize,
@@ -61,7 +61,7 @@ struct Start<'l, 'a> {
 /// Steps of that search, and the part of the error from which another one is worth it.
 const START_STEPS: usize = 8;
 const START_GAIN: f64 = 1e-6;
-/// A push on a constant for its slope, in standard deviations of its prior.
+/// The perturbation of a constant for its slope, in standard deviations of its prior.
 const PUSH: f64 = 0.1;
 
 impl Start<'_, '_> {

@@ -48,8 +48,8 @@ impl Likelihood<'_> {
         })
     }
 
-    /// The responses about the constants that fit the model as it came best, and what a run with those is beside a run without any and the straight responses; `None`
-    /// without constants, and where they cannot be found.
+    /// The responses about the constants that fit the nominal model best, and the difference of a run with those from a run without any plus the linear responses; `None`
+    /// without constants, and where the fit fails.
     pub(super) fn about_own_constants(
         &self,
         record: usize,
@@ -87,7 +87,7 @@ impl Likelihood<'_> {
         self.declared.iter().map(|n| n.std).enumerate().map(response).collect()
     }
 
-    /// The most probable constants of a log beside its start, by real simulations with what is at work; `None` where one fails.
+    /// The most probable constants of a log, jointly with its initial state, by simulations with the active effects; `None` where one fails.
     pub(crate) fn constants_of<'e>(
         &self,
         record: usize,

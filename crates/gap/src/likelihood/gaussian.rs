@@ -1,4 +1,4 @@
-//! The likelihood that all rivals share: predictions, what is a nuisance, whitened residuals.
+//! The likelihood that all hypotheses share: predictions, nuisances, whitened residuals.
 
 use std::sync::Arc;
 
@@ -79,7 +79,7 @@ pub(crate) struct Likelihood<'a> {
     simulated: Arc<Simulated>,
 }
 
-/// Far below the noise of any sensor; a rival on its way to infinity gives up early.
+/// Far below the noise of any sensor; a hypothesis that diverges stops early.
 const TOLERANCE: Tolerance = Tolerance {
     relative: 1e-6,
     absolute: 1e-9,
@@ -87,7 +87,7 @@ const TOLERANCE: Tolerance = Tolerance {
     budget: usize::MAX,
     past_samples: true,
 };
-/// A rival that needs more integration steps than so many per sample and this multiple of the nominal model's is given up.
+/// Integration steps per sample, and the multiple of the nominal model's steps, above which a hypothesis is dropped.
 const STEPS_PER_SAMPLE: usize = 10;
 const STEPS_OF_NOMINAL: usize = 4;
 
@@ -119,7 +119,7 @@ impl<'a> Likelihood<'a> {
         let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
         let prior_states = prior.len().max(1);
         let plan = Applied::plan(system, &model_effects, Chance::Mean)?;
-        // A linear model takes no steps, but a rival with friction does: what it takes, an effect that does nothing tells.
+        // A linear model takes no steps, but a hypothesis with friction does: an effect of size 0 gives their number.
         let mut integrated = Applied::plan(system, &model_effects, Chance::Mean)?;
         if !(system.is_sampled() || system.is_black_box() || system.states.is_empty()) {
             integrated.terms.push(Term::Function { to: 0, from: 0, f: Arc::new(|_| 0.0) });

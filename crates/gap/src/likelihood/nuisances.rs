@@ -1,15 +1,15 @@
-//! The nuisances of one record, integrated out alike in all rivals: the initial state with a prior N(0, P) on its deviation, what the model file declares
-//! (constants of which every log has its own, each with its prior), and commands that react to the noise of their own sample.
+//! The nuisances of one record, integrated out alike in all hypotheses: the initial state with a prior N(0, P) on its deviation, the declared
+//! constants of the model file (a value per log, with a prior each), and commands that react to the noise of their own sample.
 //!
 //! How declared ones can be wrong:
-//! - The response to one is a straight line: that of the model as it came, between half a standard deviation to either side of the value that fits this model best.
-//!   A clock that is off by much of the time in which outputs move bends, and so does a push on a nonlinear model. What the line misses at that best value is added
-//!   to every rival's predictions, so without a cause nothing is missing; a cause that moves the value by much leaves what bends in between. What is told and what
-//!   is scored on held-out data comes of real simulations (`constants.rs`, `best_start.rs`).
-//! - It swallows a cause: with a wide prior a constant that is the same in all logs costs next to nothing, log by log. What is alike in all logs beyond
-//!   chance is told as such, and so is an estimate that its prior contradicts.
-//! - It does what the start does: an offset of a sensor beside an integrating state whose start is unknown. The two share the difference by their priors; the sum is
-//!   right, and the standard deviation of each says how little is known of it alone.
+//! - The response to a constant is linear: that of the nominal model, between half a standard deviation to either side of the value that fits this model best.
+//!   The true response is nonlinear for a clock offset comparable to the outputs' time constants, and for a perturbation of a nonlinear model.
+//!   The linearisation error at that best value is added to every hypothesis's predictions. A cause that moves the value by much leaves the remaining error.
+//!   Reported values and held-out scores come from real simulations (`constants.rs`, `best_start.rs`).
+//! - A constant absorbs a cause: with a wide prior a constant that is the same in all logs has almost no cost, log by log. A caveat reports values that are alike in
+//!   all logs beyond chance, and estimates that the prior contradicts.
+//! - A constant is an alias of the initial state: a sensor offset and the unknown initial value of an integrating state. The two share the difference by their priors; the sum is
+//!   right, and the standard deviation of each is large.
 
 use std::sync::Arc;
 

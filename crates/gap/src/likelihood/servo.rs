@@ -62,8 +62,11 @@ pub(crate) fn nominal(system: &System, effect: &str, channel: &str) -> Applied {
     Applied::nominal(system, find(effect).unwrap(), channel).unwrap()
 }
 
-/// Calls with the likelihood of the servo's model beside two logs of a servo that has these effects: their names, channels and values.
-pub(crate) fn beside(truth: &[(&str, &str, &[f64])], judge: impl FnOnce(&Likelihood<'_>, &Scales)) {
+/// Calls with the likelihood of the servo's model, given two logs of a servo with these effects: their names, channels and values.
+pub(crate) fn with_servo(
+    truth: &[(&str, &str, &[f64])],
+    judge: impl FnOnce(&Likelihood<'_>, &Scales),
+) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("servo.toml");
     std::fs::write(&path, SERVO).unwrap();

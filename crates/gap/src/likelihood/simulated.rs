@@ -1,7 +1,7 @@
-//! What was simulated already: a search, its refits and what judges them ask for the same effects at the same values again and again.
+//! A cache of simulations: a search, its refits and its judgement repeat the same effects at the same values.
 //!
-//! How it can be wrong: a key that leaves out something that the run depends on. So all that a key leaves out is the same for every run of one likelihood and of
-//! its clones (system, records, tolerance, the simulator's own effects), and values are compared bit by bit. Runs with known sequences are not kept.
+//! How it can be wrong: a key that omits an input of the run. Every omitted input is the same for all runs of one likelihood and of
+//! its clones (system, records, tolerance, the simulator's own effects). Values are compared bit by bit. Runs with known sequences are not cached.
 
 use std::collections::HashMap;
 use std::mem::{size_of, take};

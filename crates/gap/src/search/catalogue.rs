@@ -36,7 +36,7 @@ pub(crate) fn catalogue(
             ));
             continue;
         }
-        // Beside laws that cannot be tried, friction above all, what may take many shapes makes up causes.
+        // Where other laws cannot be tried, friction above all, an effect of many shapes imitates their causes.
         if effect.site() == Site::Output && effect.elaborates().is_some() && system.is_black_box() {
             left_out.push(not_tried(
                 effect,

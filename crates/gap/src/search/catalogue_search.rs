@@ -1,10 +1,10 @@
-//! The search through the catalogue: candidates screened, the promising ones fitted in full, pairs built on them, all compared under one noise model.
+//! The search through the catalogue: candidates are screened, those with the largest predicted cost reduction fitted, pairs built on them; one noise model compares all.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::elaborations::held_back;
-use super::late::beside_lost;
+use super::late::add_late_twins;
 use super::screen::screen;
 use super::several::pairs;
 use super::singles::{fit_first, frugal};
@@ -49,7 +49,7 @@ pub(crate) fn search<'a>(
         singles: fit_first(&likelihood, &pool, scales, &nominal),
         pairs: Vec::new(),
     };
-    // The search over sets finds what acts together, but would call a simulator too often.
+    // The search over sets finds joint effects, but would call a simulator too often.
     if likelihood.system.is_black_box() {
         progress(Stage::Pairing);
         found.pairs = pairs(&likelihood, &found.singles, remedies, &pool, scales, &nominal);
@@ -113,8 +113,8 @@ pub(crate) fn search<'a>(
             hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         }
     }
-    beside_lost(&likelihood, &mut found.singles);
-    beside_lost(&likelihood, &mut found.pairs);
+    add_late_twins(&likelihood, &mut found.singles);
+    add_late_twins(&likelihood, &mut found.pairs);
     if likelihood.system.is_black_box() {
         held_back(&likelihood, &mut found.singles, &mut found.pairs);
     }

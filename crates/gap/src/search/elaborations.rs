@@ -1,11 +1,11 @@
-//! More elaborate forms of a plain effect: a delay that jumps beside one that stands still, a friction that falls with speed beside one that does not, a sensor
-//! that is bent beside one of another gain.
+//! General forms of an effect and their special cases: a delay that jumps and a fixed one, a friction that falls with speed and a constant one, a nonlinear sensor
+//! and one with another gain.
 //!
-//! How it goes wrong without a rule of its own: a simulator that is a little off leaves a residual of its own shape, and the form with more numbers takes some
-//! of it with a likelihood that no penalty on numbers outweighs. So the elaborate form must do what any further cause must: take a part of the gap that
-//! matters, or lower the error so far that no simulator's own error explains it. Else it gains what the plain form does, and is told as hardly told apart from it.
+//! How it goes wrong without a rule of its own: an inexact simulator leaves a structured residual, and the general form with its additional parameters absorbs a part
+//! of it. The likelihood gain then outweighs every penalty on parameters. The general form must therefore do what any further cause must: explain a part of the gap that
+//! matters, or lower the error beyond the simulator's own error. Otherwise its gain is set to that of the special case, and both are reported as indistinguishable.
 //!
-//! What this gives away: an elaboration that is real, takes less than that part of the gap, and lowers the error by less. The plain form is named then.
+//! The cost of this rule: a real general form that explains less than that part of the gap, and lowers the error by less, is missed. The special case is then named.
 
 use crate::hypothesis::effects::Hypothesis;
 use crate::hypothesis::level::Level;
@@ -13,9 +13,9 @@ use crate::hypothesis::penalised_gain::Penalties;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::Applied;
 
-/// Lets no elaborate form gain more than its plain one unless that matters: of a simulator that can only be called, where no sets are searched.
+/// Limits the gain of every general form to that of its special case unless the difference matters: for a simulator that can only be called, where no sets are searched.
 ///
-/// Nor does the plain form beside something else gain more, where the elaborate form alone explains as well: what did not matter as one effect is no second one.
+/// The gain of a pair of the special case and another effect is limited as well, where the general form alone explains as much.
 pub(super) fn held_back(
     likelihood: &Likelihood<'_>,
     singles: &mut [Hypothesis],
@@ -25,7 +25,7 @@ pub(super) fn held_back(
     let penalties = Penalties::of(likelihood);
     let fitted: Vec<Hypothesis> =
         singles.iter().chain(pairs.iter()).filter(|e| e.fitted).cloned().collect();
-    // What those held back gained, and their plain forms.
+    // The gains of the limited general forms, and their special cases.
     let mut held: Vec<(f64, &Hypothesis)> = Vec::new();
     for hypothesis in singles.iter_mut().chain(pairs.iter_mut()).filter(|e| e.fitted) {
         let plainer = plainer_keys(hypothesis);
@@ -57,7 +57,7 @@ pub(super) fn held_back(
     }
 }
 
-/// Keys of the hypotheses that have the plain form in the place of an elaborate one; where the plain form stands beside it already, without the elaborate one.
+/// Keys of the hypotheses with the special case in place of a general form; where the special case is present already, without the general form.
 fn plainer_keys(hypothesis: &Hypothesis) -> Vec<String> {
     let keys: Vec<String> = hypothesis.effects.iter().map(Applied::key).collect();
     let instead = |(at, plain): (usize, String)| {
@@ -70,7 +70,7 @@ fn plainer_keys(hypothesis: &Hypothesis) -> Vec<String> {
         others.join(" + ")
     };
     let elaborate = hypothesis.effects.iter().enumerate();
-    // The plain form may also act on all outputs; it does where there is but one.
+    // The special case may also act on all outputs, as it does where the model has one output.
     let forms = |(at, a): (usize, &Applied)| {
         a.effect.elaborates().map(|plain| [&a.channel, "*"].map(|c| (at, format!("{plain}:{c}"))))
     };

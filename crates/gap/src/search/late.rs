@@ -1,4 +1,4 @@
-//! Commands that were late instead of lost: the same sequence under another reason for it.
+//! Late commands instead of lost ones: the same latent sequence with another cause.
 
 use crate::hypothesis::direction::with;
 use crate::hypothesis::effects::{Dropouts, Hypothesis};
@@ -12,7 +12,7 @@ use deadtime_model::effect::{Applied, Lateness};
 const HIDDEN: f64 = 3.5;
 
 /// Adds to every hypothesis that loses commands the one whose commands are late, with the same trajectory; both pay for the waits of commands alike.
-pub(crate) fn beside_lost(likelihood: &Likelihood<'_>, hypotheses: &mut Vec<Hypothesis>) {
+pub(crate) fn add_late_twins(likelihood: &Likelihood<'_>, hypotheses: &mut Vec<Hypothesis>) {
     let twins: Vec<Hypothesis> = hypotheses
         .iter_mut()
         .filter(|e| e.fitted)

@@ -1,10 +1,9 @@
-//! Whether longer delays are to be looked for than at first: what plain shifts of the model's own prediction say before a search, and what a search found at its
-//! limit.
+//! Whether the search needs longer delays: from shifts of the model's own prediction before a search, and from a delay at the limit after one.
 //!
-//! How it can be wrong: slow motions of a few turns are alike at many shifts, and a wrong model is like nothing. So a shift beyond the limit counts only where it
-//! leaves much less of the motion than every shift within, and not too much of it. A periodic command is alike a period later, but never more so. Where too much is
-//! looked for, a longer part of each log's start carries no weight, and the search takes longer. In long logs the shifts are coarse: fast motions are alike at none
-//! of them, and then only what the search finds at its limit tells.
+//! How it can be wrong: slow motions of a few oscillations correlate at many shifts, and a wrong model correlates at none. A shift beyond the limit must therefore
+//! leave much less of the motion than every shift within, and little of it. A periodic command correlates again after one period, but never better.
+//! With a range that is too long, a longer part of each log's start carries no weight, and the search takes longer. In long logs the shifts are coarse: fast motions
+//! correlate at none of them, and only a delay at the search's limit reveals a longer one.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;

@@ -1,15 +1,15 @@
-//! First guesses of what changes with time: delays that move, and gains and parameters that step.
+//! First guesses of changes over time: delays that move, and gains and parameters that step.
 //!
-//! Delays, from fixed ones: how well each of a grid of delays does at every time of the logs says when another does better. Where one delay holds until a time
+//! Delays start from fixed ones: the squared error of each delay of a grid is known at every time. Where one delay holds until a time
 //! and another from then on, the sum of the best prefix and the best suffix of squared errors is lowest at that time (a change-point scan with two segments;
-//! Hinkley 1970, doi:10.1093/biomet/57.1.1). A drift is the straight line through the grid along which the errors are lowest, a slower loop a period about twice
+//! Hinkley 1970, doi:10.1093/biomet/57.1.1). A drift is the straight line through the grid with the lowest error. A slower loop has a period of about twice
 //! the best fixed delay.
 //!
-//! Steps of anything else, from its signature s, the residual e being about v·s: with v of its own before and behind a time the squared error falls by (Σ s·e)²/Σ s²
-//! of each side (a generalised likelihood ratio on the cumulated score; Basseville and Nikiforov 1993, Detection of Abrupt Changes, section 2.4).
+//! Steps of other effects use the signature s: the residual e is about v·s. With separate values v before and after a time the squared error falls by (Σ s·e)²/Σ s²
+//! on each side (a generalised likelihood ratio on the cumulated score; Basseville and Nikiforov 1993, Detection of Abrupt Changes, section 2.4).
 //!
-//! How it can be wrong: a plant that remembers smears the time over its own memory, the grid is coarse, and a signature is that of a small change; so these are
-//! first guesses, which are fitted and compared as all others are.
+//! How it can be wrong: a plant with memory smears the time over its memory length, the grid is coarse, and a signature is that of a small change. The results are
+//! therefore first guesses, which are fitted and compared like all others.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -21,7 +21,7 @@ use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, Change, EFFECTS, Effect, Lateness, Scales, Scanned, find};
 use deadtime_model::simulate::System;
 
-/// Short delays of the grid, all of them; and so many of the longer ones. Beside none.
+/// Short delays of the grid, all of them, and the number of the longer ones; a delay of 0 comes in addition.
 const SHORT: usize = 12;
 const LONG: usize = 14;
 /// Stretches of time at whose edges a change is looked for.
@@ -227,7 +227,7 @@ fn of_step(
         before = (before.0 + along[bin], before.1 + length[bin]);
     }
     let (sum, bin, shares) = best;
-    // Beside a larger fault of another kind a step takes a little of anything, and what it takes would count as noise explained.
+    // Given a larger fault of another kind, a step absorbs a little of any residual, which would count as explained noise.
     let one = fall(whole.0, whole.1);
     if sum - one
         <= likelihood
@@ -244,7 +244,7 @@ fn of_step(
     Some(found(step.effect, &step.channel, vec![guess]))
 }
 
-/// The time of a jump once more, by the jump itself: a plant that remembers shows it late, and beside the right time there are minima where the command rests.
+/// The time of a jump refined by shifts of the jump itself: a plant with memory responds late, and the cost has local minima where the command is constant.
 fn sharpened(likelihood: &Likelihood<'_>, jump: &Applied, guess: Vec<f64>, bin_s: f64) -> Vec<f64> {
     let moved = |bins: i32| {
         guess

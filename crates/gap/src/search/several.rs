@@ -1,8 +1,8 @@
-//! Pairs of effects: for each of the leading singles the seconds that promise most beside it, refitted together; then forward and backward.
+//! Pairs of effects: for each leading single, the second effects with the largest predicted cost reduction, refitted together; then forward and backward.
 
 use rayon::prelude::*;
 
-use super::beside::Beside;
+use super::given_first::GivenFirst;
 use super::screen::Screened;
 use crate::hypothesis::direction::{NEAR, between, difference, has_limit, with};
 use crate::hypothesis::dropouts::decoded;
@@ -34,8 +34,8 @@ fn firsts<'h>(
     chosen
 }
 
-/// Pairs: for each of the leading singles the seconds that promise most beside it, refitted together. `remedies`: effects that the checks ask for, at the values
-/// that they ask for. They are firsts as they stand: a gain of −1 fitted alone turns to nearly 0 where a delay is missing beside it.
+/// Pairs: for each leading single, the second effects with the largest predicted cost reduction, refitted together. `remedies`: effects that the checks propose, at
+/// the proposed values. Such an effect is a first effect without a fit of its own: a gain of −1 fitted alone turns to nearly 0 where a delay is also missing.
 pub(crate) fn pairs(
     likelihood: &Likelihood<'_>,
     singles: &[Hypothesis],
@@ -51,11 +51,11 @@ pub(crate) fn pairs(
     let leading = firsts(singles, &penalties, likelihood.budget.firsts).into_iter().cloned();
     let firsts: Vec<Hypothesis> =
         leading.filter(|single| asked_for.iter().all(|r| r.key() != single.key())).collect();
-    // A hidden sequence takes a little of everything: what is left beside it does not speak for the others.
+    // A latent sequence absorbs a little of everything: the residual given the sequence carries no evidence for the others.
     let plain = firsts.iter().find(|first| !first.loses_commands());
     let mut asked = firsts.first().filter(|best| best.loses_commands()).into_iter().chain(plain);
     if asked_for.is_empty()
-        && !asked.any(|first| something_beside(likelihood, first, pool, scales, nominal))
+        && !asked.any(|first| has_second_candidate(likelihood, first, pool, scales, nominal))
     {
         return Vec::new();
     }
@@ -80,18 +80,18 @@ pub(crate) fn pairs(
 }
 
 /// Something of the catalogue promises to take a part of what a single leaves.
-fn something_beside(
+fn has_second_candidate(
     likelihood: &Likelihood<'_>,
     single: &Hypothesis,
     pool: &[Screened],
     scales: &Scales,
     nominal: &Whitened,
 ) -> bool {
-    let Some(beside) = Beside::new(likelihood, single, scales) else { return false };
-    let promises = |screened: &Screened| {
+    let Some(given) = GivenFirst::new(likelihood, single, scales) else { return false };
+    let is_candidate = |screened: &Screened| {
         // A lattice in raw values need not promise anything.
         let traced = screened.applied.effect.leaves_residual() && !screened.starts.is_empty();
-        let own = beside.first.effects.iter().any(|e| e.key() == screened.applied.key());
+        let own = given.first.effects.iter().any(|e| e.key() == screened.applied.key());
         let starts = likelihood.first_guesses(&screened.applied, scales);
         let every = starts.len().div_ceil(likelihood.budget.glances).max(1);
         let glance = |start: Vec<f64>| {
@@ -104,19 +104,19 @@ fn something_beside(
             let there = likelihood
                 .whitened(&[with(&screened.applied, &between(&screened.applied, &start, share))]);
             there.is_some_and(|there| {
-                beside.promise(likelihood, &difference(nominal, &there, 1.0))
+                given.predicted_reduction(likelihood, &difference(nominal, &there, 1.0))
                     > likelihood
                         .criteria
                         .selection_penalty
-                        .max(likelihood.criteria.promising * beside.cost)
+                        .max(likelihood.criteria.promising * given.cost)
             })
         };
         !own && (traced || starts.into_iter().step_by(every).any(glance))
     };
-    pool.par_iter().any(promises)
+    pool.par_iter().any(is_candidate)
 }
 
-/// The seconds that promise most beside each first, fitted with it; but those known already.
+/// The second effects with the largest predicted cost reduction given each first, fitted jointly with it; known pairs are left out.
 fn with_seconds(
     likelihood: &Likelihood<'_>,
     firsts: &[Hypothesis],
@@ -125,32 +125,32 @@ fn with_seconds(
     nominal: &Whitened,
     known: &[Hypothesis],
 ) -> Vec<Hypothesis> {
-    let beside: Vec<Beside> =
-        firsts.par_iter().filter_map(|first| Beside::new(likelihood, first, scales)).collect();
-    if beside.is_empty() {
+    let given: Vec<GivenFirst> =
+        firsts.par_iter().filter_map(|first| GivenFirst::new(likelihood, first, scales)).collect();
+    if given.is_empty() {
         return Vec::new();
     }
-    let promises = promises(likelihood, &beside, pool, scales, nominal);
-    let wanted = wanted(likelihood, &beside, &promises, pool, known);
+    let reductions = reductions(likelihood, &given, pool, scales, nominal);
+    let wanted = wanted(likelihood, &given, &reductions, pool, known);
     fitted(likelihood, wanted, scales, likelihood.inner(nominal, nominal))
 }
 
-/// What a second effect promises beside a first, and the start that gave it.
-type Promise = (f64, Applied);
+/// The predicted cost reduction of a second effect given a first, and the start that gave it.
+type Reduction = (f64, Applied);
 
-/// The promises of every candidate of the pool beside every first.
-fn promises(
+/// The predicted cost reductions of every candidate of the pool given every first.
+fn reductions(
     likelihood: &Likelihood<'_>,
-    beside: &[Beside],
+    given: &[GivenFirst],
     pool: &[Screened],
     scales: &Scales,
     nominal: &Whitened,
-) -> Vec<Vec<Promise>> {
+) -> Vec<Vec<Reduction>> {
     let of = |screened: &Screened| {
         let applied = &screened.applied;
         let starts = likelihood.first_guesses(applied, scales);
         let first = starts.first().map_or_else(|| applied.clone(), |start| with(applied, start));
-        let mut best: Vec<Promise> = beside.iter().map(|_| (0.0, first.clone())).collect();
+        let mut best: Vec<Reduction> = given.iter().map(|_| (0.0, first.clone())).collect();
         let whole = has_limit(applied) || likelihood.calls(applied) || screened.proportional;
         for start in starts {
             for share in if whole { &[1.0][..] } else { &[NEAR, 1.0] } {
@@ -159,19 +159,20 @@ fn promises(
                     continue;
                 };
                 let signature = difference(nominal, &there, 1.0);
-                for (best, beside) in best.iter_mut().zip(beside) {
+                for (best, given) in best.iter_mut().zip(given) {
                     // What a remedy turns round, it turns round in the others' signatures, too.
                     let together = || {
                         let effects: Vec<Applied> =
-                            beside.first.effects.iter().cloned().chain([moved.clone()]).collect();
+                            given.first.effects.iter().cloned().chain([moved.clone()]).collect();
                         likelihood
                             .whitened(&effects)
-                            .map(|there| difference(&beside.residual, &there, 1.0))
+                            .map(|there| difference(&given.residual, &there, 1.0))
                     };
-                    let joint = if beside.first.fitted { None } else { together() };
-                    let promise = beside.promise(likelihood, joint.as_ref().unwrap_or(&signature));
-                    if promise > best.0 {
-                        *best = (promise, with(applied, &start));
+                    let joint = if given.first.fitted { None } else { together() };
+                    let reduction =
+                        given.predicted_reduction(likelihood, joint.as_ref().unwrap_or(&signature));
+                    if reduction > best.0 {
+                        *best = (reduction, with(applied, &start));
                     }
                 }
             }
@@ -184,8 +185,8 @@ fn promises(
 /// The pairs that are worth a fit, each once: of every first the seconds that promise most.
 fn wanted(
     likelihood: &Likelihood<'_>,
-    beside: &[Beside],
-    promises: &[Vec<Promise>],
+    given: &[GivenFirst],
+    reductions: &[Vec<Reduction>],
     pool: &[Screened],
     known: &[Hypothesis],
 ) -> Vec<Vec<Applied>> {
@@ -195,18 +196,18 @@ fn wanted(
         .collect();
     let keys = |effects: &[Applied]| effects.iter().map(Applied::key).collect::<Vec<_>>();
     let mut wanted: Vec<Vec<Applied>> = Vec::new();
-    for (at, beside) in beside.iter().enumerate() {
+    for (at, given) in given.iter().enumerate() {
         let least =
-            likelihood.criteria.selection_penalty.max(likelihood.criteria.promising * beside.cost);
-        let mut seconds: Vec<&Promise> =
-            promises.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > least).collect();
+            likelihood.criteria.selection_penalty.max(likelihood.criteria.promising * given.cost);
+        let mut seconds: Vec<&Reduction> =
+            reductions.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > least).collect();
         seconds.sort_by(|a, b| b.0.total_cmp(&a.0));
         let (losing, seconds): (Vec<_>, Vec<_>) = seconds
             .into_iter()
-            .filter(|(_, s)| beside.first.effects.iter().all(|f| f.key() != s.key()))
+            .filter(|(_, s)| given.first.effects.iter().all(|f| f.key() != s.key()))
             .partition(|(_, s)| s.effect.loses_commands());
         // A lattice in the raw values is there whatever it promises.
-        let traced = promises
+        let traced = reductions
             .iter()
             .map(|p| &p[at])
             .filter(|(_, s)| s.effect.leaves_residual() && traces.contains(&s.key()));
@@ -224,7 +225,7 @@ fn wanted(
         });
         for (_, second) in seconds.chain(special) {
             let mut pair: Vec<Applied> =
-                beside.first.effects.iter().chain([second]).cloned().collect();
+                given.first.effects.iter().chain([second]).cloned().collect();
             if pair.iter().filter(|a| a.effect.loses_commands()).count() > 1
                 || pair[0].key() == pair[1].key()
             {
@@ -255,7 +256,7 @@ fn fitted(
     cost: f64,
 ) -> Vec<Hypothesis> {
     let budget = likelihood.budget;
-    // Lost commands are told from a lag by their sequence only.
+    // Lost commands are distinguishable from a lag by their sequence only.
     let (losing, plain): (Vec<_>, Vec<_>) =
         wanted.into_iter().partition(|pair| pair.iter().any(|a| a.effect.loses_commands()));
     let mut pairs: Vec<Hypothesis> = plain
@@ -300,14 +301,14 @@ fn fitted(
 mod tests {
     use super::*;
     use crate::likelihood::active_effects::NO_EFFECT;
-    use crate::likelihood::servo::{beside, nominal};
+    use crate::likelihood::servo::{nominal, with_servo};
     use crate::search::screen::screen;
     use crate::search::singles::fit_first;
 
     /// The sequence of losses must outlive the last fit of a pair: with the mean of all sequences in its place, most of what the pair explains is gone.
     #[test]
     fn a_pair_keeps_the_lost_commands_that_were_found_for_it() {
-        beside(
+        with_servo(
             &[("dropped_commands", "u", &[0.3, f64::INFINITY]), ("sensor_bias", "angle", &[0.3])],
             |likelihood, scales| {
                 let candidates =

@@ -1,10 +1,10 @@
-//! Single effects: the most promising of the screen, fitted.
+//! Single effects: the candidates of the screen with the largest predicted cost reduction, fitted.
 
 use rayon::prelude::*;
 
 use super::screen::Screened;
 use super::slower_loop::from_arrivals;
-use crate::hypothesis::arrivals::beside_fixed;
+use crate::hypothesis::arrivals::refit_from_fixed;
 use crate::hypothesis::direction::with;
 use crate::hypothesis::dropouts::decoded;
 use crate::hypothesis::effects::Hypothesis;
@@ -25,8 +25,8 @@ pub(crate) fn frugal<'e>(
     .collect()
 }
 
-/// Which of the pool are fitted. Of a black box so many on its inputs and so many parameters beside what costs no call: commands can mimic much, and a far
-/// wrong parameter promises less than it keeps.
+/// The members of the pool that are fitted. For a black box: limited numbers of effects on inputs and of parameters, and all effects without calls. Effects on commands can imitate
+/// many others, and the linear prediction underestimates the reduction of a parameter that is far off.
 fn worth_a_fit(likelihood: &Likelihood<'_>, pool: &[Screened]) -> Vec<bool> {
     let (mut free, mut inputs, mut parameters) = (0, 0, 0);
     let worth = |screened: &Screened| {
@@ -43,7 +43,7 @@ fn worth_a_fit(likelihood: &Likelihood<'_>, pool: &[Screened]) -> Vec<bool> {
     pool.iter().map(worth).collect()
 }
 
-/// Fits the most promising of the pool, each from its best starts, the best of them to the end; the others stay as screened.
+/// Fits the members of the pool with the largest predicted cost reduction, each from its best starts, the best of them to convergence; the others stay as screened.
 pub(crate) fn fit_first(
     likelihood: &Likelihood<'_>,
     pool: &[Screened],
@@ -91,7 +91,7 @@ pub(crate) fn fit_first(
         },
     );
     if !likelihood.system.is_black_box() {
-        beside_fixed(likelihood, &mut singles, cost);
+        refit_from_fixed(likelihood, &mut singles, cost);
     }
     from_arrivals(likelihood, &mut singles, scales, cost);
     singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));

@@ -1,8 +1,9 @@
-//! A slower loop from the arrivals of commands: whether they were decoded as lost or as late by a draw each, all arrivals lie on one lattice of times.
+//! A slower loop from the arrivals of commands: whether decoded as lost or as randomly late, all arrivals lie on one lattice of times.
 //!
-//! The coherence of the arrivals at a frequency, |Σ exp(2πift)|/n, is 1 where they are whole periods apart, and falls to sinc(f·sample time) where their
-//! times are known to a sample (Rayleigh's test; Mardia and Jupp 2000, "Directional Statistics", section 6.3). How it can be wrong: what lies on a lattice
-//! lies on every finer one that divides it, so of near equals the longest period counts; few arrivals are coherent by chance, so the fit has the last word.
+//! The coherence of the arrivals at a frequency, |Σ exp(2πift)|/n, is 1 where they are whole periods apart. The coherence falls to sinc(f·sample time) where their
+//! times are known to a sample (Rayleigh's test; Mardia and Jupp 2000, "Directional Statistics", section 6.3).
+//!
+//! How it can be wrong: a lattice is contained in every finer one that divides it, so the longest of nearly equal periods is taken. Few arrivals are coherent by chance, so the fit decides.
 
 use std::f64::consts::TAU;
 

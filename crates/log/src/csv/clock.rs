@@ -114,8 +114,8 @@ pub(crate) struct Times {
     pub(crate) unit: TimeUnit,
     /// What they count from, nanoseconds.
     pub(crate) origin_ns: Option<i128>,
-    /// How the unit was found out, where its size told it, and what the stamps count from: the end of a sentence.
-    pub(crate) told: Message,
+    /// How the unit was inferred, where the size of the stamps decided, and the epoch of the stamps: the end of a sentence.
+    pub(crate) note: Message,
 }
 
 /// Stamps of any format, each as text would have it; they are understood as a text file's. `plain` says that whole numbers of seconds may stand there.
@@ -145,7 +145,7 @@ pub(crate) fn seconds(
         time_s,
         unit,
         origin_ns,
-        told: Message::from(format!("{size}{}", stamps.counted_from(unit))).and(again),
+        note: Message::from(format!("{size}{}", stamps.counted_from(unit))).and(again),
     }
 }
 
@@ -222,7 +222,7 @@ impl StampReader {
         }
         self.whole = false;
         let x = number(cell)?;
-        // What stands behind the point would lose its last digits beside a large number.
+        // The fraction would lose its last digits in a sum with a large whole number.
         match text().filter(|_| self.origin.is_some()).and_then(parts) {
             Some((whole, behind)) => Some(whole.saturating_sub(from) as f64 + behind),
             None => Some(x - from as f64),

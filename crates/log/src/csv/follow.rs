@@ -22,7 +22,7 @@ use crate::reader::regular;
 const CHUNK: u64 = 1 << 20;
 /// Bytes by which a file is known again.
 const HEAD: usize = 1024;
-/// Rows by which the unit of time is told where neither the caller nor the header says it.
+/// Rows from which the unit of time is inferred, where neither the caller nor the header gives it.
 const SETTLE: usize = 20;
 /// Rows behind the time of those before them, and in order, that make a new run of the recorder.
 const RUN: usize = 5;
@@ -47,7 +47,7 @@ pub enum News {
     Bad(LogError),
     /// What was guessed, a sentence.
     Note(Message),
-    /// The file was cut, or another one stands in its place: it is read from its beginning.
+    /// The file was cut, or another file has its name: reading restarts at its beginning.
     Replaced,
     /// Time runs back for good: the recorder began again.
     TimeBegins {
@@ -129,7 +129,7 @@ impl Follower {
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`LogError`] for a header that cannot be used, a missing column, and what is no text.
     pub fn poll(&mut self) -> Result<Polled, Error> {
         let mut polled = Polled::default();
-        // What is left of a file that was moved is read before the one that took its place.
+        // The remainder of a file that was moved is read before its replacement.
         if self.same(None)? {
             polled.grown = self.read()?;
             if !polled.grown

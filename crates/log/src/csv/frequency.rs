@@ -68,7 +68,7 @@ fn words(header: &str) -> Vec<String> {
 }
 
 /// Reads a frequency response from a `.csv` or `.csv.gz` file. Columns are known by name and unit: `frequency [Hz]` or `[rad/s]`; `real` and `imag`, or `magnitude` (`[dB]`, else
-/// absolute) and `phase [deg]` or `[rad]`; `coherence` (squared) or `std` (of each part of the complex value) may stand beside them.
+/// absolute) and `phase [deg]` or `[rad]`; `coherence` (squared) or `std` (of each part of the complex value) are optional.
 ///
 /// # Errors
 /// As [`crate::reader::read`]; [`LogError::Frequency`] where columns, units or values cannot be used.

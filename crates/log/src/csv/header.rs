@@ -249,8 +249,8 @@ impl Header {
         }
         let (_, mut unit) = time_column(lines, &names, options)?;
         let cells = names.len();
-        let beside = date_beside(&names, &lines.below(), options);
-        let (date, time) = beside.map_or((None, time), |(date, time)| (Some(date), time));
+        let separate = separate_date(&names, &lines.below(), options);
+        let (date, time) = separate.map_or((None, time), |(date, time)| (Some(date), time));
         if let Some((name, _)) = date.and_then(|date| names.get(date)) {
             notes.push(format!("the date stands in the column `{}`", shown(name.as_bytes())));
             unit = None;
@@ -458,7 +458,11 @@ fn table_below(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<bool, Err
 }
 
 /// The columns of date and time of day, where a row has them apart.
-fn date_beside(names: &Names, below: &[Vec<u8>], options: &ReadOptions) -> Option<(usize, usize)> {
+fn separate_date(
+    names: &Names,
+    below: &[Vec<u8>],
+    options: &ReadOptions,
+) -> Option<(usize, usize)> {
     const DATES: [&str; 3] = ["date", "datum", "day"];
     const TIMES: [&str; 5] = ["time", "zeit", "uhrzeit", "clock", "time_of_day"];
     let text = |place: usize| std::str::from_utf8(below.get(place)?).ok().map(str::trim);

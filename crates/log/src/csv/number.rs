@@ -16,7 +16,7 @@ pub(super) fn decimal(cell: &[u8]) -> Option<f64> {
         (b'-', rest) => (true, rest),
         _ => (false, cell),
     };
-    // A point beside them.
+    // One more for a decimal point.
     if digits.len() > DIGITS + 1 {
         return None;
     }

@@ -89,7 +89,7 @@ mod tests {
             let (log, _) = read.together(&wanted, None).unwrap();
             assert!(log.input("cmd").is_ok() && log.len() > 50, "{}", log.len());
         }
-        // An output that misses most samples beside a whole input is one log.
+        // An output that misses most samples of a complete input belongs to one log.
         let mut text = "time,u,y\n".to_owned();
         for k in 0..300 {
             text += &format!("{k},{k},{}\n", if k % 5 == 0 { "1" } else { "" });

@@ -81,7 +81,7 @@ fn holder(file: &mut File) -> Option<u32> {
     None
 }
 
-/// Whether a process runs, as far as this can be told: elsewhere than on Linux every number is believed. On a shared file system it may run on another machine: then no number is told.
+/// Whether a process runs. Outside Linux every process counts as running. On a shared file system a process may run on another machine; its number is then unknown.
 fn lives(process: u32) -> bool {
     let all = Path::new("/proc/self");
     !all.exists() || Path::new("/proc").join(process.to_string()).exists()

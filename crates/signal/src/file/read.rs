@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::error::FileError;
 
-/// Bytes of such a file at most: thousands of times what people write, and little beside a machine's memory.
+/// Largest size of such a file, bytes: thousands of times what people write, and small relative to a machine's memory.
 pub const LARGEST: u64 = 64 << 20;
 
 /// The bytes of a file that says what to do.

@@ -18,7 +18,7 @@ pub(super) fn begun(path: &Path) {
     begun.push(path.to_owned());
 }
 
-/// Forgets a file that goes now.
+/// Removes a file from the list, before its deletion.
 pub(super) fn ended(path: &Path) {
     BEGUN.lock().unwrap_or_else(PoisonError::into_inner).retain(|begun| begun != path);
 }

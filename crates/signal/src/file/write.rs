@@ -50,7 +50,7 @@ pub struct Begun {
 /// Where the bytes go.
 #[derive(Debug)]
 enum To {
-    /// Beside the file that they become.
+    /// A temporary file in the folder of the file that it becomes.
     Beside { file: NamedTempFile, target: PathBuf },
     /// Into something that is no regular file.
     Through(File),
@@ -205,7 +205,9 @@ mod tests {
     fn only_our_unfinished_files_are_swept() {
         let folder = tempfile::tempdir().unwrap();
         let begun = Begun::new(&folder.path().join("a.csv")).unwrap();
-        let To::Beside { file, .. } = begun.to else { panic!("a new file is written beside") };
+        let To::Beside { file, .. } = begun.to else {
+            panic!("a new file is written next to its target")
+        };
         let left = file.keep().unwrap().1;
         for other in [".tmpABC", "a.tmp", ".deadtime-lock"] {
             std::fs::write(folder.path().join(other), "x").unwrap();

@@ -110,7 +110,7 @@ pub enum BlindError {
         /// The cases.
         ids: Vec<String>,
     },
-    /// The commitment beside the verdict is not the one beside the case.
+    /// The commitment stored with the verdict differs from the one stored with the case.
     #[error("case {ids}: the commitment of the verdict differs from that of the case", ids = ids.join(", "))]
     CommitmentChanged {
         /// The cases.

@@ -1,4 +1,4 @@
-//! One verdict beside its truth: everything that scores count, decided once.
+//! One verdict compared with its truth: every quantity that the scores use, decided once.
 
 use std::f64::consts::{PI, TAU};
 
@@ -51,7 +51,7 @@ pub struct Judged {
 /// What was judged; missing where it does not apply to the case.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Judgement {
-    /// The verdict is the truth, up to what no data could tell apart (see docs/blind.md for each kind of case).
+    /// The verdict is the truth, or indistinguishable from it on any data (see docs/blind.md for each kind of case).
     pub right: bool,
     /// Single: effect and channel are the truth's.
     pub top1: Option<bool>,
@@ -61,7 +61,7 @@ pub struct Judgement {
     pub top1_class: Option<bool>,
     /// Single: one of the first three is in it.
     pub top3_class: Option<bool>,
-    /// Single: the verdict has effects beside the leading one.
+    /// Single: the verdict has effects in addition to the leading one.
     pub extra_effects: Option<bool>,
     /// Single: the truth's alias class, itself included.
     pub class_size: Option<usize>,
@@ -99,7 +99,7 @@ pub struct Judgement {
     pub precision: Option<f64>,
     /// Mixture: by how much the share of each effect that is named rightly is off.
     pub share_errors: Vec<f64>,
-    /// Mixture of which two numbers of the model or more are wrong: F1, the harmonic mean of recall and precision of the numbers that are named.
+    /// Mixture with two wrong parameters of the model or more: F1, the harmonic mean of recall and precision of the named parameters.
     pub numbers: Option<f64>,
     /// Mixture: an answer that claims to explain all names something that is not there.
     pub false_cause: Option<bool>,
@@ -132,7 +132,7 @@ pub struct Claim {
     pub name: String,
     /// The probability that it was given; missing where none was.
     pub probability: Option<f64>,
-    /// It, or what could stand in its place by the diagnosis' word, is one of the true effects or of their classes.
+    /// The effect, or an alias that the diagnosis reports, is one of the true effects or of their classes.
     pub right: bool,
 }
 
@@ -251,7 +251,7 @@ fn moving(
         diagnosis.shrink.before.zip(diagnosis.shrink.after).map(|(before, after)| after > before);
 }
 
-/// What contributes, beside what acts: each contribution stands for itself and for all that it could be exchanged with, by the diagnosis' word or the label's.
+/// The contributions of a mixture compared with the true effects. Each contribution represents its alias class, by the diagnosis or by the label.
 fn mixture(
     j: &mut Judgement,
     label: &Label,
@@ -521,7 +521,7 @@ impl Names {
         class
     }
 
-    /// Every contribution with what could stand in its place, itself first, and its share.
+    /// Every contribution as its alias class, itself first, and its share.
     fn contributions(&self, diagnosis: &Diagnosis) -> Vec<(Vec<String>, f64)> {
         let one = |c: &Contribution| {
             let mut class = self.named_class(diagnosis, &self.name(&c.effect, &c.channel));
@@ -540,7 +540,7 @@ impl Names {
     }
 }
 
-/// What is named, with all that could stand in its place, has something of the truth's class.
+/// The named effect or one of its aliases belongs to the truth's class.
 fn meets(named: &[String], truth: &[String]) -> bool {
     named.iter().any(|name| truth.contains(name))
 }

@@ -22,7 +22,7 @@ pub enum Group {
     Unknown,
     /// Two effects of the catalogue.
     Pair,
-    /// Several effects, with their shares; something outside the catalogue may act beside them.
+    /// Several effects, with their shares; a cause outside the catalogue may act as well.
     Mixture,
     /// One effect of the catalogue, a delay that moves.
     Moving,
@@ -92,7 +92,7 @@ pub struct Label {
     /// Of a mixture, what each effect takes of the gap's square, in the order of the effects.
     #[serde(default, deserialize_with = "or_default")]
     pub shares: Vec<f64>,
-    /// What acts beside a mixture and is in no catalogue.
+    /// The cause outside every catalogue that acts in addition to a mixture.
     #[serde(default)]
     pub outside: Option<String>,
     /// The plant.

@@ -23,13 +23,13 @@ pub struct Scored {
     pub label: Label,
     /// What was said.
     pub diagnosis: Diagnosis,
-    /// How long that took, s; missing where no `run.json` stands beside the verdict.
+    /// The run time, s; missing where the verdict has no `run.json`.
     pub time_s: Option<f64>,
 }
 
 /// Reads `labels/ID.json` and `verdicts/ID/diagnosis.json`, in order of their names.
 ///
-/// The commitment is read from `cases/ID`, where `cases` is given, and from the copy beside the verdict; where both are, they must agree.
+/// The commitment is read from `cases/ID`, where `cases` is given, and from the copy stored with the verdict; where both are, they must agree.
 ///
 /// # Errors
 /// Labels without case or verdict and verdicts without label ([`BlindError::Unpaired`]), missing or unequal commitments, labels that do not match

@@ -1,4 +1,4 @@
-//! Diagnoses of all cases, each beside its run time and its commitment; what was done is not done again.
+//! Diagnoses of all cases, each stored with its run time and its commitment; finished cases are skipped.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};

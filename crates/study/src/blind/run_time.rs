@@ -1,4 +1,4 @@
-//! How long a diagnosis took, as a file beside it.
+//! The run time of a diagnosis, as a file in its folder.
 
 use serde::{Deserialize, Serialize};
 

@@ -34,7 +34,7 @@ pub struct BlindScore {
     pub confusion: Vec<Confusion>,
     /// How often verdicts of a given probability are exactly right.
     pub reliability: Vec<Reliability>,
-    /// How often what is said to act with a given probability does, up to what could stand in its place.
+    /// Reliability of the probabilities of contributions: the frequency with which a contribution, or one of its aliases, acts.
     pub contributions: Vec<Reliability>,
     /// Every case.
     pub answers: Vec<Judged>,

@@ -85,7 +85,7 @@ pub const SCORES: &[Definition] = {
         "recall" "mixture: mean share of the true effects that is named" Mean(|c| one(c.judgement.recall));
         "precision" "mixture: mean share of what is named that is true" Mean(|c| one(c.judgement.precision));
         "share_error" "mixture: median error of a share" Quantile(0.5, |c| c.judgement.share_errors.clone());
-        "numbers" "mixture with several wrong numbers of the model: mean F1 of the numbers that are named" Mean(|c| one(c.judgement.numbers));
+        "numbers" "mixture with several wrong parameters: mean F1 of the named parameters" Mean(|c| one(c.judgement.numbers));
         "false_causes" "mixture called explained: something named that is not there" Share(|c| c.judgement.false_cause);
         "mixture_of_oracle" "mixture: mean share of the oracle's shrink"
             Mean(|c| if c.group == Group::Mixture { one(c.judgement.of_oracle) } else { Vec::new() });

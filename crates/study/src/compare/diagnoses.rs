@@ -3,7 +3,7 @@
 //! How this can be wrong:
 //! - Intervals hold the noise of a log. Two diagnoses with one wrong model structure agree, and both are off.
 //! - Of many parameters some differ by chance: the level of each test is divided by their number.
-//! - One cause may have another's name where the data cannot tell them apart: what stands in for a cause is matched with it, and said.
+//! - One cause may have another's name where the data cannot distinguish them: an alias of a cause is matched with it, and reported.
 //! - Errors are relative to the motion of each one's own logs: other manoeuvres, other errors, though nothing was repaired.
 
 use serde::Serialize;
@@ -70,7 +70,7 @@ pub struct CauseRow {
 /// A cause in one diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CausePart {
-    /// Its share of the gap, held out, else learnt; missing in files of `deadtime/diagnosis@1`.
+    /// The cause's held-out share of the gap, or the training share without one; missing in files of `deadtime/diagnosis@1`.
     pub share: Option<f64>,
     /// How clearly it shows; missing there too.
     pub strength: Option<Strength>,

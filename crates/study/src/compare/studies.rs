@@ -1,7 +1,7 @@
 //! Studies side by side, on the cells that all of them have. Whether a difference is more than chance is asked of `study::Gate`.
 //!
-//! How this can be wrong: cells of one name but another meaning (a plant that changed) are no pair, so that cells count as shared only where their definitions agree; and a
-//! method that answers only what is easy looks better: the share without an answer stands beside its error.
+//! How this can be wrong: cells of one name but another meaning (a plant that changed) are no pair, so cells count as shared only where their definitions agree. A
+//! method that answers only easy records looks better, so the share without an answer is shown next to its error.
 
 use serde::Serialize;
 
@@ -113,7 +113,7 @@ fn identity(cell: &Cell) -> String {
 
 fn row(method: String, cells: &[Vec<&Cell>], studies: usize) -> MethodRow {
     let mean = |value: &dyn Fn(&Cell) -> Option<f64>| -> Vec<Option<f64>> {
-        // A cell that one study has no number for says nothing of the others beside it.
+        // A cell without a value in one study is left out in all studies.
         let whole: Vec<Vec<f64>> =
             cells.iter().filter_map(|across| across.iter().map(|c| value(c)).collect()).collect();
         (0..studies)

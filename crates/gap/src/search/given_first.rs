@@ -1,11 +1,11 @@
-//! What an effect promises beside others that are at work already.
+//! The predicted cost reduction of an effect given other active effects.
 
 use crate::hypothesis::effects::Hypothesis;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::Scales;
 
-/// What an effect promises beside others: the fall of the cost along its signature, the others' own directions taken out.
-pub(crate) struct Beside {
+/// The predicted cost reduction of an effect given others: along its signature, with the others' own directions projected out.
+pub(crate) struct GivenFirst {
     pub(crate) first: Hypothesis,
     pub(crate) residual: Whitened,
     pub(crate) cost: f64,
@@ -13,7 +13,7 @@ pub(crate) struct Beside {
     own: Vec<Whitened>,
 }
 
-impl Beside {
+impl GivenFirst {
     pub(crate) fn new(
         likelihood: &Likelihood<'_>,
         first: &Hypothesis,
@@ -37,7 +37,11 @@ impl Beside {
     }
 
     /// How far the cost would fall along a signature, at any size.
-    pub(crate) fn promise(&self, likelihood: &Likelihood<'_>, signature: &Whitened) -> f64 {
+    pub(crate) fn predicted_reduction(
+        &self,
+        likelihood: &Likelihood<'_>,
+        signature: &Whitened,
+    ) -> f64 {
         let mut along = likelihood.inner(signature, &self.residual);
         let mut length = likelihood.inner(signature, signature);
         for q in &self.own {
