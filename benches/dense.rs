@@ -98,6 +98,7 @@ fn benches() {
         let a = tall(rows, columns);
         let size = format!("{rows}x{columns}");
         group.bench_with_input(BenchmarkId::new("nalgebra", &size), &a, |b, a| {
+            #[expect(clippy::disallowed_methods, reason = "the peer of the bounded one")]
             b.iter(|| black_box(a.clone().svd(true, true)))
         });
         group.bench_with_input(BenchmarkId::new("faer", &size), &a, |b, a| {

@@ -217,7 +217,7 @@ fn cause(d: &Diagnosis) -> String {
         }
         Cause::Unknown => match d.cause.remainder.as_ref().and_then(|r| r.unrelated) {
             Some(unrelated) if unrelated.holds() => format!(
-                "no command and nothing that the model simulates; what differs is unrelated to both, as gusts, slow heat or people who push are; {} sure.",
+                "no command and nothing that the model simulates; what differs is unrelated to both, as gusts, slow heat or hands are; {} sure.",
                 sure(probability(d))
             ),
             _ => format!(
@@ -288,7 +288,7 @@ pub fn parameters_to_fit(d: &Diagnosis) -> Option<Vec<String>> {
     let Cause::Effects(effects) = Cause::of(d) else { return None };
     let name = |e: &FoundEffect| {
         // An entry of a matrix is named as the equations of a linear model name it.
-        let entry = e.channel.replace('[', "_").replace(',', "_").replace(']', "");
+        let entry = e.channel.replace(['[', ','], "_").replace(']', "");
         (e.effect == "parameter_error").then_some(entry)
     };
     effects.iter().map(name).collect()

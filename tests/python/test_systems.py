@@ -180,7 +180,9 @@ def test_every_shape_of_scipys_systems_is_read() -> None:
     ]:
         ours = deadtime.as_system(theirs)
         # SciPy's own conversion takes no array for a gain.
-        space = scipy.signal.dlti([0.3], [0.1, 0.2], 1.5, dt=0.1).to_ss() if ours.sample_time else theirs.to_ss()
+        if isinstance(gain := getattr(theirs, "gain", 1.0), list | numpy.ndarray):
+            theirs.gain = float(numpy.squeeze(gain))
+        space = theirs.to_ss()
         expected = control.ss(space.A, space.B, space.C, space.D, ours.sample_time or 0)
         points = 1j * OMEGA if ours.sample_time is None else numpy.exp(1j * OMEGA * 0.1)
         assert ours.frequency_response(OMEGA) == pytest.approx(expected(points, squeeze=False), rel=1e-9)

@@ -16,7 +16,7 @@ const STEPS_EACH: usize = 100;
 /// How far from the matrix its decomposition may be, by entry, over the largest.
 const REBUILT: f64 = 1e-12;
 
-/// An entry of this size beside 1 is lost in the rounding of any norm.
+/// An entry of this size next to 1 is lost in the rounding of any norm.
 const VANISHING: f64 = 1e-100;
 
 /// A scalar of both matrix libraries, real or complex.

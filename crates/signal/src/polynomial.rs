@@ -136,7 +136,7 @@ mod tests {
         let companion = nalgebra::DMatrix::from_fn(n, n, |i, j| {
             if i == 0 { -c[n - 1 - j] / c[n] } else { f64::from(u8::from(i == j + 1)) }
         });
-        let eigenvalues = companion.complex_eigenvalues();
+        let eigenvalues = crate::decompositions::eigenvalues(&companion);
         for root in roots(&c) {
             let nearest =
                 eigenvalues.iter().map(|e| (e - root).norm()).fold(f64::INFINITY, f64::min);

@@ -240,7 +240,10 @@ mod tests {
                 panic!("sampled")
             };
             assert_eq!(model.order(), 10);
-            let real: Vec<f64> = model.a().complex_eigenvalues().iter().map(|p| p.re).collect();
+            let real: Vec<f64> = deadtime_signal::decompositions::eigenvalues(model.a())
+                .iter()
+                .map(|p| p.re)
+                .collect();
             let at_zero = real.iter().filter(|re| re.abs() < 1e-12).count();
             assert!(real.iter().all(|re| *re < 1e-12) && at_zero <= 1, "{real:?}");
             integrators += at_zero;

@@ -201,7 +201,7 @@ impl Fit {
     }
 }
 
-/// Share of the output's power below which no error is told from rounding.
+/// Share of the output's power below which no error is distinguishable from rounding.
 const ROUNDING: f64 = 1e-18;
 /// Longest part of a record that is looked at.
 const LOOKED_AT: usize = 4000;

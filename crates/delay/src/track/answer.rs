@@ -1,4 +1,4 @@
-//! What is told of a delay that moves: in seconds, as `deadtime/estimate@1` has it.
+//! What is reported of a delay that moves: in seconds, as `deadtime/estimate@1` has it.
 
 use serde::Serialize;
 
@@ -64,7 +64,7 @@ pub struct Tracked {
     pub high_s: Vec<f64>,
 }
 
-/// The dead time of the records at a raw delay of so many samples: what the methods say of the records once the changes are taken out of them.
+/// The dead time of the records at a raw delay of so many samples: what the methods say of the records once the changes are removed from them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Anchor {
     /// Raw delay of the straightened records, samples.

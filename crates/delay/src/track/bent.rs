@@ -1,4 +1,4 @@
-//! The rival of a delay that moves: one delay behind a static nonlinearity of the input.
+//! The alternative to a delay that moves: one delay behind a static nonlinearity of the input.
 
 use super::rows::Rows;
 
@@ -31,7 +31,7 @@ pub(super) fn one_delay_with_bends(rows: &Rows, delays: &[usize]) -> Option<Vec<
     delays.iter().filter_map(|d| best_of(*d)).min_by(|a, b| sum(a).total_cmp(&sum(b)))
 }
 
-/// The bend that takes most of `least` away beside those there are, and the e² it leaves.
+/// The bend that takes most of `least` away in addition to those there are, and the e² it leaves.
 fn next_bend(
     rows: &Rows,
     delay: usize,

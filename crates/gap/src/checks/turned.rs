@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, Matrix3};
 use super::evidence::{Evidence, result, short};
 use super::faults::Search;
 use crate::format::diagnosis::{Check, CheckKind};
+use deadtime_signal::decompositions::{svd, symmetric_eigen};
 
 /// A rotation of fewer degrees is within the mounting of most boards.
 const LEAST_DEG: f64 = 2.0;
@@ -19,8 +20,6 @@ const LEAVES: f64 = 0.5;
 const OF_ANY: f64 = 0.9;
 /// The second direction in which the model moves, as a part of the first; below it the rotation is not fixed.
 const SECOND: f64 = 0.05;
-/// Steps of a decomposition of three by three.
-const STEPS: usize = 200;
 /// Names of the axes of a vector.
 const AXES: [[&str; 3]; 3] = [["x", "y", "z"], ["p", "q", "r"], ["roll", "pitch", "yaw"]];
 
@@ -109,7 +108,7 @@ impl Turn {
     fn of(measured: &DMatrix<f64>, modelled: &DMatrix<f64>) -> Option<Self> {
         let axes = measured.ncols();
         let product = measured.tr_mul(modelled);
-        let decomposed = product.clone().try_svd(true, true, f64::EPSILON, STEPS)?;
+        let decomposed = svd(&product)?;
         let (u, v) = (decomposed.u.as_ref()?, decomposed.v_t.as_ref()?);
         // A proper rotation: the direction of the smallest singular value is the one that may change its sign.
         let mut signs = nalgebra::DVector::from_element(axes, 1.0);
@@ -117,7 +116,7 @@ impl Turn {
         signs[smallest] = (u.determinant() * v.determinant()).signum();
         let rotation = u * DMatrix::from_diagonal(&signs) * v;
         let gram = modelled.tr_mul(modelled);
-        let moves = gram.clone().symmetric_eigen().eigenvalues;
+        let moves = symmetric_eigen(&gram)?.eigenvalues;
         let mut moves: Vec<f64> = moves.iter().map(|v| v.max(0.0).sqrt()).collect();
         moves.sort_by(|a, b| b.total_cmp(a));
         if moves.first()? * SECOND > *moves.get(1)? {

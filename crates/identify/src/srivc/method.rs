@@ -120,7 +120,7 @@ impl Identifier for Srivc {
         fits.sort_by(|a, b| a.noise.variance.total_cmp(&b.noise.variance));
         if fits.is_empty() {
             return Err(failed(
-                "the numbers cannot be told apart; take smaller orders, or record with a stronger excitation",
+                "the numbers are indistinguishable; take smaller orders, or record with a stronger excitation",
             ));
         }
         self.answer(&used, scales, fits, &free, said)
