@@ -1,7 +1,6 @@
 //! Every integration test in one binary, a module a file: one link instead of one a file.
 //! `cargo test --test it gap::` runs one file's tests.
 #![expect(clippy::disallowed_methods, reason = "references share no code with the program")]
-
 // Helpers of tests may stop the test; the lints' own exception covers test functions only.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
