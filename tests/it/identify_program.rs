@@ -97,7 +97,7 @@ fn names_of_other_tools_lead_to_the_method_or_say_which_command_answers() {
     let folder = Folder::new();
     let data = folder.write("log.csv", &log(400, |k| k as f64 / 10.0));
     let words = ["--input", "u", "--output", "y", "--method"];
-    for (name, method) in [("tfest", "riv"), ("OE", "riv"), ("arx", "pbsidopt")] {
+    for (name, method) in [("bj", "riv"), ("OE", "riv"), ("arx", "pbsidopt")] {
         let run = identify(&data, &[&words[..], &[name]].concat());
         assert!(run.stderr.contains(&format!("{method} is used")), "{}", run.stderr);
         assert!(run.done().starts_with(method), "{name}");

@@ -390,7 +390,7 @@ mod tests {
             .unwrap();
         assert_eq!((found.delays.as_slice(), found.model.order.order), ([7].as_slice(), 3));
         let target = Target::from_identified("flight", &found.model, &found.delays).unwrap();
-        let off = [[1.0; 9], [1.5, 0.7, 1.2, 0.8, 0.7, 1.3, 1.4, 0.7, 1.0], [0.6; 9]];
+        let off = [[1.0; 9], [1.5, 0.7, 1.2, 0.8, 0.7, 1.3, 1.4, 0.7, 1.0]];
         for factors in off {
             let mut file = truth.clone();
             for ((_, p), factor) in file.parameters.iter_mut().zip(factors) {
