@@ -339,7 +339,7 @@ fn the_line_that_a_diagnosis_prints_fits_the_parameters_that_it_found() {
     let model = folder.write(
         "cart file.toml",
         "format = \"deadtime/model@1\"\nname = \"cart\"\nkind = \"equations\"\ninputs = [{ name = \"u\" }]\noutputs = [{ name = \"v\" }]\n\
-         [states]\nv = { unit = \"m/s\", initial_std = 0.0 }\n[parameters]\nmass = { value = 2.0 }\nloss = { value = 1.0 }\n[derivatives]\nv = \"(u - loss*v)/mass\"\n",
+         [states]\nv = { unit = \"m/s\", initial_std = 0.0 }\n[parameters]\nmass = { value = 2.0 }\nloss = { value = 1.0 }\n[derivatives]\nv = \"(u - loss*v)/mass\"\n[output_equations]\nv = \"v\"\n",
     );
     // A mass of 2.6, exact for a held input; stamps that jitter, and the channel under another name.
     let mut csv = String::from("time,u,speed\n");

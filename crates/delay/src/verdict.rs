@@ -214,12 +214,21 @@ impl<'a, 'b> Counted<'a, 'b> {
             .filter_map(|(f, _)| Some((*f, f.of_all_inputs_s?.powi(-2))))
             .collect();
         let best = agree.iter().map(|(f, _)| earned(f.method)).fold(f64::INFINITY, f64::min);
-        let leading: Vec<&FoundDelay<'_>> =
-            agree.iter().map(|(f, _)| *f).filter(|f| leads(f.method, best)).collect();
+        let by_vote: Vec<(&FoundDelay<'_>, f64)> = agree
+            .iter()
+            .filter(|(f, _)| leads(f.method, best))
+            .map(|(f, weight)| (*f, *weight))
+            .collect();
+        let leading: Vec<&FoundDelay<'_>> = by_vote.iter().map(|(f, _)| *f).collect();
         let fine = !of_all_inputs.is_empty();
         let judges =
             if of_all_inputs.is_empty() { weighted_by_error(&leading) } else { of_all_inputs };
         let (chosen, mut delay_s, mut interval_s) = together(&judges, lead, facts);
+        // One class may be most of the weight, and its model wrong: the interval holds that of the mixture weighted by votes, too.
+        if !fine {
+            let (_, _, [from_s, to_s]) = together(&by_vote, lead, facts);
+            interval_s = [interval_s[0].min(from_s), interval_s[1].max(to_s)];
+        }
         let direct = facts.direct && self.group.within() > 0.5;
         if direct {
             (delay_s, interval_s[0]) = (0.0, 0.0);
