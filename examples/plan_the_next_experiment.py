@@ -66,7 +66,7 @@ print(after)
 
 # %%
 assert (after.verdict, after.channel) == ("deadband", "voltage")
-assert after.ranking[0]["probability"] > 0.99
+assert after.ranking[0]["probability"] > 0.95
 assert not any("deadband:voltage" in group and len(group) > 1 for group in after.indistinguishable)
 width = after.effects[0]["parameters"][0]
 low, high = width["ci95"]
