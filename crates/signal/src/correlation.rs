@@ -20,7 +20,7 @@ const SHORTEST_BLOCK: usize = 4096;
 /// use deadtime_signal::correlation;
 /// let (a, b) = ([1.0, 2.0, 3.0], [0.0, 1.0, 2.0]);
 /// let r = correlation(&a, &b, -1..=1);
-/// a(1)·b(0) + a(2)·b(1), a(0)·b(0) + a(1)·b(1) + a(2)·b(2), a(0)·b(1) + a(1)·b(2)
+/// // a(1)·b(0) + a(2)·b(1), a(0)·b(0) + a(1)·b(1) + a(2)·b(2), a(0)·b(1) + a(1)·b(2)
 /// assert!(r.iter().zip([3.0, 8.0, 5.0]).all(|(r, s)| (r - s).abs() < 1e-12));
 /// ```
 #[must_use]
