@@ -217,7 +217,7 @@ fn cause(d: &Diagnosis) -> String {
         }
         Cause::Unknown => match d.cause.remainder.as_ref().and_then(|r| r.unrelated) {
             Some(unrelated) if unrelated.holds() => format!(
-                "no command and nothing that the model simulates; what differs is unrelated to both, as gusts, slow heat or hands are; {} sure.",
+                "no command; the residual is unrelated to the commands and to the model's outputs, as under gusts or slow heat; {} sure.",
                 sure(probability(d))
             ),
             _ => format!(
