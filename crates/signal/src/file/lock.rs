@@ -29,6 +29,7 @@ impl Lock {
         let wrong = |e| FileError::io(&path, e);
         let made = (!folder.exists()).then(|| folder.to_owned());
         loop {
+            let mut undisturbed = unfinished::undisturbed();
             std::fs::create_dir_all(folder).map_err(|e| FileError::io(folder, e))?;
             let opened =
                 OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
@@ -39,6 +40,7 @@ impl Lock {
             };
             match file.try_lock() {
                 Err(TryLockError::WouldBlock) => {
+                    drop(undisturbed);
                     return Err(FileError::Busy {
                         folder: folder.to_owned(),
                         process: holder(&mut file),
@@ -57,8 +59,8 @@ impl Lock {
                 .and_then(|()| file.rewind())
                 .and_then(|()| writeln!(file, "{}", std::process::id()))
                 .map_err(wrong)?;
-            unfinished::begun(&path);
-            made.iter().for_each(|folder| unfinished::begun(folder));
+            undisturbed.begun(&path);
+            made.iter().for_each(|folder| undisturbed.begun(folder));
             return Ok(Self { path, made, _file: file });
         }
     }
@@ -90,11 +92,12 @@ fn lives(process: u32) -> bool {
 impl Drop for Lock {
     fn drop(&mut self) {
         // While the lock is held, so that nobody else's is removed.
-        unfinished::ended(&self.path);
+        let mut undisturbed = unfinished::undisturbed();
+        undisturbed.ended(&self.path);
         let _ = std::fs::remove_file(&self.path);
         // A folder that holds something stays.
         if let Some(folder) = &self.made {
-            unfinished::ended(folder);
+            undisturbed.ended(folder);
             let _ = std::fs::remove_dir(folder);
         }
     }

@@ -3,24 +3,33 @@
 //! The one list that is not handed from caller to caller: whoever ends a process knows nothing of what its threads write.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 static BEGUN: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 /// From so many on those that are gone are forgotten.
 const MANY: usize = 256;
 
-/// Takes note of a temporary file, or of a folder that goes if it is empty.
-pub(super) fn begun(path: &Path) {
-    let mut begun = BEGUN.lock().unwrap_or_else(PoisonError::into_inner);
-    if begun.len() >= MANY {
-        begun.retain(|path| path.exists());
-    }
-    begun.push(path.to_owned());
+/// The list, while a file is made or removed: whoever ends the process waits until both agree.
+pub(super) struct Undisturbed(MutexGuard<'static, Vec<PathBuf>>);
+
+/// To be held from before a file is made until it is noted, and while one goes.
+pub(super) fn undisturbed() -> Undisturbed {
+    Undisturbed(BEGUN.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
-/// Removes a file from the list, before its deletion.
-pub(super) fn ended(path: &Path) {
-    BEGUN.lock().unwrap_or_else(PoisonError::into_inner).retain(|begun| begun != path);
+impl Undisturbed {
+    /// Takes note of a temporary file, or of a folder that goes if it is empty.
+    pub(super) fn begun(&mut self, path: &Path) {
+        if self.0.len() >= MANY {
+            self.0.retain(|path| path.exists());
+        }
+        self.0.push(path.to_owned());
+    }
+
+    /// Takes a file off the list.
+    pub(super) fn ended(&mut self, path: &Path) {
+        self.0.retain(|begun| begun != path);
+    }
 }
 
 /// Removes every file that this process has begun and not yet named; to be called when it ends at once. Nothing else can be written from then on.

@@ -98,8 +98,9 @@ impl To {
         let folder = folder_of(&target);
         std::fs::create_dir_all(folder)?;
         let [prefix, suffix] = UNFINISHED;
+        let mut undisturbed = unfinished::undisturbed();
         let file = tempfile::Builder::new().prefix(prefix).suffix(suffix).tempfile_in(folder)?;
-        unfinished::begun(file.path());
+        undisturbed.begun(file.path());
         Ok(Self::Beside { file, target })
     }
 }
