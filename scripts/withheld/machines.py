@@ -143,7 +143,9 @@ class Servo:
         for _ in range(50):
             q = self.gain * command - (self.gravity * math.cos(q) + offset) / self.kp
         state = np.array([q, 0.0, self.kp * (self.gain * command - q)])
-        waiting = [state[2]] * (round(self.delay / step) + 1)
+        # What the controller gives at the start and at the end of every step: its command may jump between two of them.
+        steps = round(self.delay / step)
+        waiting = [(state[2], state[2])] * steps
         late = [first] * (round(self.command_delay / step) + 1)
         far, outputs, now = q + self.output_play * rng.uniform(-1.0, 1.0), [], 0.0
         for value in target:
@@ -153,10 +155,11 @@ class Servo:
                 late.append(value)
                 sent = late[-1 - round(self.command_delay / step)]
                 play = min(max(play, sent - self.play), sent + self.play) if self.play else sent
-                waiting.append(self.kp * (self.gain * play - state[0]) - self.kd * state[1])
-                steps = round(self.delay / step)
-                arrived = (waiting[-1 - steps], waiting[-steps] if steps else 0.0)
+                gives = [self.kp * (self.gain * play - state[0]) - self.kd * state[1]]
+                arrived = waiting[-steps] if steps else (0.0, 0.0)
                 state = self.advance(state, self.gain * play, arrived, step, now)
+                gives.append(self.kp * (self.gain * play - state[0]) - self.kd * state[1])
+                waiting.append((gives[0], gives[1]))
                 far = min(max(far, state[0] - self.output_play), state[0] + self.output_play)
                 now += step
         return np.array(outputs)

@@ -1,5 +1,7 @@
-//! The plant with its hooks as one system: every signal on the way is a row over (states, signals, 1, the plant's own outputs).
+//! The plant with its hooks as one system: every signal on the way is a row over (states, signals, 1, the plant's own outputs). Late quantities are signals behind
+//! those of the inputs.
 
+use super::history::{Histories, History};
 use super::plan::{InnerFilter, ModeSite, Plan, Source, Term};
 use super::system::{Affine, System};
 
@@ -13,7 +15,7 @@ pub(super) struct Assembly {
     pub(super) plant: usize,
     /// All states.
     pub(super) states: usize,
-    /// Signals, one per input.
+    /// Signals: one per input, then one per late quantity.
     pub(super) signals: usize,
     /// What the plant receives, one row per input.
     pub(super) inputs: Vec<Row>,
@@ -27,6 +29,19 @@ pub(super) struct Assembly {
     pub(super) start: Vec<f64>,
     /// The states that remember the way, in the order of the plan's terms of hysteresis.
     pub(super) memories: Vec<usize>,
+    /// What the late quantities are before they are late, one row each.
+    pub(super) raw: Vec<Row>,
+    /// What they were before the start.
+    pub(super) late: Histories,
+}
+
+/// How a dead time inside the plant is simulated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum InnerDelays {
+    /// By its history, from this dead time on, s; shorter ones by an approximant.
+    Exact(f64),
+    /// By an approximant that is linear and has states.
+    Pade,
 }
 
 impl Assembly {
@@ -34,19 +49,20 @@ impl Assembly {
     pub(super) fn new(
         system: &System,
         (plan, plant): (&Plan, Option<&Affine>),
-        x0: &[f64],
-        first: &[f64],
+        delays: InnerDelays,
+        (x0, first): (&[f64], &[f64]),
         own_outputs: impl Fn(&[f64]) -> Vec<f64>,
     ) -> Self {
         let (n, m, p) = (system.states.len(), system.inputs.len(), system.outputs.len());
-        let mut build = Build::new(plan, [n, m, p]);
+        let waits: Vec<Option<f64>> = plan.filters.iter().map(|f| delays.waits(*f)).collect();
+        let late_s: Vec<f64> = waits.iter().flatten().copied().collect();
+        let mut build = Build::new(plan, &waits, [n, m + late_s.len(), p]);
         let states = build.states;
         // The values of (states, signals, 1, outputs) at the start, filled in as they become known.
         build.now[..n].copy_from_slice(x0);
         build.now[states..states + m].copy_from_slice(first);
-        build.now[states + m] = 1.0;
-
-        let one = states + m;
+        let one = states + m + late_s.len();
+        build.now[one] = 1.0;
         let mut arriving: Vec<Row> =
             (0..plan.inputs.len()).map(|i| build.arriving(plan, i)).collect();
         for &(a, b, share) in &plan.swaps {
@@ -63,8 +79,16 @@ impl Assembly {
                 w
             })
             .collect();
-        let filters: Vec<usize> =
-            plan.filters.iter().map(|f| build.filter(*f, &mut inputs)).collect();
+        let mut signals = states + m..one;
+        let filters: Vec<usize> = (plan.filters.iter().zip(&waits))
+            .map(|(filter, waits)| match waits.and_then(|_| signals.next()) {
+                Some(signal) => {
+                    inputs.push(build.unit(signal));
+                    signal
+                }
+                None => build.filter(*filter, &mut inputs),
+            })
+            .collect();
         let mut outputs: Vec<Row> = match plant {
             Some(plant) => build.plant(plant, &inputs),
             None => (0..p + filters.len()).map(|i| build.unit(one + 1 + i)).collect(),
@@ -80,23 +104,44 @@ impl Assembly {
                 build.now[*state] = build.value(&outputs[p + at]);
             }
         }
-        for ((filter, raw), state) in plan.filters.iter().zip(outputs.split_off(p)).zip(&filters) {
-            build.drive(*filter, *state, &raw);
+        let mut raw = outputs.split_off(p);
+        for (at, (filter, waits)) in plan.filters.iter().zip(&waits).enumerate() {
+            if waits.is_none() {
+                build.drive(*filter, filters[at], &raw[at]);
+            }
         }
+        let mut waits = waits.iter();
+        raw.retain(|_| waits.next().is_some_and(Option::is_some));
         build.modes(plan, &arriving, &mut outputs);
         build.terms(plan, &inputs, one);
         build.sensors(plan, &mut outputs);
         let start = build.now[..states].to_vec();
+        let rested = build.now[states + m..one].iter().zip(&late_s);
+        let late = rested.map(|(value, delay_s)| History::at_rest(*delay_s, *value)).collect();
         Self {
             plant: n,
             states,
-            signals: m,
+            signals: m + late_s.len(),
             inputs,
             own: p + filters.len(),
             derivatives: build.derivatives,
             outputs,
             start,
             memories: build.memories,
+            raw,
+            late: Histories::new(late),
+        }
+    }
+}
+
+impl InnerDelays {
+    /// The dead time of a filter that is simulated by its history, s.
+    fn waits(self, filter: InnerFilter) -> Option<f64> {
+        match (self, filter) {
+            (Self::Exact(from_s), InnerFilter::Delay(delay_s)) if delay_s >= from_s => {
+                Some(delay_s)
+            }
+            _ => None,
         }
     }
 }
@@ -122,8 +167,8 @@ struct Build {
 }
 
 impl Build {
-    /// For a plant of so many states, inputs and outputs.
-    fn new(plan: &Plan, [n, signals, outputs]: [usize; 3]) -> Self {
+    /// For a plant of so many states, signals and outputs, whose quantities of these dead times are signals.
+    fn new(plan: &Plan, waits: &[Option<f64>], [n, signals, outputs]: [usize; 3]) -> Self {
         let lags = plan.inputs.iter().map(|i| i.lags_s.len());
         let lags = lags.chain(plan.outputs.iter().map(|o| o.lags_s.len())).sum::<usize>();
         let of_term = |term: &Term| match term {
@@ -132,7 +177,8 @@ impl Build {
             _ => 0,
         };
         let terms = plan.terms.iter().map(of_term).sum::<usize>();
-        let filters = plan.filters.iter().map(|f| f.order()).sum::<usize>();
+        let with_states = plan.filters.iter().zip(waits).filter(|(_, waits)| waits.is_none());
+        let filters = with_states.map(|(f, _)| f.order()).sum::<usize>();
         let states = n + lags + filters + 2 * plan.modes.len() + terms;
         let outputs = outputs + plan.filters.len();
         let (derivatives, now, memories) = (Vec::new(), Vec::new(), Vec::new());

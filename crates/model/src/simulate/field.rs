@@ -95,6 +95,8 @@ pub(super) struct Field<'a> {
     inputs: Vec<Entry>,
     derivatives: Vec<Entry>,
     outputs: Vec<Entry>,
+    /// Late quantities before they are late.
+    raw: Vec<Entry>,
     /// A derivative depends on an output of the plant: a sensor's lag.
     senses: bool,
     /// No state stands between the signals and the plant.
@@ -162,6 +164,7 @@ impl<'a> Field<'a> {
             inputs,
             derivatives,
             outputs: entries(&assembly.outputs),
+            raw: entries(&assembly.raw),
             now,
             received: vec![0.0; m],
             contacts,
@@ -180,19 +183,23 @@ impl<'a> Field<'a> {
         self.inputs.clone_from(&later.inputs);
         self.derivatives.clone_from(&later.derivatives);
         self.outputs.clone_from(&later.outputs);
+        self.raw.clone_from(&later.raw);
         (self.senses, self.direct) = (later.senses, later.direct);
     }
 
     /// Takes note of the signals' pieces; to be called before anything is evaluated on them.
     pub(super) fn begin(&mut self, t: f64, drive: &Drive) {
-        self.held = drive.pieces.iter().all(|piece| piece.slope == 0.0);
+        let late = drive.late.quantities.is_empty();
+        self.held = late && drive.pieces.iter().all(|piece| piece.slope == 0.0);
         self.signals(t, drive);
         self.receive();
     }
 
     fn signals(&mut self, t: f64, drive: &Drive) {
-        for (to, piece) in self.now[self.states..self.one].iter_mut().zip(&drive.pieces) {
-            *to = piece.at(t);
+        let commands = drive.pieces.iter().map(|piece| piece.at(t));
+        let late = drive.late.quantities.iter().map(|quantity| quantity.late(t));
+        for (to, value) in self.now[self.states..self.one].iter_mut().zip(commands.chain(late)) {
+            *to = value;
         }
     }
 
@@ -295,6 +302,23 @@ impl<'a> Field<'a> {
             y[i] += value * self.now[j];
         }
         Ok(())
+    }
+
+    /// What late quantities are before they are late.
+    pub(super) fn raw(
+        &mut self,
+        t: f64,
+        x: &[f64],
+        drive: &Drive,
+        node: usize,
+        to: &mut [[f64; 5]],
+    ) {
+        self.fill(t, x, drive);
+        self.sense(t);
+        to.iter_mut().for_each(|values| values[node] = 0.0);
+        for &(i, j, value) in &self.raw {
+            to[i][node] += value * self.now[j];
+        }
     }
 
     /// Why there is no finite derivative at a point, if the equations are to blame.
@@ -406,6 +430,8 @@ mod tests {
     use crate::effect::applied::{Applied, Chance};
     use crate::effect::effects::find;
     use crate::file::document::ModelDocument;
+    use crate::simulate::assembly::InnerDelays;
+    use crate::simulate::history::Histories;
     use crate::simulate::piecewise::Piece;
     use crate::simulate::system::{Dynamics, System};
 
@@ -465,16 +491,16 @@ z = "rate^2 + u*angle"
         ];
         let plan = Applied::plan(&system, &effects, Chance::Mean).unwrap();
         let Dynamics::Equations(equations, parameters) = &plan.dynamics else { panic!("linear") };
-        let assembly = Assembly::new(&system, (&plan, None), &system.initial, &[0.5, -0.7], |_| {
-            vec![0.1, 0.2]
-        });
+        let start = (system.initial.as_slice(), [0.5, -0.7].as_slice());
+        let assembly =
+            Assembly::new(&system, (&plan, None), InnerDelays::Pade, start, |_| vec![0.1, 0.2]);
         let mut field =
             Field::new(&assembly, Some((equations.as_ref(), parameters.as_slice())), &plan.terms);
         let pieces = vec![
             Piece { start_s: 0.0, value: 0.5, slope: 0.3 },
             Piece { start_s: 0.0, value: -0.7, slope: 0.0 },
         ];
-        let drive = Drive { pieces, alone_until_s: None };
+        let drive = Drive { pieces, alone_until_s: None, late: Histories::default() };
         field.begin(0.4, &drive);
         let n = assembly.states;
         let mut x: Vec<f64> =

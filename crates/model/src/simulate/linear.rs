@@ -412,6 +412,7 @@ mod tests {
     use rand_chacha::rand_core::SeedableRng;
 
     use super::*;
+    use crate::simulate::history::Histories;
     use crate::simulate::piecewise::Piece;
 
     /// A slow oscillation beside a pole at −2000 per second, one signal that runs straight: steps whose lengths never come twice go as far as one exponential each.
@@ -432,10 +433,12 @@ mod tests {
             derivatives: rows.clone(),
             start: vec![0.2, -0.1, 0.5],
             memories: Vec::new(),
+            raw: Vec::new(),
+            late: Histories::default(),
         };
         let mut system = Linear::new(&assembly, &[], true);
         let piece = Piece { start_s: 0.0, value: 0.3, slope: -0.7 };
-        let drive = Drive { pieces: vec![piece], alone_until_s: None };
+        let drive = Drive { pieces: vec![piece], alone_until_s: None, late: Histories::default() };
         // States, signal, its slope, 1.
         let mut block = DMatrix::zeros(6, 6);
         for (i, row) in rows.iter().enumerate() {

@@ -7,6 +7,7 @@ mod assembly;
 mod black_box;
 pub(crate) mod error;
 mod field;
+mod history;
 mod linear;
 pub(crate) mod lsim;
 mod nonlinear;

@@ -3,6 +3,7 @@
 use super::assembly::Assembly;
 use super::error::SimulateError;
 use super::field::{Driven, Field, Plant, sign};
+use super::history::{Histories, NODES};
 use super::piecewise::Piece;
 use super::plan::Term;
 use super::simulator::Port;
@@ -20,6 +21,8 @@ pub(super) struct Nonlinear<'a> {
     /// The field from every switch on.
     later: Vec<Field<'a>>,
     integrator: Integrator,
+    /// The drive with late quantities; without pieces where there are none.
+    own: Drive,
     /// The signals' pieces of the last step.
     pieces: Vec<Piece>,
     x: Vec<f64>,
@@ -38,7 +41,9 @@ impl<'a> Nonlinear<'a> {
         let later =
             later.map(|(assembly, equations)| Field::new(assembly, equations, terms)).collect();
         let (x, dx) = (assembly.start.clone(), vec![0.0; assembly.states]);
-        Self { field: field(), watch: field(), later, integrator, pieces: Vec::new(), x, dx }
+        let own = Drive { pieces: Vec::new(), alone_until_s: None, late: assembly.late.clone() };
+        let (field, watch, pieces) = (field(), field(), Vec::new());
+        Self { field, watch, later, integrator, own, pieces, x, dx }
     }
 
     /// An error of equations that are too stiff, with the name of the state to blame.
@@ -119,8 +124,43 @@ impl<'a> Nonlinear<'a> {
     }
 }
 
-impl Stepper for Nonlinear<'_> {
-    fn advance(&mut self, from_s: f64, to_s: f64, drive: &Drive) -> Result<(), SimulateError> {
+impl Nonlinear<'_> {
+    /// The same with late quantities: from stretch to stretch in which all of them are known, and within each from node to node of its curves.
+    fn advance_late(
+        &mut self,
+        from_s: f64,
+        to_s: f64,
+        own: &mut Drive,
+    ) -> Result<(), SimulateError> {
+        let mut values = vec![[0.0; NODES.len()]; own.late.quantities.len()];
+        own.late.edge(from_s);
+        let mut now = from_s;
+        while now < to_s {
+            let next = own.late.next(now, to_s);
+            // What arrives late may jump here.
+            self.pieces.clear();
+            self.field.begin(now, own);
+            self.field.raw(now, &self.x, own, 0, &mut values);
+            // Steps that a dead time asks for are none that the equations ask for.
+            self.integrator.budget = self.integrator.budget.saturating_add(NODES.len());
+            for node in 1..NODES.len() {
+                let [begin, end] = [node - 1, node].map(|i| now + NODES[i] * (next - now));
+                self.advance_known(begin, end, own)?;
+                self.field.raw(end, &self.x, own, node, &mut values);
+            }
+            own.late.push((now, next), &values);
+            now = next;
+        }
+        Ok(())
+    }
+
+    /// With all signals known from here to there.
+    fn advance_known(
+        &mut self,
+        from_s: f64,
+        to_s: f64,
+        drive: &Drive,
+    ) -> Result<(), SimulateError> {
         self.field.begin(from_s, drive);
         let moved = if self.field.contacts.is_empty() {
             if self.pieces == drive.pieces {
@@ -146,9 +186,31 @@ impl Stepper for Nonlinear<'_> {
             (moved, _) => moved,
         }
     }
+}
+
+impl Stepper for Nonlinear<'_> {
+    fn advance(&mut self, from_s: f64, to_s: f64, drive: &Drive) -> Result<(), SimulateError> {
+        if self.own.late.quantities.is_empty() {
+            return self.advance_known(from_s, to_s, drive);
+        }
+        let mut own = std::mem::take(&mut self.own);
+        own.pieces.clone_from(&drive.pieces);
+        let moved = self.advance_late(from_s, to_s, &mut own);
+        self.own = own;
+        moved
+    }
 
     fn outputs(&mut self, at_s: f64, drive: &Drive, y: &mut [f64]) -> Result<(), SimulateError> {
-        self.field.read(at_s, &self.x, y, drive)
+        if self.own.late.quantities.is_empty() {
+            return self.field.read(at_s, &self.x, y, drive);
+        }
+        self.own.pieces.clone_from(&drive.pieces);
+        self.own.late.arrive(at_s);
+        self.field.read(at_s, &self.x, y, &self.own)
+    }
+
+    fn histories(&mut self) -> Option<&mut Histories> {
+        Some(&mut self.own.late).filter(|late| !late.quantities.is_empty())
     }
 
     fn switch(&mut self, number: usize) {

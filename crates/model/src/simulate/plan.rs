@@ -254,7 +254,7 @@ pub struct Switch {
 pub enum InnerFilter {
     /// A first-order lag of this time constant, seconds, settled at the start.
     Lag(f64),
-    /// A dead time, seconds, as a Padé approximant of order 3 over 4, settled at the start.
+    /// A dead time, seconds, settled at the start; where its history is not kept, a Padé approximant of order 3 over 4.
     Delay(f64),
 }
 

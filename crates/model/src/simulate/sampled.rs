@@ -5,9 +5,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::assembly::Assembly;
+use super::assembly::{Assembly, InnerDelays};
 use super::black_box;
 use super::error::SimulateError;
+use super::history::Histories;
 use super::linear::Linear;
 use super::piecewise::{Piece, Piecewise};
 use super::plan::{InputPath, OutputPath, Plan, SensorClock};
@@ -113,8 +114,8 @@ fn first_values(system: &System, plan: &Plan, signals: &[Piecewise]) -> Assembly
     Assembly::new(
         system,
         (plan, system.affine(&plan.dynamics).as_ref()),
-        &system.initial,
-        &first,
+        InnerDelays::Pade,
+        (&system.initial, &first),
         |_| Vec::new(),
     )
 }
@@ -139,12 +140,12 @@ impl Lags {
         let assembly = Assembly::new(
             &system,
             (&plan, system.affine(&plan.dynamics).as_ref()),
-            &[],
-            &[0.0],
+            InnerDelays::Pade,
+            (&[], &[0.0]),
             |_| Vec::new(),
         );
         let piece = Piece { start_s: 0.0, value: 0.0, slope: 0.0 };
-        let drive = Drive { pieces: vec![piece], alone_until_s: None };
+        let drive = Drive { pieces: vec![piece], alone_until_s: None, late: Histories::default() };
         Some(Self { chain: Linear::new(&assembly, &[], true), drive })
     }
 

@@ -5,14 +5,18 @@ use std::num::NonZeroUsize;
 use nalgebra::DMatrix;
 
 use super::error::SimulateError;
+use super::history::Histories;
 use super::piecewise::{Piece, Piecewise, TOGETHER};
 use super::plan::Plan;
 
 /// The piece that every signal is on.
+#[derive(Default)]
 pub(super) struct Drive {
     pub(super) pieces: Vec<Piece>,
     /// Until when nothing but the system itself will move its state; `None`: not known.
     pub(super) alone_until_s: Option<f64>,
+    /// Late quantities inside the system, which are signals as well.
+    pub(super) late: Histories,
 }
 
 /// A system that can be moved through time.
@@ -25,6 +29,10 @@ pub(super) trait Stepper {
     fn plant_state(&mut self) -> &mut [f64];
     /// The same with the states of everything on the way in and out.
     fn whole_state(&mut self) -> &mut [f64];
+    /// What its late quantities were; empty where it has none.
+    fn histories(&mut self) -> Option<&mut Histories> {
+        None
+    }
     /// The dynamics are those from the plan's switch of this number on, in order of time; the state stays.
     fn switch(&mut self, number: usize);
     /// Steps of the integration so far.
@@ -116,6 +124,9 @@ impl Measured {
     }
 }
 
+/// Whole states, and what late quantities were.
+pub(super) type Begin = (Vec<f64>, Histories);
+
 /// What a simulation returns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
@@ -126,7 +137,7 @@ pub struct Run {
     /// Steps of the integration, those made again shorter included; 0 where none was needed.
     pub steps: usize,
     /// Whole states from which predictions over a horizon begin, the first one's left out; empty without a horizon.
-    pub(super) begins: Vec<Vec<f64>>,
+    pub(super) begins: Vec<Begin>,
 }
 
 impl Run {
@@ -321,7 +332,7 @@ impl<'a> Course<'a> {
             switched: 0,
             together: TOGETHER * if samples > 1 { end / (samples - 1) as f64 } else { 1.0 },
             now: 0.0,
-            drive: Drive { pieces, alone_until_s: None },
+            drive: Drive { pieces, alone_until_s: None, late: Histories::default() },
             run: Run::of(samples, outputs, (rows, system.plant_state().len())),
             y: vec![0.0; outputs],
             positions: vec![f64::NAN; outputs],
@@ -389,10 +400,14 @@ impl<'a> Course<'a> {
             match self.guide {
                 Guide::Restarted { corrected, .. } => {
                     let there = corrected.begins.get(begins.sample / begins.every);
-                    there.into_iter().for_each(|there| system.whole_state().copy_from_slice(there));
+                    if let Some((there, late)) = there {
+                        system.whole_state().copy_from_slice(there);
+                        system.histories().into_iter().for_each(|own| own.clone_from(late));
+                    }
                 }
                 Guide::Free | Guide::Corrected(_) => {
-                    self.run.begins.push(system.whole_state().to_vec());
+                    let late = system.histories().cloned().unwrap_or_default();
+                    self.run.begins.push((system.whole_state().to_vec(), late));
                 }
             }
             begins.sample += begins.every;

@@ -91,6 +91,8 @@ mod tests {
     use crate::simulate::plan::InnerFilter;
     use crate::simulate::run::Commands;
     use crate::simulate::system::System;
+    use crate::simulate::{Correction, Measured};
+    use std::num::NonZeroUsize;
 
     /// A position loop; `torque` is what its second equation has in place of the controller's torque.
     fn servo(definitions: &str, torque: &str) -> System {
@@ -148,7 +150,7 @@ q = "q"
         system.simulate(&plan, commands, x0, None).unwrap().y.column(0).iter().copied().collect()
     }
 
-    /// Midpoint steps of a 200th of a sample: position, speed and the lag's state move by the torque that `arrives` makes of the raw one and of those before it, newest last.
+    /// Midpoint steps of a 200th of a sample: position, speed and the lag's state move by the torque that `arrives` makes of the raw one and of the means of all steps before, newest last.
     fn stepped(arrives: impl Fn(f64, f64, &[f64]) -> f64, lag_s: Option<f64>) -> Vec<f64> {
         let (_, u) = commands();
         let (h, steps) = (SAMPLE_S / 200.0, 200);
@@ -158,7 +160,7 @@ q = "q"
             y.push(x[0]);
             for _ in 0..steps {
                 let raw = |x: &[f64; 3]| 12.0 * (target - x[0]);
-                past.push(raw(&x));
+                let begun = raw(&x);
                 let rate = |x: &[f64; 3]| {
                     let torque = arrives(raw(x), x[2], &past);
                     let lag = lag_s.map_or(0.0, |lag| (raw(x) - x[2]) / lag);
@@ -167,6 +169,7 @@ q = "q"
                 let by = |x: &[f64; 3], d: [f64; 3], h: f64| [0, 1, 2].map(|i| x[i] + h * d[i]);
                 let middle = by(&x, rate(&x), 0.5 * h);
                 x = by(&x, rate(&middle), h);
+                past.push(0.5 * (begun + 12.0 * (target - x[0])));
             }
         }
         y
@@ -224,15 +227,42 @@ q = "q"
                 simulated(&system, &[with(&system, "internal_lag", channel, &[0.03])], &[0.1, 0.0]);
             let own = stepped(|_, lagged, _| lagged, Some(0.03));
             assert!(furthest(&lagged, &own) < 1e-5, "{}", furthest(&lagged, &own));
-            // 300 steps of the comparison.
+            // 300 steps of the comparison; at rest before.
             let late = simulated(
                 &system,
                 &[with(&system, "internal_delay", channel, &[0.03])],
                 &[0.1, 0.0],
             );
-            let own = stepped(|_, _, past| past[past.len().saturating_sub(301)], None);
-            assert!(furthest(&late, &own) < 2e-3, "{}", furthest(&late, &own));
+            let before = |past: &[f64]| past.len().checked_sub(300).map_or(0.0, |at| past[at]);
+            let own = stepped(|_, _, past| before(past), None);
+            assert!(furthest(&late, &own) < 1e-5, "{}", furthest(&late, &own));
             assert!(furthest(&late, &lagged) > 0.02);
+        }
+    }
+
+    /// A run that begins again where it was goes on with what is still on its way.
+    #[test]
+    fn predictions_over_a_horizon_know_what_is_on_its_way() {
+        let system = servo("", "kp*(target - q)");
+        let channel = &find("internal_delay").unwrap().channels(&system)[0];
+        let (time_s, u) = commands();
+        let commands = Commands { time_s: &time_s, inputs: std::slice::from_ref(&u) };
+        for friction in [false, true] {
+            let mut effects = vec![
+                with(&system, "internal_delay", channel, &[0.053]),
+                with(&system, "internal_saturation", channel, &[-3.0, 5.0]),
+            ];
+            if friction {
+                effects.push(with(&system, "coulomb_friction", "w", &[2.0]));
+            }
+            let plan = Applied::plan(&system, &effects, Chance::Mean).unwrap();
+            let measured = [Measured { values: vec![0.0; time_s.len()], present: None }];
+            let gain = nalgebra::DMatrix::zeros(2, 1);
+            let horizon = NonZeroUsize::new(7);
+            let nothing = Correction { gain: &gain, measured: &measured, horizon };
+            let free = system.simulate(&plan, commands, &[0.1, 0.0], None).unwrap().y;
+            let again = system.simulate(&plan, commands, &[0.1, 0.0], Some(nothing)).unwrap().y;
+            assert!(free.iter().zip(again.iter()).all(|(a, b)| (a - b).abs() < 1e-6));
         }
     }
 

@@ -11,9 +11,10 @@ use crate::simulate::system::System;
 
 /// A dead time inside a loop: a controller that computes, a bus between it and the drive.
 ///
-/// Assumes: the delay is short against the loop: it is simulated as a Padé approximant of order 3 over 4, whose phase is right to 0.1 % up to ω·delay = 3.
+/// Assumes: the quantity rests before the log. Nonlinear equations are simulated with the quantity's own history; affine ones with a Padé approximant of order 3 over 4,
+/// whose phase is right to 0.1 % up to ω·delay = 3.
 /// Fails when: the delay is short against the motion: a lag inside the loop of the same length does nearly the same, and less damping too.
-/// Source: Baker and Graves-Morris (1996), Padé Approximants, 2nd edition, section 1.2.
+/// Source: Bellen and Zennaro (2003), Numerical Methods for Delay Differential Equations, chapter 3; Baker and Graves-Morris (1996), Padé Approximants, section 1.2.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct InternalDelay;
 
@@ -45,6 +46,9 @@ impl Effect for InternalDelay {
     }
 
     fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        if values[0] == 0.0 {
+            return on.quantity().map(|_| ());
+        }
         on.rewrite(plan, |e| e.with_open_quantity(on.channel), &[])?;
         plan.filters.push(InnerFilter::Delay(values[0]));
         Ok(())

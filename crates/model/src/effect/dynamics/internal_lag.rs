@@ -49,6 +49,9 @@ impl Effect for InternalLag {
     }
 
     fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
+        if values[0] == 0.0 {
+            return on.quantity().map(|_| ());
+        }
         on.rewrite(plan, |e| e.with_open_quantity(on.channel), &[])?;
         plan.filters.push(InnerFilter::Lag(values[0]));
         Ok(())
