@@ -49,6 +49,9 @@ pub(super) struct Gap {
     /// semicolon their ranges, as 'k in 0 to 2, width = 0.1 in 0.01 to 1'. May be repeated
     #[arg(long, value_name = "TERM", conflicts_with = "simulator")]
     candidate: Vec<String>,
+    /// Try the five terms that best describe what remains as candidates, in a second diagnosis
+    #[arg(long, conflicts_with_all = ["simulator", "isolability"])]
+    suggest: bool,
     /// What "predicted" means; default: simulation, or the predictor where the model has poles that do not decay within a log
     #[arg(long, value_enum, hide_short_help = true)]
     prediction: Option<ModeName>,
@@ -137,6 +140,7 @@ impl Gap {
             horizon: self.horizon,
             longest_delay_s: self.max_delay,
             rows: self.look_at,
+            suggest: self.suggest,
             effects: known_effects(&self.effects)?,
             longest_run_s: 60.0 * self.max_minutes,
             seed: self.seed,

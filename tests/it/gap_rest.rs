@@ -82,6 +82,31 @@ fn described_as(more: &str, full: &Diagnosed, goes_with: &str, over: &str, truth
     );
 }
 
+/// What remains suggests its own term, and a second diagnosis finds it with its size.
+#[test]
+fn a_suggested_term_is_found_with_its_size() {
+    suggested(SUSPECTED, 5100, "v += k*x*u", 4.0);
+}
+
+#[test]
+#[ignore = "nightly: a bend of the law"]
+fn a_suggested_bend_is_found_with_its_size() {
+    suggested(" - 1.5*v^2*x", 5120, "v += k*v^2*x", -1.5);
+}
+
+fn suggested(more: &str, seed: u64, term: &str, truth: f64) {
+    let logs = logs_with(more, seed);
+    let options = GapOptions { suggest: true, ..GapOptions::default() };
+    let found = diagnose(&plain(), &logs[..2], &logs[2..], &options, &|_| ()).unwrap();
+    let cause = &found.diagnosis.cause;
+    let effect = cause.effects.iter().find(|e| e.effect == "candidate");
+    let effect = effect.unwrap_or_else(|| panic!("{more}: {:?}", cause.effects));
+    assert_eq!(effect.channel, term);
+    let k = &effect.parameters[0];
+    assert!((k.value - truth).abs() < 0.1 * truth.abs(), "{k:?}");
+    assert!(found.caveats.iter().any(|c| c.to_string().contains(term)), "{:?}", found.caveats);
+}
+
 /// Logs of the servo with a force that nobody logged.
 fn pushed(seed: u64) -> Log {
     let text = servo(", initial_std = 0.02", " + w")

@@ -38,8 +38,8 @@ use crate::search::catalogue_search::{SearchResult, Searched, search};
 use crate::search::longer::shift_beyond;
 use crate::search::moving::{scanned, typical};
 use deadtime_log::Log;
-use deadtime_model::ModelDocument;
 use deadtime_model::effect::{Applied, Scales};
+use deadtime_model::{CandidateEntry, ModelDocument};
 use deadtime_signal::progress::HowFar;
 
 /// As [`diagnose`], from files.
@@ -64,7 +64,7 @@ pub fn diagnose_files(
 
 /// Diagnoses the gap between a model and logs: every effect of the catalogue on every channel, alone and in pairs.
 ///
-/// `progress` receives each stage as it begins.
+/// `progress` receives each stage as it begins. With [`GapOptions::suggest`] the terms that describe what remains are candidates of a second diagnosis, which is the answer.
 ///
 /// # Errors
 /// [`GapError`](crate::format::error::GapError) where model and logs do not fit, the errors of models and logs, [`super::error::Error::Stopped`].
@@ -75,8 +75,37 @@ pub fn diagnose<'a>(
     options: &GapOptions,
     progress: &dyn Fn(Stage),
 ) -> Result<Diagnosed> {
+    let subject = subject.into();
+    let found = diagnosed_once(subject, logs, holdout, options, progress)?;
+    let (true, Subject::Model(document)) = (options.suggest, subject) else { return Ok(found) };
+    let remainder = found.diagnosis.cause.remainder.as_ref();
+    let Some(described) = remainder.and_then(|r| r.description.as_ref()) else {
+        return Ok(found);
+    };
+    let (mut document, mut terms) = (document.clone(), Vec::new());
+    for term in &described.suggested {
+        let mut with_it = document.clone();
+        // One that the model has already is refused.
+        if with_it.suspect(CandidateEntry::from_text(term)?).is_ok() {
+            document = with_it;
+            terms.push(term.clone());
+        }
+    }
+    let tried = GapOptions { suggest: false, ..options.clone() };
+    let mut found = diagnosed_once((&document).into(), logs, holdout, &tried, progress)?;
+    found.caveats.insert(0, Caveat::Suggested { terms });
+    Ok(found)
+}
+
+/// One diagnosis.
+fn diagnosed_once(
+    subject: Subject<'_>,
+    logs: &[Log],
+    holdout: &[Log],
+    options: &GapOptions,
+    progress: &dyn Fn(Stage),
+) -> Result<Diagnosed> {
     let begin = || {
-        let subject = subject.into();
         let (logs, holdout) = (subject.completed(logs)?, subject.completed(holdout)?);
         let parts = Parts::of(&logs, &holdout, options.rows)?;
         let simulator = Simulator::of(subject, &parts.logs, &options.stop)?;
@@ -338,6 +367,7 @@ fn in_stages(
         composed: judgement.composed,
         sensitivities: &judgement.sensitivities,
         seed: options.seed,
+        suggest: options.suggest,
     };
     answer.sections(logs)
 }

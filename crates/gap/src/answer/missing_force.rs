@@ -3,7 +3,7 @@
 //! The model that is handed over is linearised along its own run. Every simple function φ of a state or a command is tried on the derivative of every state.
 //! The outputs' response to φ is regressed on the residual, with a free initial state in every span.
 //! The coefficient is the least-squares estimate of g in ẋ_i = f_i + g·φ; no smoothed force with a roughness parameter is needed.
-//! The training spans give g; the held-out spans give R², the part of the residual that g·φ predicts.
+//! The training spans give g, and choose φ by the part of the residual that g·φ takes there. The held-out spans give R², the part that it predicts.
 //!
 //! How it can be wrong: many functions are tried, and one may correlate by chance, above all where both signals are slow.
 //! The same search therefore runs with circularly shifted responses, which keep their spectra. A force is reported only where the true R² exceeds the largest R² of all shifts.
@@ -25,15 +25,17 @@ use crate::input::record::Span;
 use crate::likelihood::errors::Errors;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::Applied;
-use deadtime_model::simulate::System;
+use deadtime_model::simulate::{Dynamics, System};
 use deadtime_signal::remedy::{Message, Remedy};
 
 /// Circular shifts of the responses: the null distribution of R². Chance exceeds the largest of 59 once in 60 times.
 const TURNS: usize = 59;
 /// Least R² of a reported force; 1.
 const WORTH: f64 = 0.1;
-/// Functions whose R² is so near to the best one's are as good.
+/// Functions whose training R² is so near to the best one's are as good.
 const AS_GOOD: f64 = 0.02;
+/// Functions that are suggested as candidates.
+const SUGGESTED: usize = 5;
 /// Samples of all logs that are regressed on; of more every second, third … one is.
 const SAMPLES: usize = 6000;
 /// With more states nothing is described.
@@ -85,12 +87,14 @@ pub(crate) fn describe(
     let energy = |held: bool| {
         parts.iter().filter(|p| p.held == held).map(|p| p.left.norm_squared()).sum::<f64>()
     };
-    let held_left = energy(true);
-    if !(energy(false) > 0.0 && held_left > 0.0) {
+    let (trained_left, held_left) = (energy(false), energy(true));
+    if !(trained_left > 0.0 && held_left > 0.0) {
         return None;
     }
     let variables = states + system.inputs.len();
-    let forms = Form::all(variables);
+    let in_radians = |v: &usize| system.states[*v].unit.as_deref() == Some("rad");
+    let angles: Vec<usize> = (0..states).filter(in_radians).collect();
+    let forms = Form::all(variables, &angles);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let turns: Vec<Vec<usize>> = (0..TURNS)
         .map(|_| {
@@ -118,6 +122,7 @@ pub(crate) fn describe(
             .collect();
         let (trained, held) = (sums(&responses, None, false), sums(&responses, None, true));
         let (gain, r2) = predicted(trained, held, held_left);
+        let learnt = trained.product * gain / trained_left;
         let turned = |turn: &Vec<usize>| {
             let product = |held: bool| {
                 let here = parts.iter().filter(|p| p.held == held);
@@ -131,39 +136,39 @@ pub(crate) fn describe(
             .1
         };
         let chance: Vec<f64> = turns.iter().map(turned).collect();
-        (gain.is_finite() && r2.is_finite()).then_some(Tried { state, form, gain, r2, chance })
+        let finite = gain.is_finite() && r2.is_finite() && learnt.is_finite();
+        finite.then_some(Tried { state, form, gain, learnt, r2, chance })
     };
     let all: Vec<(usize, Form)> =
         (0..states).flat_map(|i| forms.iter().map(move |f| (i, *f))).collect();
-    let found: Vec<Tried> = all.into_par_iter().filter_map(tried).collect();
-    let best = found.iter().map(|t| t.r2).fold(f64::NEG_INFINITY, f64::max);
+    let mut found: Vec<Tried> = all.into_par_iter().filter_map(tried).collect();
+    found.sort_by(|a, b| b.learnt.total_cmp(&a.learnt));
+    let best = found.first()?.learnt;
+    let rank = |t: &Tried| forms.iter().position(|f| *f == t.form);
+    let as_good = found.iter().take_while(|t| t.learnt > best - AS_GOOD);
+    let simplest =
+        as_good.min_by(|a, b| rank(a).cmp(&rank(b)).then(b.learnt.total_cmp(&a.learnt)))?;
     let chance =
         found.iter().flat_map(|t| &t.chance).copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
-    if best < WORTH || best <= chance {
+    if simplest.r2 < WORTH || simplest.r2 <= chance {
         return None;
     }
-    let rank = |t: &Tried| forms.iter().position(|f| *f == t.form);
-    let simplest = found
-        .iter()
-        .filter(|t| t.r2 > best - AS_GOOD)
-        .min_by(|a, b| rank(a).cmp(&rank(b)).then(b.r2.total_cmp(&a.r2)))?;
-    let name = |v: usize| {
-        system
-            .states
-            .iter()
-            .chain(&system.inputs)
-            .nth(v)
-            .map(|p| p.name.clone())
-            .unwrap_or_default()
-    };
     let curve = profile(
         (simplest.state, simplest.form, simplest.gain),
         (&runs, &parts),
         &weights,
         every,
-        name,
+        |v| variable(system, v),
     );
-    Some((simplest.described(system, chance), curve))
+    let mut different: Vec<(String, &Tried)> = Vec::new();
+    for tried in std::iter::once(simplest).chain(&found) {
+        let term = tried.term(system, 0);
+        if different.len() < SUGGESTED && different.iter().all(|(other, _)| *other != term) {
+            different.push((term, tried));
+        }
+    }
+    let suggested = different.iter().enumerate().map(|(at, (_, t))| t.term(system, at)).collect();
+    Some((simplest.described(system, chance, suggested), curve))
 }
 
 /// A function on a state's derivative.
@@ -171,15 +176,29 @@ struct Tried {
     state: usize,
     form: Form,
     gain: f64,
+    /// The part of the residual that it takes on training spans, and that it predicts on held-out ones.
+    learnt: f64,
     r2: f64,
     chance: Vec<f64>,
 }
 
 impl Tried {
-    fn described(&self, system: &System, chance: f64) -> Description {
-        let names = || system.states.iter().chain(&system.inputs);
-        let goes_with =
-            self.form.text(|v| names().nth(v).map(|p| p.name.clone()).unwrap_or_default());
+    /// As `--candidate` takes it, the so manieth of several; its parameters have names that neither the model nor the others use.
+    fn term(&self, system: &System, at: usize) -> String {
+        let name = |v: usize| variable(system, v);
+        let known = known_names(system);
+        let free = |wish: &str| {
+            let mut name = if at == 0 { wish.to_owned() } else { format!("{wish}{}", at + 1) };
+            while known.contains(&name) {
+                name.push('_');
+            }
+            name
+        };
+        format!("{} += {}", system.states[self.state].name, self.form.term(name, free))
+    }
+
+    fn described(&self, system: &System, chance: f64, suggested: Vec<String>) -> Description {
+        let goes_with = self.form.text(|v| variable(system, v));
         let state = system.states[self.state].name.clone();
         let sentence = format!(
             "what is missing on the derivative of `{state}` goes with {goes_with}, {} times it: held-out R² {:.2}, by chance at most {chance:.2}; \
@@ -187,10 +206,27 @@ impl Tried {
             three_digits(self.gain),
             self.r2
         );
-        let term = format!("{state} += k*{goes_with}");
+        let term = self.term(system, 0);
         let sentence = Message::from(sentence).and(Remedy::Candidate { term }).and(" asks for");
-        Description { state, goes_with, held_out_r2: self.r2, sentence }
+        Description { state, goes_with, held_out_r2: self.r2, suggested, sentence }
     }
+}
+
+/// Names that mean something in the model's equations.
+fn known_names(system: &System) -> Vec<String> {
+    let ports = system.states.iter().chain(&system.inputs).chain(&system.outputs);
+    let mut names: Vec<String> = ports.map(|port| port.name.clone()).collect();
+    if let Dynamics::Equations(equations, _) = &system.dynamics {
+        names.extend(equations.parameters().iter().map(|p| p.name.clone()));
+        names.extend(equations.definitions().iter().map(|d| d.name.clone()));
+    }
+    names
+}
+
+/// The name of a state or an input.
+fn variable(system: &System, at: usize) -> String {
+    let mut names = system.states.iter().chain(&system.inputs).map(|port| port.name.clone());
+    names.nth(at).unwrap_or_default()
 }
 
 fn three_digits(value: f64) -> String {

@@ -60,6 +60,8 @@ pub(crate) struct Answer<'a> {
     pub(crate) composed: ActiveCauses,
     pub(crate) sensitivities: &'a [PriorSensitivity],
     pub(crate) seed: u64,
+    /// Terms are wanted that describe the gap, whatever explains it.
+    pub(crate) suggest: bool,
 }
 
 /// Residuals of the nominal model, with all that was found, and of the model that is written.
@@ -221,16 +223,17 @@ impl Answer<'_> {
 
     /// The remainder as a missing force, with and without the handed-over effects. Effects that are not the causes distort the residual, so the force with the larger held-out R² is reported.
     fn described(&self, runs: &Runs) -> Option<(Description, Option<ForceProfile>)> {
-        if self.composed.judged.verdict == GapVerdict::Effects {
+        let explained = self.composed.judged.verdict == GapVerdict::Effects;
+        if explained && !self.suggest {
             return None;
         }
         let (likelihood, effects) = (self.likelihood, &runs.handed.effects);
         let of_all = describe(likelihood, &self.inputs.held_out, &[], &runs.before, self.seed);
-        let of_rest = (!effects.is_empty())
+        let of_rest = (!explained && !effects.is_empty())
             .then(|| describe(likelihood, &self.inputs.held_out, effects, &runs.after, self.seed))
             .flatten();
-        let r2 = |found: &(Description, _)| found.0.held_out_r2;
-        of_rest.into_iter().chain(of_all).max_by(|a, b| r2(a).total_cmp(&r2(b)))
+        // What stays beside the effects that are handed over, where anything describes it.
+        of_rest.or(of_all)
     }
 
     fn all_caveats(&self, runs: &Runs, diagnosis: &Diagnosis) -> Vec<Caveat> {

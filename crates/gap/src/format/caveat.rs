@@ -16,6 +16,15 @@ pub enum Caveat {
         /// The training log.
         learnt: String,
     },
+    /// Candidates that nobody named.
+    #[error(
+        "beside the catalogue, these terms were tried, which describe what remained on the training logs: {}",
+        terms.join(", ")
+    )]
+    Suggested {
+        /// The terms, as a candidate is written.
+        terms: Vec<String>,
+    },
     /// Two training logs with the same samples.
     #[error(
         "{second} holds the same samples as {first}: they count twice, and the intervals are too narrow; leave one out"

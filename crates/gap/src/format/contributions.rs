@@ -139,6 +139,9 @@ pub struct Description {
     pub goes_with: String,
     /// The part of its variance that the variable predicts on held-out data.
     pub held_out_r2: f64,
+    /// Terms that describe it, best on the training logs first, as `--candidate` takes them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub suggested: Vec<String>,
     /// In words.
     pub sentence: Message,
 }

@@ -18,6 +18,8 @@ pub struct GapOptions {
     pub rows: usize,
     /// Seed of the bootstrap. Default 1.
     pub seed: u64,
+    /// The terms that describe what remains are tried as candidates, in a second diagnosis. Default false.
+    pub suggest: bool,
     /// Effects of the catalogue that are tried, by name; empty: all.
     pub effects: Vec<String>,
     /// The longest time that a diagnosis of a linear model may take, s: one whose estimate is above it is refused. Default: infinite.
@@ -36,6 +38,7 @@ impl Default for GapOptions {
             longest_delay_s: None,
             rows: 100_000,
             seed: 1,
+            suggest: false,
             effects: Vec::new(),
             longest_run_s: f64::INFINITY,
             criteria: Criteria::default(),
