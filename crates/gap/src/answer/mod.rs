@@ -23,6 +23,7 @@ mod log_by_log;
 pub(crate) mod missing_force;
 pub(crate) mod nominal;
 pub(crate) mod nuisances;
+pub(crate) mod orders;
 pub(crate) mod sections;
 pub(crate) mod traces;
 pub(crate) mod trims;

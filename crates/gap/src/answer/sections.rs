@@ -15,6 +15,7 @@ use super::location::{locate, output_shares};
 use super::missing_force::describe;
 use super::nominal::nominal_caveats;
 use super::nuisances::{nuisance_caveats, nuisance_estimates};
+use super::orders::order_caveats;
 use super::traces::{command_traces, traces};
 use super::trims::constant_caveats;
 use super::unrelated::unrelated;
@@ -251,6 +252,7 @@ impl Answer<'_> {
             self.scales,
             &self.motion.smallest,
         ));
+        caveats.extend(order_caveats(&diagnosis.cause.effects));
         caveats.extend(runs.handed.caveat.clone());
         caveats
     }

@@ -25,6 +25,24 @@ pub enum Caveat {
         /// The terms, as a candidate is written.
         terms: Vec<String>,
     },
+    /// A size that depends on the order of effects.
+    #[error(
+        "effects on `{channel}` act in the order {first}, {second}; before {first} the {parameter} of {second} is {before:.4} in place of {value:.4}"
+    )]
+    Order {
+        /// The gain.
+        first: String,
+        /// What acts after it.
+        second: String,
+        /// Where both act.
+        channel: String,
+        /// Its parameter.
+        parameter: String,
+        /// The value after the gain.
+        value: f64,
+        /// The value before it.
+        before: f64,
+    },
     /// Two training logs with the same samples.
     #[error(
         "{second} holds the same samples as {first}: they count twice, and the intervals are too narrow; leave one out"
