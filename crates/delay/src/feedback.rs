@@ -53,7 +53,7 @@ pub struct InLoop {
     pub later: Option<f64>,
     /// Correlation of the innovations of both channels within a sample, where the plant cannot be the cause.
     pub same_sample: Option<f64>,
-    /// The input is a function of the output and nothing else moves it: neither plant nor dead time can be told.
+    /// The input is a function of the output and nothing else moves it: plant and dead time are unidentifiable.
     pub tied: bool,
     /// The output reacts to the input within the sample, and nothing shows that the input reacts to the output.
     pub direct: bool,
@@ -186,7 +186,7 @@ pub(super) fn residual(regression: Regression, records: &[Record<'_>]) -> Option
 /// The share of the residual that goes with `more` columns, and the probability that chance explains as much.
 fn explained(without: f64, with: f64, more: usize, freedom: usize) -> (f64, f64) {
     let left = (with / without.max(f64::MIN_POSITIVE)).min(1.0);
-    // The tail of Fisher's F as an incomplete beta function of what is left, which is there for a residual of nothing, too.
+    // The tail of Fisher's F as an incomplete beta function of the residual's share, which is defined for a residual of zero, too.
     (1.0 - left, checked_beta_reg(0.5 * freedom as f64, 0.5 * more as f64, left).unwrap_or(1.0))
 }
 
@@ -292,14 +292,14 @@ fn tied(records: &[Record<'_>], bias: usize) -> bool {
     })
 }
 
-/// The records with the part of the input that the output did not cause in its place, or `None` where there is too little of it or samples are missing.
+/// The records with the open-loop part of the input in its place; `None` where there is too little of it or samples are missing.
 ///
-/// What is new in the input given the past of both channels (and the output of the same sample, where the plant cannot react within it) is independent of all that
-/// disturbs the output. The input's response to it is the input as it would be without disturbances: from it to the output the plant is as if the loop were open.
+/// The innovation of the input given the past of both channels is independent of all that disturbs the output. Where the plant cannot react within the sample, the
+/// output of the same sample is given, too. The input's response to its innovation is the input without disturbances: from it to the output the plant is as in open loop.
 ///
 /// Source: Van den Hof and Schrama (1993), Automatica 29(6), 1523-1527, doi:10.1016/0005-1098(93)90015-L, with the innovation of the joint process in place of a measured
 /// reference (Caines and Chan, 1975, IEEE Trans. Autom. Control 20(4), 498-508, doi:10.1109/TAC.1975.1101008).
-/// Fails when: the reference is a function of its own past (nothing is new), the controller remembers more than 20 samples and its own output, or does not react linearly.
+/// Fails when: the reference is a function of its own past (nothing is new), the controller depends on more than 20 past samples and its own output, or does not react linearly.
 #[must_use]
 pub fn open_part(
     records: &[Record<'_>],

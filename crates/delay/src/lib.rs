@@ -1,6 +1,7 @@
 //! Dead-time estimation: what an estimator is, and the list of all there are.
 
 mod area;
+mod behind_delays;
 pub mod bound;
 mod colour;
 mod combined;
@@ -31,7 +32,7 @@ pub mod report;
 mod response;
 mod richness;
 mod states;
-mod taken_out;
+
 mod threshold;
 pub mod track;
 mod verdict;
@@ -104,5 +105,5 @@ pub use method::{
 };
 pub use methods::{CONDITIONAL, METHODS, method};
 pub use richness::{Richness, richness};
-pub use taken_out::{BehindDelays, TakenOut, identify_behind_delays};
+pub use behind_delays::{BehindDelays, TakenOut, identify_behind_delays};
 pub use verdict::{Grounds, RecordFacts, Said, Verdict, distrust, verdict};

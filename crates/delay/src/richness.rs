@@ -65,7 +65,7 @@ pub struct Richness {
     pub std_s: f64,
     /// The share of the data alone in that, s.
     pub data_std_s: f64,
-    /// d(1)/2σ: half the distance between the responses at neighbouring whole delays, over the noise; below 3 they are hardly told apart.
+    /// d(1)/2σ: half the distance between the responses at neighbouring whole delays, over the noise; below 3 neighbouring delays are nearly indistinguishable.
     pub separation: f64,
 }
 
@@ -141,7 +141,7 @@ impl Rough {
         let freedom = (self.samples - self.parameters as f64).max(1.0);
         let cost: f64 = self.residual.iter().map(|e| e * e).sum();
         let share = posterior::samples_under(signal, &self.residual) / signal.len().max(1) as f64;
-        // On noise-free data what is left is rounding.
+        // On noise-free data the residual is rounding.
         (cost.max(posterior::ROUNDING * self.power) / freedom / share).sqrt()
     }
 

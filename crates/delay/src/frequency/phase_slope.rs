@@ -2,8 +2,8 @@
 //!
 //! Equation: φ(ω) = arg Ĝuy(ω) = −ωτ (+ π where the gain is negative), τ̂ = −Σ w·ω·φ/Σ w·ω², w = γ²/(1 − γ²), γ² the squared coherence.
 //!
-//! A phase is known modulo 2π only. First every whole lag is tried: the one under which the weighted cosines of what is left of the phases add up to most. With y moved
-//! back by it, what is left stays within half a turn, and the straight line is a weighted least-squares fit.
+//! A phase is known modulo 2π only. First every whole lag is tried: the best one has the largest weighted sum of cosines of the residual phases. With y moved
+//! back by it, the residual phase stays within half a turn, and the straight line is a weighted least-squares fit.
 
 use nalgebra::Complex;
 

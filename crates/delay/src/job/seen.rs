@@ -74,7 +74,7 @@ impl Job {
         let looped = self.looped(&one.pair(0, 0)?, search.max_delay, search.bias(0, 0));
         // What a loop makes of several inputs is no sum of what each does.
         let closed = self.feedback.said().is_some() || looped.finding().is_some();
-        let shares = shares.filter(|s| !closed && !s.beside(i).is_empty());
+        let shares = shares.filter(|s| !closed && !s.of_others(i).is_empty());
         let without = |together: &Experiment<'_>, from| {
             shares.map(|s| s.without_others(together, i, from)).transpose()
         };

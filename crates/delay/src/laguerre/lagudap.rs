@@ -52,7 +52,7 @@ const BEYOND: usize = 5;
 /// Poles that are tried.
 const POLES: [f64; 12] = [0.0, 0.2, 0.35, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.94, 0.97];
 
-/// Losses within this factor are alike: a quarter of an order of magnitude, less than from one pole tried to the next where the series is good.
+/// Losses within this factor are alike: less than the step from one pole tried to the next where the series is good.
 const ALIKE: f64 = 2.0;
 
 /// Its line in the list of methods.

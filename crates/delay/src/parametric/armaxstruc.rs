@@ -14,7 +14,7 @@ use deadtime_identify::{Armax, ArmaxFit, MAX_OE_ORDER};
 /// Inputs: u, y on one even grid; under feedback u must be what the plant received, not the reference. Output: seconds, positive = y lags u.
 ///
 /// Assumes: a linear plant and noise that an ARMA process of these orders describes; nothing of the stability of the plant, of the loop around it, or of the start.
-/// Resolution and cost: one sample; some ten filter passes per delay that is not hopeless beside a long ARX model's.
+/// Resolution and cost: one sample; some ten filter passes for each delay whose long ARX model is not far worse than the best.
 /// Fails when: the orders are too low for plant and noise together (white noise on the output of a plant of n poles needs na = nc = n; noise with poles of its own
 /// needs as many more in na and nb): the residuals are then coloured or follow past inputs, and the note says so. When the only excitation is the loop's own noise
 /// and the controller is so simple that another plant explains the data as well: many delays fit (`flat`, or a wide interval). When the first coefficient of B is
@@ -72,7 +72,7 @@ fn on_circle(fit: &ArmaxFit) -> bool {
     deadtime_identify::largest_pole(&fit.c) >= CIRCLE
 }
 
-/// What a search that stopped early may have left to gain, of N·ln V, before its delay is not believed: a factor e of probability.
+/// What a search that stopped early may have left to gain, of N·ln V, before its delay is rejected: a factor e of probability.
 const WORTH: f64 = 2.0;
 
 /// Its line in the list of methods.

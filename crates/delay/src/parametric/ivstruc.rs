@@ -105,7 +105,7 @@ impl PairMethod for Ivstruc {
         if !exact {
             pair.with(&records).visible()?;
         }
-        // Its noise model takes over what no delay of the window explains, and then hardly a loss differs: half of the delays is enough to be called flat.
+        // Its noise model explains what no delay of the window does, and the losses then nearly agree: half of the delays is enough to be called flat.
         if posterior.set > delays / 2 || posterior.ties > 1 {
             return Err(NoDelay::flat(posterior.set.max(posterior.ties), delays));
         }

@@ -46,7 +46,7 @@ const ROWS: usize = 2;
 const TURNS: usize = 10;
 /// Records that lend their parts as starts.
 const RECORDS: usize = 8;
-/// The share of the output's power below which no error is told from rounding.
+/// The share of the output's power below which no error is distinguishable from rounding.
 const ROUNDING: f64 = 1e-12;
 
 /// Rows at one delay.
@@ -130,9 +130,9 @@ impl Watch {
         let mut delays: Vec<usize> = shown.iter().map(|(_, delay)| *delay).chain([one]).collect();
         delays.sort_unstable();
         delays.dedup();
-        let Some(rival) = one_delay_with_bends(&found.rows, &delays) else { return true };
+        let Some(alternative) = one_delay_with_bends(&found.rows, &delays) else { return true };
         let own = squares(&found.rows, &found.shape, &found.path);
-        let rows = rival.iter().zip(&own).zip(&found.variance);
+        let rows = alternative.iter().zip(&own).zip(&found.variance);
         let gain: f64 = rows.map(|((r, e), v)| 0.5 * (r - e) / v).sum();
         gain > self.price * (shown.len() - 1) as f64
     }
