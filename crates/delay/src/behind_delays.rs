@@ -194,8 +194,11 @@ pub(super) fn feedback(line: &IdentifierLine, training: &Recordings) -> Vec<Stri
                 let mean = m.row(i).mean();
                 m.row(i).iter().map(|v| v - mean).collect::<Vec<f64>>()
             };
-            let records: Vec<Record<'_>> =
-                training.stretches.iter().map(|s| Record::new(row(&s.u, j), row(&s.y, i))).collect();
+            let records: Vec<Record<'_>> = training
+                .stretches
+                .iter()
+                .map(|s| Record::new(row(&s.u, j), row(&s.y, i)))
+                .collect();
             if let Some(found) = in_loop(&records, LOOP, 1).finding() {
                 notes.push(format!(
                     "{} depends on {} ({}): a controller; {} is biased then, use pbsidopt",
@@ -386,8 +389,8 @@ mod tests {
             Recordings::from_logs(std::slice::from_ref(&log), &["r".to_owned()], &outputs).unwrap();
         let (options, removed) = (json!({ "direct": "free" }), TakenOut::Estimated);
         let run = (&Stop::default(), &HowFar::default());
-        let found = identify_behind_delays(&records, &[log], "pbsidopt", &options, &removed, run)
-            .unwrap();
+        let found =
+            identify_behind_delays(&records, &[log], "pbsidopt", &options, &removed, run).unwrap();
         assert_eq!((found.delays.as_slice(), found.model.order.order), ([7].as_slice(), 3));
         let target = Target::from_identified("flight", &found.model, &found.delays).unwrap();
         let off = [[1.0; 9], [1.5, 0.7, 1.2, 0.8, 0.7, 1.3, 1.4, 0.7, 1.0]];

@@ -10,9 +10,9 @@ use nalgebra::DMatrix;
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use super::behind_delays::{BehindDelays, TakenOut, feedback, identify_behind_delays};
 use super::error::Result;
 use super::identifiers::{IDENTIFIERS, identifier};
-use super::behind_delays::{BehindDelays, TakenOut, feedback, identify_behind_delays};
 use deadtime_identify::IdentifyError;
 use deadtime_identify::subspace::{Identified, Recordings, Stretch};
 use deadtime_log::Log;
@@ -336,7 +336,8 @@ mod tests {
         let logs = [log];
         let all = Recordings::from_logs(&logs, &["u".to_owned()], &["y".to_owned()]).unwrap();
         let (training, validation) = all.split(0.7);
-        compare_models(&training, &validation, &logs, (&Stop::default(), &HowFar::default())).unwrap()
+        compare_models(&training, &validation, &logs, (&Stop::default(), &HowFar::default()))
+            .unwrap()
     }
 
     fn one_lag(cases: &[(u64, usize)]) {

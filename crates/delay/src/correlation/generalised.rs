@@ -392,7 +392,15 @@ pub(crate) fn alike(
     let leads = lag == 0 && filtered[0].abs() > here.abs();
     let bent = bent(&spectra, &lines, &weights, at, sign);
     (
-        Alike { lag, fraction, std, freedom: independent_lines(&spectra), alternatives, leads, bent },
+        Alike {
+            lag,
+            fraction,
+            std,
+            freedom: independent_lines(&spectra),
+            alternatives,
+            leads,
+            bent,
+        },
         Some(LastAlignment { spectra, lines, sign }),
     )
 }

@@ -270,7 +270,8 @@ impl<'a> Matched<'a> {
         let [typical, apart] = pairs.typical();
         let gate = GATE * typical_interval;
         let least = pairs.strength() - ALIKE * std::f64::consts::SQRT_2;
-        let mut alternatives = offsets.iter().filter(|&&k| k != best && paired(k).strength() > least);
+        let mut alternatives =
+            offsets.iter().filter(|&&k| k != best && paired(k).strength() > least);
         let elsewhere = |k: &&isize| {
             let [delay, difference] = paired(**k).typical();
             (delay - typical).abs() > gate && difference <= AS_CLOSE * apart

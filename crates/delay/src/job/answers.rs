@@ -10,7 +10,9 @@ use crate::finding::Finding;
 use crate::method::{Condition, Information, Method};
 use crate::report::{Estimate, Pair};
 use crate::richness::Richness;
-use crate::verdict::{RecordFacts, distrust, verdict};
+use crate::verdict::answer::distrust;
+use crate::verdict::conclusion::RecordFacts;
+use crate::verdict::weighing::verdict;
 use deadtime_signal::stats::NORMAL_95;
 use deadtime_signal::time::SampleTime;
 

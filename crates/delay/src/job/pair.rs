@@ -24,7 +24,7 @@ use crate::process::orders::judge_orders;
 use crate::process::shares::Shares;
 use crate::report::Pair;
 use crate::richness::richness;
-use crate::verdict::{RecordFacts, Verdict};
+use crate::verdict::conclusion::{RecordFacts, Verdict};
 use crate::watched;
 use crate::window::at_its_end;
 use deadtime_identify::Record;

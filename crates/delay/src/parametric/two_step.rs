@@ -131,7 +131,8 @@ impl TwoStep {
             return Err(NoDelay::new(Outcome::Flat, note));
         }
         // Other minima count as far as they are probable.
-        let alternatives: Vec<&Rest> = rests.iter().filter(|r| gain(r.fit.loss) <= LIKELY).collect();
+        let alternatives: Vec<&Rest> =
+            rests.iter().filter(|r| gain(r.fit.loss) <= LIKELY).collect();
         // A plant as fast as its sampling bends its lags until any fraction fits: one is taken only where the data ask for it.
         let whole = nearest_whole(records, best, max_delay)
             .filter(|w| gain(w.fit.loss) <= independent.ln());

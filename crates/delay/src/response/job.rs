@@ -7,7 +7,7 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::usable;
 use crate::job::chosen::{known, options_of};
 use crate::report::{Estimate, FORMAT, Pair, Report, Searched};
-use crate::verdict::{Grounds, Verdict};
+use crate::verdict::conclusion::{Grounds, Verdict};
 use deadtime_log::FrequencyResponse;
 use deadtime_signal::stop::Stop;
 use serde_json::Value;

@@ -216,8 +216,7 @@ impl Following {
         if self.grown.0 <= 0.0 {
             self.grown.1 = count;
         }
-        self.grown.0 =
-            (self.grown.0 + 0.5 * (ratio * (1.0 - GROWN.recip()) - GROWN.ln())).max(0.0);
+        self.grown.0 = (self.grown.0 + 0.5 * (ratio * (1.0 - GROWN.recip()) - GROWN.ln())).max(0.0);
         best
     }
 
