@@ -173,7 +173,7 @@ pub(super) fn search(sys: &Matrices, [low, high]: [f64; 2]) -> Peak {
         }
         best
     };
-    // Where a lightly damped pole resonates, the norm is not far; beside it, for zeros may lie on all these points.
+    // Where a lightly damped pole resonates, the norm is near; next to it, because zeros may lie on all these points.
     let resonances: Vec<f64> = zeros::eigenvalues(&sys.a)
         .iter()
         .flat_map(|p| [p.norm(), p.im.abs(), 0.37 * p.norm(), 2.9 * p.norm()])

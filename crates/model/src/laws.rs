@@ -59,7 +59,7 @@ fn realisations_of_polynomials_have_their_frequency_response() {
             failures.push(format!("{}: {}", case["id"], made.unwrap_err()));
             continue;
         };
-        // A realisation with a direct path or zeros beside its poles adds terms up: in a stop band they cancel to the rounding of the largest.
+        // A realisation with a direct path, or with zeros next to its poles, sums terms that cancel in a stop band to the rounding of the largest.
         let most = re.iter().zip(&im).map(|(re, im)| re.hypot(*im)).fold(0.0, f64::max);
         for (k, &w) in omega.iter().enumerate() {
             let truth = Complex::new(re[k], im[k]);

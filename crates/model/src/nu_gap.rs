@@ -149,7 +149,7 @@ fn right_factor(sys: &Matrices) -> Result<Matrices, ModelError> {
 fn left_factor(sys: &Matrices) -> Result<Matrices, ModelError> {
     let p = sys.c.nrows();
     let mut left = transposed(&right_factor(&transposed(sys))?);
-    // The factor of Pᵀ is [Ñᵀ; M̃ᵀ]: its columns are exchanged and M̃ gets its sign.
+    // The factor of Pᵀ is [Ñᵀ; M̃ᵀ]: its columns are swapped and M̃ gets its sign.
     let exchanged = |m: &DMatrix<f64>| {
         let inputs = m.ncols() - p;
         DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| {

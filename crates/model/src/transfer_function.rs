@@ -241,7 +241,7 @@ fn roots<T: TimeDomain>(
     }
 }
 
-/// Points of the frequency axis beside roots that are given in a unit, in that unit.
+/// Points of the frequency axis next to roots that are given in a unit, in that unit.
 fn beside<T: TimeDomain>(domain: T, roots: &[Complex<f64>], unit: f64) -> Vec<Complex<f64>> {
     let mut points = Vec::with_capacity(5 * roots.len() + 9);
     let mut put = |omega: f64| points.push(domain.point(omega.abs()) / unit);

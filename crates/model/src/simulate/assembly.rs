@@ -25,7 +25,7 @@ pub(super) struct Assembly {
     pub(super) outputs: Vec<Row>,
     /// The state at the start.
     pub(super) start: Vec<f64>,
-    /// The states that remember the way, in the order of the plan's terms of hysteresis.
+    /// The states of hysteresis, in the order of the plan's terms.
     pub(super) memories: Vec<usize>,
 }
 
@@ -117,7 +117,7 @@ struct Build {
     derivatives: Vec<Row>,
     /// What the rows multiply, at the start.
     now: Row,
-    /// States that remember the way.
+    /// The states of hysteresis.
     memories: Vec<usize>,
 }
 

@@ -44,7 +44,7 @@ impl Contact {
     }
 }
 
-/// A state that remembers the way of a velocity.
+/// A state of hysteresis, driven by the path of a velocity.
 #[derive(Debug, Clone, Copy)]
 struct WayMemory {
     state: usize,
@@ -54,7 +54,7 @@ struct WayMemory {
 }
 
 impl WayMemory {
-    /// What is left of the slope before the force is full: 1 on the way back.
+    /// The share of the slope before the force is full: 1 on the way back.
     fn open(&self, x: &[f64]) -> f64 {
         let z = x[self.state];
         if z * x[self.velocity] > 0.0 { 1.0 - z.abs().powf(self.sharpness) } else { 1.0 }

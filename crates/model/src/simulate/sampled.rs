@@ -276,7 +276,7 @@ fn taken(clock: SensorClock, path: &OutputPath, stamp_s: f64) -> f64 {
     clock.commands_time_s(stamp_s) - path.delay_s
 }
 
-/// Free predictions beside a corrected run.
+/// Free predictions that accompany a corrected run.
 struct Ahead<'a> {
     every: usize,
     x: DVector<f64>,

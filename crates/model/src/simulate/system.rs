@@ -156,7 +156,7 @@ impl System {
             (operating(document.inputs())?, operating(document.outputs())?);
         let as_equations;
         let document = match document {
-            // Beside a suspected term a linear model is one of equations.
+            // Given a suspected term a linear model is one of equations.
             ModelDocument::Lti(file) if !file.candidates.is_empty() => {
                 as_equations = ModelDocument::Equations(file.to_equations([
                     &[],

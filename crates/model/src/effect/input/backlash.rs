@@ -58,7 +58,7 @@ fn play(signal: &Piecewise, width: f64, rest: Option<f64>) -> Piecewise {
             out.push(Piece { start_s, value: position, slope: 0.0 });
             return;
         }
-        // The side that pushes, and when it touches.
+        // The side in contact, and when it touches.
         let side = width * piece.slope.signum();
         let touch_s = start_s + (position + side - piece.value) / piece.slope;
         if touch_s > start_s {
