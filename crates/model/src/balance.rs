@@ -32,11 +32,11 @@ pub(super) struct Units(Vec<f64>);
 impl Units {
     /// Those of a square matrix of finite entries.
     pub(super) fn of(m: &DMatrix<f64>) -> Self {
-        Self::beside(m, &DMatrix::zeros(m.nrows(), 0), &DMatrix::zeros(0, m.nrows()))
+        Self::of_model(m, &DMatrix::zeros(m.nrows(), 0), &DMatrix::zeros(0, m.nrows()))
     }
 
     /// Those of the states of a model A, B, C, which inputs drive and outputs show.
-    pub(super) fn beside(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>) -> Self {
+    pub(super) fn of_model(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>) -> Self {
         let n = a.nrows();
         let mut t = vec![1.0; n];
         for _ in 0..ROUNDS {
@@ -130,7 +130,7 @@ fn row_and_column([a, b, c]: [&DMatrix<f64>; 3], t: &[f64], i: usize) -> [f64; 2
 impl Matrices {
     /// The same model in units of its states that make rows and columns of [A B; C 0] equally large.
     pub(super) fn balanced(self) -> Self {
-        let units = Units::beside(&self.a, &self.b, &self.c);
+        let units = Units::of_model(&self.a, &self.b, &self.c);
         self.in_units(&units)
     }
 
@@ -145,7 +145,7 @@ impl Matrices {
 
     /// The same model in units of its states where those at hand are far apart, else as it is.
     pub(super) fn in_like_units(self) -> Self {
-        match Units::beside(&self.a, &self.b, &self.c).worth() {
+        match Units::of_model(&self.a, &self.b, &self.c).worth() {
             Some(units) => self.in_units(&units),
             None => self,
         }
@@ -176,7 +176,7 @@ impl Matrices {
                     d.row_mut(i).unscale_mut(unit);
                 }
             }
-            let units = Units::beside(&a, &b, &c);
+            let units = Units::of_model(&a, &b, &c);
             (a, b, c) = (units.scaled(&a), units.driven(&b), units.shown(&c));
         }
         (Self { a, b, c, d }, time)

@@ -4,10 +4,10 @@ use nalgebra::{Complex, DMatrix};
 use serde_json::Value;
 
 use crate::c2d::{Conversion, Tustin, ZeroOrderHold, ZeroPoleMatching};
-use crate::care::lqr;
 use crate::d2c::d2c;
 use crate::lyapunov::{dlyap, lyap};
-use crate::riccati::dlqr;
+use crate::riccati::continuous::lqr;
+use crate::riccati::discrete::dlqr;
 use crate::state_space::{Continuous, Sampled, StateSpace};
 use crate::transfer_function::TransferFunction;
 use deadtime_signal::time::SampleTime;

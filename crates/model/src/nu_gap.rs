@@ -150,13 +150,13 @@ fn left_factor(sys: &Matrices) -> Result<Matrices, ModelError> {
     let p = sys.c.nrows();
     let mut left = transposed(&right_factor(&transposed(sys))?);
     // The factor of Pᵀ is [Ñᵀ; M̃ᵀ]: its columns are swapped and M̃ gets its sign.
-    let exchanged = |m: &DMatrix<f64>| {
+    let swapped = |m: &DMatrix<f64>| {
         let inputs = m.ncols() - p;
         DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| {
             if j < p { -m[(i, inputs + j)] } else { m[(i, j - p)] }
         })
     };
-    (left.b, left.d) = (exchanged(&left.b), exchanged(&left.d));
+    (left.b, left.d) = (swapped(&left.b), swapped(&left.d));
     Ok(left)
 }
 

@@ -181,8 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_that_no_model_of_few_poles_fits_has_no_verdict_where_many_delays_fit_one_of_more()
-     {
+    fn a_step_that_no_model_of_few_poles_fits_has_no_verdict_where_many_delays_fit_one_of_more() {
         let few = answer(1.0, 0.1).contradicted(Some("p2d fits better".to_owned()));
         let many = DelayEstimate::without(
             Outcome::Flat,

@@ -46,14 +46,14 @@ impl Contact {
 
 /// A state of hysteresis, driven by the path of a velocity.
 #[derive(Debug, Clone, Copy)]
-struct WayMemory {
+struct HysteresisState {
     state: usize,
     velocity: usize,
     displacement: f64,
     sharpness: f64,
 }
 
-impl WayMemory {
+impl HysteresisState {
     /// The share of the slope before the force is full: 1 on the way back.
     fn open(&self, x: &[f64]) -> f64 {
         let z = x[self.state];
@@ -106,7 +106,7 @@ pub(super) struct Field<'a> {
     /// What the plant receives.
     received: Vec<f64>,
     pub(super) contacts: Vec<Contact>,
-    memories: Vec<WayMemory>,
+    memories: Vec<HysteresisState>,
     /// By columns: the plant's Jacobians by its inputs, and of its outputs by states and inputs.
     blocks: [Vec<f64>; 4],
 }
@@ -141,7 +141,7 @@ impl<'a> Field<'a> {
             _ => None,
         };
         let memories = (terms.iter().filter_map(memory).zip(&assembly.memories))
-            .map(|((velocity, displacement, sharpness), &state)| WayMemory {
+            .map(|((velocity, displacement, sharpness), &state)| HysteresisState {
                 state,
                 velocity,
                 displacement,

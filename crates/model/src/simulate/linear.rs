@@ -21,7 +21,7 @@ const OFTEN: usize = 8;
 const SERIES_LIMIT: f64 = 0.125;
 
 /// Transitions of other runs that a thread caches, of systems of so many states at most.
-const REMEMBERED: usize = 256;
+const CACHED: usize = 256;
 const SMALL: usize = 16;
 
 thread_local! {
@@ -173,7 +173,7 @@ impl Linear {
                 return Rc::clone(&found.transition);
             }
             let transition = Rc::new(self.dense(h));
-            if all.len() == REMEMBERED {
+            if all.len() == CACHED {
                 all.pop_front();
             }
             all.push_back(Remembered {

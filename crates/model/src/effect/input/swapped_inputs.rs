@@ -69,7 +69,7 @@ D = [[0.0, 0.1], [0.0, 0.0]]
 
     /// Whole exchanges are those of the columns of a log, of either kind of model.
     #[test]
-    fn exchanged_channels_are_exchanged_columns() {
+    fn swapped_channels_are_swapped_columns() {
         let sampled = CONTINUOUS.replace(
             "A = [[-3.0, 0.2], [0.0, -0.7]]",
             "sample_time_s = 0.1\nA = [[0.7, 0.1], [0.0, 0.9]]",
