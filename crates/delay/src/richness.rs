@@ -19,14 +19,14 @@ use deadtime_identify::{Record, fir};
 ///
 /// Inputs: as the methods get them; `bias` of the search as in [`Search`]. Output: seconds; methods that count samples add their resolution, 1/12 samples².
 ///
-/// The rough model has two poles (as many as the method's where it says so), any dead time of the window, and is fitted quickly to at most 4 000 samples of each record; gain, poles and
-/// noise of the whole records are read from it. For [`Information::TwoSensors`] the bound is that of a known band-limited signal with the model's spectrum, since the
-/// coherence of the pair stands for both noises; for [`Information::Response`] it is the spread of the first coefficient above five standard deviations of a plain
-/// finite impulse response, its lateness included.
+/// The rough model has two poles (or as many as the method where it says so) and any dead time of the window. It is fitted quickly to at most 4 000 samples of each record;
+/// gain, poles and noise of the whole records are read from it. For [`Information::TwoSensors`] the bound is that of a known band-limited signal with the model's spectrum:
+/// the coherence of the pair represents both noises. For [`Information::Response`] it is the spread of the first coefficient above five standard deviations of a finite
+/// impulse response, its lateness included.
 ///
 /// Assumes: open loop, and a plant that two poles describe roughly. Noise that is not white counts by its correlations (Bartlett).
-/// Never more than what is known beforehand, the window's width over √12, which is also said where the output does not visibly follow the input.
-/// Fails when: the method's own assumptions fail: errors of a model too small, of feedback or of outliers are not in it.
+/// Never more than the prior knowledge, the window's width over √12, which is also the answer where the output does not visibly follow the input.
+/// Fails when: the method's own assumptions fail. Errors of too small a model, of feedback and of outliers are not included.
 /// Cost: some milliseconds at 500 samples, once for all methods.
 ///
 /// # Errors

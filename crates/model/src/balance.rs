@@ -1,7 +1,7 @@
 //! Units of states, inputs, outputs and time in which the entries of a model are of like size. All are powers of two, so that the change rounds nothing.
 //!
 //! Every eigenvalue, zero, exponential, logarithm, norm, Riccati equation and realisation is computed in such units, and its answer is written in those of the
-//! model. How it can be wrong: a unit beyond the range of floating point (units are bounded), a small entry that rounding left and that decides a unit (rows
+//! model. How it can be wrong: a unit exceeds the range of floating point (units are bounded); a small entry, left by rounding, decides a unit (rows
 //! and columns are compared by their 2-norm, which their largest entries decide).
 //!
 //! Source: Parlett and Reinsch (1969), "Balancing a matrix for calculation of eigenvalues and eigenvectors", doi:10.1007/BF02165404; James, Langou and Lowery
@@ -151,7 +151,7 @@ impl Matrices {
         }
     }
 
-    /// The same zeros, times the unit of time that is returned, in units of states, inputs, outputs and time in which A, B and C are of like size.
+    /// The same zeros, in units of states, inputs, outputs and time in which A, B and C are of like size. They are multiplied by the unit of time, which is returned.
     pub(super) fn for_zeros(self) -> (Self, f64) {
         let Self { mut a, mut b, mut c, mut d } = self.balanced();
         let size = a.norm();

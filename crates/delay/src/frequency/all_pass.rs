@@ -117,8 +117,8 @@ fn hidden(b: &[f64], covariance: &DMatrix<f64>) -> [f64; 2] {
     hidden
 }
 
-/// The most that a minimum-phase part hides, samples: a dead time that ends within a sample makes a numerator b₀ + b₁x whose zero lies outside the circle only in
-/// the second half of it, and even then adds but twice what is beyond the half (for a plant slow against the sample).
+/// The most that a minimum-phase part hides, samples. A dead time that ends within a sample makes a numerator b₀ + b₁x whose zero lies outside the circle only in
+/// the second half of the sample. Even then it adds only twice the time beyond the half (for a plant slow against the sample).
 const FRACTION: f64 = 0.5;
 
 impl AllPass {

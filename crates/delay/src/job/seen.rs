@@ -108,8 +108,8 @@ impl Job {
         Ok(PairView { rested, freed, together, together_rested, search, looped, one })
     }
 
-    /// The pair measured from where it rested, where that explains it better than its mean: from its level before the inputs moved, or as logged, where that is zero. A
-    /// rough model judges, as an input that is still for a while at first may be one that moves seldom, and a controller that rests at zero moves at once.
+    /// The pair measured from its rest, where that explains it better than its mean: from its offset before the inputs moved, or as logged, where that is zero. A
+    /// rough model decides: an input that rests for a while at first may be one that moves seldom, and a controller that rests at zero moves at once.
     fn best_start<'a>(
         &self,
         at_mean: &Experiment<'_>,

@@ -1,7 +1,7 @@
 //! The delay of the all-pass part of a Laguerre model.
 //!
 //! Equation: y(t) = Σ cₖ Lₖ(q) u(t) + e(t), Lₖ(z) = √(1 − a²)/(z − a)·wᵏ⁻¹ with w = (1 − az)/(z − a). The map w takes the outside of the unit circle to its inside and
-//! delays by (1 + a)/(1 − a) samples at ω = 0, so the zeros of Σ cₖwᵏ⁻¹ are those of the model, and
+//! delays by (1 + a)/(1 − a) samples at ω = 0. So the zeros of Σ cₖwᵏ⁻¹ are those of the model, and
 //! τ̂ = 1 + (1 + a)/(1 − a)·Σ over |wᵢ| < 1 of Re (1 + wᵢ)/(1 − wᵢ) samples, the 1 being that of 1/(z − a).
 
 use crate::error::{DelayError, LengthRemedy};

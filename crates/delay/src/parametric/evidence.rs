@@ -110,8 +110,8 @@ impl Prior {
 /// The logarithm of the evidence of every delay, but for what all share; `None` for orders that have no prior here (other than one or two poles). Of `samples` the
 /// `independent` ones count.
 ///
-/// The integral is the larger of two approximations: the sum over the prior's nodes, which misses a likelihood that is narrower than they are apart, and Laplace's
-/// around the best fit, which misses what is not near it.
+/// The integral is the larger of two approximations. The sum over the prior's nodes misses a likelihood narrower than their distance; Laplace's
+/// approximation around the best fit misses the mass far from it.
 /// Source: MacKay (2003), "Information Theory, Inference, and Learning Algorithms", chapter 27, for Laplace's method.
 pub(super) fn log_evidence(
     orders: &OutputError,

@@ -79,7 +79,7 @@ pub struct Process {
     pub initial_delay_s: Option<f64>,
     /// Longest part of a record that is used, samples; default 50 000.
     pub max_samples: usize,
-    /// What further inputs are: regressors (default), each with a gain, a zero and a delay of its own and the poles in common (or of its own, where the data say so), or noise.
+    /// What further inputs are: regressors (default) or noise. A regressor has a gain, a zero and a delay of its own; the poles are common, or of its own where the data ask for it.
     /// A model of one pole and a zero takes one input at a time.
     pub others: Others,
 }
@@ -554,8 +554,8 @@ impl Knowledge {
         self.lacks(cost) / (self.quantile * self.quantile)
     }
 
-    /// The middle of the delays that fit alike. A pole that dies away before the next sample only adds to the dead time, and a plant that settles within a sample
-    /// shows no more than that sample: there whole stretches of delays have one cost, and rounding would choose among them.
+    /// The middle of the delays that fit alike. A pole that dies away before the next sample only adds to the dead time. A plant that settles within a sample
+    /// shows no more than that sample. Whole ranges of delays then have one cost, among which rounding would choose.
     pub(super) fn middle(&self, problem: &Problem<'_>, best: Found) -> Found {
         if let Some((lag, cost)) = problem
             .settled(best.place.delay())

@@ -90,8 +90,8 @@ impl Conversion for LeastSquares {
 
 /// H = N(δ)/(A(δ)·Ā(μ)·F(δ)), up to the factor zᵏ of Ā, which has magnitude 1: A holds the poles inside the circle, Ā those outside, F those on it.
 ///
-/// δ = (z − 1)/scale and μ = (1/z − 1)/scale: coefficients in z lose their digits to each other where poles crowd at z = 1, and in 1/z a pole that wanders
-/// off to infinity and comes back on the other side of the axis meets no singularity. The numerator is linear, so only A and Ā are searched (variable
+/// δ = (z − 1)/scale and μ = (1/z − 1)/scale. Coefficients in z lose their digits to each other where poles crowd at z = 1. In 1/z a pole that moves
+/// to infinity and returns on the other side of the axis meets no singularity. The numerator is linear, so only A and Ā are searched (variable
 /// projection).
 struct ResponseFit {
     deltas: Vec<Complex<f64>>,

@@ -51,8 +51,9 @@ pub fn dare(
     Ok(Regulation { a, b, q, r, n }.solve()?.x)
 }
 
-/// The stabilising solution X of the generalised equation AᵀXA − EᵀXE − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0, with the gain of u = −K x over
-/// E x(k+1) = A x(k) + B u(k); as scipy's `solve_discrete_are` and MATLAB's `idare` with E, which is regular (n×n).
+/// The stabilising solution X of AᵀXA − EᵀXE − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0, the generalised equation, and the gain of u = −K x over E x(k+1) = A x(k) + B u(k).
+///
+/// As scipy's `solve_discrete_are` and MATLAB's `idare` with E, which is regular (n×n).
 ///
 /// # Errors
 /// As [`dare`]; [`ModelError::IllConditioned`] for a singular E.

@@ -30,7 +30,7 @@ pub(super) struct Assembly {
 }
 
 impl Assembly {
-    /// From the plant as it is at the time, where it is affine, the signals' first values and, where it is not, a function that gives its outputs for its inputs at the start.
+    /// From the plant at that time, where it is affine, and the signals' first values. Where it is not, from a function that gives its outputs for its inputs at the start.
     pub(super) fn new(
         system: &System,
         (plan, plant): (&Plan, Option<&Affine>),

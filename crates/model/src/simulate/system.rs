@@ -256,7 +256,7 @@ impl Plant {
 const EVALUATIONS: usize = 7;
 
 impl Affine {
-    /// Affine equations, unless so few states act on each other in a large model that a step of the integration costs less than one product with a full matrix.
+    /// Affine equations, unless a sparse large model makes a step of the integration cheaper than one product with a full matrix.
     fn pays(equations: &Equations) -> bool {
         let states = equations.state_variables().len();
         equations.is_affine()

@@ -22,7 +22,7 @@ const STEP: f64 = 1e-4;
 const JUMP: f64 = 1e-5;
 /// Half of what a row may leave at the new delay, squared and over the noise's variance: a half on average, where the delay is the whole truth.
 const EXPLAINED: f64 = 1.25;
-/// By how much the new delay must be better than any other, in units of the logarithm of the likelihood, and the samples after which it is reported in any case.
+/// By how much the new delay must be better than any other, in units of the logarithm of the likelihood; and the samples after which it is reported without that margin.
 const CLEAR: f64 = 3.0;
 const LONGEST_WAIT: usize = 20;
 /// Rows that are compared once more before a change is reported.

@@ -47,8 +47,8 @@ impl Effect for Backlash {
     }
 }
 
-/// The play operator p ← min(max(p, v − width), v + width) from where the plant rests, or centred on the first value (Brokate and Sprekels 1996, "Hysteresis and Phase Transitions",
-/// section 2.3).
+/// The play operator p ← min(max(p, v − width), v + width), from the rest of the plant or centred on the first value. Source: Brokate and Sprekels (1996), "Hysteresis and
+/// Phase Transitions", section 2.3.
 fn play(signal: &Piecewise, width: f64, rest: Option<f64>) -> Piecewise {
     let mut position = rest.unwrap_or_else(|| signal.first());
     signal.rebuild(|piece, end_s, out| {
