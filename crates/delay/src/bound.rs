@@ -66,8 +66,8 @@ pub fn known_model(slope: &[f64], noise_std: f64) -> f64 {
     noise_std / dot(slope, slope).sqrt()
 }
 
-/// The same where other parameters are unknown too: σ/‖P⊥ψ‖, P⊥ψ what of ψ is no combination of their derivatives `others` (gain, poles, start, …). `None` where
-/// nothing is left: the delay cannot be told from them.
+/// The same where other parameters are unknown too: σ/‖P⊥ψ‖. P⊥ψ is the part of ψ that is no combination of their derivatives `others` (gain, poles, initial state, …).
+/// `None` where P⊥ψ vanishes: delay and other parameters are indistinguishable.
 ///
 /// Source: Kay (1993), section 3.7; the Schur complement of the information matrix.
 #[must_use]
@@ -163,8 +163,10 @@ const STEPS: usize = 4096;
 /// From e^(−25) of the window on: shorter delays add nothing.
 const RANGE: f64 = 25.0;
 
-/// The chance that noise makes a higher peak of a correlation elsewhere: 1 − ∫φ(z − m)·Φ(z)^(M − 1)·dz, `peak` m the true peak's height over the standard deviation
-/// of the correlation beside it, `cells` M the independent lags searched, about 2·D·B for a window D and a bandwidth B.
+/// The probability that noise makes a higher peak of a correlation elsewhere: 1 − ∫φ(z − m)·Φ(z)^(M − 1)·dz.
+///
+/// `peak` m is the true peak's height over the standard deviation of the correlation off the peak. `cells` M is the number of independent lags searched, about 2·D·B for
+/// a window D and a bandwidth B.
 ///
 /// Source: Ianniello (1982), IEEE Trans. ASSP 30(6), 998-1003, doi:10.1109/TASSP.1982.1163992.
 #[must_use]

@@ -10,9 +10,9 @@ use nalgebra::DMatrix;
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use super::behind_delays::{BehindDelays, TakenOut, feedback, identify_behind_delays};
 use super::error::Result;
 use super::identifiers::{IDENTIFIERS, identifier};
-use super::taken_out::{BehindDelays, TakenOut, feedback, identify_behind_delays};
 use deadtime_identify::IdentifyError;
 use deadtime_identify::subspace::{Identified, Recordings, Stretch};
 use deadtime_log::Log;
@@ -31,7 +31,7 @@ const TRANSFER: [[usize; 2]; 5] = [[1, 1], [2, 1], [2, 2], [3, 2], [4, 3]];
 pub struct Candidate {
     /// The method.
     pub method: &'static str,
-    /// Its options beside the defaults, a JSON object.
+    /// Its options other than the defaults, a JSON object.
     pub options: Value,
     /// Dead time of each input, s; empty where it failed.
     pub dead_time_s: Vec<f64>,
@@ -72,18 +72,18 @@ struct Tried {
     errors: Option<[Vec<Vec<f64>>; 2]>,
 }
 
-/// Every method on `learnt`, compared on `validation`; `logs` are the records that dead times are estimated in.
+/// Every method on `training`, compared on `validation`; `logs` are the records that dead times are estimated in.
 ///
 /// # Errors
 /// Where no method gives a model: that of the last one.
 pub fn compare_models(
-    learnt: &Recordings,
+    training: &Recordings,
     validation: &Recordings,
     logs: &[Log],
     (stop, far): (&Stop, &HowFar),
 ) -> Result<Comparison> {
-    let plan = plan(learnt);
-    let looped = IDENTIFIERS.iter().any(|line| !feedback(line, learnt).is_empty());
+    let plan = plan(training);
+    let looped = IDENTIFIERS.iter().any(|line| !feedback(line, training).is_empty());
     let mut tried: Vec<Tried> = Vec::new();
     let mut delays: Option<Vec<(String, f64)>> = None;
     let mut failed = None;
@@ -92,15 +92,15 @@ pub fn compare_models(
         let part = |at: usize| at as f64 / plan.len() as f64;
         far.at(part(at), &format_args!("{method}, {} of {}", at + 1, plan.len()));
         // Dead times of a model with states are estimated once.
-        let taken_out = delays.clone().map_or(TakenOut::Estimated, TakenOut::Given);
+        let removed = delays.clone().map_or(TakenOut::Estimated, TakenOut::Given);
         let own = identifier(method)?.finds_delays;
-        let taken_out = if own { TakenOut::Estimated } else { taken_out };
+        let removed = if own { TakenOut::Estimated } else { removed };
         let quiet = (stop, &HowFar::default());
-        match identify_behind_delays(learnt, logs, method, options, &taken_out, quiet) {
+        match identify_behind_delays(training, logs, method, options, &removed, quiet) {
             Ok(found) => {
                 if !own && delays.is_none() {
-                    let of = |d: &usize| learnt.sample_time.to_seconds(*d as f64);
-                    let names = learnt.inputs.iter().map(|i| i.name.clone());
+                    let of = |d: &usize| training.sample_time.to_seconds(*d as f64);
+                    let names = training.inputs.iter().map(|i| i.name.clone());
                     delays = Some(names.zip(found.delays.iter().map(of)).collect());
                 }
                 let biased = looped && identifier(method)?.open_loop;
@@ -125,8 +125,8 @@ pub fn compare_models(
 }
 
 /// What is tried on these records: process models only of one input and one output, transfer functions only of one output.
-fn plan(learnt: &Recordings) -> Vec<(&'static str, Value)> {
-    let (inputs, outputs) = (learnt.inputs.len(), learnt.outputs.len());
+fn plan(training: &Recordings) -> Vec<(&'static str, Value)> {
+    let (inputs, outputs) = (training.inputs.len(), training.outputs.len());
     let mut plan = Vec::new();
     for line in IDENTIFIERS {
         match (line.entry.name, line.finds_delays) {
@@ -335,8 +335,9 @@ mod tests {
     fn compared(log: Log) -> Comparison {
         let logs = [log];
         let all = Recordings::from_logs(&logs, &["u".to_owned()], &["y".to_owned()]).unwrap();
-        let (learnt, validation) = all.split(0.7);
-        compare_models(&learnt, &validation, &logs, (&Stop::default(), &HowFar::default())).unwrap()
+        let (training, validation) = all.split(0.7);
+        compare_models(&training, &validation, &logs, (&Stop::default(), &HowFar::default()))
+            .unwrap()
     }
 
     fn one_lag(cases: &[(u64, usize)]) {

@@ -71,7 +71,7 @@ pub(super) fn of_the_plant(records: &[Record], max_delay: usize) -> Vec<Finding>
     found
 }
 
-/// How far a single output sample stands off the median of the five around it to be looked at, in what all but one of twenty samples stay within.
+/// A single output sample stands off from this distance to the median of the five around it, in multiples of the distance that 95 % of samples keep.
 const STANDS_OFF: f64 = 5.0;
 
 /// Output samples that stand alone, far off those before and after, as outliers do and as a response that lasts seldom does.

@@ -61,7 +61,7 @@ pub struct Correlated {
 pub struct Phase {
     /// Frequencies, Hz.
     pub frequency_hz: Vec<f64>,
-    /// The phase, rad, unwrapped about the straight line; a gain of negative sign taken out.
+    /// The phase, rad, unwrapped about the straight line, without the turn of a gain of negative sign.
     pub phase_rad: Vec<f64>,
     /// The delay of the straight line −2πf·delay, s.
     pub delay_s: f64,
@@ -141,7 +141,7 @@ fn correlated(records: &[Record], max_delay: usize) -> Option<Correlated> {
     let centred = Centred::new(records);
     let samples: usize = centred.records().map(|(u, _)| u.len()).sum();
     let last = isize::try_from(max_delay).ok()?;
-    // Products of lags beyond a quarter of a record are of few samples, and mostly chance.
+    // Products of lags beyond 25 % of a record average few samples, and are mostly noise.
     let memory = isize::try_from(centred.records().map(|(u, _)| u.len()).min()? / 4).ok()?;
     let sum = |products: Products, last: isize| -> Option<Vec<f64>> {
         centred
@@ -180,7 +180,7 @@ fn phase(records: &[Record], max_delay: usize, longest: usize, step_s: f64) -> O
         .filter(|(line, _)| line.times > 1.0 && line.coherence > COHERENT);
     let points: Vec<[f64; 2]> = coherent
         .map(|(line, s)| {
-            // Spectra are of y moved back by the whole lag: what is left of the phase beside the fraction is small.
+            // Spectra are of y moved back by the whole lag: the residual phase after the fraction is small.
             let left = (s * seen.sign * Complex::from_polar(1.0, line.omega * fraction)).arg();
             [line.omega / (2.0 * std::f64::consts::PI * step_s), left - line.omega * delay]
         })

@@ -18,8 +18,8 @@ use deadtime_identify::Record;
 /// Samples below which nothing but the response to one step is estimated; a diagnosis needs as many.
 pub(super) const SHORTEST: usize = 50;
 
-/// Share of the input's power beside the line up to which the line is all that may count.
-const BESIDE: f64 = 0.05;
+/// Share of the input's power off the line up to which only the line is used.
+const OFF_LINE: f64 = 0.05;
 /// The same at which the remainder is rounding.
 const ROUNDING: f64 = 1e-18;
 /// Periods that a line must have in the longest record.
@@ -100,7 +100,7 @@ fn strongest(x: &[f64]) -> Option<f64> {
     Some(0.5 * (low + high))
 }
 
-/// The line of the input, where nothing else in the records tells of the plant: what is beside the line does not show in the output, and no record starts from rest.
+/// The line of the input, where nothing else in the records carries information on the plant: power off the line is invisible in the output, and no record starts from rest.
 pub(super) fn one_frequency(records: &[Record<'_>], max_delay: usize) -> Option<OneFrequency> {
     let longest = records.iter().max_by_key(|r| r.len())?;
     let omega = strongest(&longest.u)?;
@@ -108,13 +108,13 @@ pub(super) fn one_frequency(records: &[Record<'_>], max_delay: usize) -> Option<
     if (longest.len() as f64) < PERIODS * period {
         return None;
     }
-    let (mut beside, mut all) = (0.0, 0.0);
+    let (mut off_line, mut all) = (0.0, 0.0);
     let mut cross = Complex::new(0.0, 0.0);
     let mut left: Vec<Record<'static>> = Vec::with_capacity(records.len());
     for r in records {
         let (input, u) = fitted(&r.u, None, omega)?;
         let (output, y) = fitted(&r.y, r.present.as_deref(), omega)?;
-        beside += power(&u);
+        off_line += power(&u);
         all += power(&u) + 0.5 * r.len() as f64 * (input[1].powi(2) + input[2].powi(2));
         // a·cos + b·sin is the real part of (a − ib)·e^{iωt}.
         let line = |w: Vector3<f64>| Complex::new(w[1], -w[2]);
@@ -122,17 +122,17 @@ pub(super) fn one_frequency(records: &[Record<'_>], max_delay: usize) -> Option<
         let present = r.present.as_ref().map(|p| p.to_vec().into());
         left.push(Record { u: u.into(), y: y.into(), present });
     }
-    if beside > BESIDE * all || left.iter().any(|r| starts(r, period)) {
+    if off_line > OFF_LINE * all || left.iter().any(|r| starts(r, period)) {
         return None;
     }
-    if beside > ROUNDING * all && unseen(&left, max_delay).is_none() {
+    if off_line > ROUNDING * all && unseen(&left, max_delay).is_none() {
         return None;
     }
     let phase_delay = (-cross.arg()).rem_euclid(TAU) / omega;
     Some(OneFrequency { period, phase_delay })
 }
 
-/// The first period leaves more beside the line than the rest does, by more than chance: a transient.
+/// The first period leaves significantly more power off the line than the others do: a transient.
 fn starts(left: &Record<'_>, period: f64) -> bool {
     let first = (period.ceil() as usize).max(FIRST);
     if left.len() < 2 * first {

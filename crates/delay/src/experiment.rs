@@ -398,10 +398,10 @@ impl Detrend {
 }
 
 impl<'a> Experiment<'a> {
-    /// Without the trend of every input and output; states and model are left out, as a model's equations hold for the channels and not for what is left of them.
+    /// Without the trend of every input and output. States and model are left out: a model's equations hold for the channels and not for their residuals.
     ///
     /// # Errors
-    /// [`DelayError::Constant`] for a channel of which nothing is left.
+    /// [`DelayError::Constant`] for a channel whose residual is zero.
     pub fn detrended(&self, detrend: Detrend) -> Result<Experiment<'_>, DelayError> {
         let recordings = self.recordings.iter().map(|recording| {
             let inputs = recording.inputs.iter().map(|u| {

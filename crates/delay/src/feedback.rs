@@ -53,7 +53,7 @@ pub struct InLoop {
     pub later: Option<f64>,
     /// Correlation of the innovations of both channels within a sample, where the plant cannot be the cause.
     pub same_sample: Option<f64>,
-    /// The input is a function of the output and nothing else moves it: neither plant nor dead time can be told.
+    /// The input is a function of the output and nothing else moves it: plant and dead time are unidentifiable.
     pub tied: bool,
     /// The output reacts to the input within the sample, and nothing shows that the input reacts to the output.
     pub direct: bool,
@@ -91,16 +91,17 @@ impl InLoop {
 
 /// Looks for a loop in the records of a pair whose plant needs `bias` samples to respond.
 ///
-/// * Later inputs explain innovations of the output (Sims, 1972, Am. Econ. Rev. 62(4), 540-552: the causality test with the input's future, which stays valid for inputs
-///   that are no random process), by a share that matters, there or in the residual of the free response; and earlier outputs predict the input beyond its own past
-///   (Granger, 1969). A plant that is not linear fails the first test alone, an input with a long memory the second alone.
-/// * Where the plant cannot react within the sample (`bias` of 1 or more), the innovations of both channels go together within it, with a sign that is not the
-///   response's: the controller reacts. With the response's sign and no later input that explains anything it is a direct path. So it is, whatever its sign, where the
-///   input is autonomous: it rests while the output moves, and earlier outputs do not predict it.
+/// * Later inputs explain innovations of the output by a share that matters, there or in the residual of the free response; and earlier outputs predict the input beyond
+///   its own past (Granger, 1969). The former is the causality test with the input's future (Sims, 1972, Am. Econ. Rev. 62(4), 540-552), which stays valid for inputs that
+///   are no random process. A plant that is not linear fails the first test alone, an input with a long memory the second alone.
+/// * Where the plant cannot react within the sample (`bias` of 1 or more), the innovations of both channels are correlated within it, with the sign opposite to the
+///   response's: the controller reacts. With the response's sign and no later input that explains anything it is a direct path. It is a direct path, whatever its sign, where
+///   the input is autonomous: it rests while the output moves, and earlier outputs do not predict it.
 /// * A low-order function of the output explains every increment of the input but for rounding, and the input's own past does not: nothing else moves the input.
 ///
-/// How it can be wrong: a plant that is far from linear passes for a loop where its input is smooth; a loop whose noise moves the input by a few hundredths of its
-/// variance passes for open, where its bias is small; a controller with more memory than a PID is not seen to be all that moves the input. Too short a record shows nothing.
+/// How it can be wrong: a plant that is far from linear passes for a loop where its input is smooth. A loop whose noise moves the input by a few hundredths of its
+/// variance passes for open; its bias is then small. A controller with more memory than a PID is not recognised as the only source of the input. A record that is too
+/// short shows nothing.
 #[must_use]
 pub fn in_loop(records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop {
     let [na, _] = ARX_ORDERS;
@@ -186,7 +187,7 @@ pub(super) fn residual(regression: Regression, records: &[Record<'_>]) -> Option
 /// The share of the residual that goes with `more` columns, and the probability that chance explains as much.
 fn explained(without: f64, with: f64, more: usize, freedom: usize) -> (f64, f64) {
     let left = (with / without.max(f64::MIN_POSITIVE)).min(1.0);
-    // The tail of Fisher's F as an incomplete beta function of what is left, which is there for a residual of nothing, too.
+    // The tail of Fisher's F as an incomplete beta function of the residual's share, which is defined for a residual of zero, too.
     (1.0 - left, checked_beta_reg(0.5 * freedom as f64, 0.5 * more as f64, left).unwrap_or(1.0))
 }
 
@@ -292,14 +293,14 @@ fn tied(records: &[Record<'_>], bias: usize) -> bool {
     })
 }
 
-/// The records with the part of the input that the output did not cause in its place, or `None` where there is too little of it or samples are missing.
+/// The records with the open-loop part of the input in its place; `None` where there is too little of it or samples are missing.
 ///
-/// What is new in the input given the past of both channels (and the output of the same sample, where the plant cannot react within it) is independent of all that
-/// disturbs the output. The input's response to it is the input as it would be without disturbances: from it to the output the plant is as if the loop were open.
+/// The innovation of the input given the past of both channels is independent of all that disturbs the output. Where the plant cannot react within the sample, the
+/// output of the same sample is given, too. The input's response to its innovation is the input without disturbances: from it to the output the plant is as in open loop.
 ///
-/// Source: Van den Hof and Schrama (1993), Automatica 29(6), 1523-1527, doi:10.1016/0005-1098(93)90015-L, with the innovation of the joint process in place of a measured
-/// reference (Caines and Chan, 1975, IEEE Trans. Autom. Control 20(4), 498-508, doi:10.1109/TAC.1975.1101008).
-/// Fails when: the reference is a function of its own past (nothing is new), the controller remembers more than 20 samples and its own output, or does not react linearly.
+/// Source: Van den Hof and Schrama (1993), Automatica 29(6), 1523-1527, doi:10.1016/0005-1098(93)90015-L, with the innovation of the joint process instead of a measured
+/// reference; Caines and Chan (1975), IEEE Trans. Autom. Control 20(4), 498-508, doi:10.1109/TAC.1975.1101008, for that innovation.
+/// Fails when: the reference is a function of its own past (nothing is new), the controller depends on more than 20 past samples and its own output, or does not react linearly.
 #[must_use]
 pub fn open_part(
     records: &[Record<'_>],

@@ -1,9 +1,9 @@
 //! Dead-time estimation: what an estimator is, and the list of all there are.
 
 mod area;
+mod behind_delays;
 pub mod bound;
 mod colour;
-mod combined;
 mod compared;
 mod conditions;
 mod correlation;
@@ -31,7 +31,7 @@ pub mod report;
 mod response;
 mod richness;
 mod states;
-mod taken_out;
+
 mod threshold;
 pub mod track;
 mod verdict;
@@ -88,6 +88,10 @@ pub use crate::threshold::impulse::Threshold;
 pub use crate::threshold::impulseest::Impulseest;
 pub use crate::threshold::response::{Prewindow, Records};
 pub use crate::threshold::step::Step;
+pub use crate::verdict::answer::{Said, distrust};
+pub use crate::verdict::conclusion::{Grounds, RecordFacts, Verdict};
+pub use crate::verdict::weighing::verdict;
+pub use behind_delays::{BehindDelays, TakenOut, identify_behind_delays};
 pub use compared::{Candidate as ModelCandidate, Comparison, compare_models};
 pub use conditions::{conditions, moving_together, standing_off};
 pub use deadtime_identify::{Initial, Record};
@@ -104,5 +108,3 @@ pub use method::{
 };
 pub use methods::{CONDITIONAL, METHODS, method};
 pub use richness::{Richness, richness};
-pub use taken_out::{BehindDelays, TakenOut, identify_behind_delays};
-pub use verdict::{Grounds, RecordFacts, Said, Verdict, distrust, verdict};

@@ -124,7 +124,7 @@ pub enum Start {
     Rest,
 }
 
-/// A complication under which a method's answer may still be believed.
+/// A complication under which a method's answer may still be trusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Condition {

@@ -1,4 +1,4 @@
-//! What an estimation says, as the file `deadtime/estimate@1` has it, and what a reader is told beside it.
+//! The result of an estimation as the file `deadtime/estimate@1` has it, and what only readers are shown.
 
 use deadtime_signal::remedy::{Message, Words};
 use serde::Serialize;
@@ -6,7 +6,8 @@ use serde::Serialize;
 use super::estimate::{DelayEstimate, Outcome};
 use super::finding::Finding;
 use super::method::{Class, Condition, Method};
-use super::verdict::{Verdict, distrust};
+use super::verdict::answer::distrust;
+use super::verdict::conclusion::Verdict;
 use crate::events::jitter::Jitter;
 use crate::response::estimator::ResponseMethod;
 use crate::track::answer::{Moving, Tracked};
@@ -98,13 +99,13 @@ pub struct Pair {
     pub findings: Vec<Finding>,
     /// One answer per method, class by class.
     pub estimates: Vec<Estimate>,
-    /// Where the data hardly tell neighbouring delays apart: the standard deviation that was to be expected before any method ran, s.
+    /// Where neighbouring delays are nearly indistinguishable: the standard deviation that was to be expected before any method ran, s.
     #[serde(skip)]
     pub poor_std_s: Option<f64>,
     /// Output samples that stand alone, far off their neighbours.
     #[serde(skip)]
     pub standing_off: usize,
-    /// What to believe.
+    /// The dead time and its reasons.
     pub verdict: Verdict,
     /// A delay that changes; absent where one delay describes the records.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -118,7 +119,7 @@ pub struct Pair {
 }
 
 impl Pair {
-    /// The answers of methods for an input and an output, and what to believe of them.
+    /// The answers of methods for an input and an output, and the verdict on them.
     pub(super) fn new(names: [&str; 2], estimates: Vec<Estimate>, verdict: Verdict) -> Self {
         let [input, output] = names.map(str::to_owned);
         Self {

@@ -19,14 +19,14 @@ use deadtime_identify::{Record, fir};
 ///
 /// Inputs: as the methods get them; `bias` of the search as in [`Search`]. Output: seconds; methods that count samples add their resolution, 1/12 samples².
 ///
-/// The rough model has two poles (as many as the method's where it says so), any dead time of the window, and is fitted quickly to at most 4 000 samples of each record; gain, poles and
-/// noise of the whole records are read from it. For [`Information::TwoSensors`] the bound is that of a known band-limited signal with the model's spectrum, since the
-/// coherence of the pair stands for both noises; for [`Information::Response`] it is the spread of the first coefficient above five standard deviations of a plain
-/// finite impulse response, its lateness included.
+/// The rough model has two poles (or as many as the method where it says so) and any dead time of the window. It is fitted quickly to at most 4 000 samples of each record;
+/// gain, poles and noise of the whole records are read from it. For [`Information::TwoSensors`] the bound is that of a known band-limited signal with the model's spectrum:
+/// the coherence of the pair represents both noises. For [`Information::Response`] it is the spread of the first coefficient above five standard deviations of a finite
+/// impulse response, its lateness included.
 ///
 /// Assumes: open loop, and a plant that two poles describe roughly. Noise that is not white counts by its correlations (Bartlett).
-/// Never more than what is known beforehand, the window's width over √12, which is also said where the output does not visibly follow the input.
-/// Fails when: the method's own assumptions fail: errors of a model too small, of feedback or of outliers are not in it.
+/// Never more than the prior knowledge, the window's width over √12, which is also the answer where the output does not visibly follow the input.
+/// Fails when: the method's own assumptions fail. Errors of too small a model, of feedback and of outliers are not included.
 /// Cost: some milliseconds at 500 samples, once for all methods.
 ///
 /// # Errors
@@ -65,7 +65,7 @@ pub struct Richness {
     pub std_s: f64,
     /// The share of the data alone in that, s.
     pub data_std_s: f64,
-    /// d(1)/2σ: half the distance between the responses at neighbouring whole delays, over the noise; below 3 they are hardly told apart.
+    /// d(1)/2σ: half the distance between the responses at neighbouring whole delays, over the noise; below 3 neighbouring delays are nearly indistinguishable.
     pub separation: f64,
 }
 
@@ -141,7 +141,7 @@ impl Rough {
         let freedom = (self.samples - self.parameters as f64).max(1.0);
         let cost: f64 = self.residual.iter().map(|e| e * e).sum();
         let share = posterior::samples_under(signal, &self.residual) / signal.len().max(1) as f64;
-        // On noise-free data what is left is rounding.
+        // On noise-free data the residual is rounding.
         (cost.max(posterior::ROUNDING * self.power) / freedom / share).sqrt()
     }
 

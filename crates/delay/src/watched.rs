@@ -6,13 +6,14 @@ use super::estimator::{Search, usable};
 use super::experiment::{Experiment, Recording, Series};
 use super::job::chosen::Ready;
 use super::report::Pair;
-use super::verdict::{RecordFacts, Verdict, verdict};
+use super::verdict::conclusion::{RecordFacts, Verdict};
+use super::verdict::weighing::verdict;
 use crate::track::answer::{Anchor, AtOneDelay, Kind, Moving, tracked};
 use crate::track::watch::{Stretch, Watch};
 use deadtime_identify::Record;
 use deadtime_signal::time::SampleTime;
 
-/// What is wanted beside the test.
+/// What is wanted besides the test.
 pub(super) struct Wanted {
     /// The delay against time, also where one delay describes the records.
     pub(super) track: bool,
@@ -20,7 +21,7 @@ pub(super) struct Wanted {
     pub(super) facts: RecordFacts,
 }
 
-/// Methods that say what the delay is once its changes are taken out of the record; without any of them those that were asked for.
+/// Methods that estimate the delay of the record without its changes; without any of them those that were asked for.
 const ANCHORS: [&str; 4] = ["oestruc", "oe_posterior", "arxstruc", "p2d"];
 /// The most methods that are asked twice.
 const MOST: usize = 4;

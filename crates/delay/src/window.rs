@@ -13,7 +13,7 @@ use crate::finding::Finding;
 use crate::method::Method;
 use crate::posterior::{ARX_ORDERS, ROUNDING, samples_under, smallest, visible_gain};
 use crate::process::family::{ROUGH_SAMPLES, Rough, rough};
-use crate::verdict::distrust;
+use crate::verdict::answer::distrust;
 use deadtime_identify::{ArxScan, Record, arx_scan};
 use deadtime_signal::stop::Stop;
 

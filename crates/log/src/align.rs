@@ -113,11 +113,11 @@ impl Recording {
 
     /// The wanted channels as one log, each called as it was asked for; a file without topics gives all its channels.
     ///
-    /// Channels of one topic keep its stamps. Where they come from several, all are put onto the stamps of the first held channel's topic, or onto an even grid of
-    /// `grid`; where held channels have under a tenth of the stamps of the densest other topic, onto that one's. Held channels keep their value until the next one and
-    /// the last one to the log's end, the others are interpolated with a kernel that passes what both rates can carry and stops what the
-    /// slower one would fold (Kaiser-windowed sinc, 16 zero crossings a side). The kernel reaches both ways, so an edge is blurred, not moved. Nothing is interpolated
-    /// across a gap. The second value says what was done.
+    /// Channels of one topic keep its stamps. Where they come from several, all are resampled onto one grid: the stamps of the first held channel's topic, or an even grid of
+    /// `grid`. Where held channels have under 10 % of the stamps of the densest other topic, the grid is that topic's. Held channels keep their value until the next one, and
+    /// the last one to the log's end. The others are interpolated with a Kaiser-windowed sinc of 16 zero crossings a side. Its band passes what both rates can carry and
+    /// stops what the slower one would alias. The kernel reaches both ways, so an edge is blurred, not moved. Nothing is interpolated across a gap. The second value reports
+    /// what was done.
     ///
     /// # Errors
     /// [`LogError::UnknownChannel`], [`LogError::AmbiguousChannel`]; [`LogError::NoCommonTime`] for topics that do not overlap; [`LogError::TooFine`].

@@ -33,8 +33,8 @@ impl Error {
     }
 }
 
-/// A log that cannot be read or used. `file` is the log's source, `row` the line as an editor counts it (the header is row 1), `place` that line
-/// or, of numbers in memory, the sample counted from 0.
+/// A log that cannot be read or used. `file` is the log's source. `row` is the line as an editor counts it; the header is row 1. `place` is that line
+/// or, for numbers in memory, the sample counted from 0.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LogError {

@@ -1,7 +1,7 @@
 //! Units of states, inputs, outputs and time in which the entries of a model are of like size. All are powers of two, so that the change rounds nothing.
 //!
 //! Every eigenvalue, zero, exponential, logarithm, norm, Riccati equation and realisation is computed in such units, and its answer is written in those of the
-//! model. How it can be wrong: a unit beyond the range of floating point (units are bounded), a small entry that rounding left and that decides a unit (rows
+//! model. How it can be wrong: a unit exceeds the range of floating point (units are bounded); a small entry, left by rounding, decides a unit (rows
 //! and columns are compared by their 2-norm, which their largest entries decide).
 //!
 //! Source: Parlett and Reinsch (1969), "Balancing a matrix for calculation of eigenvalues and eigenvectors", doi:10.1007/BF02165404; James, Langou and Lowery
@@ -32,11 +32,11 @@ pub(super) struct Units(Vec<f64>);
 impl Units {
     /// Those of a square matrix of finite entries.
     pub(super) fn of(m: &DMatrix<f64>) -> Self {
-        Self::beside(m, &DMatrix::zeros(m.nrows(), 0), &DMatrix::zeros(0, m.nrows()))
+        Self::of_model(m, &DMatrix::zeros(m.nrows(), 0), &DMatrix::zeros(0, m.nrows()))
     }
 
     /// Those of the states of a model A, B, C, which inputs drive and outputs show.
-    pub(super) fn beside(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>) -> Self {
+    pub(super) fn of_model(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>) -> Self {
         let n = a.nrows();
         let mut t = vec![1.0; n];
         for _ in 0..ROUNDS {
@@ -130,7 +130,7 @@ fn row_and_column([a, b, c]: [&DMatrix<f64>; 3], t: &[f64], i: usize) -> [f64; 2
 impl Matrices {
     /// The same model in units of its states that make rows and columns of [A B; C 0] equally large.
     pub(super) fn balanced(self) -> Self {
-        let units = Units::beside(&self.a, &self.b, &self.c);
+        let units = Units::of_model(&self.a, &self.b, &self.c);
         self.in_units(&units)
     }
 
@@ -145,13 +145,13 @@ impl Matrices {
 
     /// The same model in units of its states where those at hand are far apart, else as it is.
     pub(super) fn in_like_units(self) -> Self {
-        match Units::beside(&self.a, &self.b, &self.c).worth() {
+        match Units::of_model(&self.a, &self.b, &self.c).worth() {
             Some(units) => self.in_units(&units),
             None => self,
         }
     }
 
-    /// The same zeros, times the unit of time that is returned, in units of states, inputs, outputs and time in which A, B and C are of like size.
+    /// The same zeros, in units of states, inputs, outputs and time in which A, B and C are of like size. They are multiplied by the unit of time, which is returned.
     pub(super) fn for_zeros(self) -> (Self, f64) {
         let Self { mut a, mut b, mut c, mut d } = self.balanced();
         let size = a.norm();
@@ -176,7 +176,7 @@ impl Matrices {
                     d.row_mut(i).unscale_mut(unit);
                 }
             }
-            let units = Units::beside(&a, &b, &c);
+            let units = Units::of_model(&a, &b, &c);
             (a, b, c) = (units.scaled(&a), units.driven(&b), units.shown(&c));
         }
         (Self { a, b, c, d }, time)

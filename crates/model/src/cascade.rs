@@ -94,7 +94,7 @@ fn sections(zeros: &[Complex<f64>], poles: &[Complex<f64>]) -> Vec<Section> {
     for p in pole_pairs {
         let (sigma, omega) = (p.re, p.im);
         // (xI − A)⁻¹B = [ω; x − σ] / ((x − σ)² + ω²)
-        let (constant, linear, d) = beside_pair(p, &mut zero_pairs, &mut real_zeros);
+        let (constant, linear, d) = nearest_zeros(p, &mut zero_pairs, &mut real_zeros);
         sections.push(Section {
             a: DMatrix::from_row_slice(2, 2, &[sigma, omega, -omega, sigma]),
             b: DMatrix::from_column_slice(2, 1, &[0.0, 1.0]),
@@ -130,9 +130,8 @@ fn sections(zeros: &[Complex<f64>], poles: &[Complex<f64>]) -> Vec<Section> {
     sections
 }
 
-/// The numerator of a pair of complex poles: its constant and linear coefficients behind the direct
-/// path, which is the third.
-fn beside_pair(
+/// The numerator of a pair of complex poles, from the zeros nearest to it: constant and linear coefficient without the direct path, and the direct path.
+fn nearest_zeros(
     p: Complex<f64>,
     zero_pairs: &mut Vec<Complex<f64>>,
     real_zeros: &mut Vec<f64>,

@@ -1,7 +1,7 @@
 //! The H-infinity norm, the largest gain over all frequencies and directions, and the same over a band for models of any poles.
 //!
-//! How it can be wrong: a peak between the frequencies that were looked at (the level sets find it), a pole on the axis that only the realisation has
-//! (taken for one of the response), a level that is a singular value of D (then the crossings are those of rounding; the gains that are looked at stay true).
+//! How it can be wrong: a peak lies between the frequencies that were evaluated (the level sets find it); a pole on the axis belongs to the realisation alone
+//! (it is taken for one of the response); a level is a singular value of D (the crossings are then those of rounding; the gains evaluated stay true).
 
 use deadtime_signal::decompositions::singular_values;
 use nalgebra::{Complex, DMatrix};
@@ -173,7 +173,7 @@ pub(super) fn search(sys: &Matrices, [low, high]: [f64; 2]) -> Peak {
         }
         best
     };
-    // Where a lightly damped pole resonates, the norm is not far; beside it, for zeros may lie on all these points.
+    // Where a lightly damped pole resonates, the norm is near; next to it, because zeros may lie on all these points.
     let resonances: Vec<f64> = zeros::eigenvalues(&sys.a)
         .iter()
         .flat_map(|p| [p.norm(), p.im.abs(), 0.37 * p.norm(), 2.9 * p.norm()])

@@ -81,7 +81,7 @@ fn stacked(above: &DMatrix<f64>, below: &DMatrix<f64>) -> DMatrix<f64> {
     all
 }
 
-fn beside(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
+fn side_by_side(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     stacked(&left.transpose(), &right.transpose()).transpose()
 }
 
@@ -111,7 +111,7 @@ pub fn series<T: Joins>(
     let (n, m) = (first.order(), second.order());
     a.view_mut((n, 0), (m, n)).copy_from(&(second.b() * first.c()));
     let b = stacked(first.b(), &(second.b() * first.d()));
-    let c = beside(&(second.d() * first.c()), second.c());
+    let c = side_by_side(&(second.d() * first.c()), second.c());
     StateSpace::new(a, b, c, second.d() * first.d(), first.domain())?.with_input_delay(delays)
 }
 
@@ -135,7 +135,7 @@ pub fn parallel<T: Joins>(
         (T::undelayed(one, what)?, T::undelayed(two, what)?)
     };
     let a = joined(&one, &two)?;
-    let (b, c) = (stacked(one.b(), two.b()), beside(one.c(), two.c()));
+    let (b, c) = (stacked(one.b(), two.b()), side_by_side(one.c(), two.c()));
     let sum = StateSpace::new(a, b, c, one.d() + two.d(), one.domain())?;
     if shared { sum.with_input_delay(delays) } else { Ok(sum) }
 }
@@ -164,7 +164,7 @@ pub fn feedback<T: Joins>(
     }
     let solved = inside.lu();
     let of = |right: &DMatrix<f64>| solved.solve(right).ok_or(ModelError::AlgebraicLoop);
-    let c = of(&beside(forward.c(), &(forward.d() * back.c() * sign)))?;
+    let c = of(&side_by_side(forward.c(), &(forward.d() * back.c() * sign)))?;
     let d = of(forward.d())?;
     let mut to_error = back.d() * &c * sign;
     let own = back.c() * sign;

@@ -4,10 +4,10 @@ use nalgebra::{Complex, DMatrix};
 use serde_json::Value;
 
 use crate::c2d::{Conversion, Tustin, ZeroOrderHold, ZeroPoleMatching};
-use crate::care::lqr;
 use crate::d2c::d2c;
 use crate::lyapunov::{dlyap, lyap};
-use crate::riccati::dlqr;
+use crate::riccati::continuous::lqr;
+use crate::riccati::discrete::dlqr;
 use crate::state_space::{Continuous, Sampled, StateSpace};
 use crate::transfer_function::TransferFunction;
 use deadtime_signal::time::SampleTime;
@@ -59,7 +59,7 @@ fn realisations_of_polynomials_have_their_frequency_response() {
             failures.push(format!("{}: {}", case["id"], made.unwrap_err()));
             continue;
         };
-        // A realisation with a direct path or zeros beside its poles adds terms up: in a stop band they cancel to the rounding of the largest.
+        // A realisation with a direct path, or with zeros next to its poles, sums terms that cancel in a stop band to the rounding of the largest.
         let most = re.iter().zip(&im).map(|(re, im)| re.hypot(*im)).fold(0.0, f64::max);
         for (k, &w) in omega.iter().enumerate() {
             let truth = Complex::new(re[k], im[k]);

@@ -2,7 +2,6 @@
 
 mod balance;
 pub mod c2d;
-mod care;
 mod cascade;
 mod d2c;
 mod derived;
@@ -42,7 +41,10 @@ pub use crate::file::equations::{
 };
 pub use crate::file::lti::{ModelFile, State};
 pub use crate::file::nuisance::NuisanceEntry;
-pub use care::{Filter, care, dlqe, lqe, lqr};
+pub use crate::riccati::continuous::{care, lqr};
+pub use crate::riccati::discrete::{dare, dlqr, gdare};
+pub use crate::riccati::filter::{Filter, dlqe, lqe};
+pub use crate::riccati::regulator::Lqr;
 pub use d2c::{D2c, d2c, d2c_by};
 pub use derived::{Derived, DerivedError};
 pub use error::{Error, ModelError, Result};
@@ -51,7 +53,7 @@ pub use interconnection::{feedback, parallel, series};
 pub use lyapunov::{dlyap, lyap};
 pub use nu_gap::{NuGap, nu_gap};
 pub use pade::pade;
-pub use riccati::{Lqr, dare, dlqr, gdare};
+
 pub use state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 pub use transfer_function::TransferFunction;
 

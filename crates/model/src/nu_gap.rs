@@ -3,8 +3,8 @@
 //! Equation:  δ = sup_ω σmax((I + P2 P2*)^(−1/2) (P2 − P1) (I + P1* P1)^(−1/2)) where the winding number of det(G2* G1) is 0, else 1
 //!
 //! G1 = [N1; M1] and G2 are normalised right coprime factors, P = N M⁻¹, and the supremum is the H-infinity norm of [−M̃2 Ñ2] G1.
-//! How it can be wrong: a winding number counted on a grid (here it is a number of eigenvalues), a mode that only the realisation has and no regulator can move
-//! (such modes are taken off first), models in units that make all gains large or small (then all pairs are far apart, or near: scale the channels).
+//! How it can be wrong: a winding number is counted on a grid (here it is a number of eigenvalues); a mode of the realisation alone is beyond any regulator
+//! (such modes are removed first); the models' units make all gains large or small (then all pairs are far apart, or near: scale the channels).
 //! Source: Vinnicombe (1993), "Frequency domain uncertainty and the graph topology", IEEE Trans. Automatic Control 38(9), 1371-1383.
 
 use deadtime_signal::decompositions::{svd, symmetric_eigen};
@@ -149,14 +149,14 @@ fn right_factor(sys: &Matrices) -> Result<Matrices, ModelError> {
 fn left_factor(sys: &Matrices) -> Result<Matrices, ModelError> {
     let p = sys.c.nrows();
     let mut left = transposed(&right_factor(&transposed(sys))?);
-    // The factor of Pᵀ is [Ñᵀ; M̃ᵀ]: its columns are exchanged and M̃ gets its sign.
-    let exchanged = |m: &DMatrix<f64>| {
+    // The factor of Pᵀ is [Ñᵀ; M̃ᵀ]: its columns are swapped and M̃ gets its sign.
+    let swapped = |m: &DMatrix<f64>| {
         let inputs = m.ncols() - p;
         DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| {
             if j < p { -m[(i, inputs + j)] } else { m[(i, j - p)] }
         })
     };
-    (left.b, left.d) = (exchanged(&left.b), exchanged(&left.d));
+    (left.b, left.d) = (swapped(&left.b), swapped(&left.d));
     Ok(left)
 }
 

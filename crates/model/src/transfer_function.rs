@@ -218,14 +218,14 @@ fn roots<T: TimeDomain>(
     let mut found: Vec<Complex<f64>> = first.iter().map(|r| r / unit).collect();
     found.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
     found.truncate(n - at_origin);
-    let mut points = beside(domain, &found, unit);
+    let mut points = near(domain, &found, unit);
     let off = unlike(&scaled, &found, &points);
     if off <= LIKE {
         return Ok((first, lead));
     }
     let (mut best, mut error) = (first, off);
     if let Some(refined) = refined_roots(&scaled) {
-        points.extend(beside(domain, &refined, unit));
+        points.extend(near(domain, &refined, unit));
         error = unlike(&scaled, &found, &points);
         let off = unlike(&scaled, &refined, &points);
         if off < error {
@@ -241,8 +241,8 @@ fn roots<T: TimeDomain>(
     }
 }
 
-/// Points of the frequency axis beside roots that are given in a unit, in that unit.
-fn beside<T: TimeDomain>(domain: T, roots: &[Complex<f64>], unit: f64) -> Vec<Complex<f64>> {
+/// Points of the frequency axis next to roots that are given in a unit, in that unit.
+fn near<T: TimeDomain>(domain: T, roots: &[Complex<f64>], unit: f64) -> Vec<Complex<f64>> {
     let mut points = Vec::with_capacity(5 * roots.len() + 9);
     let mut put = |omega: f64| points.push(domain.point(omega.abs()) / unit);
     for root in roots.iter().map(|r| r * unit).filter(|r| r.is_finite()) {

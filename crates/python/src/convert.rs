@@ -44,7 +44,7 @@ pub(super) type Numbers<'py> = PyArrayLike1<'py, f64, AllowTypeChange>;
 /// Rows and columns of the same.
 pub(super) type Table<'py> = PyArrayLike2<'py, f64, AllowTypeChange>;
 
-/// A copy of the numbers, in order.
+/// A copy of the values, in order.
 pub(super) fn vector(numbers: &Numbers<'_>) -> Vec<f64> {
     numbers.as_array().iter().copied().collect()
 }

@@ -23,7 +23,7 @@ use deadtime::report::estimate::{full, preamble, warning};
 use deadtime::report::terminal::short;
 use deadtime::time::SampleTime;
 
-/// A report as Python gets it: the text of `deadtime/estimate@1`, and what a reader is told beside it.
+/// A report as Python gets it: the text of `deadtime/estimate@1`, and the remarks that only readers are shown.
 type Told<'py> = (String, Bound<'py, PyAny>);
 
 /// What was asked for, of samples: the keyword arguments of `deadtime.estimate`.
@@ -153,7 +153,7 @@ pub(super) fn _estimate_response<'py>(
     told(py, &report)
 }
 
-/// The log of a step response: a step of this size beside the response.
+/// The log of a step response: a column with a step of this size, and the response.
 #[pyfunction]
 pub(super) fn _of_step(
     py: Python<'_>,

@@ -516,7 +516,7 @@ pub(super) fn _check(
     Ok((text(&found)?, report::checks::text(&found)))
 }
 
-/// What logs can tell apart: deadtime/isolability@1 as text, and what the command line prints.
+/// Distinguishable effects of logs: deadtime/isolability@1 as text, and what the command line prints.
 #[pyfunction]
 pub(super) fn _isolability(
     py: Python<'_>,

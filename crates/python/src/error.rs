@@ -7,7 +7,7 @@ use pyo3::types::PyType;
 use deadtime::Error;
 use deadtime::remedy::{Remedied, Remedy};
 
-/// The classes of `deadtime.errors`, beside their base `DeadtimeError`; a test holds them against the module.
+/// The classes of `deadtime.errors` other than their base `DeadtimeError`; a test holds them against the module.
 pub(super) const CLASSES: [&str; 13] = [
     "TimeError",
     "LogError",
@@ -81,7 +81,7 @@ impl<T, E: Into<Error>> OrRaise<T> for Result<T, E> {
     }
 }
 
-/// What the operating system said, without the number that stands beside it.
+/// The message of the operating system, without its number.
 fn os_message(source: &std::io::Error) -> String {
     let text = source.to_string();
     text.split(" (os error").next().unwrap_or(&text).to_owned()

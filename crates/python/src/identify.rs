@@ -27,7 +27,7 @@ pub(super) struct Asked {
     continuous: bool,
     /// The slope of every record goes first.
     without_drift: bool,
-    /// The share of each log that the model is learnt from where nothing else is named to judge it on.
+    /// The share of each log that the model is fitted to where no other log is named for its validation.
     learnt: f64,
 }
 

@@ -14,7 +14,7 @@ use deadtime::model::{
 };
 use deadtime::time::{SampleTime, TimeError};
 
-/// Continuous or sampled, told apart when the program runs.
+/// Continuous or sampled, distinguished when the program runs.
 #[derive(Clone, PartialEq)]
 pub(super) enum Either<C, S> {
     Continuous(C),

@@ -267,7 +267,7 @@ impl StudyResult {
         report::page(&self.0, &plan.get().0)
     }
 
-    /// Every published number of the plan beside ours, as JSON: source, cells, statistic, kept_percent, published, ours, standing, why.
+    /// Every published number of the plan with ours, as JSON: source, cells, statistic, kept_percent, published, ours, standing, why.
     fn published(&self, plan: &Bound<'_, Plan>) -> PyResult<String> {
         let rows: Vec<serde_json::Value> = (plan.get().0.published.iter().filter_map(|p| p.beside(&self.0)))
             .map(|beside| {

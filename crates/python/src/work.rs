@@ -1,4 +1,4 @@
-//! Long work beside the interpreter: its lock is released, and Ctrl-C is heard while the work goes on.
+//! Long work next to the interpreter: its lock is released, and Ctrl-C is heard while the work goes on.
 
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::thread;

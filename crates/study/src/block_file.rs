@@ -1,6 +1,6 @@
 //! A finished block on this machine's disk: rows as CSV, and a last line with what they belong to, their count and their digest.
 //!
-//! The last line is computed from the rows and compared as a whole, so that any byte that is lost, changed or another file's makes the block one that is not done.
+//! The last line is computed from the rows and compared as a whole: a block with a byte lost, changed or of another file is not done.
 
 use deadtime_signal::remedy::{Message, Remedy};
 use std::path::{Path, PathBuf};

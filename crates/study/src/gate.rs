@@ -2,19 +2,19 @@
 //!
 //! How it can be wrong, and what is done about it:
 //!
-//! - *False alarms over thousands of comparisons*: their p-values are corrected by Holm (1979), Scandinavian Journal of Statistics 6(2), 65-70, whatever their dependence, so
-//!   that programs that are equally good fail with `alpha` at most, all comparisons together.
-//! - *Heavy tails*: of a method that is off by 20 samples once in 200 records a run may see nothing. Mean square errors are compared as they are (their logarithms would take
-//!   the lucky run at its word), with the larger of two standard errors: Welch's, which is large where the new run has few and large outliers, and that of a permutation of all
-//!   answers, which is large where the old run saw too few. An outlier thus adds to the difference and to its standard error alike.
+//! - *False alarms over thousands of comparisons*: their p-values are corrected by Holm (1979), Scandinavian Journal of Statistics 6(2), 65-70, whatever their dependence.
+//!   Equally good programs fail with a probability of `alpha` at most, all comparisons together.
+//! - *Heavy tails*: a method that is off by 20 samples once in 200 records may show no such error in a run. Mean square errors are compared, and not their logarithms, which
+//!   would favour the lucky run. The standard error is the larger of two. Welch's is large where the new run has few and large outliers. That of a permutation of all
+//!   answers is large where the old run had too few. An outlier thus adds to the difference and to its standard error alike.
 //! - *Counts near 0 or all*: shares are compared by Fisher's exact test (Fisher 1922, doi:10.2307/2340521).
 //! - *A real loss below the corrected threshold*: in addition to every cell, all cells of a method in a grid are compared jointly; a loss that is too small in every cell is significant there.
-//!   Standard scores of mean squares are averaged; counts keep to their cells, so that cells of different difficulty and numbers of intervals do not mix, and their sum, which
-//!   is one of independent events of unequal chances, is bounded by a binomial (Hoeffding 1956, doi:10.1214/aoms/1177728178). Cells of one record (several outputs)
+//!   Standard scores of mean squares are averaged. Counts keep to their cells, so that cells of different difficulty and numbers of intervals do not mix. Their sum is
+//!   one of independent events of unequal probabilities, which a binomial bounds (Hoeffding 1956, doi:10.1214/aoms/1177728178). Cells of one record (several outputs)
 //!   count as one.
-//! - *Trivial changes in large studies*: what grew by less than the margins does not fail, however sure.
-//! - *Equal seeds*: the same records make both runs more alike than the tests take them for: these then find less than they could, and a program that did not change never fails.
-//! - *Excitations that a plan draws once*: another seed draws another one, of which no interval knows; compare such plans with equal seeds.
+//! - *Trivial changes in large studies*: a growth below the margins does not fail, whatever its significance.
+//! - *Equal seeds*: the same records make both runs more alike than the tests assume. The tests then lose power, and an unchanged program never fails.
+//! - *Excitations that a plan draws once*: another seed draws another one, which no interval covers; compare such plans with equal seeds.
 
 use std::collections::BTreeMap;
 

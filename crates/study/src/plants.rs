@@ -194,8 +194,8 @@ fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
     out
 }
 
-/// Ten poles in parallel. Björklund (2003), p. 111, says of his that they are stable or integrating, which is what the manual of MATLAB says of its `rss`; so they are drawn
-/// as there: an integrator in one of ten systems, about half of the other poles in pairs, rates log-normal around 1 rad/s, frequencies around 3 rad/s, input and output matrices
+/// Ten poles in parallel. Björklund (2003), p. 111, calls his stable or integrating, the words of MATLAB's manual on `rss`; so they are drawn as there. One of ten systems has
+/// an integrator, about half of the other poles come in pairs, rates are log-normal around 1 rad/s, frequencies around 3 rad/s, input and output matrices
 /// normal. Ours have no direct path and no repeated poles.
 fn random(rng: &mut ChaCha8Rng) -> Result<Plant, ModelError> {
     const ORDER: usize = 10;

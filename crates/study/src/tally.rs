@@ -95,8 +95,8 @@ impl Tally {
         })
     }
 
-    /// 95 % interval of the root mean square error: the mean of the squares is nearly normal, and an error as large as the largest seen (a sample where none was) may
-    /// have been missed by 3.7 chances in n.
+    /// 95 % interval of the root mean square error. The mean of the squares is nearly normal; an error as large as the largest seen (a sample where none was) may
+    /// have been missed with a probability of 3.7/n.
     pub(super) fn rms_ci95(&self) -> Option<[f64; 2]> {
         let [mean, std] = self.mean_square()?;
         let unseen = if self.square == 0.0 { UNSEEN / self.count() } else { 0.0 };

@@ -2,13 +2,13 @@
 //!
 //! How it can be wrong, and what is done about it:
 //!
-//! - *Noise with heavy tails*: other work on the machine makes a run several times as long, in bursts. Nothing is averaged. Of the pairs of a bench it is counted in how many the new
-//!   program took longer than the margin allows; were both equally fast, each would do so with a chance of one half at most, whatever the noise looks like, as long as the
+//! - *Noise with heavy tails*: other work on the machine makes a run several times as long, in bursts. Nothing is averaged. Of the pairs of a bench, those are counted in which
+//!   the new program exceeds the margin. Were both equally fast, each would do so with a probability of one half at most, whatever the noise, as long as the
 //!   two change places from pair to pair. The count is compared with a binomial (the sign test: Dixon and Mood 1946, doi:10.1080/01621459.1946.10501898).
-//! - *False alarms over many benches*: p-values are corrected by Holm (1979), Scandinavian Journal of Statistics 6(2), 65-70, so that equally fast programs fail with `alpha` at most, all benches
-//!   together.
+//! - *False alarms over many benches*: p-values are corrected by Holm (1979), Scandinavian Journal of Statistics 6(2), 65-70. Equally fast programs fail with a probability of
+//!   `alpha` at most, all benches together.
 //! - *A burst as long as the measurement*: the fastest run of all pairs, which noise can only lengthen, must be slower by the margin too.
-//! - *Changes that are nothing*: another layout of the same code moves a bench by some percent, truly and for nothing. What is within the margin does not fail.
+//! - *Changes that are nothing*: another layout of the same code moves a bench by some percent, truly and for no reason. A change within the margin does not fail.
 //! - *Too few pairs*: where no count at all would be significant, that is an error and no pass.
 
 use std::io::Read;
@@ -243,8 +243,8 @@ mod tests {
     const BENCHES: usize = 60;
     const ROUNDS: usize = 17;
 
-    /// What a shared machine does to times: a clock that wanders over the whole measurement, 3 % of jitter, one run in eight longer by a Pareto share without a
-    /// variance, and bursts that make a stretch of runs half as long again, whichever program they meet.
+    /// The disturbances of a shared machine: a clock that drifts over the whole measurement, 3 % of jitter, one run in eight longer by a Pareto share without a
+    /// variance, and bursts that lengthen a stretch of runs by half, of either program.
     struct Machine {
         rng: ChaCha8Rng,
         wander: f64,

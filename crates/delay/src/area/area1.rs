@@ -2,7 +2,7 @@
 //!
 //! Equation: K·e^(−Ls)/(1 + sT): L = A₀/K − e·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s dt, s the mean of the outputs after each step of the input, weighted with the steps.
 
-use super::reading::{Area, BEYOND, Lags, Reading, TOLD, answer, area};
+use super::reading::{Area, BEYOND, Lags, Reading, SIGNIFICANT, answer, area};
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, noted, options};
@@ -18,11 +18,11 @@ use deadtime_signal::stats;
 /// before each step; white noise; no sample missing.
 /// Resolution and cost: fractions of a sample, if the plant is as assumed; O(N).
 /// Fails when: the input has no such steps (`not_applicable`); the plant is of another order: with two equal lags T it answers 0.53·T late, with more lags later; the
-/// response is not over when the input moves again (a note says so); the end of the response is not told from noise (`singular`). A₀ gathers noise for as long
-/// as it is summed, so the sum is ended at five times the average residence time. The interval reaches from the reading with one lag to that with two, and
+/// input moves again before the response ends (a note says so); noise hides the end of the response (`singular`). A₀ accumulates noise with every sample summed,
+/// so the sum ends at five times the average residence time. The interval reaches from the reading with one lag to that with two, and
 /// holds no plant beyond them.
-/// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4; Björklund (2003), LiU-TEK-LIC-2003:60, class 3. What tells
-/// Björklund's `area1` to `area3` from each other is not known here; this one takes the method at its word, on a measured step. The end of the sum is this
+/// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4; Björklund (2003), LiU-TEK-LIC-2003:60, class 3. The
+/// thesis does not define how its `area1` to `area3` differ; this one applies the method of the book to a measured step. The end of the sum is this
 /// program's choice.
 ///
 /// # Example
@@ -120,7 +120,7 @@ fn response(records: &[Record], held: usize) -> Option<StepResponse> {
             steps.iter().map(|(height, y, level)| height * (y[i] - level)).sum::<f64>() / weight
         })
         .collect();
-    // What is left at the end of each step is noise.
+    // The residual at the end of each step is noise.
     let ends: Vec<f64> = steps
         .iter()
         .flat_map(|(_, y, _)| {
@@ -152,8 +152,8 @@ impl PairMethod for Area1 {
         let (gain, before) = (mean(&step[end..]), mean(&step[step.len() / 2..end]));
         let noise = (response.variance / (step.len() - end) as f64).sqrt();
         let singular = |note| NoDelay::new(Outcome::Singular, note);
-        let told = gain.abs() > TOLD * noise;
-        if !told {
+        let significant = gain.abs() > SIGNIFICANT * noise;
+        if !significant {
             return Err(singular(
                 "the final value of the response, by which areas are divided, does not exceed the noise",
             ));
@@ -163,7 +163,7 @@ impl PairMethod for Area1 {
                 "the average residence time lies outside the response: the areas have no solution",
             )
         })?;
-        let moves = (gain - before).abs() > STILL * gain.abs() + TOLD * noise;
+        let moves = (gain - before).abs() > STILL * gain.abs() + SIGNIFICANT * noise;
         let note = moves.then(|| "the response is not over where the steps end: the dead time is read too early or too late".to_owned());
         noted(answer(Lags::One, readings, pair), note)
     }

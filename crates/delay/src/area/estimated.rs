@@ -2,7 +2,7 @@
 //!
 //! Equation: y(t) = Σ hᵢ·u(t − i) + e(t), h by least squares.
 
-use super::reading::{Area, BEYOND, Lags, Reading, TOLD, answer, area, propagated};
+use super::reading::{Area, BEYOND, Lags, Reading, SIGNIFICANT, answer, area, propagated};
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::{NoDelay, PairMethod, PairRecords, impulse_response, options};
@@ -69,12 +69,12 @@ read! {
     ///
     /// Assumes: a plant of dead time and one lag; a response that dies out within `taps` samples; white noise.
     /// Resolution and cost: fractions of a sample, if the plant is as assumed; O(N·taps).
-    /// Fails when: the plant is of another order: with two equal lags T it answers 0.53·T late, with more lags later; it oscillates; the gain at frequency 0 is not told from noise (`singular`); noise puts the average
+    /// Fails when: the plant is of another order: with two equal lags T it answers 0.53·T late, with more lags later; it oscillates; noise hides the gain at frequency 0 (`singular`); noise puts the average
     /// residence time outside the response (`singular`); or the input does not excite every coefficient (`not_rich_enough`). The interval reaches from the reading with
     /// one lag to that with two, and holds no plant beyond them.
     /// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4; Björklund (2003), LiU-TEK-LIC-2003:60, class 3,
-    /// whose verdict on `area2` is a mean RMS error of 3.1 to 3.4 samples. What tells Björklund's `area1` to `area3` from each other
-    /// is not known here but for the numbers; `area2` is taken to be the one that needs no step in the input, as it was scored on random ones too.
+    /// whose verdict on `area2` is a mean RMS error of 3.1 to 3.4 samples. The thesis does not define how its `area1` to `area3` differ and gives their parameters only.
+    /// It scored `area2` on random inputs too, so `area2` is taken to be the one that needs no step in the input.
     ///
     /// # Example
     /// ```
@@ -116,12 +116,12 @@ read! {
     ///
     /// Assumes: a plant of dead time and two equal lags; a response that dies out within `taps` samples; white noise.
     /// Resolution and cost: fractions of a sample, if the plant is as assumed; O(N·taps).
-    /// Fails when: the plant is of another order: with one lag T it answers 0.36·T early, with more than two late; it oscillates; the gain at frequency 0 is not told from noise (`singular`); noise puts the average
+    /// Fails when: the plant is of another order: with one lag T it answers 0.36·T early, with more than two late; it oscillates; noise hides the gain at frequency 0 (`singular`); noise puts the average
     /// residence time outside the response (`singular`); or the input does not excite every coefficient (`not_rich_enough`). The interval reaches from the reading with
     /// one lag to that with two, and holds no plant beyond them.
     /// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4 (its second three-parameter model); Björklund (2003), LiU-TEK-LIC-2003:60, class 3,
-    /// whose verdict on `area2` is a mean RMS error of 3.1 to 3.4 samples. What tells Björklund's `area1` to `area3` from each other
-    /// is not known here but for the numbers; `area3` is taken to be Åström and Hägglund's other model of three parameters K, L, T.
+    /// whose verdict on `area2` is a mean RMS error of 3.1 to 3.4 samples. The thesis does not define how its `area1` to `area3` differ and gives their parameters only.
+    /// `area3` is taken to be Åström and Hägglund's other model of three parameters K, L, T.
     ///
     /// # Example
     /// ```
@@ -163,11 +163,11 @@ read! {
     /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value is the continuous L of the equation.
     ///
     /// The response to a sample of held input is the impulse response smeared over one sample: with its mean and variance, L = μ − ½ − √(v + ¼) samples is exact for one
-    /// lag. Read as two equal lags, L = μ − ½ − √(2v + ½), within a fifth of a sample from lags of one sample on.
+    /// lag. Read as two equal lags, L = μ − ½ − √(2v + ½), within 0.2 samples from lags of one sample on.
     /// Assumes: a plant of dead time and one lag; a response that dies out within `taps` samples; white noise.
     /// Resolution and cost: fractions of a sample, if the plant is as assumed; O(N·taps).
-    /// Fails when: the plant is of another order (with two equal lags T it answers 0.59·T late); the plant oscillates; noise hides the variance, as it often
-    /// does, weighed as it is with the square of time (`singular`: the equations have no real solution); the gain at frequency 0 is not told from noise (`singular`);
+    /// Fails when: the plant is of another order (with two equal lags T it answers 0.59·T late); the plant oscillates; noise hides the variance (`singular`: the equations
+    /// have no real solution), which is frequent because the variance weighs noise with the square of time; noise hides the gain at frequency 0 (`singular`);
     /// or the input does not excite every coefficient (`not_rich_enough`). The interval reaches from the reading with one lag to that with two, and holds no plant
     /// beyond them.
     /// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4 (the method of moments); Björklund (2003),
@@ -202,8 +202,8 @@ fn pulse_response(
     let fir = impulse_response(pair.records, taps)?;
     pair.visible()?;
     let gain = fir.coefficients.sum();
-    let told = gain.abs() > TOLD * fir.covariance.sum().max(0.0).sqrt();
-    if !told {
+    let significant = gain.abs() > SIGNIFICANT * fir.covariance.sum().max(0.0).sqrt();
+    if !significant {
         let note = "the gain at frequency 0, by which areas and moments are divided, does not exceed the noise";
         return Err(NoDelay::new(Outcome::Singular, note));
     }
@@ -245,7 +245,7 @@ pub(super) fn by_areas(fir: &Fir, gain: f64) -> Option<[Reading; 2]> {
 /// What one lag behind a hold lacks in variance: a pulse response (1 − p)·pⁱ has the mean 1/(1 − p) = ½ + √(v + ¼) beyond the delay.
 const HOLD: f64 = 0.25;
 
-/// Both readings of mean and variance; `None` where the variance is not told from noise, or negative.
+/// Both readings of mean and variance; `None` where the variance is negative or not significant.
 fn by_moments(fir: &Fir, gain: f64) -> Option<[Reading; 2]> {
     let about = |from: f64, power: i32| {
         fir.coefficients
@@ -260,8 +260,8 @@ fn by_moments(fir: &Fir, gain: f64) -> Option<[Reading; 2]> {
     let spread: Vec<f64> = (0..fir.coefficients.len())
         .map(|j| ((j as f64 - mean).powi(2) - variance) / gain)
         .collect();
-    let told = variance + HOLD > TOLD * propagated(&spread, &fir.covariance);
-    if !told {
+    let significant = variance + HOLD > SIGNIFICANT * propagated(&spread, &fir.covariance);
+    if !significant {
         return None;
     }
     let width = (variance + HOLD).sqrt();

@@ -30,7 +30,7 @@ pub(super) struct Reading {
     pub(super) std: f64,
 }
 
-/// What the straight lines between samples cost, samples: a response that ends within one is read up to a fifth of a sample late or early.
+/// Error of the linear interpolation between samples, samples: a response that ends within one sample is read up to 0.2 samples late or early.
 pub(super) const BETWEEN: f64 = 0.2;
 
 /// The answer from both readings, that of `lags` being the published one.
@@ -95,8 +95,8 @@ pub(super) fn area(step: &[f64], gain: f64, t_ar: f64) -> Option<Area> {
 /// Coefficients beyond the longest delay, for the response itself.
 pub(super) const BEYOND: usize = 36;
 
-/// A gain at frequency 0 is told from noise by this many standard deviations.
-pub(super) const TOLD: f64 = 3.0;
+/// A gain at frequency 0 is significant from this many standard deviations on.
+pub(super) const SIGNIFICANT: f64 = 3.0;
 
 #[cfg(test)]
 mod tests {

@@ -72,7 +72,7 @@ pub(crate) struct Line {
     pub(crate) coherence: f64,
     /// Variance of the cross-spectrum's real and of its imaginary part in one look.
     pub(crate) noise: f64,
-    /// How often it counts on the whole circle: twice, once at 0, and not at all beside the Nyquist frequency.
+    /// Its multiplicity on the whole circle: twice, once at frequency 0, and never at the Nyquist frequency.
     pub(crate) times: f64,
 }
 
@@ -178,7 +178,7 @@ pub(crate) fn lines(spectra: &CrossSpectra) -> Vec<Line> {
             spectra.yy[k].max(floor_y),
             spectra.uy[k].norm().max(floor_cross),
         );
-        // The average of few looks at nothing shows (1 − γ²)/looks; what is left over of 1 is too small by as much.
+        // Without coherence the average of few looks is (1 − γ²)/looks; the remainder 1 − γ² is too small by as much.
         let (coherence, rest) = if looks > 1.0 {
             (seen - (1.0 - seen) / (looks - 1.0), ((1.0 - seen) * looks / (looks - 1.0)).min(1.0))
         } else {
@@ -274,14 +274,14 @@ pub(crate) fn generalised(
 pub(crate) struct Alike {
     /// Whole samples.
     pub(crate) lag: usize,
-    /// Fraction beside it; `None` where R has no curvature.
+    /// Fraction added to the lag; `None` where R has no curvature.
     pub(crate) fraction: Option<f64>,
     /// Standard deviation of the fraction.
     pub(crate) std: f64,
     /// Degrees of freedom of that standard deviation.
     pub(crate) freedom: f64,
-    /// Other lags that may be the true one, and how probable each is beside this one.
-    pub(crate) rivals: Vec<(usize, f64)>,
+    /// Other lags that may be the true one, and the probability of each relative to this one.
+    pub(crate) alternatives: Vec<(usize, f64)>,
     /// R is larger where the output leads.
     pub(crate) leads: bool,
     /// Standard deviation of the delays that single frequencies show, where they differ beyond chance: no delayed copy.
@@ -387,12 +387,20 @@ pub(crate) fn alike(
         by_phase += share * HANN_LINES * (s * Complex::from_polar(1.0, line.omega * at)).im.powi(2);
     }
     let std = by_noise.max(by_phase).sqrt() / bend;
-    let rivals = rivals(&filtered, lag, &lines, &weights, &spectra);
+    let alternatives = alternatives(&filtered, lag, &lines, &weights, &spectra);
     let fraction = (bend > 0.0 && std.is_finite()).then_some(at);
     let leads = lag == 0 && filtered[0].abs() > here.abs();
     let bent = bent(&spectra, &lines, &weights, at, sign);
     (
-        Alike { lag, fraction, std, freedom: independent_lines(&spectra), rivals, leads, bent },
+        Alike {
+            lag,
+            fraction,
+            std,
+            freedom: independent_lines(&spectra),
+            alternatives,
+            leads,
+            bent,
+        },
         Some(LastAlignment { spectra, lines, sign }),
     )
 }
@@ -436,7 +444,7 @@ pub(crate) fn independent_lines(spectra: &CrossSpectra) -> f64 {
 ///
 /// Source: after Ianniello (1982), IEEE Trans. Acoust. Speech Signal Process. 30(6), 998-1003, doi:10.1109/TASSP.1982.1163992, who counts peaks of equal height; here
 /// each peak counts with the height that it has.
-pub(super) fn rivals(
+pub(super) fn alternatives(
     filtered: &[f64],
     lag: usize,
     lines: &[Line],
@@ -479,11 +487,11 @@ impl Alike {
         };
         let raw = real(self.lag) + fraction;
         let std = self.std.hypot(self.bent.unwrap_or(0.0));
-        let total: f64 = 1.0 + self.rivals.iter().map(|(_, p)| p).sum::<f64>();
+        let total: f64 = 1.0 + self.alternatives.iter().map(|(_, p)| p).sum::<f64>();
         let spread: f64 =
-            self.rivals.iter().map(|(l, p)| p / total * (real(*l) - raw).powi(2)).sum();
+            self.alternatives.iter().map(|(l, p)| p / total * (real(*l) - raw).powi(2)).sum();
         let quantile = students_t(0.975, self.freedom.max(1.0)).unwrap_or(f64::INFINITY);
-        let also = self.probable_rivals(total);
+        let also = self.probable_alternatives(total);
         // A peak that was not refined is known to half a sample.
         let ends = also.iter().fold([raw - quantile * std, raw + quantile * std], |ends, l| {
             [ends[0].min(real(*l) - 0.5), ends[1].max(real(*l) + 0.5)]
@@ -505,8 +513,8 @@ impl Alike {
     }
 
     /// The other peaks, the most probable first, as far as they belong to 95 % of the probability.
-    fn probable_rivals(&self, total: f64) -> Vec<usize> {
-        let (mut mass, mut by_height) = (1.0 / total, self.rivals.clone());
+    fn probable_alternatives(&self, total: f64) -> Vec<usize> {
+        let (mut mass, mut by_height) = (1.0 / total, self.alternatives.clone());
         by_height.sort_by(|a, b| b.1.total_cmp(&a.1));
         let within = |(_, p): &&(usize, f64)| {
             let more = mass < 0.95;

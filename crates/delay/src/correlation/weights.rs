@@ -59,10 +59,11 @@ weighted! {
     ///
     /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
     ///
-    /// Assumes: y is a delayed, scaled copy of u plus noise that knows nothing of u; a band wide against the reciprocal of the window searched.
+    /// Assumes: y is a delayed, scaled copy of u plus noise independent of u; a band wide against the reciprocal of the window searched.
     /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
-    /// Fails when: the plant has dynamics (late by about its lag; the note says so where phases show it, and the interval is as wide as the delays of single frequencies differ), the signal is narrow-band (peaks one cycle apart: the interval holds
-    /// them all, or `flat`), the input is coloured (a broad peak, wider interval than that of the weights that whiten), or y is fed back to u.
+    /// Fails when: the plant has dynamics (late by about its lag; a note says so where phases show it, and the interval then holds the delays of all frequencies); the signal is
+    /// narrow-band (peaks one cycle apart: the interval holds them all, or `flat`); the input is coloured (a broad peak, and a wider interval than that of the weights that
+    /// whiten); or y is fed back to u.
     /// Source: Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, section II and eq. 3. It speaks of continuous correlators and leaves the interpolation
     /// between samples open; the interval is this program's own (module head).
     pub struct Crosscorr;
@@ -81,7 +82,7 @@ weighted! {
     ///
     /// Assumes: as [`crosscorr`](Crosscorr); equal ratios of signal to noise in both channels.
     /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
-    /// Fails when: the coherence is near 1 in a few lines (they get nearly all the weight), the channels' noise differs much (no longer the best weights, still without bias),
+    /// Fails when: the coherence is near 1 in a few lines, which get nearly all the weight; the channels' noise differs much (no longer the best weights, still without bias);
     /// or the plant has dynamics (late).
     /// Source: Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, table I: ψ = α·Gss/(Gn1n1·Gn2n2). The gain α and the two noises are three
     /// unknowns for two coherences and cross-spectra; the source takes α as known. Taking the ratios of signal to noise as equal leaves γ = |Guy|/√(Guu·Gyy) and the form above,

@@ -75,8 +75,8 @@ least! {
     ///
     /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
-    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`), the sequences are unrelated (`not_visible`), or so many events are missed
-    /// or spurious that no offset pairs most of them; a single one costs two differences, and the pairs behind it.
+    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`); the sequences are unrelated (`not_visible`); or so many events are missed
+    /// or spurious that no offset pairs most of them. A single one costs two differences, and the pairs behind it.
     /// The drift of a delay does not matter. The least sensitive of the five to a few large differences.
     /// Source: Kekäläinen (2019), Acta IMEKO 8(1), 77-86, doi:10.21014/acta_imeko.v8i1.540, average delay difference (eq. 2.2 of
     /// the thesis that this program answers).
@@ -96,8 +96,8 @@ least! {
     ///
     /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
-    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`), the sequences are unrelated (`not_visible`), an event is missed or
-    /// spurious in the middle (every delay behind it is off by an interval, so the smallest variance may be another offset's: `not_visible`), or the delay drifts.
+    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`); the sequences are unrelated (`not_visible`); the delay drifts; or an event in
+    /// the middle is missed or spurious. Every delay behind that event is off by an interval, so another offset may have the smallest variance (`not_visible`).
     /// Source: Kekäläinen (2019), Acta IMEKO 8(1), 77-86, doi:10.21014/acta_imeko.v8i1.540, sample variance of the delay (eq. 2.1 of
     /// the thesis that this program answers).
     pub struct EventDelayVariance;

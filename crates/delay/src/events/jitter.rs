@@ -14,7 +14,7 @@ use crate::experiment::Experiment;
 use crate::posterior;
 use deadtime_signal::stats;
 
-/// Which quantiles are told.
+/// Which quantiles are reported.
 const SHARES: [f64; 4] = [0.05, 0.5, 0.95, 0.99];
 /// Parts of the sequence whose typical delays are compared: an event that was missed shifts all behind it by an interval.
 const PARTS: usize = 8;

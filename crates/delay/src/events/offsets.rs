@@ -66,7 +66,7 @@ pub(crate) struct Paired<'a> {
 }
 
 impl<'a> Paired<'a> {
-    /// T(i + k) beside t(i), for all i at which both exist.
+    /// T(i + k) paired with t(i), for all i at which both exist.
     fn new(events: (&'a [f64], &'a [f64]), k: isize) -> Self {
         let (from, shift) = (k.min(0).unsigned_abs(), k.max(0).unsigned_abs());
         let (first, second) =
@@ -270,12 +270,13 @@ impl<'a> Matched<'a> {
         let [typical, apart] = pairs.typical();
         let gate = GATE * typical_interval;
         let least = pairs.strength() - ALIKE * std::f64::consts::SQRT_2;
-        let mut rivals = offsets.iter().filter(|&&k| k != best && paired(k).strength() > least);
+        let mut alternatives =
+            offsets.iter().filter(|&&k| k != best && paired(k).strength() > least);
         let elsewhere = |k: &&isize| {
             let [delay, difference] = paired(**k).typical();
             (delay - typical).abs() > gate && difference <= AS_CLOSE * apart
         };
-        if let Some(k) = rivals.find(elsewhere) {
+        if let Some(k) = alternatives.find(elsewhere) {
             let note = format!("offsets {best} and {k} pair the events equally well");
             return Err((Outcome::Flat, note.into()));
         }
@@ -292,7 +293,7 @@ impl<'a> Matched<'a> {
     }
 }
 
-/// The offsets that pair enough intervals, with a mean delay in the window (half an interval beside it) where there is one.
+/// The offsets that pair enough intervals and have a mean delay within half an interval of the window, where there is one.
 pub(super) fn offsets(
     first: &[f64],
     second: &[f64],

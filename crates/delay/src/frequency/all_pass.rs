@@ -9,8 +9,8 @@
 //!
 //! Source: Isaksson, Horch and Dumont (2001), "Event-triggered deadtime estimation from closed-loop data", Proc. ACC, 3280-3285; Björklund (2003),
 //! LiU-TEK-LIC-2003:60, class 1b; Björklund and Ljung (2009), "An improved phase method for time-delay estimation", Automatica 45(10), 2467-2470.
-//! The last of these shows that the sum fails where noise puts a zero just outside z = 1, and guards against it. Which zeros exactly its guard leaves out was not to be
-//! had; here they are those that alone would add more than the search window, which no model needs to represent a delay inside it.
+//! Björklund and Ljung show that the sum fails where noise puts a zero just outside z = 1, and exclude such zeros. Which ones exactly was not available;
+//! here they are those that alone would add more than the search window, which no model needs to represent a delay inside it.
 
 use std::f64::consts::PI;
 
@@ -79,7 +79,7 @@ pub(crate) fn all_pass(
 
 /// Frequencies between 0 and Nyquist's at which gain and noise are compared.
 const FREQUENCIES: usize = 256;
-/// A gain whose square is below this multiple of its variance is not told from noise: the variance's exponential distribution exceeds it once in 20 times.
+/// A gain whose square is below this multiple of its variance is not significant: the variance's exponential distribution exceeds it once in 20 times.
 const SEEN: f64 = 3.0;
 
 /// How much the noise in a gain hides of the phase that the gain explains, samples, as [`AllPass::hidden`].
@@ -117,8 +117,8 @@ fn hidden(b: &[f64], covariance: &DMatrix<f64>) -> [f64; 2] {
     hidden
 }
 
-/// The most that a minimum-phase part hides, samples: a dead time that ends within a sample makes a numerator b₀ + b₁x whose zero lies outside the circle only in
-/// the second half of it, and even then adds but twice what is beyond the half (for a plant slow against the sample).
+/// The most that a minimum-phase part hides, samples. A dead time that ends within a sample makes a numerator b₀ + b₁x whose zero lies outside the circle only in
+/// the second half of the sample. Even then it adds only twice the time beyond the half (for a plant slow against the sample).
 const FRACTION: f64 = 0.5;
 
 impl AllPass {

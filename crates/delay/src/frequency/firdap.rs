@@ -11,8 +11,8 @@ use deadtime_identify::Record;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
 ///
-/// Assumes: an input that excites every coefficient, a response that dies out within them, white noise, a plant without zeros of its own outside the unit circle
-/// (they count as delay: a zero at s = 1/T adds 2T), a gain at frequency 0.
+/// Assumes: an input that excites every coefficient, a response that dies out within them, white noise and a gain at frequency 0. The plant has no zeros of its own
+/// outside the unit circle: they count as delay, and a zero at s = 1/T adds 2T.
 /// Coefficients before the plant's relative degree (`Search::bias`) are known to be zero and left out.
 /// Resolution and cost: fractions of a sample, of which up to half a sample may hide in the minimum-phase part (the interval reaches up by that much); O(N·taps),
 /// and O(taps²) for the zeros.
@@ -20,7 +20,7 @@ use deadtime_identify::Record;
 /// not excite them all (`not_rich_enough`). The zeros of a noisy response are scattered along the unit circle, where they add little: the error grows with the delay,
 /// as the coefficients before the response gather.
 /// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285; Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`firdap`); Björklund and Ljung (2009), Automatica
-/// 45(10), 2467-2470. Björklund's number of coefficients is not known here; 71 is that of his thresholds. On the guard against zeros near 1 see the head of
+/// 45(10), 2467-2470. The source does not give its number of coefficients; 71 is that of its thresholds. On the guard against zeros near 1 see the head of
 /// `all_pass`.
 #[doc = plant_example!(Firdap, 400, 0.8, 0.001)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]

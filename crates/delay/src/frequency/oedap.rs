@@ -15,14 +15,14 @@ use deadtime_identify::{MAX_OE_ORDER, ManyZeros, Record};
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
 ///
-/// Assumes: a stable plant in open loop that rests at the start, white noise, no zeros of the plant outside the unit circle, a gain at frequency 0, no sample
+/// Assumes: a stable plant in open loop that rests at the start, and white noise. The plant has a gain at frequency 0 and no zeros outside the unit circle. No sample is
 /// missing.
 /// Coefficients before the plant's relative degree (`Search::bias`) are known to be zero and left out.
 /// Resolution and cost: fractions of a sample, of which up to half a sample may hide in the minimum-phase part; some ten regressions of O(N·window).
 /// Fails when: the gain at frequency 0 is small against the noise (zeros near z = 1: left out with a note, or `flat`), the input does not excite the numerator
 /// (`not_rich_enough`), outputs are missing (`not_applicable`), or under feedback (biased).
 /// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285; Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`oedap`); Björklund and Ljung (2009), Automatica
-/// 45(10), 2467-2470; Steiglitz and McBride (1965), doi:10.1109/TAC.1965.1098181, for the fit. Björklund's orders are not known here; on the guard against zeros near 1 see
+/// 45(10), 2467-2470; Steiglitz and McBride (1965), doi:10.1109/TAC.1965.1098181, for the fit. The source does not give its orders; on the guard against zeros near 1 see
 /// the head of `all_pass`.
 #[doc = plant_example!(Oedap, 400, 0.8, 0.001)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -2,8 +2,8 @@
 //!
 //! Equation: φ(ω) = arg Ĝuy(ω) = −ωτ (+ π where the gain is negative), τ̂ = −Σ w·ω·φ/Σ w·ω², w = γ²/(1 − γ²), γ² the squared coherence.
 //!
-//! A phase is known modulo 2π only. First every whole lag is tried: the one under which the weighted cosines of what is left of the phases add up to most. With y moved
-//! back by it, what is left stays within half a turn, and the straight line is a weighted least-squares fit.
+//! A phase is known modulo 2π only. First every whole lag is tried: the best one has the largest weighted sum of cosines of the residual phases. With y moved
+//! back by it, the residual phase stays within half a turn, and the straight line is a weighted least-squares fit.
 
 use nalgebra::Complex;
 
@@ -21,10 +21,10 @@ use deadtime_signal::HANN_LINES;
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
 ///
-/// Assumes: y is a delayed, scaled copy of u plus noise that knows nothing of u (its phase is a straight line through 0 or π).
+/// Assumes: y is a delayed, scaled copy of u plus noise independent of u (its phase is a straight line through 0 or π).
 /// Resolution and cost: sub-sample; O(N·log N).
-/// Fails when: the plant has dynamics (their phase counts as delay; where it is no straight line through 0 or π, the note says so and the interval is as wide as the delays of single frequencies differ), the signal is narrow-band (several
-/// lags put the phases on lines: the interval holds them all, or `flat`), or few segments leave the coherence to chance.
+/// Fails when: the plant has dynamics, whose phase counts as delay: where it is no straight line through 0 or π, a note says so, and the interval holds the delays of all
+/// frequencies; the signal is narrow-band (several lags put the phases on lines: the interval holds them all, or `flat`); or few segments make the coherence random.
 /// Source: Piersol (1981), IEEE Trans. Acoust. Speech Signal Process. 29(3), 471-477, doi:10.1109/TASSP.1981.1163555; the weights are the inverse variances of the
 /// phases, Carter (1987), Proc. IEEE 75(2), 236-255, doi:10.1109/PROC.1987.13723. Neither says how to unwrap a noisy phase: the search over whole lags is this
 /// program's.

@@ -27,7 +27,7 @@ use deadtime_signal::{RealFourier, stats};
 /// averages settle slowly: `not_visible`), the noise is skewed too (its own delay may win), or the plant has dynamics (late).
 /// Source: Nikias and Pan (1988), IEEE Trans. Acoust. Speech Signal Process. 36(11), 1803-1814, doi:10.1109/29.9008; Hinich and Wilson (1992), IEEE Trans. Signal
 /// Process. 40(7), 1777-1783, doi:10.1109/78.143447. The former sums phases of Buyu/Buuu without weights; the weights here are inverse noise powers times the signal's own
-/// bispectrum, so that frequencies without third-order signal do not count. Neither gives an uncertainty: it is the scatter of dT/dτ over stretches of the record.
+/// bispectrum, so that frequencies without third-order signal have no weight. Neither source gives an uncertainty: it is the scatter of dT/dτ over stretches of the record.
 ///
 /// # Example
 /// ```
@@ -149,7 +149,7 @@ struct Segments<'a> {
     starts: Vec<(usize, usize)>,
     fourier: &'a RealFourier,
     window: Vec<f64>,
-    beside: usize,
+    margin: usize,
     reach: usize,
 }
 
@@ -157,11 +157,11 @@ impl Segments<'_> {
     /// U under the window, and U and Y around it.
     fn of(&self, (record, start): (usize, usize)) -> [Vec<Complex<f64>>; 3] {
         let (u, y) = self.records[record];
-        let windowed = std::iter::repeat_n(0.0, self.beside)
+        let windowed = std::iter::repeat_n(0.0, self.margin)
             .chain(self.window.iter().zip(&u[start..]).map(|(w, u)| w * u));
         let around = |x: &[f64]| {
-            let zeros = self.beside.saturating_sub(start);
-            let first = start.saturating_sub(self.beside);
+            let zeros = self.margin.saturating_sub(start);
+            let first = start.saturating_sub(self.margin);
             self.fourier.spectrum(
                 std::iter::repeat_n(0.0, zeros)
                     .chain(x[first..].iter().copied().take(self.reach - zeros)),
@@ -236,30 +236,30 @@ struct Third {
     /// One list of lines per segment, in order.
     segments: Vec<Vec<Complex<f64>>>,
     /// Lags on either side of the window that the segments also see.
-    beside: usize,
+    margin: usize,
 }
 
 impl Third {
     fn new(signals: &Centred, segment: usize, max_delay: usize) -> Self {
-        let beside = segment / 2;
+        let margin = segment / 2;
         let records: Vec<(&[f64], &[f64])> = signals.records().collect();
         // Every segment whose longest delay lies in the record.
         let starts: Vec<(usize, usize)> = (records.iter().enumerate())
             .flat_map(|(r, (u, _))| {
                 (0..(u.len() + 1).saturating_sub(segment + max_delay))
-                    .step_by(beside.max(1))
+                    .step_by(margin.max(1))
                     .map(move |s| (r, s))
             })
             .collect();
-        // u under its window, y and the third u from `beside` samples before it to the longest delay behind it.
-        let reach = segment + 2 * beside + max_delay;
+        // u under its window, y and the third u from `margin` samples before it to the longest delay behind it.
+        let reach = segment + 2 * margin + max_delay;
         let fourier = RealFourier::new(deadtime_signal::fast_length(reach));
         let window: Vec<f64> = (0..segment)
             .map(|t| (std::f64::consts::PI * (t as f64 + 0.5) / segment as f64).sin().powi(2))
             .collect();
-        let spectra = Segments { records, starts, fourier: &fourier, window, beside, reach };
+        let spectra = Segments { records, starts, fourier: &fourier, window, margin, reach };
         let segments = spectra.lines(&spectra.weights());
-        Self { fourier, segments, beside }
+        Self { fourier, segments, margin }
     }
 
     fn interpolant(&self, lines: &[Complex<f64>]) -> Interpolant {
@@ -293,9 +293,9 @@ impl Third {
         let lag = (0..=max_delay)
             .max_by(|&a, &b| size(a).total_cmp(&size(b)).then(b.cmp(&a)))
             .unwrap_or(0);
-        let beside = signed(self.beside);
+        let margin = signed(self.margin);
         // What the lags away from the peak show by chance.
-        let others: Vec<f64> = (-beside..=signed(max_delay) + beside)
+        let others: Vec<f64> = (-margin..=signed(max_delay) + margin)
             .filter(|l| l.abs_diff(signed(lag)) > 2)
             .map(&t)
             .collect();
@@ -326,7 +326,7 @@ impl Third {
             (slopes.iter().map(|s| s * s).sum::<f64>() + shared.max(0.0)) * count / (count - 1.0);
         let std = variance.sqrt() / bend;
         let normal = Normal::new(0.0, 1.0).map_err(|e| e.to_string())?;
-        let rivals = (0..=max_delay)
+        let alternatives = (0..=max_delay)
             .filter(|&l| {
                 l.abs_diff(lag) > 1 && size(l) >= t(signed(l) - 1).abs() && size(l) > size(l + 1)
             })
@@ -334,6 +334,6 @@ impl Third {
             .collect();
         let fraction = (bend > 0.0 && std.is_finite()).then_some(at - real(lag));
         let leads = lag == 0 && t(-1).abs() > size(0);
-        Ok(Alike { lag, fraction, std, freedom: count - 1.0, rivals, leads, bent: None })
+        Ok(Alike { lag, fraction, std, freedom: count - 1.0, alternatives, leads, bent: None })
     }
 }

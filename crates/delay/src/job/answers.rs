@@ -1,4 +1,4 @@
-//! The answers of all methods for one pair, and what to believe of them.
+//! The answers of all methods for one pair, and the verdict on them.
 
 use std::time::Instant;
 
@@ -10,7 +10,9 @@ use crate::finding::Finding;
 use crate::method::{Condition, Information, Method};
 use crate::report::{Estimate, Pair};
 use crate::richness::Richness;
-use crate::verdict::{RecordFacts, distrust, verdict};
+use crate::verdict::answer::distrust;
+use crate::verdict::conclusion::RecordFacts;
+use crate::verdict::weighing::verdict;
 use deadtime_signal::stats::NORMAL_95;
 use deadtime_signal::time::SampleTime;
 
@@ -61,13 +63,13 @@ pub(super) fn pair(
     Pair { poor_std_s, findings, ..Pair::new([input, output], estimates, verdict) }
 }
 
-/// Where the data hardly tell neighbouring delays apart, the best that is to be expected of a method that knows neither gain nor poles and whose answer counts (of any such
-/// method where none does), s: the number that stands in that method's line. Nothing where the believed interval is far narrower than that: the rough model that predicts was
-/// then no model of this plant.
+/// Where neighbouring delays are nearly indistinguishable: the best expected standard deviation, s, as in that method's line. It is that of a method that knows
+/// neither gain nor poles and whose answer is used (of any such method where none is). `None` where the verdict's interval is far narrower: the rough model of the
+/// prediction is then no model of this plant.
 fn poor(
     answers: &[MethodAnswer],
     findings: &[Finding],
-    believed_s: Option<[f64; 2]>,
+    interval_s: Option<[f64; 2]>,
 ) -> Option<f64> {
     // The predictions are of stable plants in open loop.
     if findings
@@ -88,10 +90,10 @@ fn poor(
         expected.max_by(|a, b| a.separation.total_cmp(&b.separation))
     };
     let predicted =
-        best(&counts).or_else(|| best(&|_| true)).filter(|p| p.separation < TOLD_APART)?;
-    let narrower = believed_s.is_some_and(|[from, to]| to - from < NORMAL_95 * predicted.std_s);
+        best(&counts).or_else(|| best(&|_| true)).filter(|p| p.separation < DISTINGUISHABLE)?;
+    let narrower = interval_s.is_some_and(|[from, to]| to - from < NORMAL_95 * predicted.std_s);
     (!narrower).then_some(predicted.std_s)
 }
 
 /// Half the distance between two responses, in standard deviations of the noise, from which they are seldom taken for each other.
-const TOLD_APART: f64 = 3.0;
+const DISTINGUISHABLE: f64 = 3.0;

@@ -48,8 +48,8 @@ pub struct Job {
     pub methods: Vec<Ready>,
     /// The plant: its relative degrees, and A and B for the methods that look at states.
     pub model: Option<ModelFile>,
-    /// Longest delay to search, s; `None`: that of `Search`, of records shorter than four times that a quarter of the longest, doubled up to a third of the longest record
-    /// while the response begins later.
+    /// Longest delay to search, s. `None`: that of `Search`; of records shorter than four times that, 25 % of the longest record. It is doubled while the response begins
+    /// later, up to a third of the longest record.
     pub max_delay_s: Option<f64>,
     /// Samples that the plant needs to respond without any dead time; `None`: the model's, or 1.
     pub degree_bias: Option<usize>,

@@ -10,7 +10,7 @@ use crate::events::times::Events;
 use crate::experiment::Experiment;
 use crate::method::Scope;
 use crate::report::{FORMAT, Pair, Report, Searched};
-use crate::verdict::RecordFacts;
+use crate::verdict::conclusion::RecordFacts;
 use deadtime_log::EventTimes;
 use deadtime_signal::stats;
 use deadtime_signal::stop::Stop;

@@ -1,4 +1,4 @@
-//! The whole estimation: the methods asked for, on every pair of a log, with what the record shows, what was to be expected and what to believe.
+//! The whole estimation: the methods asked for on every pair of a log, what the record shows, the expected accuracy and the verdict.
 
 mod answers;
 pub(crate) mod asked;

@@ -1,4 +1,4 @@
-//! One pair: what its record shows, what every method answers, and what to believe.
+//! One pair: what its record shows, what every method answers, and the verdict.
 
 use rayon::prelude::*;
 
@@ -24,7 +24,7 @@ use crate::process::orders::judge_orders;
 use crate::process::shares::Shares;
 use crate::report::Pair;
 use crate::richness::richness;
-use crate::verdict::{RecordFacts, Verdict};
+use crate::verdict::conclusion::{RecordFacts, Verdict};
 use crate::watched;
 use crate::window::at_its_end;
 use deadtime_identify::Record;
@@ -118,7 +118,7 @@ impl OnePair<'_, '_> {
         Ok(Some(pair))
     }
 
-    /// What the record says of the verdict beside the methods; `held`: the samples that a looped input is held for.
+    /// What the record adds to the verdict of the methods; `held`: the samples that an input under feedback is held for.
     fn qualify(&self, pair: &mut Pair, closed: bool, held: usize) {
         let ts = self.seen.one.sample_time();
         let at_once = pair.verdict.delay_s.is_some_and(|d| d < 0.5 * ts.seconds());
@@ -129,8 +129,8 @@ impl OnePair<'_, '_> {
             pair.verdict.doubt(&copy_note(pair.verdict.delay_s.unwrap_or_default(), ts));
         }
         if let Some(shares) = self.shares.filter(|_| self.seen.freed.is_some()) {
-            let beside = shares.beside(self.names[0]);
-            pair.verdict.why.push_str(&taken_off_note(&self.job.inputs, &beside));
+            let others = shares.of_others(self.names[0]);
+            pair.verdict.why.push_str(&taken_off_note(&self.job.inputs, &others));
         }
         if held > 1 {
             pair.verdict = held_verdict(pair.verdict.clone(), self.input(), held, ts);

@@ -9,7 +9,7 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::excitation::{SHORTEST, one_frequency};
 use crate::experiment::Experiment;
 use crate::report::Pair;
-use crate::verdict::{RecordFacts, Verdict};
+use crate::verdict::conclusion::{RecordFacts, Verdict};
 use deadtime_identify::Record;
 
 impl Job {

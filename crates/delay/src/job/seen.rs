@@ -74,7 +74,7 @@ impl Job {
         let looped = self.looped(&one.pair(0, 0)?, search.max_delay, search.bias(0, 0));
         // What a loop makes of several inputs is no sum of what each does.
         let closed = self.feedback.said().is_some() || looped.finding().is_some();
-        let shares = shares.filter(|s| !closed && !s.beside(i).is_empty());
+        let shares = shares.filter(|s| !closed && !s.of_others(i).is_empty());
         let without = |together: &Experiment<'_>, from| {
             shares.map(|s| s.without_others(together, i, from)).transpose()
         };
@@ -108,8 +108,8 @@ impl Job {
         Ok(PairView { rested, freed, together, together_rested, search, looped, one })
     }
 
-    /// The pair measured from where it rested, where that explains it better than its mean: from its level before the inputs moved, or as logged, where that is zero. A
-    /// rough model judges, as an input that is still for a while at first may be one that moves seldom, and a controller that rests at zero moves at once.
+    /// The pair measured from its rest, where that explains it better than its mean: from its offset before the inputs moved, or as logged, where that is zero. A
+    /// rough model decides: an input that rests for a while at first may be one that moves seldom, and a controller that rests at zero moves at once.
     fn best_start<'a>(
         &self,
         at_mean: &Experiment<'_>,

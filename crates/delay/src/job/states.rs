@@ -12,7 +12,7 @@ use crate::estimator::Search;
 use crate::experiment::{Experiment, PlantModel, recordings};
 use crate::method::Scope;
 use crate::report::Pair;
-use crate::verdict::RecordFacts;
+use crate::verdict::conclusion::RecordFacts;
 use deadtime_model::c2d::{Conversion, ZeroOrderHold};
 use deadtime_model::{ModelFile, Operating, Sampled, StateSpace};
 use deadtime_signal::remedy::{Message, Remedied};

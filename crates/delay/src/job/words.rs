@@ -1,7 +1,8 @@
 //! The sentences of a verdict that come from the record and not from the methods.
 
 use crate::excitation::{OneFrequency, SHORTEST};
-use crate::verdict::{EXPERIMENT, Verdict};
+use crate::verdict::conclusion::Verdict;
+use crate::verdict::refusal::EXPERIMENT;
 use deadtime_signal::time::SampleTime;
 
 /// What to say where a controller leaves the input nothing of its own.

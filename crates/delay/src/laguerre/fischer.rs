@@ -1,8 +1,8 @@
 //! The delay whose shifted input explains the output in the Laguerre domain.
 //!
-//! Equation: x(t) has the spectrum xₖ = Σ x(t)·lₖ(t), l₀ = √(1 − a²)·z/(z − a), lₖ₊₁ = w·lₖ, w = (1 − az)/(z − a). A transfer function keeps its order under z⁻¹ = (w + a)/(1 + aw):
-//! a sample of delay is the filter (w + a)/(1 + aw) along k, and b/(1 + f₁z⁻¹ + f₂z⁻²) one of two poles with the zeros of (1 + aw)². τ̂ = Ts·argmin over nk of V(nk),
-//! V = Σₖ (yₖ − ŷₖ)², ŷ the best output-error model of that form on the spectrum of u(t − nk).
+//! Equation: x(t) has the spectrum xₖ = Σ x(t)·lₖ(t), l₀ = √(1 − a²)·z/(z − a), lₖ₊₁ = w·lₖ, w = (1 − az)/(z − a). A transfer function keeps its order under z⁻¹ = (w + a)/(1 + aw).
+//! A sample of delay is the filter (w + a)/(1 + aw) along k; b/(1 + f₁z⁻¹ + f₂z⁻²) is one of two poles with the zeros of (1 + aw)². The answer is
+//! τ̂ = Ts·argmin over nk of V(nk), V = Σₖ (yₖ − ŷₖ)², ŷ the best output-error model of that form on the spectrum of u(t − nk).
 
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
@@ -16,13 +16,13 @@ use deadtime_identify::{Initial, OutputError, Record, laguerre_spectra};
 /// Assumes: a stable plant of two poles in open loop that rests at the start; white noise, which the orthonormal sequences leave white; no sample missing. The input
 /// need not excite for ever: steps and pulses are what it is made for.
 /// Resolution and cost: one sample; O(N·order) for the spectra, and for each delay a search over two poles on `order` numbers, whatever N is.
-/// Fails when: the motion of the input is faster than the sequences, which see about the lowest order/N of the frequencies, or comes after the part of the
-/// record that they cover (a wide interval, or `flat`); the plant is of higher order (early or late by a sample or two); outputs are missing (`not_applicable`); or under
+/// Fails when: the input moves faster than the sequences, which cover about the lowest order/N of the frequencies, or after the part of the record that they cover
+/// (a wide interval, or `flat`); the plant is of higher order (early or late by a sample or two); outputs are missing (`not_applicable`); or under
 /// feedback (biased).
 /// Source: Fischer and Medvedev (1999), "L2 time delay estimation by means of Laguerre functions", Proc. ACC, 455-459, doi:10.1109/ACC.1999.782869, for the spectrum of
 /// a delayed signal; their "Laguerre shift identification of a pressurized process" (late 1990s) for models in the Laguerre domain; Björklund (2003),
-/// LiU-TEK-LIC-2003:60, class 1c (`fischer`), good on steps and poor on random inputs. Neither paper was to be had, only what later ones say of them: where the authors identify by a subspace method,
-/// the model here is that of `oestruc`; pole and number of sequences are chosen so that these fill four fifths of the longest record; Björklund's choices are not known here.
+/// LiU-TEK-LIC-2003:60, class 1c (`fischer`), good on steps and poor on random inputs. Neither paper was available, only later accounts of them. The authors identify by a
+/// subspace method; the model here is that of `oestruc`. Pole and number of sequences are chosen so that these fill 80 % of the longest record; Björklund does not give his.
 ///
 /// # Example
 /// ```

@@ -1,7 +1,7 @@
 //! The delay of the all-pass part of a Laguerre model.
 //!
 //! Equation: y(t) = Σ cₖ Lₖ(q) u(t) + e(t), Lₖ(z) = √(1 − a²)/(z − a)·wᵏ⁻¹ with w = (1 − az)/(z − a). The map w takes the outside of the unit circle to its inside and
-//! delays by (1 + a)/(1 − a) samples at ω = 0, so the zeros of Σ cₖwᵏ⁻¹ are those of the model, and
+//! delays by (1 + a)/(1 − a) samples at ω = 0. So the zeros of Σ cₖwᵏ⁻¹ are those of the model, and
 //! τ̂ = 1 + (1 + a)/(1 − a)·Σ over |wᵢ| < 1 of Re (1 + wᵢ)/(1 − wᵢ) samples, the 1 being that of 1/(z − a).
 
 use crate::error::{DelayError, LengthRemedy};
@@ -52,7 +52,7 @@ const BEYOND: usize = 5;
 /// Poles that are tried.
 const POLES: [f64; 12] = [0.0, 0.2, 0.35, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.94, 0.97];
 
-/// Losses within this factor are alike: a quarter of an order of magnitude, less than from one pole tried to the next where the series is good.
+/// Losses within this factor are alike: less than the step from one pole tried to the next where the series is good.
 const ALIKE: f64 = 2.0;
 
 /// Its line in the list of methods.

@@ -1,7 +1,7 @@
 //! The delay whose ARMAX model predicts best.
 //!
-//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + C(q) e(t), C with its roots inside the unit circle and A with its own
-//! anywhere: y is predicted one step ahead, never simulated. Leading coefficients of B that the data do not ask for are taken off the answer as in `arxstruc`.
+//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + C(q) e(t). The roots of C lie inside the unit circle, those of A anywhere: y is
+//! predicted one step ahead, never simulated. The answer leaves out leading coefficients of B that the data do not support, as in `arxstruc`.
 
 use super::arxstruc::leading_zeros;
 use crate::error::{DelayError, LengthRemedy};
@@ -14,12 +14,12 @@ use deadtime_identify::{Armax, ArmaxFit, MAX_OE_ORDER};
 /// Inputs: u, y on one even grid; under feedback u must be what the plant received, not the reference. Output: seconds, positive = y lags u.
 ///
 /// Assumes: a linear plant and noise that an ARMA process of these orders describes; nothing of the stability of the plant, of the loop around it, or of the start.
-/// Resolution and cost: one sample; some ten filter passes per delay that is not hopeless beside a long ARX model's.
+/// Resolution and cost: one sample; some ten filter passes for each delay whose long ARX model is not far worse than the best.
 /// Fails when: the orders are too low for plant and noise together (white noise on the output of a plant of n poles needs na = nc = n; noise with poles of its own
 /// needs as many more in na and nb): the residuals are then coloured or follow past inputs, and the note says so. When the only excitation is the loop's own noise
 /// and the controller is so simple that another plant explains the data as well: many delays fit (`flat`, or a wide interval). When the first coefficient of B is
 /// small against the noise, the delay is found late. Delays below the bias are not searched: the plant cannot have them, but a controller that answers within the
-/// sample makes u(t) tell y(t) all but exactly; with a bias of 0 such a loop has no answer.
+/// sample makes u(t) predict y(t) all but exactly; with a bias of 0 such a loop has no answer.
 /// Source: Ljung (1999), "System Identification", 2nd ed., sections 4.2, 7.2, 13.4 (closed loop) and 16.5-16.6 (residual tests); Forssell and Ljung (1999),
 /// "Closed-loop identification revisited", Automatica 35, 1215-1241, doi:10.1016/S0005-1098(99)00022-9; Ljung and Box (1978), doi:10.1093/biomet/65.2.297.
 /// The sources fit one delay; scanning it, the posterior over it and the numerators weighed by evidence are those of `oestruc` and `arxstruc`. How many poles to
@@ -72,7 +72,7 @@ fn on_circle(fit: &ArmaxFit) -> bool {
     deadtime_identify::largest_pole(&fit.c) >= CIRCLE
 }
 
-/// What a search that stopped early may have left to gain, of N·ln V, before its delay is not believed: a factor e of probability.
+/// What a search that stopped early may have left to gain, of N·ln V, before its delay is rejected: a factor e of probability.
 const WORTH: f64 = 2.0;
 
 /// Its line in the list of methods.

@@ -1,7 +1,7 @@
 //! The delay whose ARX model predicts best.
 //!
-//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + e(t); leading coefficients of B that the data do not ask for are taken
-//! off the answer, the published minimum stays beside it as the raw value.
+//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + e(t). The answer leaves out leading coefficients of B that the data do not
+//! support; the published minimum is the raw value.
 
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
@@ -20,7 +20,7 @@ use deadtime_identify::{ArxScan, JointArx, Record, arx_scan, beside};
 /// Fails when: the input's first coefficient is small against the noise (the delay is then found late); many delays that fit alike show as a wide interval or `flat`.
 /// With nb above 1 the published minimum is often early, because leading coefficients may be zero; the answer weighs numerators of 1 to nb coefficients by their
 /// evidence instead.
-/// Several inputs are fitted beside each other, because what inputs share that move together would leak from one pair into another (no source is followed in
+/// Several inputs are fitted together, because the shared part of correlated inputs would leak from one pair into another (no source is followed in
 /// that); `others: apart` looks at each pair alone.
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.3 (na 10, nb 5); Ljung (1999), "System Identification", 2nd ed., section 4.2; MATLAB `arxstruc`.
 #[doc = plant_example!(Arxstruc, 400, 0.8, 1e-12)]
@@ -37,7 +37,7 @@ pub struct Arxstruc {
     pub max_samples: usize,
 }
 
-/// What is made of the inputs beside the one whose delay is asked for.
+/// How the inputs other than the one whose delay is asked for enter the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Others {

@@ -14,10 +14,10 @@ use crate::method::{Basis, Information, Method, PREDICTS, method_line, plant_exa
 /// Assumes: a plant of two poles whose noise passes the same poles (equation error); as [`Arxstruc`] for the rest.
 /// Resolution and cost: one sample; O(N·(na + nb + delays)) for all delays together.
 /// Fails when: the noise is that of a sensor: two coefficients cannot whiten it, the poles are biased towards a faster plant and the delay comes out late (slow
-/// plants) or anywhere; [`Arxstruc`] with its ten coefficients is the cure. The published minimum is early by one where the first of the two coefficients is zero: the
+/// plants) or anywhere; use [`Arxstruc`] with its ten coefficients then. The published minimum is early by one where the first of the two coefficients is zero: the
 /// answer weighs one and two of them by their evidence, the raw value is the published minimum.
-/// Source: MATLAB, System Identification Toolbox, page `delayest` (na = 2, nb = 2, nkmin = 0, nkmax = nkmin + 20, at most 10 000 models). The page says that ARX models of
-/// different delays are compared, not by which criterion nor over which rows, nor what is done about feedback or about several inputs beyond trying all combinations; here
+/// Source: MATLAB, System Identification Toolbox, page `delayest` (na = 2, nb = 2, nkmin = 0, nkmax = nkmin + 20, at most 10 000 models). The page states that ARX models of
+/// different delays are compared. It gives neither the criterion nor the rows, no treatment of feedback, and for several inputs only that all combinations are tried. Here
 /// the criterion is the loss over rows that all delays share, each input on its own, and the range is that of the search (0 to `max_delay`).
 #[doc = plant_example!(Delayest, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]

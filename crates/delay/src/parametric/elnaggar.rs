@@ -22,16 +22,16 @@ pub enum Cost {
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
-/// Assumes: an input about as white as a random binary signal, and a plant whose response rises fastest at its first sample (as one lag does, and most pairs of
-/// lags); no feedback.
+/// Assumes: an input about as white as a random binary signal, and no feedback. The plant's response rises fastest at its first sample, as that of one lag does, and of most
+/// pairs of lags.
 /// Resolution and cost: one sample; O(N·delays), one product per sample and delay.
 /// Fails when: the response rises faster later on (three lags or more, oscillating plants): the answer is late; or the input is slow: its own correlation smears the
 /// products over as many samples. The interval therefore reaches back over all delays whose products stand out in one run with the largest.
 /// Source: Elnaggar, Dumont and Elshafei (1989), "Recursive estimation for system of unknown delay", 28th IEEE CDC, doi:10.1109/CDC.1989.70485, and their "New method for
-/// delay estimation", 29th IEEE CDC (1990); read through Björklund (2003), LiU-TEK-LIC-2003:60, class 2b, and O'Dwyer's classification of 1999. The papers were not at
-/// hand: what the descriptions leave open is whether increments of the input or the input itself are multiplied (with increments of a white input the sample before the response
-/// has nearly as large a product), the forgetting of the recursive form, and what is done with the sign. Here: the input less its mean, all samples alike, the
-/// largest square. No published uncertainty; the interval is ours.
+/// delay estimation", 29th IEEE CDC (1990); read through Björklund (2003), LiU-TEK-LIC-2003:60, class 2b, and O'Dwyer's classification of 1999. The papers were not
+/// available, and the descriptions leave three points open: whether increments of the input or the input itself are multiplied; the forgetting of the recursive form; the
+/// treatment of the sign. With increments of a white input the sample before the response has nearly as large a product. Here: the input without its mean, all samples
+/// alike, the largest square. No published uncertainty; the interval is ours.
 #[doc = plant_example!(Elnaggar, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]

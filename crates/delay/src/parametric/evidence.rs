@@ -6,7 +6,7 @@
 use crate::posterior::{log_sum, log_weight};
 use deadtime_identify::{OeFit, OutputError, Record};
 
-/// The shortest time constant of the prior, samples: its pole, e^(−1/0.15), is hardly to be told from none.
+/// The shortest time constant of the prior, samples: its pole e^(−1/0.15) is 0.0013.
 const SHORTEST: f64 = 0.15;
 /// The longest: this share of the longest record, which it leaves three more of itself to settle in.
 const LONGEST: f64 = 0.25;
@@ -19,7 +19,7 @@ const DAMPINGS: usize = 7;
 /// Poles nearer than this count as so near: the density of two poles in terms of F is singular, though integrable, where they meet.
 const NEAR: f64 = 1e-3;
 
-/// What is believed of the poles before the data: time constants and natural frequencies of any size alike, log-uniform from [`SHORTEST`] to [`LONGEST`]; two poles
+/// The prior of the poles: time constants and natural frequencies of any size alike, log-uniform from [`SHORTEST`] to [`LONGEST`]; two poles
 /// as likely real as a complex pair, its damping ratio uniform.
 struct Prior {
     /// Logarithms of the shortest and longest time constant, samples.
@@ -110,8 +110,8 @@ impl Prior {
 /// The logarithm of the evidence of every delay, but for what all share; `None` for orders that have no prior here (other than one or two poles). Of `samples` the
 /// `independent` ones count.
 ///
-/// The integral is the larger of two approximations: the sum over the prior's nodes, which misses a likelihood that is narrower than they are apart, and Laplace's
-/// around the best fit, which misses what is not near it.
+/// The integral is the larger of two approximations. The sum over the prior's nodes misses a likelihood narrower than their distance; Laplace's
+/// approximation around the best fit misses the mass far from it.
 /// Source: MacKay (2003), "Information Theory, Inference, and Learning Algorithms", chapter 27, for Laplace's method.
 pub(super) fn log_evidence(
     orders: &OutputError,

@@ -12,15 +12,15 @@ use deadtime_identify::{MAX_OE_ORDER, RefinedIv};
 
 /// Inputs: u, y on one even grid, without missing samples. Output: seconds, positive = y lags u.
 ///
-/// Assumes: a stable plant in open loop that rests at the start; noise of any colour that an autoregression describes and that the input does not know of.
+/// Assumes: a stable plant in open loop that rests at the start; noise of any colour that an autoregression describes, independent of the input.
 /// Resolution and cost: one sample; some ten rounds of ten filter passes per delay.
 /// Fails when: noise and input are correlated, as under feedback (biased: the simulated output is then no instrument); the plant is unstable (its mirrored poles
 /// do not settle: `not_converged`); B/F has too few coefficients for a fast input.
 /// MATLAB's `ivstruc` solves once per delay with fixed instruments, a high-order ARX model's simulation, and compares simulation errors; they are not minimised by
 /// that solution, and coloured noise makes them poor evidence. Here each delay has its own refined solution, and errors are whitened before they are compared.
 /// Source: Young (2011), "Recursive Estimation and Time-Series Analysis", 2nd ed., chapter 7, doi:10.1007/978-3-642-21981-8; Ljung (1999), "System
-/// Identification", 2nd ed., section 7.6; MATLAB `ivstruc`. They leave open what to do with a round that is unstable (mirrored here) or does not settle (the round
-/// with the smallest loss here), and how to choose the noise's order.
+/// Identification", 2nd ed., section 7.6; MATLAB `ivstruc`. They leave open what to do with a round that is unstable (mirrored here) or does not settle (here the round
+/// with the smallest loss is taken). They also leave open how to choose the noise's order.
 #[doc = plant_example!(Ivstruc, 300, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -105,7 +105,7 @@ impl PairMethod for Ivstruc {
         if !exact {
             pair.with(&records).visible()?;
         }
-        // Its noise model takes over what no delay of the window explains, and then hardly a loss differs: half of the delays is enough to be called flat.
+        // Its noise model explains what no delay of the window does, and the losses then nearly agree: half of the delays is enough to be called flat.
         if posterior.set > delays / 2 || posterior.ties > 1 {
             return Err(NoDelay::flat(posterior.set.max(posterior.ties), delays));
         }

@@ -16,14 +16,14 @@ use deadtime_identify::{MAX_OE_ORDER, Record, Subspace, arx_scan, prefiltered};
 /// plant received.
 /// Resolution and cost: one sample; one triangular factor of the lagged data, O(N·past), and an ARX scan.
 /// Fails when: the record is too short for the long predictor behind the subspace model; the input's first coefficient is small against the noise (found late);
-/// the order is too low for the plant: nb = 1 leaves its zeros to the poles, and an all-pole model of order 10 can stand for some samples of delay on slow inputs. Where that
-/// happens the answer is off by samples and its interval does not know (3 samples on the roll rate of the demo's flight, a plant of three poles and two zeros; 4 on
-/// 1 000 000 samples of one lag, before `max_samples` came in).
-/// Björklund's subspace model (`n4sid`) has the delay among its states; here the input is first moved by the delay of a plain ARX scan, so that all states are
-/// left for the dynamics; the predictor form is used, which feedback does not bias; and states that the data do not ask for are left out, because on short records
+/// the order is too low for the plant: nb = 1 leaves its zeros to the poles, and an all-pole model of order 10 can absorb some samples of delay on slow inputs. The
+/// answer is then off by samples, outside its interval. Examples: 3 samples on the roll rate of the demo's flight, a plant of three poles and two zeros; 4 on
+/// 1 000 000 samples of one lag without the limit `max_samples`.
+/// Björklund's subspace model (`n4sid`) has the delay among its states. Here the input is first moved by the delay of an ARX scan, so that all states
+/// describe the dynamics. The predictor form is used, which feedback does not bias. States that the data do not support are left out, because on short records
 /// their poles and zeros make the noise filter ring. The long predictor's window is ours too.
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.5 (order 10, then ARX(10, 1): as good as `oestruc` at a fraction of its time); for the model
-/// Chiuso (2007), doi:10.1016/j.automatica.2006.12.005. How the starts of the filters are to be treated the source does not say: they start at rest.
+/// Chiuso (2007), doi:10.1016/j.automatica.2006.12.005. The source does not give the initial states of the filters: they start at rest.
 #[doc = plant_example!(Met1struc, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]

@@ -1,7 +1,7 @@
 //! The delay as output-error models of all poles know it: all delays, each by its probability.
 //!
-//! Equation: p(nk) ∝ ∫ V(nk, F)^(−N/2)·p(F) dF, τ̂ = Ts·Σ nk·p(nk), V the losses of [`super::oestruc::Oestruc`] with poles F, of which all are averaged by how plausible they
-//! are, and N the independent ones among the residuals.
+//! Equation: p(nk) ∝ ∫ V(nk, F)^(−N/2)·p(F) dF, τ̂ = Ts·Σ nk·p(nk). V are the losses of [`super::oestruc::Oestruc`] with poles F, averaged over F by their probability;
+//! N is the number of independent residuals.
 
 use super::oestruc::Oestruc;
 use super::profile::{OeScan, Profile, Weighing, check};
@@ -27,16 +27,16 @@ pub enum Center {
     Mode,
 }
 
-/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; beside it the most probable delay as the raw value.
+/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value is the most probable delay.
 ///
-/// Assumes: as [`super::oestruc::Oestruc`], and a dead time that was drawn uniformly from the search window: that is the prior, and the answer leans on it where the data say
-/// little. Noise of another colour than white is allowed for by counting only the independent residuals.
+/// Assumes: as [`super::oestruc::Oestruc`], and a dead time that was drawn uniformly from the search window. That is the prior, which dominates where the data carry
+/// little information. Coloured noise is allowed for by counting only the independent residuals.
 /// Resolution and cost: fractions of a sample where two delays are about as probable, else one sample; as [`super::oestruc::Oestruc`].
-/// Fails when: the window is far wider than what is believed of the delay: far delays with a small probability each pull the mean towards the middle of the window. A
+/// Fails when: the window is far wider than the prior knowledge of the delay: far delays with a small probability each pull the mean towards the middle of the window. A
 /// note says so where they move it by more than half a sample; all delays about equally probable is `flat`. For the rest as [`super::oestruc::Oestruc`].
 /// Source: the likelihood of Gaussian noise of unknown variance, read as a posterior with a flat prior on the delay; Björklund (2003), LiU-TEK-LIC-2003:60, section
-/// 6.4, for the models and losses. No source weighs them so. Poles: one or two, time constants from 0.15 samples to a quarter of the record and natural frequencies
-/// alike log-uniform, real and complex pairs alike probable, 5 % kept for any others; for other orders the best poles stand for all.
+/// 6.4, for the models and losses. No source weighs them so. Prior: one or two poles, real and complex pairs alike probable; time constants from 0.15 samples to 25 % of the
+/// record and natural frequencies, both log-uniform; 5 % kept for any others. For other orders the best poles represent all.
 #[doc = plant_example!(OePosterior, 300, 0.8, 1e-9)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]

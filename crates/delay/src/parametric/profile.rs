@@ -78,7 +78,7 @@ pub(super) struct OeScan {
     pub(super) max_samples: usize,
 }
 
-/// What is left of the output behind the model of the smallest loss.
+/// The residual of the output under the model of the smallest loss.
 struct Remainder {
     residuals: Vec<f64>,
     /// It is rounding.

@@ -205,7 +205,7 @@ fn read(orders: &OutputError, profile: &Profile) -> Option<ZeroReading> {
         let note = (outside > NORMAL_95 * std + 0.01).then(|| {
             format!("the zero asks for {l:.2} of a sample: not one lag and a dead time, but more lags, or an input that is not held")
         });
-        // The posterior's own grid is resolved by the fraction; what is left of the standard deviation must not vanish on exact data.
+        // The fraction resolves the posterior's own grid; the remaining standard deviation must not vanish on exact data.
         return Some(ZeroReading {
             raw,
             std: (std * std + spread).sqrt().max(LEAST_STD),

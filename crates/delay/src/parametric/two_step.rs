@@ -131,17 +131,18 @@ impl TwoStep {
             return Err(NoDelay::new(Outcome::Flat, note));
         }
         // Other minima count as far as they are probable.
-        let rivals: Vec<&Rest> = rests.iter().filter(|r| gain(r.fit.loss) <= LIKELY).collect();
+        let alternatives: Vec<&Rest> =
+            rests.iter().filter(|r| gain(r.fit.loss) <= LIKELY).collect();
         // A plant as fast as its sampling bends its lags until any fraction fits: one is taken only where the data ask for it.
         let whole = nearest_whole(records, best, max_delay)
             .filter(|w| gain(w.fit.loss) <= independent.ln());
         let delay = whole.map_or(best.delay, |w| w.delay);
-        let ends = rivals.iter().fold([from.min(delay), to.max(delay)], |[from, to], r| {
+        let ends = alternatives.iter().fold([from.min(delay), to.max(delay)], |[from, to], r| {
             [from.min(r.delay), to.max(r.delay)]
         });
         let [from, to] = behind_the_hold(ends, delay, &best.fit.f);
         let std = ((to - from) / 3.92).max(LEAST_STD);
-        let apart = rivals.iter().map(|r| (r.delay - best.delay).abs()).fold(0.0, f64::max);
+        let apart = alternatives.iter().map(|r| (r.delay - best.delay).abs()).fold(0.0, f64::max);
         let note = (apart > 0.5)
             .then(|| format!("another minimum, {apart:.1} samples away, is nearly as good"));
         let estimate = pair.counted_at(delay, std, [from, to], delay + 0.5 >= longest);
@@ -228,7 +229,7 @@ fn one_lag(f: &[f64], share: f64) -> f64 {
     if p > 0.0 && p < 1.0 { 1.0 - (p + share * (1.0 - p)).ln() / p.ln() } else { share }
 }
 
-/// The better of the two whole delays beside `rest`, with lags of its own.
+/// The better of the two whole delays next to `rest`, with lags of its own.
 fn nearest_whole(records: &[Record], rest: &Rest, max_delay: usize) -> Option<Rest> {
     let (n, _) = split(rest.delay);
     let at = |n: usize| {

@@ -50,7 +50,7 @@ impl Shape {
         2 * self.poles
     }
 
-    /// A direct path beside one pole: the held input's jump shows at the next sample whenever within the last it came, so delays count in whole samples.
+    /// A direct path and one pole: the held input's jump shows at the next sample wherever within the last it came, so delays are whole samples.
     pub(super) fn whole(self) -> bool {
         self.poles == 1 && self.zero
     }

@@ -42,10 +42,10 @@ pub enum Poles {
 /// Interval: the delays whose best model (gain, zero, poles and start fitted anew) is as likely as the best of all but for chance, a likelihood ratio at 95 %; residuals
 /// that are not white count as fewer samples; other minima that are nearly as good widen it. Where a gain alone is as likely, no time constant shows: the plant settles
 /// within a sample, any delay within that sample fits, and the interval has all of it.
-/// Fails when: the plant has more poles than the model (what they delay is then called dead time: the answer is late by about the time constants left out, and no
-/// interval says so; a note does where what is left over still follows the input); it has fewer (gain, poles and delay become confounded: wide intervals, and with a
-/// zero nearly free ones: under slow noise a slow pole all but cancelled by the zero may follow the noise); it integrates or is unstable (`not_converged`); under feedback (biased); the input does not change from sample to sample as a hold does
-/// (an interpolated input looks half a sample early).
+/// Fails when: the plant has more poles than the model (the answer includes their lag: it is late by about the time constants left out, and no
+/// interval says so; a note does where the residual still follows the input); it has fewer (gain, poles and delay become confounded: wide intervals; with a
+/// zero they are nearly free: under slow noise a slow pole all but cancelled by the zero may follow the noise); it integrates or is unstable (`not_converged`);
+/// under feedback (biased); the input does not change from sample to sample as a hold does (an interpolated input looks half a sample early).
 /// Source: MATLAB `procest`, idproc models P1D to P3DZ, for the models; Björklund (2003), LiU-TEK-LIC-2003:60, section 6.2 (idproc6 and 7) and p. 47 (one minimum per
 /// sampling interval); Chen, Garnier and Gilson (2015), J. Process Control 25, 19-27, doi:10.1016/j.jprocont.2014.10.001, for fractional delays fitted with the poles.
 /// What the sources leave unclear: how `procest` starts and bounds its search; here no start is needed, and a time constant may reach the length of the records.
@@ -79,7 +79,7 @@ pub struct Process {
     pub initial_delay_s: Option<f64>,
     /// Longest part of a record that is used, samples; default 50 000.
     pub max_samples: usize,
-    /// What further inputs are: regressors (default), each with a gain, a zero and a delay of its own and the poles in common (or of its own, where the data say so), or noise.
+    /// What further inputs are: regressors (default) or noise. A regressor has a gain, a zero and a delay of its own; the poles are common, or of its own where the data ask for it.
     /// A model of one pole and a zero takes one input at a time.
     pub others: Others,
 }
@@ -188,7 +188,7 @@ pub(super) const OVERSIZED: &[(Law, &str)] = &[
     ),
 ];
 
-/// A slow pole beside a zero that all but cancels it can follow slow noise.
+/// A slow pole next to a zero that all but cancels it can follow slow noise.
 pub(super) const WITH_ZERO: &[Condition] = &[
     Condition::Dynamics,
     Condition::MissingOutputs,
@@ -254,7 +254,7 @@ impl Process {
         let others: Vec<Vec<Record>> = others.iter().map(|o| o.heads(self.max_samples).0).collect();
         let real = self.poles == Poles::Real;
         let problem =
-            Problem::beside(shape, real, self.initial, &records, &others, max_delay, pair.stop);
+            Problem::together(shape, real, self.initial, &records, &others, max_delay, pair.stop);
         let initial = self.initial_delay_s.map(|s| s / pair.experiment.sample_time().seconds());
         let fitted = self.visible(Fitted::of(problem, initial)?, shape, max_delay)?;
         let (fitted, own) = fitted.poles_of_others(&records, max_delay, initial, others.len())?;
@@ -355,7 +355,7 @@ impl<'a> Fitted<'a> {
         }
     }
 
-    /// Beside other inputs: with poles of their own where the data ask for them, and what was chosen, in words.
+    /// Together with other inputs: with poles of their own where the data ask for them, and what was chosen, in words.
     fn poles_of_others(
         self,
         records: &[Record],
@@ -365,10 +365,10 @@ impl<'a> Fitted<'a> {
     ) -> Result<(Self, Option<String>), DelayEstimate> {
         let Some(apart) = self.problem.apart() else { return Ok((self, None)) };
         let said =
-            |beside: &str| Some(format!("fitted together with {} of {beside}", inputs(others)));
+            |poles: &str| Some(format!("fitted together with {} of {poles}", inputs(others)));
         let Self { problem, best, knowledge, .. } = &self;
         let more = knowledge.counting * (best.cost / knowledge.floored(apart)).ln();
-        // What is left over of common poles may be so slow that few of its samples count.
+        // The residual of common poles may be so slow that few of its samples are independent.
         if more > posterior::visible_gain(problem.apart_adds(), 1)
             || (more > 0.0 && knowledge.leaves(records, max_delay))
         {
@@ -380,7 +380,7 @@ impl<'a> Fitted<'a> {
         Ok((self, said("the same poles")))
     }
 
-    /// Where a pole is as slow as the record: without it, if that costs no more than chance. A pole beside a zero that all but cancels it may grow as slow as the record
+    /// Where a pole is as slow as the record: without it, if that costs no more than chance. A pole next to a zero that all but cancels it may grow as slow as the record
     /// and follow its drift: two parameters of chance. A plant that integrates needs such a pole.
     pub(super) fn seen_poles(self, initial: Option<f64>) -> Result<Self, DelayEstimate> {
         if !self.problem.integrates(&self.best.theta) {
@@ -554,8 +554,8 @@ impl Knowledge {
         self.lacks(cost) / (self.quantile * self.quantile)
     }
 
-    /// The middle of the delays that fit alike. A pole that dies away before the next sample only adds to the dead time, and a plant that settles within a sample
-    /// shows no more than that sample: there whole stretches of delays have one cost, and rounding would choose among them.
+    /// The middle of the delays that fit alike. A pole that dies away before the next sample only adds to the dead time. A plant that settles within a sample
+    /// shows no more than that sample. Whole ranges of delays then have one cost, among which rounding would choose.
     pub(super) fn middle(&self, problem: &Problem<'_>, best: Found) -> Found {
         if let Some((lag, cost)) = problem
             .settled(best.place.delay())
@@ -648,8 +648,8 @@ impl Knowledge {
                     let slow = width > 0.5 * widths[0];
                     widths = [widths[1], width];
                     // To either side of the crossing in turn, so that the bracket closes from both.
-                    let beside = if here.1 < 1.0 { 1e-3 } else { -1e-3 };
-                    inner.0 + if slow { 0.5 } else { (share + beside).clamp(0.02, 0.98) } * width
+                    let shift = if here.1 < 1.0 { 1e-3 } else { -1e-3 };
+                    inner.0 + if slow { 0.5 } else { (share + shift).clamp(0.02, 0.98) } * width
                 }
             };
         }

@@ -50,7 +50,7 @@ struct Work<'a> {
     u: &'a [f64],
     /// Further inputs that act through the same poles.
     others: Vec<&'a [f64]>,
-    /// Zero where it does not count.
+    /// Zero where the mask excludes the row.
     y: Vec<f64>,
     /// 1 where the output counts, else 0; `None`: everywhere.
     mask: Option<Vec<f64>>,
@@ -129,12 +129,12 @@ impl<'a> Problem<'a> {
         max_delay: usize,
         stop: &Stop,
     ) -> Self {
-        Self::beside(shape, real, initial, records, &[], max_delay, stop)
+        Self::together(shape, real, initial, records, &[], max_delay, stop)
     }
 
-    /// The first input beside others, each a list of as many records: one set of poles for all, a numerator and a delay for each. The delays of the others stand behind the
+    /// The first input together with others, each a list of as many records: one set of poles for all, a numerator and a delay for each. The delays of the others stand behind the
     /// parameters of D.
-    pub(super) fn beside(
+    pub(super) fn together(
         shape: Shape,
         real: bool,
         initial: Initial,
@@ -361,7 +361,7 @@ impl<'a> Problem<'a> {
     }
 
     /// A gain alone, whose input shows at the next sample: its lag and Σ e². It is the limit of a plant that settles within a sample, which no time constant above
-    /// the least reaches. Of the lags beside a delay and the next, where a delay just short of a sample is made up for by a lag, the best; `None` beside other inputs.
+    /// the least reaches. Of the lags on both sides of a delay, the best, as a lag makes up for a delay just short of a sample; `None` together with other inputs.
     pub(super) fn settled(&self, delay: f64) -> Option<(usize, f64)> {
         if self.others() > 0 {
             return None;
@@ -520,7 +520,7 @@ impl<'a> Problem<'a> {
         self.found(fit, lag).map_or(found.clone(), |f| Found { converged: found.converged, ..f })
     }
 
-    /// The best poles at a fixed delay from every start of the table, besides `theta`: for shapes whose poles do not show beside another's delay.
+    /// The best poles at a fixed delay from every start of the table, besides `theta`: for shapes whose poles at one delay are no guide to those at another.
     pub(super) fn afresh(&self, theta: &[f64], place: Place) -> Option<Found> {
         let starts = self.table().into_iter().chain([theta.to_vec()]);
         starts.filter_map(|theta| self.at(&theta, place)).min_by(|a, b| a.cost.total_cmp(&b.cost))
@@ -561,7 +561,7 @@ impl<'a> Problem<'a> {
             let mask = w.mask.as_ref().map(|m| m[..n].to_vec());
             let mut y = w.y[..n].to_vec();
             centre(&mut y, mask.as_deref());
-            // What does not count is 0.
+            // Masked rows are 0.
             mask.iter().for_each(|m| y.iter_mut().zip(m).for_each(|(y, m)| *y *= m));
             (n, y, mask)
         };
@@ -683,7 +683,7 @@ impl<'a> Problem<'a> {
             if self.shape.poles == 2 {
                 table.push(pair);
             } else {
-                // The third as long as the sum of the others, and a quarter of it.
+                // The third time constant as long as the sum of the others, and 25 % of it.
                 table.extend(
                     [1.0, 0.25].map(|share: f64| vec![pair[0], pair[1], pair[0] + share.ln()]),
                 );
@@ -697,7 +697,7 @@ impl<'a> Problem<'a> {
         table
     }
 
-    /// The cost at every half sample for given poles, out of one filter pass and its correlations with the output; starts other than rest do not count here.
+    /// The cost at every half sample for given poles, out of one filter pass and its correlations with the output; initial states other than rest are left out.
     fn profile(&self, theta: &[f64]) -> CostProfile {
         let chain = Chain::new(self.shape, theta);
         let lags = self.max_delay + 1;
@@ -897,7 +897,7 @@ impl Signals {
         self.slopes.last().map_or(&[], Vec::as_slice)
     }
 
-    /// ∂ŷ/∂g with everything else projected out: what of the delay is told from gain, poles and start.
+    /// ∂ŷ/∂g with everything else projected out: the information on the delay that gain, poles and initial state leave.
     pub(super) fn alone(&self) -> Option<Vec<f64>> {
         let (last, poles) = self.slopes.split_last()?;
         Some(bound::alone(last, self.linear.iter().chain(poles).map(Vec::as_slice)))

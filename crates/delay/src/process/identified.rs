@@ -34,7 +34,7 @@ pub enum Beginning {
     Auto,
     /// At rest at the first sample's input.
     Rest,
-    /// In motion: the start of each record is fitted; the samples within the longest delay do not count.
+    /// In motion: the initial state of each record is fitted; the samples within the longest delay are left out.
     Estimated,
 }
 
@@ -67,8 +67,8 @@ impl Default for ProcessOptions {
 /// Estimate: least squares over all places of the dead time, then one step of Gauss and Newton under the autoregression that the residuals are fitted with.
 /// Intervals: 95 % of draws from that step's covariance; that of the dead time is no narrower than the estimator's likelihood ratio ([`Process`]).
 /// Assumes: open loop, noise that does not depend on the input, a plant of this structure.
-/// Fails when: the plant has more poles (their lag is called dead time; a note says so where what is left follows the input); the record ends before the response
-/// settles (K and T₁ become one number, their intervals say so); under feedback (biased).
+/// Fails when: the plant has more poles (the dead time then includes their lag; a note says so where the residual follows the input); the record ends before the response
+/// settles (K and T₁ become one parameter, their intervals say so); under feedback (biased).
 /// Source: as [`Process`]; the covariance: Ljung (1999), "System Identification", 2nd ed., section 9.4; first guesses: Åström and Hägglund (1995), "PID Controllers:
 /// Theory, Design, and Tuning", 2nd ed., sections 2.4 (areas) and 2.3 (tangent and 63 %).
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]

@@ -256,7 +256,7 @@ fn stable(records: &[Record<'static>], max_delay: usize, lengths: &[usize]) -> O
         if residual.len() != every {
             return None;
         }
-        // With a start that is fitted the samples within the longest delay do not count.
+        // With a fitted initial state the samples within the longest delay are left out.
         let left_out = if initial == Initial::Estimated { max_delay } else { 0 };
         let (mut from, mut cost) = (0, 0.0);
         for (r, length) in records.iter().zip(lengths) {
@@ -382,7 +382,7 @@ mod tests {
 
     #[test]
     fn an_integrating_plant_is_recognised_and_its_dead_time_held() {
-        // A quarter of the search window.
+        // 25 % of the search window.
         assert!(recognised(0..6) < 9.0);
     }
 

@@ -101,10 +101,10 @@ impl Integrator<'_> {
                 *at = found.fold(*at, |best, next| if next.0 < best.0 { next } else { best });
             }
         }
-        // One minimum for each sampling interval: that of the place, and those beside it.
+        // One minimum for each sampling interval: that of the place, and those next to it.
         let descend = |(_, delay, lag): &(f64, usize, Option<f64>)| {
-            let beside = delay.saturating_sub(1).max(1)..=(delay + 1).min(self.max_delay);
-            let bottoms = beside.filter_map(|delay| self.descend(delay, *lag, most));
+            let neighbours = delay.saturating_sub(1).max(1)..=(delay + 1).min(self.max_delay);
+            let bottoms = neighbours.filter_map(|delay| self.descend(delay, *lag, most));
             bottoms.min_by(|a, b| a.0.total_cmp(&b.0))
         };
         let mut best = grid.iter().filter_map(descend).min_by(|a, b| a.0.total_cmp(&b.0))?;
@@ -112,8 +112,8 @@ impl Integrator<'_> {
         for _ in 0..self.max_delay {
             let lag = (best.2.len() > 1).then(|| best.2[0]);
             let near = [best.1.saturating_sub(1).max(1), (best.1 + 1).min(self.max_delay)];
-            let beside = near.into_iter().filter(|delay| *delay != best.1);
-            let bottoms = beside.filter_map(|delay| self.descend(delay, lag, most));
+            let neighbours = near.into_iter().filter(|delay| *delay != best.1);
+            let bottoms = neighbours.filter_map(|delay| self.descend(delay, lag, most));
             match bottoms.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|next| next.0 < best.0) {
                 Some(next) => best = next,
                 None => break,

@@ -48,7 +48,7 @@ impl Shares {
         let heads: Vec<Vec<Record<'_>>> =
             whole.iter().map(|records| records.iter().map(|r| r.head(FITTED)).collect()).collect();
         let Some((first, others)) = heads.split_first() else { return Ok(None) };
-        let problem = Problem::beside(
+        let problem = Problem::together(
             Shape { poles: 2, zero: false },
             false,
             Initial::Zero,
@@ -61,7 +61,7 @@ impl Shares {
     }
 
     /// The share of the output's power that every other input makes, of those that make any.
-    pub(crate) fn beside(&self, input: usize) -> Vec<(usize, f64)> {
+    pub(crate) fn of_others(&self, input: usize) -> Vec<(usize, f64)> {
         let others = self.0.iter().enumerate().filter(|(other, _)| *other != input);
         others.filter_map(|(other, own)| Some((other, own.as_ref()?.share))).collect()
     }

@@ -16,7 +16,7 @@ pub(super) struct Solved {
     pub(super) lengths: Vec<usize>,
     /// The 95 % interval of the delay, where it is not that of the covariance.
     pub(super) delay: Option<[f64; 2]>,
-    /// The noise, and the covariance under it; absent where the numbers cannot be told apart.
+    /// The noise, and the covariance under it; absent where the parameters are indistinguishable.
     pub(super) noise: Option<Coloured>,
     /// Input and output of the operating point.
     pub(super) operating: [f64; 2],

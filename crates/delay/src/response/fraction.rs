@@ -70,7 +70,7 @@ impl Points {
         }
     }
 
-    /// Poles below this are told from integrators by nobody.
+    /// Poles below this are indistinguishable from integrators.
     fn slow(&self) -> f64 {
         0.5 * self.x.first().copied().unwrap_or(0.0)
     }

@@ -7,7 +7,7 @@ use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::usable;
 use crate::job::chosen::{known, options_of};
 use crate::report::{Estimate, FORMAT, Pair, Report, Searched};
-use crate::verdict::{Grounds, Verdict};
+use crate::verdict::conclusion::{Grounds, Verdict};
 use deadtime_log::FrequencyResponse;
 use deadtime_signal::stop::Stop;
 use serde_json::Value;
@@ -23,7 +23,7 @@ pub struct ResponseJob {
     pub methods: Vec<String>,
     /// Options by method, JSON objects.
     pub options: std::collections::BTreeMap<String, Value>,
-    /// Longest delay to search, s; `None`: forty periods of the highest frequency, at most half of what the distance of the frequencies tells apart.
+    /// Longest delay to search, s. `None`: forty periods of the highest frequency, at most half of the longest delay that the distance of the frequencies resolves.
     pub max_delay_s: Option<f64>,
     /// Looked at between methods, and inside long scans.
     pub stop: Stop,
@@ -52,7 +52,7 @@ impl ResponseJob {
     /// Estimates by every method asked for.
     ///
     /// # Errors
-    /// `RegistryError` for a name or an option that there is not; [`DelayError::Turns`] for a search beyond what the frequencies tell apart; [`crate::error::Error::Stopped`].
+    /// `RegistryError` for a name or an option that there is not; [`DelayError::Turns`] for a search beyond what the frequencies resolve; [`crate::error::Error::Stopped`].
     pub fn run(&self) -> Result<Report> {
         let response = &self.response;
         let (first, last) = ends(response);

@@ -1,4 +1,4 @@
-//! The delay beside poles and zeros, their numbers weighed against each other.
+//! The delay fitted together with poles and zeros, the numbers of poles and zeros weighed by Schwarz's criterion.
 //!
 //! Equation: (τ̂, Â, B̂) = argmin Σ |H(iωₖ) − e^(−iωₖτ)·B(iωₖ)/A(iωₖ)|²/σₖ² for each number of poles n and of zeros m ≤ n; each minimum has the weight
 //! V^(−N)·N^(−p/2) of Schwarz's criterion, V the mean square left over, N real numbers, p parameters.
@@ -26,7 +26,7 @@ use deadtime_signal::registry::entry;
 /// Interval: the 95 % of all minima of all orders, each weighed by Schwarz's criterion: a pole beyond the last frequency and a longer delay look alike, and so do delays a
 /// turn apart; where they do, the interval holds both. Errors that follow each other over frequency (windowed spectra) count as fewer.
 /// Fails when: the plant has more poles than allowed (contradicted: the residual is smooth), is unstable, or the band is so narrow that any lag is a delay (`flat`). A zero in the
-/// right half-plane beyond the last frequency cannot be told from a delay by anybody; inside the band it is found and said.
+/// right half-plane beyond the last frequency is indistinguishable from a delay; inside the band it is found and reported.
 /// Source: Sanathanan and Koerner (1963), doi:10.1109/TAC.1963.1105517, for poles and zeros at a given delay; Pintelon and Van Biesen (1990), IEEE Trans. Instrum. Meas. 39(6),
 /// 932-938, doi:10.1109/19.65798, for the delay as a parameter of the same fit; Schwarz (1978), doi:10.1214/aos/1176344136, for the weights.
 ///
@@ -76,7 +76,7 @@ const STEPS: f64 = 4.0;
 const SCANNED: usize = 300;
 /// Most poles that may be asked for.
 const MOST: usize = 10;
-/// A minimum lighter than this beside the best is none.
+/// A minimum lighter than this, relative to the best, is left out.
 const LIGHT: f64 = 1e-6;
 /// Further poles and zeros that make a delay this much more uncertain are held by nothing.
 const VAGUE: f64 = 3.0;
@@ -309,7 +309,7 @@ fn smoothed(h: &[Complex<f64>]) -> Vec<f64> {
         .collect()
 }
 
-/// The minima by their criterion, the best first; `share` of the numbers are independent.
+/// The minima by their criterion, the best first; `share` of the residuals are independent.
 fn weighed(
     weightings: &[Points],
     fits: Vec<(usize, FittedFraction)>,
@@ -373,7 +373,7 @@ fn independent(weightings: &[Points], best: &Minimum) -> f64 {
         let rho =
             left.iter().zip(left.iter().skip(lag)).map(|(a, b)| (a.conj() * b).re).sum::<f64>()
                 / power;
-        // What chance makes of it does not count.
+        // Correlation within its standard error is taken as none.
         if rho.is_nan() || rho <= 1.0 / count.sqrt() {
             break;
         }

@@ -38,8 +38,8 @@ pub enum Selection {
 /// Assumes: A and B are those of the plant, the states are measured with little noise, inputs that are not combinations of each other's lags.
 /// Holds for unstable plants and under feedback, and for inputs with different delays: all are found together.
 /// Resolution and cost: below one sample (exactly for a continuous model behind a zero-order hold, by interpolation of B for a sampled one); O(N·inputs²·delays).
-/// Fails when: inputs move together or hardly at all (`singular`; where they nearly do, the note gives the angle between their lags, and a peak that does not stand
-/// clear of the next is `flat`), or the model does not describe the data: one delay per input then explains much less than all
+/// Fails when: inputs move together or not enough (`singular`). Where they nearly do, the note gives the angle between their lags, and a peak that does not stand
+/// clear of the next is `flat`. The model does not describe the data: one delay per input then explains much less than all
 /// lags together (`not_applicable`).
 /// Source: Waschburger and Galvão (2013), "Time delay estimation in discrete-time state-space models", Signal Processing 93, 904-912.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -401,7 +401,7 @@ impl OfAllInputs {
         ))
     }
 
-    /// Why one input has no delay that is to be believed.
+    /// Why one input has no delay that can be trusted.
     fn refusal(&self, j: usize) -> Option<DelayEstimate> {
         let peak = largest(self.coefficients(j));
         let (coefficient, at) = (self.coefficients(j)[peak], j * self.lags + peak);

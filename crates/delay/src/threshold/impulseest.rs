@@ -57,7 +57,7 @@ pub(crate) const METHOD: Method = Method {
     )
 };
 
-/// Rows for each coefficient that a shortest record must have: the prior stands in for the rest.
+/// Rows for each coefficient that a shortest record must have: the prior determines the rest.
 const ROWS: usize = 20;
 
 impl PairMethod for Impulseest {

@@ -49,7 +49,7 @@ pub struct AtOneDelay {
     pub ci95_s: [f64; 2],
 }
 
-/// The dead time against time, one entry for each sample that a delay can be told of.
+/// The dead time against time, one entry for each sample with a delay.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Tracked {
     /// Record, counted from 0.

@@ -8,8 +8,8 @@ const BENDS: usize = 2;
 const PLACES: usize = 15;
 const FINER: [f64; 3] = [0.5, 0.15, 0.05];
 
-/// e² of each row under y(t) = Σ aᵢ·y(t−i) + Σₖ Σⱼ bₖⱼ·fₖ(u(t−d−j)) + c + e(t), at the delay of those given that fits best. f₀ is the input, the others are max(u − pₖ, 0) with the
-/// place pₖ that takes most away, one after the other: thresholds, dead zones and limits. `None` where nothing is finite.
+/// e² of each row under y(t) = Σ aᵢ·y(t−i) + Σₖ Σⱼ bₖⱼ·fₖ(u(t−d−j)) + c + e(t), at the best of the delays given. f₀ is the input, the others are max(u − pₖ, 0). The places pₖ
+/// are chosen one after the other, each to reduce the cost most: thresholds, dead zones and limits. `None` where nothing is finite.
 pub(super) fn one_delay_with_bends(rows: &Rows, delays: &[usize]) -> Option<Vec<f64>> {
     let u = rows.input();
     let mut values = u.to_vec();

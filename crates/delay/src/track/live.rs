@@ -1,4 +1,4 @@
-//! A log that grows, row by row, as the even samples that a tracker takes; and what of its answers is news.
+//! A log that grows, row by row, as the even samples that a tracker takes; and which of its answers are news.
 //!
 //! Wrong when: most steps of time differ from one another by more than half of their median (there is then no sample time that they follow).
 
@@ -10,7 +10,7 @@ use deadtime_log::neighbours;
 use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
 
-/// Rows from which the sample time is told.
+/// Rows from which the sample time is estimated.
 const FIRST: usize = 100;
 /// Parts of a row's distance from the grid by which the grid and its step follow (critically damped): a clock of the log that runs a little fast is no row too many.
 const FOLLOWED: f64 = 0.02;
@@ -19,9 +19,9 @@ const STEP_FOLLOWED: f64 = FOLLOWED * FOLLOWED / 4.0;
 const ANEW: f64 = 10.0;
 /// Stamps that are remembered, to say since when.
 const STAMPS: usize = 1 << 16;
-/// Samples after an alarm within which the band comes to lie around what the alarm told.
+/// Samples after an alarm within which the band comes to lie around the alarm's delay.
 const SETTLING: usize = 200;
-/// A dead time has moved where its band is no wider than this, samples, and lies beside the one told for so many samples: at a jump it is wide.
+/// A dead time has moved where its band is no wider than this, samples, and excludes the one reported for so many samples: at a jump it is wide.
 const NARROW: f64 = 5.0;
 const HELD: usize = 100;
 
@@ -38,7 +38,7 @@ pub struct LiveOptions {
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Told {
-    /// The sample time is known, and the response is being learnt.
+    /// The sample time is known, and the response is being identified.
     Learning {
         /// Time of the row, s.
         time_s: f64,
@@ -47,7 +47,7 @@ pub enum Told {
         /// Longest dead time that is searched, s.
         max_delay_s: f64,
     },
-    /// The response is learnt: the dead time.
+    /// The response is identified: the dead time.
     Delay {
         /// Time of the row, s.
         time_s: f64,
@@ -67,25 +67,25 @@ pub enum Told {
         /// Time of the first row of which it holds, s; `None`: longer ago than is remembered.
         since_s: Option<f64>,
     },
-    /// The dead time moved little by little, out of the band that was told last.
+    /// The dead time moved gradually, out of the band reported last.
     DelayMoved {
         /// Time of the row, s.
         time_s: f64,
-        /// The dead time told before, s.
+        /// The dead time reported before, s.
         from_s: f64,
         /// The dead time, s.
         delay_s: f64,
         /// Its 95 % band, s.
         ci95_s: [f64; 2],
     },
-    /// No dead time explains the response any more; it is learnt anew.
+    /// No dead time explains the response any more; it is identified again.
     ResponseChanged {
         /// Time of the row, s.
         time_s: f64,
         /// Time of the first row of which it holds, s; `None`: longer ago than is remembered.
         since_s: Option<f64>,
     },
-    /// Rows are missing, and with them the command: nothing is told until it is known again over the whole search window.
+    /// Rows are missing, and with them the command: nothing is reported until it is known again over the whole search window.
     RowsMissing {
         /// Time of the last row before, s.
         from_s: f64,
@@ -133,9 +133,9 @@ struct Running {
     pushed: u64,
     /// Stamps of the last samples.
     stamps: VecDeque<f64>,
-    told: Option<(f64, [f64; 2])>,
-    /// Samples for which the band has lain beside the one told.
-    beside: usize,
+    reported: Option<(f64, [f64; 2])>,
+    /// Samples for which the band has excluded the delay reported.
+    outside: usize,
     /// Dead time of an alarm, and the samples since.
     alarmed: Option<(f64, usize)>,
     extra: u64,
@@ -159,25 +159,25 @@ impl Live {
         y: Option<f64>,
     ) -> crate::error::Result<Vec<Told>> {
         let sample = Sample { time_s, u, y };
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         match &mut self.stage {
             LiveStage::First(first) => {
                 first.push(sample);
                 if first.len() >= FIRST {
                     let first = std::mem::take(first);
-                    let mut running = Running::new(&self.options, &first, &mut told)?;
+                    let mut running = Running::new(&self.options, &first, &mut reported)?;
                     for sample in first {
-                        running.take(sample, &mut told)?;
+                        running.take(sample, &mut reported)?;
                     }
                     self.stage = LiveStage::Running(Box::new(running));
                 }
             }
-            LiveStage::Running(running) => running.take(sample, &mut told)?,
+            LiveStage::Running(running) => running.take(sample, &mut reported)?,
         }
-        Ok(told)
+        Ok(reported)
     }
 
-    /// Forgets everything: the recorder began again.
+    /// Discards all data: the recorder began again.
     pub fn restart(&mut self) {
         self.stage = LiveStage::First(Vec::new());
     }
@@ -188,10 +188,10 @@ impl Live {
         if let LiveStage::Running(running) = &self.stage { running.extra } else { 0 }
     }
 
-    /// The response is learnt.
+    /// The response is identified.
     #[must_use]
     pub fn has_learnt(&self) -> bool {
-        matches!(&self.stage, LiveStage::Running(r) if r.told.is_some() || r.alarmed.is_some())
+        matches!(&self.stage, LiveStage::Running(r) if r.reported.is_some() || r.alarmed.is_some())
     }
 }
 
@@ -213,7 +213,7 @@ impl Running {
     fn new(
         options: &LiveOptions,
         first: &[Sample],
-        told: &mut Vec<Told>,
+        reported: &mut Vec<Told>,
     ) -> crate::error::Result<Self> {
         let ts = SampleTime::new(step_s(first))?;
         let mut tracker = options.tracker.clone();
@@ -227,7 +227,7 @@ impl Running {
         let (window, time_s) =
             (tracker.max_delay + tracker.nb, first.last().map_or(0.0, |s| s.time_s));
         let max_delay_s = ts.to_seconds(tracker.max_delay.saturating_sub(tracker.bias) as f64);
-        told.push(Told::Learning { time_s, sample_time_s: ts.seconds(), max_delay_s });
+        reported.push(Told::Learning { time_s, sample_time_s: ts.seconds(), max_delay_s });
         Ok(Self {
             tracker: Tracker::new(ts, tracker)?,
             ts,
@@ -239,15 +239,15 @@ impl Running {
             blind: 0,
             pushed: 0,
             stamps: VecDeque::new(),
-            told: None,
-            beside: 0,
+            reported: None,
+            outside: 0,
             alarmed: None,
             extra: 0,
         })
     }
 
     /// Puts a row onto the grid.
-    fn take(&mut self, sample: Sample, told: &mut Vec<Told>) -> crate::error::Result<()> {
+    fn take(&mut self, sample: Sample, reported: &mut Vec<Told>) -> crate::error::Result<()> {
         let ts_s = self.step_s;
         let steps = ((sample.time_s - self.grid_s) / ts_s).round();
         if steps < 1.0 {
@@ -256,13 +256,13 @@ impl Running {
         }
         let missing = steps - 1.0;
         if missing >= self.window as f64 {
-            told.push(Told::RowsMissing { from_s: self.at_s, to_s: sample.time_s });
+            reported.push(Told::RowsMissing { from_s: self.at_s, to_s: sample.time_s });
         }
         // What is longer than the window says no more than the window.
         let held = missing.min(self.window as f64) as usize;
         for k in (1..=held).rev() {
             self.blind = self.window;
-            self.one(sample.time_s - k as f64 * ts_s, self.u, None, told)?;
+            self.one(sample.time_s - k as f64 * ts_s, self.u, None, reported)?;
         }
         let due_s = self.grid_s + steps * ts_s;
         if missing >= ANEW {
@@ -276,7 +276,7 @@ impl Running {
             Some(u) => self.u = u,
             None => self.blind = self.window,
         }
-        self.one(sample.time_s, self.u, sample.y, told)
+        self.one(sample.time_s, self.u, sample.y, reported)
     }
 
     /// A sample of the grid.
@@ -285,7 +285,7 @@ impl Running {
         time_s: f64,
         u: f64,
         y: Option<f64>,
-        told: &mut Vec<Told>,
+        reported: &mut Vec<Told>,
     ) -> crate::error::Result<()> {
         let known = self.blind == 0;
         self.blind = self.blind.saturating_sub(1);
@@ -298,41 +298,41 @@ impl Running {
         match tracking.alarm {
             Some(Alarm::DelayChanged { from_s, to_s, since_s }) => {
                 let since_s = self.stamp(since_s);
-                told.push(Told::DelayChanged { time_s, from_s, to_s, since_s });
-                (self.alarmed, self.beside) = (Some((to_s, 0)), 0);
+                reported.push(Told::DelayChanged { time_s, from_s, to_s, since_s });
+                (self.alarmed, self.outside) = (Some((to_s, 0)), 0);
             }
             Some(Alarm::ResponseChanged { since_s }) => {
-                told.push(Told::ResponseChanged { time_s, since_s: self.stamp(since_s) });
-                (self.told, self.alarmed) = (None, None);
+                reported.push(Told::ResponseChanged { time_s, since_s: self.stamp(since_s) });
+                (self.reported, self.alarmed) = (None, None);
             }
             None => {}
         }
         if let (Some(delay_s), Some(ci95_s)) = (tracking.delay_s, tracking.band_s) {
-            self.follow(time_s, delay_s, ci95_s, told);
+            self.follow(time_s, delay_s, ci95_s, reported);
         }
         Ok(())
     }
 
-    /// The delay of a sample, beside what was reported last.
-    fn follow(&mut self, time_s: f64, delay_s: f64, ci95_s: [f64; 2], told: &mut Vec<Told>) {
+    /// Reports the delay of a sample where it differs from what was reported last.
+    fn follow(&mut self, time_s: f64, delay_s: f64, ci95_s: [f64; 2], reported: &mut Vec<Told>) {
         let narrow = ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW);
-        match (self.alarmed, self.told) {
+        match (self.alarmed, self.reported) {
             (Some((to_s, _)), _) if (delay_s - to_s).abs() <= self.ts.seconds() => {
-                (self.told, self.alarmed) = (Some((delay_s, ci95_s)), None);
+                (self.reported, self.alarmed) = (Some((delay_s, ci95_s)), None);
             }
             (Some((to_s, SETTLING..)), _) if narrow => {
-                self.moved(time_s, to_s, delay_s, ci95_s, told)
+                self.moved(time_s, to_s, delay_s, ci95_s, reported)
             }
             (Some((to_s, samples)), _) => self.alarmed = Some((to_s, samples + 1)),
             (None, None) => {
-                told.push(Told::Delay { time_s, delay_s, ci95_s });
-                self.told = Some((delay_s, ci95_s));
+                reported.push(Told::Delay { time_s, delay_s, ci95_s });
+                self.reported = Some((delay_s, ci95_s));
             }
             (None, Some((from_s, [low, high]))) => {
                 let apart = narrow && (ci95_s[0] > high || ci95_s[1] < low);
-                self.beside = if apart { self.beside + 1 } else { 0 };
-                if self.beside >= HELD {
-                    self.moved(time_s, from_s, delay_s, ci95_s, told);
+                self.outside = if apart { self.outside + 1 } else { 0 };
+                if self.outside >= HELD {
+                    self.moved(time_s, from_s, delay_s, ci95_s, reported);
                 }
             }
         }
@@ -344,10 +344,10 @@ impl Running {
         from_s: f64,
         delay_s: f64,
         ci95_s: [f64; 2],
-        told: &mut Vec<Told>,
+        reported: &mut Vec<Told>,
     ) {
-        told.push(Told::DelayMoved { time_s, from_s, delay_s, ci95_s });
-        (self.told, self.alarmed, self.beside) = (Some((delay_s, ci95_s)), None, 0);
+        reported.push(Told::DelayMoved { time_s, from_s, delay_s, ci95_s });
+        (self.reported, self.alarmed, self.outside) = (Some((delay_s, ci95_s)), None, 0);
     }
 
     /// The stamp of a sample that the tracker names by its own time, s.

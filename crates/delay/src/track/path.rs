@@ -110,9 +110,9 @@ pub(super) fn pruned(
     while kept.len() > 1 {
         let weakness = |s: usize| {
             let (rows, own) = &kept[s];
-            let beside =
+            let neighbours =
                 [s.checked_sub(1), Some(s + 1)].into_iter().flatten().filter_map(|b| kept.get(b));
-            let gains = beside
+            let gains = neighbours
                 .map(|(_, other)| (gain(errors, variance, rows.clone(), *own, *other), *other));
             let (gained, other) = gains.min_by(|a, b| a.0.total_cmp(&b.0))?;
             let short = if rows.len() < least { f64::NEG_INFINITY } else { gained };

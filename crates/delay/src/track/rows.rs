@@ -28,7 +28,7 @@ impl RowOrders {
     }
 }
 
-/// What stays: the coefficients of the past outputs, of the input from its delay on, and the level.
+/// The response without its delay: the coefficients of the past outputs, of the input from its delay on, and the offset.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::track) struct ResponseShape {
     pub(in crate::track) a: Vec<f64>,

@@ -9,16 +9,17 @@ use deadtime_identify::{Record, arx_scan};
 /// A test for a delay that changes.
 ///
 /// y(t) = Σ aᵢ·y(t−i) + Σ bⱼ·u(t−d(t)−j) + c + e(t): the shape (a, b, c) is that of the whole record and fitted with the delays, which change at a price. Past outputs
-/// make e white whatever the colour of the noise, hold under feedback, and need no stable plant. Shape and path are found by turns from several starts (the best constant
-/// delays of halves and thirds of each record), as a likelihood of delays has many maxima.
+/// make e white whatever the colour of the noise, hold under feedback, and need no stable plant. Shape and path are fitted in turns. A likelihood of delays has many maxima, so
+/// several starts are tried: the best constant delays of halves and thirds of each record.
 ///
-/// A change is claimed where the likelihood of the path gains more than its price over one delay for the whole record (a generalised likelihood ratio), each row weighed by
-/// the errors around it, and as much over one delay behind a static nonlinearity of the input (`bent`): static friction under a slow input looks like a delay that grows.
+/// A change is claimed where the log-likelihood of the path exceeds that of one delay for the whole record by more than its price (a generalised likelihood ratio), each row
+/// weighed by the errors around it. It must exceed by as much that of one delay behind a static nonlinearity of the input (`bent`): static friction under a slow input
+/// looks like a delay that grows.
 /// The default price was set on draws with one delay; `docs/results/studies/track.md` has its rate of false alarms on others.
 ///
-/// Wrong when: nothing moves around the change (its time is then open between two motions, and says so; with nothing after it, it is not seen); the input repeats within
-/// the window (delays a period apart fit alike); the plant changes with the delay, or instead of it (a change of the lag passes for one of the delay where that explains
-/// it better than nothing); the plant is far from linear in another way than by its input.
+/// Wrong when: nothing moves around the change (its time is then open between two motions, and reported so; with nothing after it, it is not seen); the input repeats within
+/// the window (delays a period apart fit alike); the plant changes with the delay, or instead of it (a change of the lag is then reported as one of the delay); or the plant
+/// is nonlinear elsewhere than at its input.
 ///
 /// Source: generalised likelihood ratio: Basseville and Nikiforov (1993), "Detection of Abrupt Changes", section 2.4; a hidden Markov model whose state is the delay, its
 /// shape re-estimated along the best path: Rabiner (1989), Proc. IEEE 77(2), 257-286, doi:10.1109/5.18626.
@@ -46,7 +47,7 @@ const ROWS: usize = 2;
 const TURNS: usize = 10;
 /// Records that lend their parts as starts.
 const RECORDS: usize = 8;
-/// The share of the output's power below which no error is told from rounding.
+/// The share of the output's power below which no error is distinguishable from rounding.
 const ROUNDING: f64 = 1e-12;
 
 /// Rows at one delay.
@@ -130,9 +131,9 @@ impl Watch {
         let mut delays: Vec<usize> = shown.iter().map(|(_, delay)| *delay).chain([one]).collect();
         delays.sort_unstable();
         delays.dedup();
-        let Some(rival) = one_delay_with_bends(&found.rows, &delays) else { return true };
+        let Some(alternative) = one_delay_with_bends(&found.rows, &delays) else { return true };
         let own = squares(&found.rows, &found.shape, &found.path);
-        let rows = rival.iter().zip(&own).zip(&found.variance);
+        let rows = alternative.iter().zip(&own).zip(&found.variance);
         let gain: f64 = rows.map(|((r, e), v)| 0.5 * (r - e) / v).sum();
         gain > self.price * (shown.len() - 1) as f64
     }

@@ -12,7 +12,7 @@ use deadtime_signal::time::SampleTime;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Feedthrough {
-    /// It stays beside the sampled response: Dd = D + Ts·C·B.
+    /// It is added to the sampled response: Dd = D + Ts·C·B.
     #[default]
     Keep,
     /// It is left out: Dd = Ts·C·B, which the published tables of the thesis need.

@@ -11,12 +11,13 @@ use crate::zeros;
 use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
 use deadtime_signal::time::SampleTime;
 
-/// Minimises the mean of |G(jω)e^(−jωf) − H(e^(jωTs))|² over ω = (i + ½)π/(grid·Ts), i < grid; whole samples of delay are taken out first, f is the rest.
+/// Minimises the mean of |G(jω)e^(−jωf) − H(e^(jωTs))|² over ω = (i + ½)π/(grid·Ts), i < grid; f is the delay without its whole samples, which are removed first.
 ///
 /// H has the order of G after pole-zero cancellation and any numerator up to that degree. Poles stay on their side of the unit circle; those on it
-/// (integrators) stay where exp(s·Ts) puts them. The cost has several minima, above all with half a sample of delay beside a direct path, so the search
-/// starts from exp(s·Ts), from Tustin's poles, from these with a pole near −1 and from the best of a fixed sequence of pole positions, and the lowest minimum is taken; where the lowest
-/// point found lies on the unit circle or at infinity there is none: [`ModelError::NotConverged`]. One input, one output.
+/// (integrators) stay where exp(s·Ts) puts them. The cost has several minima, above all with half a sample of delay and a direct path.
+///
+/// The search starts from exp(s·Ts), from Tustin's poles, from these with a pole near −1, and from the best of a fixed sequence of pole positions. The lowest minimum
+/// is the answer. Where the lowest point found lies on the unit circle or at infinity there is none: [`ModelError::NotConverged`]. One input, one output.
 /// Source: MATLAB `c2d(…, 'least-squares')`, whose definition says the same and whose grid and weights are not published.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -89,8 +90,8 @@ impl Conversion for LeastSquares {
 
 /// H = N(δ)/(A(δ)·Ā(μ)·F(δ)), up to the factor zᵏ of Ā, which has magnitude 1: A holds the poles inside the circle, Ā those outside, F those on it.
 ///
-/// δ = (z − 1)/scale and μ = (1/z − 1)/scale: coefficients in z lose their digits to each other where poles crowd at z = 1, and in 1/z a pole that wanders
-/// off to infinity and comes back on the other side of the axis meets no singularity. The numerator is linear, so only A and Ā are searched (variable
+/// δ = (z − 1)/scale and μ = (1/z − 1)/scale. Coefficients in z lose their digits to each other where poles crowd at z = 1. In 1/z a pole that moves
+/// to infinity and returns on the other side of the axis meets no singularity. The numerator is linear, so only A and Ā are searched (variable
 /// projection).
 struct ResponseFit {
     deltas: Vec<Complex<f64>>,
@@ -279,7 +280,7 @@ impl ResponseFit {
             starts.truncate(1);
             return starts;
         }
-        // What narrow minima need: a pole near −1 beside the model's own, as half a sample of delay asks for.
+        // Narrow minima need a pole near −1 next to the model's own, as half a sample of delay asks for.
         for (inside, outside) in [(true, false), (false, true), (true, true)] {
             let group = |roots: &[Complex<f64>], part: bool| {
                 if part { with_alternating_pole(roots) } else { roots.to_vec() }

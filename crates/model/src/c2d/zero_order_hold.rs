@@ -46,9 +46,9 @@ pub(super) fn exact(
         return StateSpace::sampled(phi, b, sys.c().clone(), d, sample_time)?
             .with_input_delay(whole);
     }
-    let remembered: Vec<usize> = (0..m).filter(|&j| delays[j].fraction > 0.0).collect();
+    let stored: Vec<usize> = (0..m).filter(|&j| delays[j].fraction > 0.0).collect();
     let phi = transition(sys.a(), sys.b(), ts, Hold::Zero).0;
-    let order = n + remembered.len();
+    let order = n + stored.len();
     let mut a = DMatrix::zeros(order, order);
     a.view_mut((0, 0), (n, n)).copy_from(&phi);
     let mut b = DMatrix::zeros(order, m);
@@ -56,7 +56,7 @@ pub(super) fn exact(
     c.view_mut((0, 0), (sys.outputs(), n)).copy_from(sys.c());
     let mut d = DMatrix::zeros(sys.outputs(), m);
     for j in 0..m {
-        let memory = remembered.iter().position(|&r| r == j).map(|at| n + at);
+        let memory = stored.iter().position(|&r| r == j).map(|at| n + at);
         if let Some(memory) = memory {
             b[(memory, j)] = 1.0;
         }

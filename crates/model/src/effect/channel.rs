@@ -174,7 +174,7 @@ pub(super) fn alike(ports: &[Port]) -> Vec<String> {
     ports.iter().enumerate().flat_map(with).collect()
 }
 
-/// How far two channels are exchanged.
+/// How far two channels are swapped.
 pub(super) fn share() -> Parameter {
     Parameter { upper: 1.0, ..not_negative("share", "1".to_owned(), 0.0) }
 }

@@ -59,8 +59,8 @@ pub struct Facts {
     /// It adds a constant and does nothing else, in proportion to its one parameter: what may be
     /// another in every log, as a trim is.
     pub is_constant: bool,
-    /// The effect of which it is a more elaborate form: the same on a channel at some of its
-    /// parameters, or as near as many logs can show.
+    /// The special case of which it is the general form: the same effect on a channel at some of its
+    /// parameters, or indistinguishable in as many logs as one likes.
     pub elaborates: Option<&'static str>,
     /// How it changes with log time what the plainer form holds still; first guesses of it come of
     /// a scan of the logs.
@@ -187,13 +187,13 @@ pub trait Effect: Sync {
         found.map(|s| s.starts.clone()).unwrap_or_default()
     }
     /// The smallest values that a search may take, one per parameter; empty: those of the
-    /// parameters. Below what samples show an elaborate law is its plain form
-    /// to any log, and ever slower to simulate.
+    /// parameters. Below what samples resolve, a general form is indistinguishable from its
+    /// special case, and simulates ever more slowly.
     fn least(&self, _: OnChannel<'_>, _: &Scales) -> Vec<f64> {
         Vec::new()
     }
-    /// Further first guesses for a cost with many minima: looked at where a candidate stands alone,
-    /// not beside another.
+    /// Further first guesses for a cost with many minima: for a candidate alone,
+    /// not for one of several.
     fn scan(&self, _: &Scales) -> Vec<Vec<f64>> {
         Vec::new()
     }
@@ -245,7 +245,7 @@ pub trait Effect: Sync {
     fn is_constant(&self) -> bool {
         self.facts().is_constant
     }
-    /// The effect of which it is a more elaborate form.
+    /// The special case of which it is the general form.
     fn elaborates(&self) -> Option<&'static str> {
         self.facts().elaborates
     }

@@ -1,4 +1,4 @@
-//! A model with its effects on the inputs of a log: what the simulator says to measured commands, beside what was measured.
+//! A model with its effects on the inputs of a log: the simulator's outputs for measured commands, compared with the measured ones.
 
 use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
@@ -40,7 +40,7 @@ pub fn check_units(model: &ModelDocument, log: &Log) -> Result<(), LogError> {
         .try_for_each(|c| log.check_unit(&c.name, c.unit.as_deref()))
 }
 
-/// Why a simulated output has no error beside the measured one.
+/// Why a simulated output has no error against the measured one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Still {
     /// The measured channel stands still, so that nothing scales its error.

@@ -38,7 +38,7 @@ impl Role {
         matches!(self, Self::Instant | Self::Frequency | Self::Damping | Self::Phase | Self::Shape)
     }
 
-    /// A time that can only be told as finely as samples allow, s.
+    /// A time that samples resolve only to one period, s.
     #[must_use]
     pub fn is_time(self) -> bool {
         matches!(self, Self::Delay | Self::Period | Self::TimeConstant | Self::Clock)
@@ -67,7 +67,7 @@ impl Parameter {
     #[must_use]
     pub fn range(&self, scales: &Scales) -> (f64, f64) {
         let (lower, upper) = match self.role {
-            // From a fifth of a period in the whole log to near the Nyquist frequency.
+            // From 20 % of a period in the whole log to near the Nyquist frequency.
             Role::Frequency => (0.2 / scales.duration_s, 0.45 / scales.sample_time_s),
             Role::Damping => (1e-3, 2.0),
             Role::Delay => (0.0, scales.longest_delay_s),

@@ -79,7 +79,7 @@ impl Growing<'_> {
         self.nodes[node].span
     }
 
-    /// Only the first fault is told; the tree goes on with a zero.
+    /// Only the first fault is reported; the tree goes on with a zero.
     fn fault(&mut self, span: Span, fault: Fault) -> usize {
         self.wrong.get_or_insert((span, fault));
         self.push(NodeKind::Number(0.0), span)

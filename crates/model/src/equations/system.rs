@@ -554,7 +554,7 @@ impl Equations {
         let at = Point { t, x, u, p };
         let mut defined: Vec<f64> = Vec::with_capacity(self.definitions.len());
         for (tree, definition) in self.definition_trees.iter().zip(&self.definitions) {
-            // What is undefined in a definition is told there, not where it is used.
+            // An undefined name in a definition is reported there, not where the definition is used.
             if let Some(found) =
                 explain::explain(&format!("definitions.{}", definition.name), tree, &defined, at)
             {

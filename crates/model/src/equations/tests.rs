@@ -319,7 +319,7 @@ fn what_is_undefined_is_explained() {
 }
 
 #[test]
-fn equations_are_affine_where_states_and_inputs_stand_alone_or_beside_what_parameters_decide() {
+fn equations_are_affine_where_states_and_inputs_stand_alone_or_with_factors_of_parameters() {
     for text in [
         "-a*x + u/viscous - sin(a)*speed + 3",
         "a",

@@ -160,7 +160,7 @@ fn check(text: &str, tokens: &[Token]) -> Result<(), Wrong> {
                 drop_operators(&mut pending);
                 value_expected = true;
             }
-            // f() is a call with no argument, which is told by the number of arguments.
+            // f() is a call with no argument; the check of the number of arguments reports it.
             (Word::Close, true) if after_open_call(tokens, k, &pending) => {
                 pending.pop();
                 value_expected = false;

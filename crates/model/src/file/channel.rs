@@ -86,7 +86,7 @@ pub struct Channel {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ChannelKind {
-    /// An angle that may be logged within one turn, in rad or degrees: its whole turns are taken out of logs.
+    /// An angle that may be logged within one turn, in rad or degrees: logs lose its whole turns.
     Angle,
 }
 

@@ -27,7 +27,7 @@ pub(super) struct Assembly {
     pub(super) outputs: Vec<Row>,
     /// The state at the start.
     pub(super) start: Vec<f64>,
-    /// The states that remember the way, in the order of the plan's terms of hysteresis.
+    /// The states of hysteresis, in the order of the plan's terms.
     pub(super) memories: Vec<usize>,
     /// What the late quantities are before they are late, one row each.
     pub(super) raw: Vec<Row>,
@@ -45,7 +45,7 @@ pub(super) enum InnerDelays {
 }
 
 impl Assembly {
-    /// From the plant as it is at the time, where it is affine, the signals' first values and, where it is not, a function that gives its outputs for its inputs at the start.
+    /// From the plant at that time, where it is affine, and the signals' first values. Where it is not, from a function that gives its outputs for its inputs at the start.
     pub(super) fn new(
         system: &System,
         (plan, plant): (&Plan, Option<&Affine>),
@@ -162,7 +162,7 @@ struct Build {
     derivatives: Vec<Row>,
     /// What the rows multiply, at the start.
     now: Row,
-    /// States that remember the way.
+    /// The states of hysteresis.
     memories: Vec<usize>,
 }
 

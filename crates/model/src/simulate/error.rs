@@ -127,7 +127,7 @@ pub enum SimulateError {
         /// The inputs there are.
         known: Vec<String>,
     },
-    /// A delay beside those of a sampled model.
+    /// A delay other than those of a sampled model.
     #[error(
         "delays in addition to the model's own need a continuous model; {model} is sampled: write whole samples into its input_delay_s"
     )]

@@ -44,17 +44,17 @@ impl Contact {
     }
 }
 
-/// A state that remembers the way of a velocity.
+/// A state of hysteresis, driven by the path of a velocity.
 #[derive(Debug, Clone, Copy)]
-struct WayMemory {
+struct HysteresisState {
     state: usize,
     velocity: usize,
     displacement: f64,
     sharpness: f64,
 }
 
-impl WayMemory {
-    /// What is left of the slope before the force is full: 1 on the way back.
+impl HysteresisState {
+    /// The share of the slope before the force is full: 1 on the way back.
     fn open(&self, x: &[f64]) -> f64 {
         let z = x[self.state];
         if z * x[self.velocity] > 0.0 { 1.0 - z.abs().powf(self.sharpness) } else { 1.0 }
@@ -108,7 +108,7 @@ pub(super) struct Field<'a> {
     /// What the plant receives.
     received: Vec<f64>,
     pub(super) contacts: Vec<Contact>,
-    memories: Vec<WayMemory>,
+    memories: Vec<HysteresisState>,
     /// By columns: the plant's Jacobians by its inputs, and of its outputs by states and inputs.
     blocks: [Vec<f64>; 4],
 }
@@ -143,7 +143,7 @@ impl<'a> Field<'a> {
             _ => None,
         };
         let memories = (terms.iter().filter_map(memory).zip(&assembly.memories))
-            .map(|((velocity, displacement, sharpness), &state)| WayMemory {
+            .map(|((velocity, displacement, sharpness), &state)| HysteresisState {
                 state,
                 velocity,
                 displacement,

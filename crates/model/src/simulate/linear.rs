@@ -15,13 +15,13 @@ use crate::matrix::exp;
 const SAME: f64 = 1e-9;
 /// Transitions that are kept: stamps that a clock rounds have some ten lengths of step, with delays between them a few times as many.
 const KEPT: usize = 32;
-/// From this use on a length has a transition of its own. Chosen: lengths that a clock does not round hardly come twice.
+/// From this use on a length has a transition of its own. Chosen: lengths that a clock does not round seldom come twice.
 const OFTEN: usize = 8;
 /// Below this norm of A·h Taylor's series needs at most eleven terms (‖A·h‖ᵏ/k! < 1e-17); at half of it ten, which a further step in front of it outweighs.
 const SERIES_LIMIT: f64 = 0.125;
 
-/// Transitions of other runs that a thread remembers, of systems of so many states at most.
-const REMEMBERED: usize = 256;
+/// Transitions of other runs that a thread caches, of systems of so many states at most.
+const CACHED: usize = 256;
 const SMALL: usize = 16;
 
 thread_local! {
@@ -173,7 +173,7 @@ impl Linear {
                 return Rc::clone(&found.transition);
             }
             let transition = Rc::new(self.dense(h));
-            if all.len() == REMEMBERED {
+            if all.len() == CACHED {
                 all.pop_front();
             }
             all.push_back(Remembered {
@@ -415,7 +415,7 @@ mod tests {
     use crate::simulate::history::Histories;
     use crate::simulate::piecewise::Piece;
 
-    /// A slow oscillation beside a pole at −2000 per second, one signal that runs straight: steps whose lengths never come twice go as far as one exponential each.
+    /// A slow oscillation and a pole at −2000 per second, one signal that runs straight: steps whose lengths never come twice go as far as one exponential each.
     #[test]
     fn steps_that_come_once_are_those_of_one_exponential_each() {
         let rows = vec![

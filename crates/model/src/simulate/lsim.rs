@@ -723,7 +723,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_are_told_apart() {
+    fn faults_are_distinguished() {
         let ts = SampleTime::new(0.5).unwrap();
         let sys = Dynamics::Lateral.model();
         let fails = |u: DMatrix<f64>, options: &Options| lsim(&sys, &u, ts, options).unwrap_err();

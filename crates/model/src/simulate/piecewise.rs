@@ -239,7 +239,7 @@ impl Piecewise {
         Self { pieces }
     }
 
-    /// Every value replaced; slopes are multiplied by what `f` returns beside the value. For maps that are straight on each piece.
+    /// Every value replaced; slopes are multiplied by the second value of `f`. For maps that are straight on each piece.
     #[must_use]
     pub fn map(mut self, f: impl Fn(&Piece) -> (f64, f64)) -> Self {
         for piece in &mut self.pieces {
@@ -274,7 +274,7 @@ impl Piecewise {
         })
     }
 
-    /// A new signal from each piece and the time at which it ends (infinite for the last): `build` pushes what becomes of the piece.
+    /// A new signal from each piece and the time at which it ends (infinite for the last): `build` appends the piece's image.
     #[must_use]
     pub fn rebuild(&self, mut build: impl FnMut(&Piece, f64, &mut Vec<Piece>)) -> Self {
         let mut out = Vec::with_capacity(self.pieces.len());

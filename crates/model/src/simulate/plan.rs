@@ -326,7 +326,7 @@ impl Default for SensorClock {
 pub struct Tolerance {
     /// Relative to a state's size.
     pub relative: f64,
-    /// Beside that, in the states' units.
+    /// The absolute part, in the states' units.
     pub absolute: f64,
     /// Steps between two edges or samples before the simulation gives up.
     pub steps: usize,
@@ -354,7 +354,7 @@ impl Default for Tolerance {
 pub struct Wanted {
     /// So many samples of the log, from its first on: outputs after them stay 0. A sampled model and a simulator that is only called give all.
     pub samples: usize,
-    /// The plant's states at the log's stamps, beside the outputs.
+    /// The plant's states at the log's stamps, as well as the outputs.
     pub states: bool,
 }
 
@@ -373,7 +373,7 @@ pub struct Plan {
     pub switches: Vec<Switch>,
     /// One path per input.
     pub inputs: Vec<InputPath>,
-    /// Two inputs and how far they are exchanged at the end of their ways: 0 not at all, 1 wholly.
+    /// Two inputs and how far they are swapped at the end of their ways: 0 not at all, 1 wholly.
     pub swaps: Vec<(usize, usize, f64)>,
     /// What quantities inside the plant pass.
     pub filters: Vec<InnerFilter>,

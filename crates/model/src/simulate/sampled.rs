@@ -1,7 +1,7 @@
 //! A model that is known at its samples only, sampled or called, with hooks on its inputs, outputs and clock.
 //!
-//! Between the samples, where a hook asks: an input of the plant is the mean of what arrives over the sample, its direct path sees what arrives at the
-//! sampling instant, and an output runs straight from one sample to the next.
+//! Between the samples, where a hook asks: an input of the plant is the mean of the signal over the sample; its direct path sees the signal at the
+//! sampling instant; an output is linear from one sample to the next.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -277,7 +277,7 @@ fn taken(clock: SensorClock, path: &OutputPath, stamp_s: f64) -> f64 {
     clock.commands_time_s(stamp_s) - path.delay_s
 }
 
-/// Free predictions beside a corrected run.
+/// Free predictions that accompany a corrected run.
 struct Ahead<'a> {
     every: usize,
     x: DVector<f64>,

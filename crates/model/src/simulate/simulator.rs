@@ -38,6 +38,6 @@ pub struct Restart {
     /// Per state, the log's channel that holds it; `None`: it begins at its initial value every
     /// time.
     pub channels: Vec<Option<String>>,
-    /// Seconds between two starts; `None`: chosen by how fast a push grows.
+    /// Seconds between two starts; `None`: chosen by how fast a perturbation grows.
     pub every_s: Option<f64>,
 }

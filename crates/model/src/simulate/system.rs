@@ -156,7 +156,7 @@ impl System {
             (operating(document.inputs())?, operating(document.outputs())?);
         let as_equations;
         let document = match document {
-            // Beside a suspected term a linear model is one of equations.
+            // Given a suspected term a linear model is one of equations.
             ModelDocument::Lti(file) if !file.candidates.is_empty() => {
                 as_equations = ModelDocument::Equations(file.to_equations([
                     &[],
@@ -256,7 +256,7 @@ impl Plant {
 const EVALUATIONS: usize = 7;
 
 impl Affine {
-    /// Affine equations, unless so few states act on each other in a large model that a step of the integration costs less than one product with a full matrix.
+    /// Affine equations, unless a sparse large model makes a step of the integration cheaper than one product with a full matrix.
     fn pays(equations: &Equations) -> bool {
         let states = equations.state_variables().len();
         equations.is_affine()

@@ -41,7 +41,7 @@ pub(super) trait Stepper {
     }
 }
 
-/// Measured outputs that correct the state at every sample: x ← x + K·(measured − predicted), the same K for every rival.
+/// Measured outputs that correct the state at every sample: x ← x + K·(measured − predicted), the same K for every hypothesis.
 #[derive(Debug, Clone, Copy)]
 pub struct Correction<'a> {
     /// K, states × outputs.

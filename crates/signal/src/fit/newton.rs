@@ -13,8 +13,8 @@ const STEPS: usize = 6;
 
 /// Takes a fit to its stationary point by Newton steps, second derivatives being central differences of the gradient.
 ///
-/// Levenberg-Marquardt with approximate second derivatives converges slowly where residuals are large (a model too small for the data) and stops on the
-/// cost, which fixes a minimum only to the root of its rounding; the gradient fixes it to rounding. Returns the fit as it was where no step helps.
+/// Levenberg-Marquardt with approximate second derivatives converges slowly where residuals are large (a model too small for the data). It stops on the
+/// cost, which fixes a minimum only to the root of its rounding; the gradient fixes it to rounding. Returns the fit unchanged where no step helps.
 /// Source: Nocedal and Wright (2006), "Numerical Optimization", 2nd ed., sections 3.3 and 8.1.
 pub fn polish(fit: Fit, evaluate: impl FnMut(&[f64]) -> Option<Normal>) -> Fit {
     steps(fit, evaluate, |fit, evaluate| second_derivatives(&fit.parameters, evaluate))

@@ -83,7 +83,7 @@ impl Summary {
 
 /// Diagnoses every case of `cases` by `diagnose` and writes `verdicts/ID/{commitment.txt, diagnosis.json, run.json}`.
 ///
-/// A case counts as done when its diagnosis can be read, every byte of the verdict is as it was written (`run.json` holds the digest), and its commitment is still the
+/// A case is done when its diagnosis can be read, every byte of the verdict is as written (`run.json` holds the digest), and its commitment is still the
 /// case's. A case that fails (also by a panic) is
 /// an [`Outcome::Failed`] and stops no other; it leaves no earlier diagnosis behind. `progress` is called after every case, from its thread.
 ///

@@ -27,11 +27,11 @@ impl Own {
 const TURNS_OF_INPUTS: usize = 40;
 /// After these turns only what was found is descended from.
 const SEARCHED: usize = 4;
-/// Turns are over when one takes less than this share off what is left.
+/// Turns end when one takes less than this share off the remaining cost.
 const SETTLED: f64 = 1e-6;
 
 impl<'a> Problem<'a> {
-    /// Inputs beside the first.
+    /// Inputs other than the first.
     pub(super) fn others(&self) -> usize {
         self.records.first().map_or(0, |w| w.others.len())
     }

@@ -1,4 +1,4 @@
-//! Following: the sums that compare every delay with the one believed, and the filter that gives the band.
+//! Following: the sums that compare every delay with the current one, and the filter that gives the band.
 
 use nalgebra::DMatrix;
 
@@ -15,20 +15,20 @@ const NEAR: f64 = 20.0;
 /// The most by which the gain of a growing noise may grow at once: an outlier is no change.
 const OUTLIER: f64 = 9.0;
 /// How many times the noise's variance is suspected to have grown, and what that must gain.
-const LOUDER: f64 = 4.0;
-const LOUDER_GAIN: f64 = 40.0;
+const GROWN: f64 = 4.0;
+const GROWN_GAIN: f64 = 40.0;
 /// Probabilities of a step to a neighbour and of a jump, by sample, of the filter that gives the band.
 const STEP: f64 = 1e-4;
 const JUMP: f64 = 1e-5;
 /// Half of what a row may leave at the new delay, squared and over the noise's variance: a half on average, where the delay is the whole truth.
 const EXPLAINED: f64 = 1.25;
-/// By how much the new delay must be better than any other, in units of the logarithm of the likelihood, and the samples after which it is told in any case.
+/// By how much the new delay must be better than any other, in units of the logarithm of the likelihood; and the samples after which it is reported without that margin.
 const CLEAR: f64 = 3.0;
 const LONGEST_WAIT: usize = 20;
-/// Rows that are looked at once more before a change is told.
+/// Rows that are compared once more before a change is reported.
 const AGAIN: usize = 200;
-/// How many times as large the covariance of the learnt shape counts in that second look: a model of few coefficients is wrong by more than its noise where the input is new. From draws
-/// 101 to 110 of the study, none of those in its tables: 10 leaves twice as many false alarms under chirps, 100 loses a tenth of the jumps of 2 samples under a prbs.
+/// Factor on the covariance of the fitted shape in that second comparison: a model of few coefficients is wrong by more than its noise where the input is new. From draws
+/// 101 to 110 of the study, none of those in its tables: 10 leaves twice as many false alarms under chirps, 100 loses 10 % of the jumps of 2 samples under a prbs.
 const UNSURE: f64 = 30.0;
 /// The part of an alarm's level that is left to gain once the shape is unsure; from the same draws.
 const CERTAIN: f64 = 0.5;
@@ -40,41 +40,41 @@ pub(super) enum Event {
     Response(u64),
 }
 
-/// What is learnt, and the sums that watch it.
+/// The fitted shape, and the sums that watch it.
 #[derive(Debug, Clone)]
 pub(super) struct Following {
     shape: ResponseShape,
-    /// Variance of the errors at the delay believed.
+    /// Variance of the errors at the current delay.
     variance: f64,
     /// Mean square of the least errors of late.
     near: f64,
-    /// Delay believed: the lag of the first coefficient.
+    /// Current delay: the lag of the first coefficient.
     delay: usize,
     /// Coefficients before the first that acts.
     pub(super) ahead: f64,
     /// Σ bⱼ·u(t−j), the newest first.
     drive: Past<f64>,
-    /// Gain of each delay over the one believed, and the samples since it began to grow.
+    /// Gain of each delay over the current one, and the samples since it began to grow.
     gains: Vec<(f64, u64)>,
     /// The same of noise that has grown.
-    louder: (f64, u64),
+    grown: (f64, u64),
     chances: Vec<f64>,
     next: Vec<f64>,
     errors: Vec<f64>,
-    /// Of the shape at the delay believed.
+    /// Of the shape at the current delay.
     gram: DMatrix<f64>,
-    /// What says how far a row lies from all that the shape was learnt from.
+    /// The inverse of the normal equations' matrix: how far a row lies from all that the shape was fitted to.
     inverse: DMatrix<f64>,
     row: Vec<f64>,
     other: Vec<f64>,
     until_solved: usize,
-    /// Samples for which another delay has been so much better that it would be told.
+    /// Samples for which another delay has been better by the level of an alarm.
     waited: usize,
     /// Commands and responses of late, for a second look.
     recent: (Past<f64>, Past<Option<f64>>),
 }
 
-/// What learning leaves beside the shape.
+/// What the first fit gives besides the shape.
 pub(super) struct FollowingStart {
     pub(super) variance: f64,
     pub(super) delay: usize,
@@ -84,7 +84,7 @@ pub(super) struct FollowingStart {
 }
 
 impl Following {
-    /// All that was learnt, and sums at rest.
+    /// The result of the first fit, and sums at rest.
     pub(super) fn new(
         options: &TrackerOptions,
         shape: ResponseShape,
@@ -101,7 +101,7 @@ impl Following {
             ahead,
             drive: Past::new(max_delay + 1, 0.0),
             gains: vec![(0.0, 0); max_delay + 1],
-            louder: (0.0, 0),
+            grown: (0.0, 0),
             chances: vec![0.0; max_delay + 1],
             next: vec![0.0; max_delay + 1],
             errors: vec![0.0; max_delay + 1],
@@ -126,7 +126,7 @@ impl Following {
     }
 
     /// Mean and 95 % of the filter; half a sample on either side, as delays between whole ones are none of its states.
-    pub(super) fn believed(&self) -> [f64; 3] {
+    pub(super) fn band(&self) -> [f64; 3] {
         let mean = self.chances.iter().enumerate().map(|(d, p)| p * d as f64).sum();
         let end = |share: f64| {
             let mut sum = 0.0;
@@ -167,7 +167,7 @@ impl Following {
             least = least.min(*e);
         }
         self.near += (least - self.near) / NEAR;
-        // A row unlike those that were learnt from, such as a frequency that is new, is predicted badly at any delay.
+        // A row unlike those of the fit, such as a new frequency, is predicted badly at any delay.
         let nearest = self.errors.iter().position(|e| *e <= least).unwrap_or(self.delay);
         fill(&mut self.other, u, y, now, options.na, nearest..nearest + options.nb);
         let new =
@@ -178,8 +178,8 @@ impl Following {
         if let Some(event) = self.moved(options, best, count) {
             return Some(event);
         }
-        if self.louder.0 > LOUDER_GAIN {
-            return Some(Event::Response(self.louder.1));
+        if self.grown.0 > GROWN_GAIN {
+            return Some(Event::Response(self.grown.1));
         }
         // What is suspected to be another delay teaches nothing about this one.
         if best.0 < 0.5 * options.alarm {
@@ -199,32 +199,31 @@ impl Following {
         self.chances.iter_mut().for_each(|p| *p *= scale);
     }
 
-    /// The sums against the delay that is believed, one for each other delay, and the one against a louder residual; the largest sum and its delay.
+    /// The sums against the current delay, one for each other delay, and the one against noise that has grown; the largest sum and its delay.
     fn accumulate_gains(&mut self, half: f64, new: f64, least: f64, count: u64) -> (f64, usize) {
-        let believed = self.errors[self.delay];
+        let current = self.errors[self.delay];
         let mut best = (0.0, 0);
         for (d, (gain, since)) in self.gains.iter_mut().enumerate() {
             if *gain <= 0.0 {
                 *since = count;
             }
-            *gain = (*gain + half * (believed - self.errors[d])).max(0.0);
+            *gain = (*gain + half * (current - self.errors[d])).max(0.0);
             if *gain > best.0 {
                 best = (*gain, d);
             }
         }
-        let ratio = (least / (new * self.variance).max(f64::MIN_POSITIVE)).min(OUTLIER * LOUDER);
-        if self.louder.0 <= 0.0 {
-            self.louder.1 = count;
+        let ratio = (least / (new * self.variance).max(f64::MIN_POSITIVE)).min(OUTLIER * GROWN);
+        if self.grown.0 <= 0.0 {
+            self.grown.1 = count;
         }
-        self.louder.0 =
-            (self.louder.0 + 0.5 * (ratio * (1.0 - LOUDER.recip()) - LOUDER.ln())).max(0.0);
+        self.grown.0 = (self.grown.0 + 0.5 * (ratio * (1.0 - GROWN.recip()) - GROWN.ln())).max(0.0);
         best
     }
 
     /// A change of the delay, once the rows behind an alarm say to which.
     ///
-    /// The sums take the shape as known. Where the input moves as it never did while the shape was learnt, the errors of the shape are alike in row after row, and the sums take them for
-    /// another delay. So all delays are compared once more, each with the shape integrated out; the one that is likeliest then is told, if it gains enough over the one believed.
+    /// The sums take the shape as known. Where the input moves as never before, the errors of the fitted shape are alike in row after row, and the sums attribute them to
+    /// another delay. So all delays are compared once more, each with the shape integrated out. The likeliest is then reported, if it gains enough over the current one.
     fn moved(&mut self, options: &TrackerOptions, best: (f64, usize), count: u64) -> Option<Event> {
         if best.0 <= options.alarm {
             self.waited = 0;
@@ -261,7 +260,7 @@ impl Following {
         let from = self.delay;
         self.waited = 0;
         self.gains.iter_mut().for_each(|g| *g = (0.0, count));
-        // A delay that leaves much more than noise is none: the plant is moved as it never was while it was learnt.
+        // A delay that leaves much more than noise is none: the plant moves as never during the fit.
         let left = seen[to]
             .as_ref()
             .map_or(f64::INFINITY, |e| 0.5 * e.left / (self.variance * e.rows.max(1.0)));
@@ -272,7 +271,7 @@ impl Following {
         Some(Event::Delay { from: from as f64 + self.ahead, to: to as f64 + self.ahead, since })
     }
 
-    /// What a delay leaves of the last rows with the shape integrated out, normally distributed about what was learnt with a multiple of the covariance that learning left it.
+    /// The residual of a delay over the last rows with the shape integrated out: normal about the fitted shape, with a multiple of the covariance of the fit.
     fn evidence(&self, options: &TrackerOptions, delay: usize, rows: usize) -> Option<Left> {
         let theta: Vec<f64> =
             self.shape.a.iter().chain(&self.shape.b).copied().chain([self.shape.level]).collect();
@@ -297,10 +296,10 @@ impl Following {
         unsure.evidence()
     }
 
-    fn learn(&mut self, options: &TrackerOptions, u: &Past<f64>, believed: f64) {
+    fn learn(&mut self, options: &TrackerOptions, u: &Past<f64>, current: f64) {
         let forget = 1.0 - (options.forget as f64).recip();
         accumulate(&mut self.gram, &self.row, forget);
-        self.variance += (1.0 - forget) * (believed.min(OUTLIER * self.variance) - self.variance);
+        self.variance += (1.0 - forget) * (current.min(OUTLIER * self.variance) - self.variance);
         self.until_solved -= 1;
         if self.until_solved > 0 {
             return;

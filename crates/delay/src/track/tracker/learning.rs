@@ -41,7 +41,7 @@ impl Learning {
     }
 
     /// The best delay and its shape, where the input explains enough of the output to tell.
-    pub(super) fn learnt(&self, options: &TrackerOptions, u: &Past<f64>) -> Option<Following> {
+    pub(super) fn fitted(&self, options: &TrackerOptions, u: &Past<f64>) -> Option<Following> {
         let TrackerOptions { na, nb, max_delay, .. } = *options;
         let last = self.gram.nrows() - 1;
         let mut full = self.gram.clone();

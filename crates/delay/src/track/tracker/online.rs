@@ -19,7 +19,7 @@ pub enum Alarm {
         /// Since when, s from the first sample.
         since_s: f64,
     },
-    /// No delay explains what the output does any more: the plant or its noise is another one. The response is learnt anew.
+    /// No delay explains the output any more: the plant or its noise is another one. The response is identified again.
     ResponseChanged {
         /// Since when, s from the first sample.
         since_s: f64,
@@ -31,7 +31,7 @@ pub enum Alarm {
 pub struct Tracking {
     /// The sample's time, s from the first.
     pub time_s: f64,
-    /// The dead time, s; `None` while the response is learnt.
+    /// The dead time, s; `None` while the response is identified.
     pub delay_s: Option<f64>,
     /// Its 95 % band, s: wide where the input does not move.
     pub band_s: Option<[f64; 2]>,
@@ -41,13 +41,13 @@ pub struct Tracking {
 
 /// Follows the dead time between a command and a response, sample by sample.
 ///
-/// First the response is learnt: the regression y(t) = Σ aᵢ·y(t−i) + Σ bⱼ·u(t−d−j) + c for every delay d out of one running Gram matrix. Then each sample costs one error
-/// for each delay, a step of a filter over delays (the band), and one sum for each delay that compares it with the delay believed (Page's CUSUM of the log-likelihood
-/// ratio); the shape a, b, c is solved anew from a Gram matrix that forgets. Behind an alarm all delays are compared once more over the last rows with the shape integrated out, as
-/// where the input is new the learnt shape is wrong in all of them alike. Memory is bounded by the options, whatever the number of samples.
+/// First the response is identified: the regression y(t) = Σ aᵢ·y(t−i) + Σ bⱼ·u(t−d−j) + c for every delay d out of one running Gram matrix. Then each sample costs, for
+/// each delay, one error, a step of a filter over delays (the band), and one sum that compares the delay with the current one (Page's CUSUM of the log-likelihood
+/// ratio). The shape a, b, c is solved anew from a Gram matrix with exponential forgetting. Behind an alarm all delays are compared once more over the last rows with the
+/// shape integrated out: where the input is new, the fitted shape is wrong in all rows alike. Memory is bounded by the options, whatever the number of samples.
 ///
-/// Wrong when: the delay changes while the response is learnt (the delay told then lies between, and the change is not told); the input repeats within the window; the
-/// plant changes in a way that another delay explains better than nothing does. Nothing is told while nothing moves: the band widens.
+/// Wrong when: the delay changes while the response is identified (the first delay reported then lies between, and no change is reported); the input repeats within the
+/// window; the plant changes in a way that another delay explains better than none does. No event is reported while the input rests: the band widens.
 ///
 /// Source: E. S. Page (1954), "Continuous inspection schemes", Biometrika 41, 100-115, doi:10.1093/biomet/41.1-2.100; Basseville and Nikiforov (1993), "Detection of
 /// Abrupt Changes", section 2.2; L. Ljung (1999), "System Identification", 2nd ed., section 11.2 (forgetting).
@@ -59,15 +59,15 @@ pub struct Tracking {
 /// use deadtime_signal::time::SampleTime;
 /// let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
 /// let mut tracker = Tracker::new(SampleTime::new(0.01)?, TrackerOptions::default())?;
-/// let (mut sent, mut y, mut told) = (vec![], 0.0, vec![]);
+/// let (mut sent, mut y, mut alarms) = (vec![], 0.0, vec![]);
 /// for k in 0..1500 {
 ///     // A lag whose command comes 4 samples late, and 9 after ten seconds.
 ///     let late = if k < 1000 { 5 } else { 10 };
 ///     sent.push(if rng.random() { 1.0 } else { -1.0 });
 ///     y = 0.8 * y + if k >= late { sent[k - late] } else { 0.0 } + 0.1 * rng.random_range(-1.0..1.0);
-///     told.extend(tracker.push(sent[k], Some(y))?.alarm);
+///     alarms.extend(tracker.push(sent[k], Some(y))?.alarm);
 /// }
-/// let Alarm::DelayChanged { from_s, to_s, since_s } = told[0] else { panic!("{told:?}") };
+/// let Alarm::DelayChanged { from_s, to_s, since_s } = alarms[0] else { panic!("{alarms:?}") };
 /// assert!((from_s - 0.04).abs() < 1e-9 && (to_s - 0.09).abs() < 1e-9 && (since_s - 10.0).abs() < 0.1);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -164,7 +164,7 @@ impl Tracker {
                 }
                 if learning.rows >= self.options.learn && learning.rows.is_multiple_of(TRY_EVERY) {
                     next = learning
-                        .learnt(&self.options, &self.u)
+                        .fitted(&self.options, &self.u)
                         .map(|f| Stage::Following(Box::new(f)));
                     // Counted once: without another row there is nothing new to try.
                     learning.rows += usize::from(next.is_none());
@@ -178,7 +178,7 @@ impl Tracker {
             }
         }
         self.y.push(y);
-        let alarm = alarm.map(|event| self.told(event));
+        let alarm = alarm.map(|event| self.alarm(event));
         if let Some(next) = next {
             self.stage = next;
         }
@@ -187,7 +187,7 @@ impl Tracker {
         let (delay_s, band_s) = match &self.stage {
             Stage::Learning(_) => (None, None),
             Stage::Following(f) => {
-                let [mean, low, high] = f.believed();
+                let [mean, low, high] = f.band();
                 (
                     Some(self.seconds(mean + f.ahead)),
                     Some([self.seconds(low + f.ahead), self.seconds(high + f.ahead)]),
@@ -202,7 +202,7 @@ impl Tracker {
         self.sample_time.to_seconds((raw - self.options.bias as f64).max(0.0))
     }
 
-    fn told(&self, event: Event) -> Alarm {
+    fn alarm(&self, event: Event) -> Alarm {
         let since = |sample: u64| {
             self.sample_time.to_seconds((sample as f64 - self.options.bias as f64).max(0.0))
         };

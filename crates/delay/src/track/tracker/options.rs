@@ -11,11 +11,11 @@ pub struct TrackerOptions {
     pub na: usize,
     /// Input coefficients of the model; default 4.
     pub nb: usize,
-    /// Samples from which the response is learnt before anything is told; default 600. It takes longer where the input does not move.
+    /// Samples from which the response is identified before anything is reported; default 600. It takes longer where the input does not move.
     pub learn: usize,
-    /// Samples after which what was learnt counts a third: a plant that changes slowly is followed; default 4000.
+    /// Samples after which a row's weight falls to 1/e: a plant that changes slowly is followed; default 4000.
     pub forget: usize,
-    /// What a change of the delay must gain before it is told, in units of the logarithm of the likelihood; default 20. The lower, the sooner and the oftener wrong.
+    /// What a change of the delay must gain before it is reported, in units of the logarithm of the likelihood; default 20. A lower value reports sooner and is wrong more often.
     pub alarm: f64,
 }
 

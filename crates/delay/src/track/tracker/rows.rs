@@ -39,7 +39,7 @@ pub(super) fn fill_earlier(
     true
 }
 
-/// gram ← forget·gram + row·rowᵀ, the upper triangle.
+/// gram ← `forget`·gram + row·rowᵀ, the upper triangle.
 pub(super) fn accumulate(gram: &mut DMatrix<f64>, row: &[f64], forget: f64) {
     for (c, right) in row.iter().enumerate() {
         let mut column = gram.column_mut(c);
@@ -70,7 +70,7 @@ pub(super) fn leverage(p: &DMatrix<f64>, x: &[f64]) -> f64 {
 
 /// Errors of a regression whose coefficients are only known to be normally distributed about those that they were taken with.
 pub(super) struct Unsure {
-    /// What was learnt, and XᵀX of the rows.
+    /// The information of the fit, and XᵀX of the rows.
     information: DMatrix<f64>,
     /// Xᵀe.
     common: DVector<f64>,
@@ -78,7 +78,7 @@ pub(super) struct Unsure {
     rows: f64,
 }
 
-/// What is left of the rows: eᵀ(I + XPXᵀ)⁻¹e, ln det(I + XPXᵀ) but for a constant, and their number.
+/// The residual of the rows: eᵀ(I + XPXᵀ)⁻¹e, ln det(I + XPXᵀ) but for a constant, and their number.
 pub(super) struct Left {
     pub(super) left: f64,
     pub(super) log_volume: f64,
@@ -86,7 +86,7 @@ pub(super) struct Left {
 }
 
 impl Unsure {
-    /// From the running Gram matrix that the coefficients were learnt from, their covariance so many times as large.
+    /// From the running Gram matrix of the fit, the covariance of its coefficients so many times as large.
     pub(super) fn new(gram: &DMatrix<f64>, times: f64) -> Self {
         let size = gram.nrows() - 1;
         let mut information = gram.view((0, 0), (size, size)).into_owned() / times;

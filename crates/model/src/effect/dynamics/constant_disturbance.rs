@@ -1,4 +1,4 @@
-//! Something pushes all the time: a level on a state's derivative.
+//! A constant disturbance on a state's derivative.
 
 use crate::effect::channel;
 use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
@@ -7,10 +7,10 @@ use crate::effect::parameter::Parameter;
 use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Term};
 
-/// Something pushes all the time.
+/// A constant disturbance.
 ///
-/// Assumes: a push that does not change, in all logs.
-/// Fails when: an offset of the input does the same wherever that input moves the state. A sensor's offset parts from it only while the plant settles.
+/// Assumes: a disturbance that does not change, in all logs.
+/// Fails when: an offset of the input moves the same state. A sensor's offset differs from it only while the plant settles.
 /// Source: Åström and Murray (2008), Feedback Systems.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ConstantDisturbance;

@@ -10,7 +10,7 @@ use crate::simulate::plan::{Plan, Term};
 /// Dry friction that sticks.
 ///
 /// Assumes: the state is a velocity and the level does not depend on it.
-/// Fails when: the motion is fast and seldom turns: a constant push that follows the direction looks like drag. A dead band of the input also swallows
+/// Fails when: the motion is fast and seldom turns: a constant force against the direction looks like drag. A dead band of the input also swallows
 /// small commands.
 /// Source: Armstrong-Hélouvry, Dupont and Canudas de Wit (1994), Automatica 30, 1083-1138, doi:10.1016/0005-1098(94)90209-7.
 #[derive(Debug, Clone, Copy)]

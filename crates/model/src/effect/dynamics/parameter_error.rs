@@ -54,7 +54,7 @@ impl Effect for ParameterError {
     }
 }
 
-/// Which channels numbers of the model have, in words.
+/// The channels that parameters of the model have, in words.
 pub(super) const RULE: &str = "a parameter, or an entry of A or B that is not 0: `A[x,from]`";
 
 /// Every number of the model.

@@ -13,8 +13,8 @@ use crate::simulate::system::System;
 /// A parameter of the model that steps, at the same time in every log.
 ///
 /// Assumes: one step, at the same log time in every log; the structure of the model is right before and after, and the state does not jump.
-/// Fails when: the step stands close to an end of the log, or what the parameter acts on hardly moves beside it. A step of another number that moves the outputs in
-/// the same direction is the same: of an entry of B and of the gain of its input.
+/// Fails when: the step stands close to an end of the log, or the term with the parameter moves too little on one side of it. A step of another parameter that moves
+/// the outputs in the same direction is indistinguishable: of an entry of B and of the gain of its input.
 /// Source: Willsky and Jones (1976), IEEE Trans. Automat. Contr. 21(1), 108-112, doi:10.1109/TAC.1976.1101146 (jumps in linear systems); Ljung (1999), System
 /// Identification: Theory for the User, 2nd edition, for the parameter that stands still.
 #[derive(Debug, Clone, Copy)]

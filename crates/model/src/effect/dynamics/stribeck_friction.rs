@@ -16,7 +16,7 @@ use crate::simulate::plan::{Plan, Term};
 /// Dry friction that is larger at low speed.
 ///
 /// Assumes: the state is a velocity; a level that falls with speed by a Gaussian curve.
-/// Fails when: the log hardly dwells at low speed: plain dry friction explains as much.
+/// Fails when: the log has few samples at low speed: dry friction explains as much.
 /// Source: Armstrong-Hélouvry, Dupont and Canudas de Wit (1994), Automatica 30, 1083-1138, doi:10.1016/0005-1098(94)90209-7.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct StribeckFriction;
@@ -59,7 +59,7 @@ impl Effect for StribeckFriction {
         [0.1, 0.4].into_iter().flat_map(guesses).collect()
     }
 
-    /// A fiftieth of the usual change within a sample: less changes a twentieth of what the friction does; what is left is the force to break away.
+    /// 2 % of the usual change within a sample: less changes 5 % of the friction's effect. The remainder is the force to break away.
     fn least(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<f64> {
         let pull = on.state().ok().and_then(|i| scales.derivatives.get(i)).copied().unwrap_or(0.0);
         vec![0.0, 0.0, 0.02 * pull * scales.sample_time_s]

@@ -47,8 +47,8 @@ impl Effect for Backlash {
     }
 }
 
-/// The play operator p ← min(max(p, v − width), v + width) from where the plant rests, or centred on the first value (Brokate and Sprekels 1996, "Hysteresis and Phase Transitions",
-/// section 2.3).
+/// The play operator p ← min(max(p, v − width), v + width), from the rest of the plant or centred on the first value. Source: Brokate and Sprekels (1996), "Hysteresis and
+/// Phase Transitions", section 2.3.
 fn play(signal: &Piecewise, width: f64, rest: Option<f64>) -> Piecewise {
     let mut position = rest.unwrap_or_else(|| signal.first());
     signal.rebuild(|piece, end_s, out| {
@@ -58,7 +58,7 @@ fn play(signal: &Piecewise, width: f64, rest: Option<f64>) -> Piecewise {
             out.push(Piece { start_s, value: position, slope: 0.0 });
             return;
         }
-        // The side that pushes, and when it touches.
+        // The side in contact, and when it touches.
         let side = width * piece.slope.signum();
         let touch_s = start_s + (position + side - piece.value) / piece.slope;
         if touch_s > start_s {

@@ -12,8 +12,8 @@ use crate::simulate::plan::Plan;
 /// The actuator is off centre.
 ///
 /// Assumes: a constant offset in all logs.
-/// Fails when: a constant push on a state, or a sensor's offset, has the same effect once a linear plant has settled; only how it starts tells them
-/// apart.
+/// Fails when: a constant disturbance of a state, or a sensor's offset, has the same effect once a linear plant has settled; only its transient
+/// distinguishes them.
 /// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (errors of sensors), for a constant error; here it is the
 /// actuator's.
 #[derive(Debug, Clone, Copy)]

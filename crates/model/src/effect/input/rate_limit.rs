@@ -39,7 +39,7 @@ impl Effect for RateLimit {
 
     fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         let Some(spread) = on.input_spread(scales) else { return Vec::new() };
-        // The time that a full swing takes: from half a sample to a quarter of a log, one per octave. It has nothing to do with how fast the plant is.
+        // The time that a full swing takes: from half a sample to 25 % of a log, one per octave. It is independent of how fast the plant is.
         let (swing, longest_s) =
             (spread.largest - spread.smallest, LONGEST_SWING * scales.duration_s);
         let times = std::iter::successors(Some(0.5 * scales.sample_time_s), |time| {

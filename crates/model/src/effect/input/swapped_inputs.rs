@@ -1,6 +1,6 @@
-//! Two commands are exchanged on their way: the wiring, or the order of two columns.
+//! Two commands are swapped on their way: the wiring, or the order of two columns.
 //!
-//! Equation: v_a = (1 − share)·u_a + share·u_b and v_b = (1 − share)·u_b + share·u_a; a share of 1 exchanges them.
+//! Equation: v_a = (1 − share)·u_a + share·u_b and v_b = (1 − share)·u_b + share·u_a; a share of 1 swaps them.
 
 use crate::effect::channel;
 use crate::effect::definition::{Effect, Facts, OnChannel, Site};
@@ -10,9 +10,9 @@ use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 use crate::simulate::system::System;
 
-/// Two commands are exchanged.
+/// Two commands are swapped.
 ///
-/// Assumes: both have one unit. What else is on their way acts before they are exchanged.
+/// Assumes: both have one unit. The other effects on their way act before they are swapped.
 /// Fails when: both commands are alike, or act on the outputs alike.
 /// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (axes and their alignment).
 #[derive(Debug, Clone, Copy)]
@@ -69,7 +69,7 @@ D = [[0.0, 0.1], [0.0, 0.0]]
 
     /// Whole exchanges are those of the columns of a log, of either kind of model.
     #[test]
-    fn exchanged_channels_are_exchanged_columns() {
+    fn swapped_channels_are_swapped_columns() {
         let sampled = CONTINUOUS.replace(
             "A = [[-3.0, 0.2], [0.0, -0.7]]",
             "sample_time_s = 0.1\nA = [[0.7, 0.1], [0.0, 0.9]]",

@@ -11,7 +11,7 @@ use crate::simulate::plan::Plan;
 
 /// Play behind a stiff drive, seen on its far side.
 ///
-/// Assumes: the far side stays where it is within the play (friction holds it), and does not push back. The play begins in its middle; samples are dense against the motion.
+/// Assumes: the far side stays where it is within the play (friction holds it), and exerts no force. The play begins in its middle; samples are dense against the motion.
 /// Fails when: the motion seldom turns round. Behind a position loop a play of the command of the same width does nearly the same.
 /// Source: Nordin and Gutman (2002), Automatica 38, 1633-1649, doi:10.1016/S0005-1098(02)00047-X.
 #[derive(Debug, Clone, Copy)]

@@ -12,7 +12,7 @@ use crate::simulate::plan::Plan;
 /// The sensor drifts with time.
 ///
 /// Assumes: an error that grows evenly with log time, in every log from its own start.
-/// Fails when: the log is short, or a state of the plant integrates: a constant push then makes the same ramp.
+/// Fails when: the log is short, or a state of the plant integrates: a constant disturbance then makes the same ramp.
 /// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (errors of sensors).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SensorDrift;

@@ -14,7 +14,7 @@ use crate::simulate::plan::Plan;
 /// The sensor's characteristic is not straight.
 ///
 /// Assumes: a smooth characteristic without memory that never falls, of slope one at zero; offset and scale factor are effects of their own.
-/// Fails when: what is measured stays far from zero or hardly moves: there a bend is a gain and an offset. A plant that is itself bent, driven slowly, shows the same.
+/// Fails when: the measured output stays far from zero or moves little: a bend is then a gain and an offset. A nonlinear plant, driven slowly, shows the same.
 /// Source: IEEE Std 1293-1998, section 8.3, model equation of a linear accelerometer (second- and third-order coefficients).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct StaticNonlinearity;

@@ -1,6 +1,6 @@
-//! Two outputs are exchanged in the log: the order of two columns, or of two sensors.
+//! Two outputs are swapped in the log: the order of two columns, or of two sensors.
 //!
-//! Equation: v_a = (1 − share)·y_a + share·y_b and v_b = (1 − share)·y_b + share·y_a; a share of 1 exchanges them.
+//! Equation: v_a = (1 − share)·y_a + share·y_b and v_b = (1 − share)·y_b + share·y_a; a share of 1 swaps them.
 
 use crate::effect::channel;
 use crate::effect::definition::{Effect, Facts, OnChannel, Site};
@@ -10,9 +10,9 @@ use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 use crate::simulate::system::System;
 
-/// Two outputs are exchanged.
+/// Two outputs are swapped.
 ///
-/// Assumes: both have one unit. They are exchanged before what else their sensors do.
+/// Assumes: both have one unit. They are swapped before the other effects of their sensors.
 /// Fails when: both outputs are alike.
 /// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (axes and their alignment).
 #[derive(Debug, Clone, Copy)]

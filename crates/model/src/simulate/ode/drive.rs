@@ -63,7 +63,7 @@ impl Integrator {
 
     /// As [`Self::advance`], but stops at the first change of sign of `event` in (t0, t1], just
     /// behind it: x is then the state there and the time is given back. A value of 0 at t0 is no
-    /// change, nor is the first sign after it. Changes that come and go within a quarter of a step
+    /// change, nor is the first sign after it. Changes that come and go within 25 % of a step
     /// may be missed.
     ///
     /// # Errors
@@ -451,7 +451,7 @@ fn finite(values: &[f64]) -> bool {
     values.iter().all(|v| v.is_finite())
 }
 
-/// Remembers where a right-hand side was not finite first.
+/// Records where a right-hand side was not finite first.
 struct Probe<'a, R: Rhs + ?Sized> {
     rhs: &'a mut R,
     broken: Option<f64>,

@@ -1,4 +1,4 @@
-//! The integrator: what it remembers from call to call.
+//! The integrator, which keeps its step size and method from call to call.
 
 use super::dormand_prince::DormandPrince;
 use super::past::Past;
@@ -13,7 +13,7 @@ pub enum Method {
     Rosenbrock,
 }
 
-/// An adaptive integrator that remembers its step size and method from call to call.
+/// An adaptive integrator that keeps its step size and method from call to call.
 ///
 /// ```
 /// use deadtime_model::simulate::ode::{Integrator, Rhs};
@@ -35,7 +35,7 @@ pub enum Method {
 pub struct Integrator {
     /// Error allowed in one step relative to a state's size; 1e-8 by default.
     pub rtol: f64,
-    /// Error allowed in one step beside that, in the states' units; 1e-10 by default.
+    /// Absolute error allowed in one step, in the states' units; 1e-10 by default.
     pub atol: f64,
     /// Steps of one call before the equations count as too stiff; 100 000 by default.
     pub max_steps: usize,
@@ -103,7 +103,7 @@ impl Integrator {
         }
     }
 
-    /// Forgets step size and method, as before another run.
+    /// Resets step size and method, as before another run.
     pub fn restart(&mut self) {
         (self.h, self.method) = (0.0, Method::Explicit);
         (self.at_the_edge, self.away, self.easy) = (0, 0, 0);

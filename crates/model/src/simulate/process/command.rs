@@ -89,7 +89,7 @@ impl Answer {
                 }
             }
         };
-        beside("deadtime stdout", listen)?;
+        on_thread("deadtime stdout", listen)?;
         Ok(Self { parts, most })
     }
 }
@@ -150,7 +150,7 @@ fn written(path: &Path, most: usize) -> Result<String, String> {
 }
 
 /// Work on a thread of its own.
-fn beside(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), String> {
+fn on_thread(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), String> {
     let thread = thread::Builder::new().name(name.to_owned());
     thread.spawn(work).map(drop).map_err(|e| e.to_string())
 }
@@ -183,7 +183,7 @@ impl Simulator for EachRun {
         )?;
         if let Some(mut pipe) = running.child.stdin.take().filter(|_| !by_file) {
             // A program that ends without reading all has its reasons; what it answers tells them.
-            beside("deadtime stdin", move || drop(pipe.write_all(text.as_bytes())))?;
+            on_thread("deadtime stdin", move || drop(pipe.write_all(text.as_bytes())))?;
         }
         let most = table::most(&self.names, time_s.len());
         let printed = match running.child.stdout.take() {

@@ -37,7 +37,7 @@ pub(super) fn quoted(name: &str) -> String {
 
 /// Bytes of an answer whatever is asked: banners and comments.
 const BANNERS: usize = 16 << 20;
-/// Bytes of a number, and columns beside those that are asked for.
+/// Bytes of a number, and columns other than those that are asked for.
 const WIDE: (usize, usize) = (32, 8);
 
 /// The longest answer that is taken, bytes.
@@ -46,7 +46,7 @@ pub(super) fn most(names: &Names, samples: usize) -> usize {
     BANNERS.saturating_add(samples.saturating_mul(row))
 }
 
-/// The longest line of an answer, bytes, beside banners.
+/// The longest line of an answer, bytes, without banners.
 pub(super) fn line(names: &Names) -> usize {
     WIDE.0 * (names.outputs.len() + WIDE.1)
 }

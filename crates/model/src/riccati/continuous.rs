@@ -1,15 +1,17 @@
-//! The continuous algebraic Riccati equation, the regulator that it gives, and the filters that are their transposes.
+//! The continuous algebraic Riccati equation, and the regulator that it gives.
 //!
-//! How it can be wrong: a solution that is not the stabilising one (the poles of the loop are looked at), rounding (Newton steps take it off), units far apart
-//! (states are brought to like ones).
+//! How it can be wrong: the solution is not the stabilising one (the poles of the loop are checked); rounding leaves a residual (Newton steps remove it); units are far
+//! apart (the states are scaled).
 
-use nalgebra::{Complex, DMatrix};
+use nalgebra::DMatrix;
 
-use super::balance::Units;
-use super::error::ModelError;
-use super::lyapunov::lyap;
-use super::riccati::{Lqr, check_weights, dlqr, doubling, smallest_eigenvalue, symmetric};
-use super::zeros;
+use super::doubling::doubling;
+use super::newton::{Newton, Refined};
+use super::regulator::{Lqr, check_weights, smallest_eigenvalue, symmetric};
+use crate::balance::Units;
+use crate::error::ModelError;
+use crate::lyapunov::lyap;
+use crate::zeros;
 
 /// Newton steps, each of which halves the residual at least.
 const NEWTON_STEPS: usize = 20;
@@ -65,7 +67,7 @@ pub fn lqr(
     // An input counts by what it moves at unit cost, a state by what it costs.
     let driven = b * inverse.map(|v| v.abs().sqrt());
     let seen = DMatrix::from_diagonal(&q.diagonal().map(|v| v.abs().sqrt()));
-    let Some(units) = Units::beside(a, &driven, &seen).worth() else {
+    let Some(units) = Units::of_model(a, &driven, &seen).worth() else {
         return in_units([a, b, q, r, n], &inverse);
     };
     let (b, n) = (units.driven(b), units.shown(&n.transpose()).transpose());
@@ -89,19 +91,17 @@ fn in_units(
         &symmetric(q - n * inverse * n.transpose()),
     )
     .ok_or_else(|| ill(f64::INFINITY))?;
-    let (mut k, mut x) = (gain(&first), first);
-    let mut error = residual(&x, &k);
-    for _ in 0..NEWTON_STEPS {
-        let Ok(step) = lyap(&(a - b * &k).transpose(), &error) else { break };
-        let next = symmetric(&x + step);
-        let next_k = gain(&next);
-        let next_error = residual(&next, &next_k);
-        let helps = next_error.norm() < 0.5 * error.norm();
-        if !helps {
-            break;
-        }
-        (x, k, error) = (next, next_k, next_error);
-    }
+    let newton = Newton {
+        gain: |x: &DMatrix<f64>| Some(gain(x)),
+        residual: |x: &DMatrix<f64>, k: &DMatrix<f64>| residual(x, k),
+        correction: |k: &DMatrix<f64>, error: &DMatrix<f64>| {
+            lyap(&(a - b * k).transpose(), error).ok()
+        },
+        steps: NEWTON_STEPS,
+        free: 0,
+        settled: 0.0,
+    };
+    let Refined { x, k, error } = newton.refine(first).ok_or_else(|| ill(f64::INFINITY))?;
     let poles = zeros::eigenvalues(&(a - b * &k));
     let size = q.norm() + 2.0 * a.norm() * x.norm() + (k.transpose() * r * &k).norm();
     let relative = error.norm() / size.max(f64::MIN_POSITIVE);
@@ -126,52 +126,6 @@ fn cayley(a: &DMatrix<f64>, g: &DMatrix<f64>, h: &DMatrix<f64>) -> Option<DMatri
     doubling(&e, &(&inverse * g * &w * by), &(&w * h * &inverse * by))
 }
 
-/// Kalman's filter in steady state.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Filter {
-    /// The predictor's gain, n×p: x̂⁺ = A x̂ + L (y − C x̂), or the same of the derivative.
-    pub gain: DMatrix<f64>,
-    /// The covariance of the prediction's error, n×n.
-    pub covariance: DMatrix<f64>,
-    /// The poles of A − L C.
-    pub poles: Vec<Complex<f64>>,
-}
-
-impl Filter {
-    fn of(dual: Lqr) -> Self {
-        Self { gain: dual.k.transpose(), covariance: dual.x, poles: dual.poles }
-    }
-}
-
-/// Kalman's filter of x(k+1) = A x(k) + w, y = C x + v with covariances Q of w (n×n), R of v (p×p) and N between the two (n×p; `None`: 0), as MATLAB's `dlqe` and
-/// `kalman` (the predictor's gain, A times that of the update).
-///
-/// # Errors
-/// As [`dlqr`], of the transposed plant.
-pub fn dlqe(
-    a: &DMatrix<f64>,
-    c: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-    r: &DMatrix<f64>,
-    n: Option<&DMatrix<f64>>,
-) -> Result<Filter, ModelError> {
-    dlqr(&a.transpose(), &c.transpose(), q, r, n).map(Filter::of)
-}
-
-/// Kalman's filter of ẋ = A x + w, y = C x + v with intensities Q of w (n×n), R of v (p×p) and N between the two (n×p; `None`: 0), as MATLAB's `lqe`.
-///
-/// # Errors
-/// As [`lqr`], of the transposed plant.
-pub fn lqe(
-    a: &DMatrix<f64>,
-    c: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-    r: &DMatrix<f64>,
-    n: Option<&DMatrix<f64>>,
-) -> Result<Filter, ModelError> {
-    lqr(&a.transpose(), &c.transpose(), q, r, n).map(Filter::of)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -190,13 +144,6 @@ mod tests {
             (found.x[(0, 0)] - silver).abs() < 1e-15 && (found.k[(0, 0)] - silver).abs() < 1e-15
         );
         assert!((found.poles[0].re + 2f64.sqrt()).abs() < 1e-15);
-        let filter = lqe(&one, &one, &one, &one, None).unwrap();
-        assert!((filter.gain[(0, 0)] - silver).abs() < 1e-15);
-        // P = P/(1 + P) + 1: the golden ratio, and the predictor's gain P/(1 + P).
-        let filter = dlqe(&one, &one, &one, &one, None).unwrap();
-        let golden = (1.0 + 5f64.sqrt()) / 2.0;
-        assert!((filter.covariance[(0, 0)] - golden).abs() < 1e-15);
-        assert!((filter.gain[(0, 0)] - golden / (1.0 + golden)).abs() < 1e-15);
     }
 
     /// A double integrator with Q = diag(1, 0), R = 1: X = [√2 1; 1 √2], K = [1 √2].

@@ -1,81 +1,23 @@
-//! One number and one interval of answers that agree.
+//! The mixture of answers that agree: its median, and the ends of its 95 % interval.
 //!
-//! Equation: the number is the median of the mixture of the leading answers, each a normal law to either side of its value with the weight wᵢ = 1/(eᵢ·max(1, sᵢ/s))²: eᵢ the error
-//! that the method had in a study, sᵢ its own standard deviation, s the median of these. So an answer that is vaguer than most weighs less, and none weighs more for being bold. The interval is between the 2.5 % and the 97.5 % point of the same mixture. An answer leads where eᵢ ≤ min e/ρ, ρ the
-//! correlation of two methods' errors: beyond that ratio the best combination of the two gives the worse one no weight.
+//! Equation: the mixture Σ wᵢ·Fᵢ/Σ wᵢ, Fᵢ a normal law to either side of the answer's delay, with the standard deviation of that side of its interval. The number is the
+//! median of the mixture, the interval reaches from its 2.5 % to its 97.5 % point.
 //!
-//! How it can be wrong: methods that share a wrong model are one error counted often. Votes by class choose the delay that they gather around; within it one class may be most of
-//! the weight. The errors are those of plants in open loop.
+//! How it can be wrong: methods that share a wrong model make one error, which the mixture weighs once for each of them.
 //!
-//! Source: Bates and Granger (1969), Operational Research Quarterly 20(4), 451-468, doi:10.2307/3008764, for the combination of two forecasts and the sign of its weights; Stone
-//! (1961), Ann. Math. Statist. 32(4), 1339-1342, doi:10.1214/aoms/1177704873, for the mixture of opinions.
+//! Source: Stone (1961), Ann. Math. Statist. 32(4), 1339-1342, doi:10.1214/aoms/1177704873, for the mixture of opinions.
 
 use deadtime_signal::stats::NORMAL_95;
 use statrs::distribution::{ContinuousCDF, Normal};
-
-/// Root-mean-square errors over those of `oe_posterior` on the same records, where the method's answer counts: 70 records each of the kinds `ordinary` and `benchmark` of
-/// lab/src/bin/verdict_study.rs, seeds from 100 000. Five records on which it errs by half as much again are added to each, so that few records make no method the best.
-const EARNED: &[(&str, f64)] = &[
-    ("p3d", 1.02),
-    ("oe_posterior", 1.04),
-    ("two_step", 1.07),
-    ("ivstruc", 1.10),
-    ("oestruc", 1.14),
-    ("p2d", 1.14),
-    ("armaxstruc", 1.24),
-    ("arxdap", 1.36),
-    ("p3dz", 1.41),
-    ("impulseest", 1.42),
-    ("gcc_roth", 1.49),
-    ("gcc_scot", 1.49),
-    ("area1", 1.50),
-    ("crosscorr", 1.50),
-    ("gcc_eckart", 1.50),
-    ("gcc_hannan_thomson", 1.50),
-    ("gcc_phat", 1.50),
-    ("p1d", 1.50),
-    ("phase_slope", 1.50),
-    ("sampling_zero", 1.50),
-    ("area2", 1.52),
-    ("p2dz", 1.57),
-    ("fischer", 1.60),
-    ("firdap", 1.66),
-    ("lagudap", 1.78),
-    ("p1dz", 1.80),
-    ("met1struc", 1.87),
-    ("oedap", 1.93),
-    ("cusum_step", 2.25),
-    ("arxstruc", 2.29),
-    ("threshold", 2.49),
-    ("delayest", 2.63),
-    ("area3", 2.68),
-    ("cusum", 3.62),
-    ("threshold_step", 5.08),
-    ("elnaggar", 5.70),
-];
-/// The error of methods that did not count there, or are made for something else.
-const ELSE: f64 = 3.5;
-/// The mean correlation of the errors of two of the eight best methods on the same records.
-const CORRELATION: f64 = 0.69;
 
 /// Share of the mixture beyond either end.
 const BEYOND: f64 = 0.025;
 /// Halvings of the bracket of an end.
 const HALVINGS: usize = 60;
-/// Standard deviations that hold all of an answer.
+/// Standard deviations beyond which an answer has no mass.
 const ALL: f64 = 8.0;
 
-/// The error of a method in the study, as a ratio.
-pub(super) fn earned(method: &str) -> f64 {
-    EARNED.iter().find(|(name, _)| *name == method).map_or(ELSE, |(_, error)| *error)
-}
-
-/// Whether a method leads where the best one of those that agree has the error `best`.
-pub(super) fn leads(method: &str, best: f64) -> bool {
-    earned(method) * CORRELATION <= best
-}
-
-/// How much vaguer each answer is than the median of all, 1 at least; of an even number the larger of the two in the middle.
+/// Each standard deviation over their median, 1 at least; the median of an even number is the larger of the two in the middle.
 pub(super) fn vagueness(stds: &[f64]) -> Vec<f64> {
     let mut sorted = stds.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -90,7 +32,7 @@ pub(super) struct Answer {
     pub(super) delay_s: f64,
     /// Its 95 % interval, s.
     pub(super) interval_s: [f64; 2],
-    /// The least standard deviation that it is taken for, s.
+    /// Lower bound on its standard deviation, s.
     pub(super) least_s: f64,
     /// Above 0.
     pub(super) weight: f64,
@@ -117,7 +59,7 @@ impl Answer {
     }
 }
 
-/// The median of the mixture: answers that stand alone do not pull it.
+/// The median of the mixture: a single distant answer moves it little.
 pub(super) fn median(answers: &[Answer]) -> f64 {
     let first = answers.first().map_or(0.0, |a| a.delay_s);
     // Equal answers have their own value.
@@ -157,8 +99,6 @@ fn quantile(answers: &[Answer], share: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::method::Scope;
-    use crate::methods::METHODS;
     use approx::assert_abs_diff_eq;
 
     fn answer(delay_s: f64, std_s: f64, weight: f64) -> Answer {
@@ -177,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn one_answer_keeps_its_interval_and_one_that_stands_alone_hardly_moves_the_median() {
+    fn one_answer_keeps_its_interval_and_one_that_stands_alone_moves_the_median_little() {
         assert_eq!(interval(&[answer(2.0, 0.3, 1.0)]), answer(2.0, 0.3, 1.0).interval_s);
         let most = [answer(2.0, 0.1, 9.0), answer(1.0, 0.001, 1.0)];
         let middle = median(&most);
@@ -191,16 +131,5 @@ mod tests {
         assert_eq!(vagueness(&[1.0, 3.0, 0.01]), [1.0, 3.0, 1.0]);
         assert_eq!(vagueness(&[1.0, 4.0]), [1.0, 1.0]);
         assert!(vagueness(&[]).is_empty());
-    }
-
-    #[test]
-    fn every_error_of_the_study_is_that_of_a_method() {
-        for (name, error) in EARNED {
-            let known = METHODS.iter().find(|m| m.entry.name == *name);
-            assert!(known.is_some_and(|m| m.scope == Scope::Pair) && *error > 0.0, "{name}");
-        }
-        assert_eq!(earned("oestruc"), 1.14);
-        assert_eq!(earned("moment"), ELSE);
-        assert!(leads("armaxstruc", earned("p3d")) && !leads("met1struc", earned("p3d")));
     }
 }

@@ -1,25 +1,16 @@
 //! The discrete algebraic Riccati equation and the linear-quadratic regulator.
 
-use deadtime_signal::decompositions::{singular_values, symmetric_eigen};
-use nalgebra::allocator::Allocator;
-use nalgebra::{Cholesky, Complex, Const, DMatrix, DefaultAllocator, DimMin, Dyn, OMatrix};
+use deadtime_signal::decompositions::singular_values;
+use nalgebra::{Cholesky, Complex, DMatrix, Dyn};
 
-use super::balance::Units;
-use super::error::ModelError;
-use super::parts::{parts, put, taken};
-use super::shape::check_matrix;
-use super::zeros;
-
-/// A linear-quadratic regulator.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Lqr {
-    /// The gain of u = −K x, m×n.
-    pub k: DMatrix<f64>,
-    /// The stabilising solution of the Riccati equation, n×n, symmetric.
-    pub x: DMatrix<f64>,
-    /// The poles of A − B K.
-    pub poles: Vec<Complex<f64>>,
-}
+use super::doubling::doubling;
+use super::newton::{Newton, Refined};
+use super::regulator::{Lqr, check_weights, smallest_eigenvalue, symmetric};
+use crate::balance::Units;
+use crate::error::ModelError;
+use crate::parts::{parts, put, taken};
+use crate::shape::check_matrix;
+use crate::zeros;
 
 /// The gain K that minimises Σ xᵀQx + uᵀRu + 2xᵀNu over x(k+1) = A x(k) + B u(k) by u = −K x, as MATLAB's `dlqr`.
 ///
@@ -60,8 +51,9 @@ pub fn dare(
     Ok(Regulation { a, b, q, r, n }.solve()?.x)
 }
 
-/// The stabilising solution X of the generalised equation AᵀXA − EᵀXE − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0, with the gain of u = −K x over
-/// E x(k+1) = A x(k) + B u(k); as scipy's `solve_discrete_are` and MATLAB's `idare` with E, which is regular (n×n).
+/// The stabilising solution X of AᵀXA − EᵀXE − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0, the generalised equation, and the gain of u = −K x over E x(k+1) = A x(k) + B u(k).
+///
+/// As scipy's `solve_discrete_are` and MATLAB's `idare` with E, which is regular (n×n).
 ///
 /// # Errors
 /// As [`dare`]; [`ModelError::IllConditioned`] for a singular E.
@@ -108,33 +100,6 @@ struct Regulation<'a> {
     n: Option<&'a DMatrix<f64>>,
 }
 
-/// Shapes of A n×n, B n×m, Q n×n, R m×m and N n×m, finite entries, and symmetric weights.
-pub(super) fn check_weights([a, b, q, r, n]: [&DMatrix<f64>; 5]) -> Result<(), ModelError> {
-    let (order, inputs) = (a.nrows(), b.ncols());
-    for (matrix, got, rows, columns) in [
-        ("A", a, order, order),
-        ("B", b, order, inputs),
-        ("Q", q, order, order),
-        ("R", r, inputs, inputs),
-        ("N", n, order, inputs),
-    ] {
-        check_matrix(matrix, got, (rows, columns))?;
-    }
-    for (matrix, weight) in [("Q", q), ("R", r)] {
-        let tolerance = 1e-10 * weight.norm();
-        for j in 0..weight.ncols() {
-            for i in 0..j {
-                let difference = (weight[(i, j)] - weight[(j, i)]).abs();
-                if difference > tolerance {
-                    let (row, column) = (i + 1, j + 1);
-                    return Err(ModelError::NotSymmetric { matrix, row, column, difference });
-                }
-            }
-        }
-    }
-    Ok(())
-}
-
 impl Regulation<'_> {
     fn check(self) -> Result<(), ModelError> {
         let Self { a, b, q, r, n } = self;
@@ -171,8 +136,7 @@ impl Regulation<'_> {
             let steered: Vec<usize> = part[states.len()..].iter().map(|at| at - order).collect();
             let [of_a, of_q] = [a, q].map(|m| taken(m, states, states));
             let of_n = n.map(|n| taken(n, states, &steered));
-            // A part without a solution may not be the one that an error about the whole would tell
-            // of.
+            // The error is that of the whole, which may concern another part.
             let (of_b, of_r) = (taken(b, states, &steered), taken(r, &steered, &steered));
             let part = Regulation { a: &of_a, b: &of_b, q: &of_q, r: &of_r, n: of_n.as_ref() };
             let Ok(lqr) = part.solve_part() else {
@@ -234,7 +198,7 @@ impl Regulation<'_> {
             .collect();
         let b = DMatrix::from_fn(b.nrows(), b.ncols(), |i, j| b[(i, j)] * inputs[j]);
         let seen = DMatrix::from_diagonal(&q.diagonal().map(|v| v.abs().sqrt()));
-        Some((Units::beside(a, &b, &seen).worth()?, inputs))
+        Some((Units::of_model(a, &b, &seen).worth()?, inputs))
     }
 
     /// The residual relative to the solution.
@@ -314,24 +278,16 @@ impl Regulation<'_> {
     /// A solution with its gain and the poles of its loop; `None` where it is not the stabilising one.
     fn polished(self, first: DMatrix<f64>) -> Option<Lqr> {
         let Self { a, b, r, .. } = self;
-        let mut k = self.gain(&first)?;
-        let mut x = first;
-        let mut error = self.residual(&x, &k);
-        for round in 0..NEWTON_STEPS {
-            if error.norm() <= 1e-14 * x.norm() {
-                break;
-            }
+        let newton = Newton {
+            gain: |x: &DMatrix<f64>| self.gain(x),
+            residual: |x: &DMatrix<f64>, k: &DMatrix<f64>| self.residual(x, k),
             // The correction solves a Stein equation with the closed loop; that of a loop that is not stable overflows.
-            let next = symmetric(&x + stein(&(a - b * &k), &error));
-            let next_k = self.gain(&next)?;
-            let next_error = self.residual(&next, &next_k);
-            // The first step is taken as it is, later ones where they help.
-            let helps = next_error.norm() < 0.5 * error.norm();
-            if round > 0 && !helps {
-                break;
-            }
-            (x, k, error) = (next, next_k, next_error);
-        }
+            correction: |k: &DMatrix<f64>, error: &DMatrix<f64>| Some(stein(&(a - b * k), error)),
+            steps: NEWTON_STEPS,
+            free: 1,
+            settled: 1e-14,
+        };
+        let Refined { x, k, .. } = newton.refine(first)?;
         // Where R + BᵀXB is not positive the stationary point is no minimum.
         (r + b.transpose() * &x * b).cholesky()?;
         let poles = zeros::eigenvalues(&(a - b * &k));
@@ -392,12 +348,12 @@ impl Regulation<'_> {
         let Self { b, q, r, n, .. } = self;
         let order = a0.nrows();
         let complex = |m: &DMatrix<f64>| m.map(|v| Complex::new(v, 0.0));
-        let loses_rank = |lambda: Complex<f64>, beside: &DMatrix<f64>, stacked: &DMatrix<f64>| {
-            let mut pencil = DMatrix::zeros(order, order + beside.ncols());
+        let loses_rank = |lambda: Complex<f64>, columns: &DMatrix<f64>, stacked: &DMatrix<f64>| {
+            let mut pencil = DMatrix::zeros(order, order + columns.ncols());
             pencil.view_mut((0, 0), (order, order)).copy_from(
                 &(complex(stacked) - DMatrix::from_diagonal_element(order, order, lambda)),
             );
-            pencil.view_mut((0, order), beside.shape()).copy_from(&complex(beside));
+            pencil.view_mut((0, order), columns.shape()).copy_from(&complex(columns));
             singular_values(&pencil).is_some_and(|s| s.min() <= 1e-8 * s.max())
         };
         let poles = zeros::eigenvalues(a0);
@@ -478,77 +434,6 @@ impl Regulation<'_> {
     }
 }
 
-/// The smallest nonnegative solution for A, G = BR⁻¹Bᵀ and Q, by doubling: the stabilising one where Q sees every unstable mode.
-///
-/// Few states have a size that the compiler knows, which takes a third of the time of three states and half that of nine.
-pub(super) fn doubling(
-    a: &DMatrix<f64>,
-    g: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-) -> Option<DMatrix<f64>> {
-    match a.nrows() {
-        1 => doubling_of::<1>(a, g, q),
-        2 => doubling_of::<2>(a, g, q),
-        3 => doubling_of::<3>(a, g, q),
-        4 => doubling_of::<4>(a, g, q),
-        5 => doubling_of::<5>(a, g, q),
-        6 => doubling_of::<6>(a, g, q),
-        7 => doubling_of::<7>(a, g, q),
-        8 => doubling_of::<8>(a, g, q),
-        9 => doubling_of::<9>(a, g, q),
-        _ => doubled(a.clone(), g.clone(), q.clone()),
-    }
-}
-
-fn doubling_of<const N: usize>(
-    a: &DMatrix<f64>,
-    g: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-) -> Option<DMatrix<f64>>
-where
-    Const<N>: DimMin<Const<N>, Output = Const<N>>,
-{
-    let [a, g, q] = [a, g, q].map(|m| m.fixed_view::<N, N>(0, 0).into_owned());
-    doubled(a, g, q).map(|x| DMatrix::from_column_slice(N, N, x.as_slice()))
-}
-
-/// As [`doubling`], of any size.
-fn doubled<D>(
-    mut ak: OMatrix<f64, D, D>,
-    mut gk: OMatrix<f64, D, D>,
-    mut hk: OMatrix<f64, D, D>,
-) -> Option<OMatrix<f64, D, D>>
-where
-    D: DimMin<D, Output = D>,
-    DefaultAllocator: Allocator<D, D> + Allocator<D>,
-{
-    let symmetric = |m: OMatrix<f64, D, D>| (&m + m.transpose()) * 0.5;
-    for _ in 0..60 {
-        let mut w = &gk * &hk;
-        for i in 0..w.nrows() {
-            w[(i, i)] += 1.0;
-        }
-        let w = w.lu();
-        let (mut wa, mut wg) = (ak.clone(), gk.clone());
-        if !(w.solve_mut(&mut wa) && w.solve_mut(&mut wg)) {
-            return None;
-        }
-        let step = symmetric(ak.tr_mul(&(&hk * &wa)));
-        gk += symmetric(&ak * wg * ak.transpose());
-        ak = &ak * wa;
-        hk += &step;
-        let norm = hk.norm();
-        if !norm.is_finite() {
-            return None;
-        }
-        // The next step is AᵀH(I + GH)⁻¹A, which is at most AᵀHA.
-        if step.norm() <= 1e-16 * norm || ak.norm_squared() <= 1e-16 {
-            return Some(hk);
-        }
-    }
-    None
-}
-
 fn radius(m: &DMatrix<f64>) -> f64 {
     zeros::eigenvalues(m).iter().map(|p| p.norm()).fold(0.0, f64::max)
 }
@@ -565,15 +450,6 @@ fn stein(f: &DMatrix<f64>, e: &DMatrix<f64>) -> DMatrix<f64> {
         }
     }
     sum
-}
-
-pub(super) fn symmetric(m: DMatrix<f64>) -> DMatrix<f64> {
-    (&m + m.transpose()) * 0.5
-}
-
-pub(super) fn smallest_eigenvalue(m: &DMatrix<f64>) -> f64 {
-    let found = symmetric_eigen(&symmetric(m.clone()));
-    found.map_or(f64::INFINITY, |e| e.eigenvalues.iter().copied().fold(f64::INFINITY, f64::min))
 }
 
 #[cfg(test)]

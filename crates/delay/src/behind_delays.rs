@@ -1,4 +1,4 @@
-//! Dead times that are taken out of records before a state-space model is identified: shorter pasts, fewer states.
+//! Dead times that are removed from records before a state-space model is identified: shorter pasts, fewer states.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -18,7 +18,7 @@ use deadtime_log::Log;
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::stop::Stop;
 
-/// Which dead times of the inputs are taken out.
+/// Which dead times of the inputs are removed.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TakenOut {
     /// Those with the best model behind them, of all that estimators leave possible.
@@ -33,7 +33,7 @@ pub enum TakenOut {
 pub struct BehindDelays {
     /// The model.
     pub model: Identified,
-    /// What was taken out of each input, samples.
+    /// Samples removed from each input.
     pub delays: Vec<usize>,
     /// What a reader must know of it, a sentence each.
     pub notes: Vec<String>,
@@ -45,48 +45,48 @@ const DELAYS: f64 = 0.4;
 const METHODS: [&str; 3] = ["arxstruc", "oestruc", "threshold"];
 /// Lags over which a loop is looked for.
 const LOOP: usize = 35;
-/// No delay is taken out where the model without one is better by this much in twice the log-likelihood.
+/// No delay is removed where the model without one is better by this much in twice the log-likelihood.
 const WORSE: f64 = 6.0;
 /// Steps over the delays that estimators leave possible; between the best ones they are halved.
 const STEPS: usize = 8;
 /// Turns over several inputs, each with the others' delays as they are.
 const TURNS: usize = 2;
 
-/// The model by `method` with `options` (a JSON object) of `learnt`, and the delays that were taken out first; `logs` are the records that delays are estimated in.
+/// The model of `training` by `method` with `options` (a JSON object), and the delays that were removed first; `logs` are the records that delays are estimated in.
 ///
 /// # Errors
 /// [`deadtime_signal::registry::RegistryError`] for the method and its options, [`DelayError::NoInput`] for a delay of something else, and what identification cannot use.
 pub fn identify_behind_delays(
-    learnt: &Recordings,
+    training: &Recordings,
     logs: &[Log],
     method: &str,
     options: &Value,
-    taken_out: &TakenOut,
+    removed: &TakenOut,
     (stop, far): (&Stop, &HowFar),
 ) -> Result<BehindDelays> {
     let line = identifier(method)?;
     let whole = line.entry.with(options.clone())?;
     if line.finds_delays {
-        if let TakenOut::Given(_) = taken_out {
+        if let TakenOut::Given(_) = removed {
             return Err(IdentifyError::OwnDelays { method: line.entry.name }.into());
         }
-        let mut model = whole.identify(learnt, far)?;
-        model.notes.extend(feedback(line, learnt));
+        let mut model = whole.identify(training, far)?;
+        model.notes.extend(feedback(line, training));
         let own = model.parametric.as_ref().map(|p| p.delays.clone());
-        let delays = own.unwrap_or_else(|| vec![0; learnt.inputs.len()]);
+        let delays = own.unwrap_or_else(|| vec![0; training.inputs.len()]);
         return Ok(BehindDelays { model, delays, notes: Vec::new() });
     }
-    let (delays, notes) = match taken_out {
+    let (delays, notes) = match removed {
         TakenOut::Estimated => {
-            let (ranges, mut notes) = estimated(learnt, logs, (stop, &far.part(0.0, DELAYS)))?;
-            let asked = Asked { learnt, line, options, ranges: &ranges };
+            let (ranges, mut notes) = estimated(training, logs, (stop, &far.part(0.0, DELAYS)))?;
+            let asked = Asked { training, line, options, ranges: &ranges };
             (asked.best((stop, &far.part(DELAYS, 0.6)), &mut notes)?, notes)
         }
-        TakenOut::Nothing => (vec![0; learnt.inputs.len()], Vec::new()),
-        TakenOut::Given(given) => whole_samples(learnt, given)?,
+        TakenOut::Nothing => (vec![0; training.inputs.len()], Vec::new()),
+        TakenOut::Given(given) => whole_samples(training, given)?,
     };
     stop.check()?;
-    let model = whole.identify(&learnt.behind_delays(&delays)?, &far.part(0.6, 1.0))?;
+    let model = whole.identify(&training.behind_delays(&delays)?, &far.part(0.6, 1.0))?;
     Ok(BehindDelays { model, delays, notes })
 }
 
@@ -95,7 +95,7 @@ type Ranges = [[usize; 2]];
 
 /// A model whose delays are chosen with it.
 struct Asked<'a> {
-    learnt: &'a Recordings,
+    training: &'a Recordings,
     line: &'a IdentifierLine,
     options: &'a Value,
     ranges: &'a Ranges,
@@ -163,7 +163,7 @@ impl Asked<'_> {
         // Rows that the longest delay leaves.
         let longest = self.ranges.iter().map(|[_, to]| *to).max().unwrap_or(0);
         let fewer = longest - delays.iter().max().copied().unwrap_or(0).min(longest);
-        let mut same_rows = self.learnt.behind_delays(delays)?;
+        let mut same_rows = self.training.behind_delays(delays)?;
         same_rows.stretches.retain(|s| s.len() > fewer);
         for s in &mut same_rows.stretches {
             *s = Stretch {
@@ -180,22 +180,25 @@ impl Asked<'_> {
         let loss = chosen.and_then(|c| c.log_loss).unwrap_or(f64::INFINITY);
         let rows = model.rows as f64;
         // The past window, and with it the rows, depend on the delay: by row.
-        let all = self.learnt.samples() as f64;
+        let all = self.training.samples() as f64;
         Ok((loss + parameters as f64 * rows.ln() / rows) * all)
     }
 }
 
 /// What records show of a loop that the method does not bear, for each input and output.
-pub(super) fn feedback(line: &IdentifierLine, learnt: &Recordings) -> Vec<String> {
+pub(super) fn feedback(line: &IdentifierLine, training: &Recordings) -> Vec<String> {
     let mut notes = Vec::new();
-    for (j, input) in learnt.inputs.iter().enumerate().filter(|_| line.open_loop) {
-        for (i, output) in learnt.outputs.iter().enumerate() {
+    for (j, input) in training.inputs.iter().enumerate().filter(|_| line.open_loop) {
+        for (i, output) in training.outputs.iter().enumerate() {
             let row = |m: &nalgebra::DMatrix<f64>, i: usize| {
                 let mean = m.row(i).mean();
                 m.row(i).iter().map(|v| v - mean).collect::<Vec<f64>>()
             };
-            let records: Vec<Record<'_>> =
-                learnt.stretches.iter().map(|s| Record::new(row(&s.u, j), row(&s.y, i))).collect();
+            let records: Vec<Record<'_>> = training
+                .stretches
+                .iter()
+                .map(|s| Record::new(row(&s.u, j), row(&s.y, i)))
+                .collect();
             if let Some(found) = in_loop(&records, LOOP, 1).finding() {
                 notes.push(format!(
                     "{} depends on {} ({}): a controller; {} is biased then, use pbsidopt",
@@ -208,18 +211,18 @@ pub(super) fn feedback(line: &IdentifierLine, learnt: &Recordings) -> Vec<String
 }
 
 fn whole_samples(
-    learnt: &Recordings,
+    training: &Recordings,
     given: &[(String, f64)],
 ) -> Result<(Vec<usize>, Vec<String>)> {
-    let (mut delays, mut notes) = (vec![0; learnt.inputs.len()], Vec::new());
+    let (mut delays, mut notes) = (vec![0; training.inputs.len()], Vec::new());
     for (name, delay_s) in given {
         let Some((_, delay)) =
-            learnt.inputs.iter().zip(&mut delays).find(|(input, _)| input.name == *name)
+            training.inputs.iter().zip(&mut delays).find(|(input, _)| input.name == *name)
         else {
-            let inputs = learnt.inputs.iter().map(|i| i.name.clone()).collect();
+            let inputs = training.inputs.iter().map(|i| i.name.clone()).collect();
             return Err(DelayError::NoInput { input: name.clone(), inputs }.into());
         };
-        let samples = learnt.sample_time.samples(*delay_s)?;
+        let samples = training.sample_time.samples(*delay_s)?;
         if samples.fraction != 0.0 {
             let share = samples.fraction;
             notes.push(format!(
@@ -231,13 +234,13 @@ fn whole_samples(
     Ok((delays, notes))
 }
 
-/// The delays of each input that the verdicts of all its outputs leave possible: the shortest of any output is taken out of all.
+/// The delays of each input that the verdicts of all its outputs leave possible: the shortest of any output is removed from all.
 fn estimated(
-    learnt: &Recordings,
+    training: &Recordings,
     logs: &[Log],
     (stop, far): (&Stop, &HowFar),
 ) -> Result<(Vec<[usize; 2]>, Vec<String>)> {
-    let step_s = learnt.sample_time.seconds();
+    let step_s = training.sample_time.seconds();
     let mut notes = Vec::new();
     let methods = chosen(&METHODS.map(str::to_owned), &BTreeMap::new(), &[Scope::Pair])?;
     let names = |named: &[deadtime_identify::subspace::Named]| {
@@ -248,22 +251,22 @@ fn estimated(
         methods,
         stop: stop.clone(),
         far: far.clone(),
-        ..Job::new(logs.to_vec(), names(&learnt.inputs), names(&learnt.outputs))
+        ..Job::new(logs.to_vec(), names(&training.inputs), names(&training.outputs))
     };
     let report = job.run()?;
     let range = |input: &str| {
         let of_input = report.pairs.iter().filter(|p| p.input == input);
-        let believed = of_input.filter_map(|p| {
+        let possible = of_input.filter_map(|p| {
             let delay_s = p.verdict.delay_s?;
             let [from, to] = p.verdict.ci95_s.unwrap_or([delay_s; 2]);
             Some([from.min(delay_s), to.max(delay_s)])
         });
-        let ends = believed.reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1])])?;
+        let ends = possible.reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1])])?;
         // A sample to either side: what a verdict calls the first response may be the last sample without one.
         let [from, to] = ends.map(|s| s.max(0.0) / step_s);
         Some([(from.floor() as usize).saturating_sub(1), to.ceil() as usize + 1])
     };
-    let each = learnt.inputs.iter().map(|input| {
+    let each = training.inputs.iter().map(|input| {
         range(&input.name).unwrap_or_else(|| {
             notes.push(format!("{}: its dead time is not known beforehand, so none is removed; give it if it is known", input.name));
             [0, 0]
@@ -384,10 +387,10 @@ mod tests {
         let outputs = ["p".to_owned(), "ay".to_owned()];
         let records =
             Recordings::from_logs(std::slice::from_ref(&log), &["r".to_owned()], &outputs).unwrap();
-        let (options, taken_out) = (json!({ "direct": "free" }), TakenOut::Estimated);
+        let (options, removed) = (json!({ "direct": "free" }), TakenOut::Estimated);
         let run = (&Stop::default(), &HowFar::default());
-        let found = identify_behind_delays(&records, &[log], "pbsidopt", &options, &taken_out, run)
-            .unwrap();
+        let found =
+            identify_behind_delays(&records, &[log], "pbsidopt", &options, &removed, run).unwrap();
         assert_eq!((found.delays.as_slice(), found.model.order.order), ([7].as_slice(), 3));
         let target = Target::from_identified("flight", &found.model, &found.delays).unwrap();
         let off = [[1.0; 9], [1.5, 0.7, 1.2, 0.8, 0.7, 1.3, 1.4, 0.7, 1.0]];

@@ -1,0 +1,62 @@
+//! The vote of each class of methods, and the answers around the delay with most votes.
+
+use super::answer::FoundDelay;
+use crate::method::Basis;
+
+/// The answers used, by whether their intervals hold the delay with most votes.
+pub(super) struct Group<'a, 'b> {
+    pub(super) lead: &'b FoundDelay<'a>,
+    pub(super) agree: Vec<(&'b FoundDelay<'a>, f64)>,
+    pub(super) differ: Vec<(&'b FoundDelay<'a>, f64)>,
+}
+
+impl<'a, 'b> Group<'a, 'b> {
+    /// `counted` has one answer at least.
+    pub(super) fn of(counted: &[&'b FoundDelay<'a>]) -> Self {
+        let vote_weights = vote_weights(counted);
+        let support = |at: &FoundDelay<'_>| -> f64 {
+            counted
+                .iter()
+                .zip(&vote_weights)
+                .filter(|(f, _)| f.holds(at.delay_s))
+                .map(|(_, v)| v)
+                .sum()
+        };
+        // Ties go to the most trusted method: the order is that of the list.
+        let mut lead = counted[0];
+        for f in &counted[1..] {
+            if support(f) > support(lead) + 1e-9 {
+                lead = f;
+            }
+        }
+        let of_all = counted.iter().zip(&vote_weights).map(|(f, vote)| (*f, vote / f.square_error));
+        let (agree, differ) = of_all.partition(|(f, _)| f.holds(lead.delay_s));
+        Self { lead, agree, differ }
+    }
+
+    /// The share of the agreeing weight that answers within the sample.
+    pub(super) fn within(&self) -> f64 {
+        let all: f64 = self.agree.iter().map(|(_, w)| w).sum();
+        self.agree.iter().filter(|(f, _)| f.within).map(|(_, w)| w).sum::<f64>()
+            / all.max(f64::MIN_POSITIVE)
+    }
+}
+
+/// The votes of answers: each class has one, shared by the bases of its methods ([`Basis`]); all methods that read one basis share its part, those of other classes too.
+fn vote_weights(found: &[&FoundDelay<'_>]) -> Vec<f64> {
+    let same = |f: &FoundDelay<'_>, g: &FoundDelay<'_>| {
+        if f.basis == Basis::Own { f.method == g.method } else { f.basis == g.basis }
+    };
+    let weight = |f: &&FoundDelay<'_>| {
+        let class: Vec<&&FoundDelay<'_>> = found.iter().filter(|g| g.class == f.class).collect();
+        // The first of its basis stands for all.
+        let bases = class
+            .iter()
+            .enumerate()
+            .filter(|(i, g)| class[..*i].iter().all(|h| !same(g, h)))
+            .count();
+        let sharing = found.iter().filter(|g| same(f, g)).count();
+        f.class.vote_weight() / (bases * sharing) as f64
+    };
+    found.iter().map(weight).collect()
+}
