@@ -84,13 +84,19 @@ def past_of(z: np.ndarray, rows: np.ndarray, past: int) -> np.ndarray:
     return np.hstack([z[rows - lag] for lag in range(1, past + 1)])
 
 
+def with_constant(regressors: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of the regressors given a constant, and the constant."""
+    solved = np.linalg.lstsq(np.hstack([regressors, np.ones((len(regressors), 1))]), targets, rcond=None)[0]
+    return solved[:-1], solved[-1]
+
+
 def realise(u, y, z, states_map) -> dict:
-    """A, B, C, K from the states x(t) = map [z(t-1); ...; z(t-PAST)], by two regressions; D = 0."""
+    """A, B, C, K from the states x(t) = map [z(t-1); ...; z(t-PAST)], by two regressions, each with a constant; D = 0."""
     rows = np.arange(PAST, len(y))
     x, x_next = past_of(z, rows, PAST) @ states_map.T, past_of(z, rows + 1, PAST) @ states_map.T
-    c = np.linalg.lstsq(x, y[rows], rcond=None)[0].T
-    e = y[rows] - x @ c.T
-    abk = np.linalg.lstsq(np.hstack([x, u[rows], e]), x_next, rcond=None)[0].T
+    c, constant = with_constant(x, y[rows])
+    c, e = c.T, y[rows] - x @ c - constant
+    abk = with_constant(np.hstack([x, u[rows], e]), x_next)[0].T
     n, m = len(states_map), u.shape[1]
     return {"A": abk[:, :n], "B": abk[:, n : n + m], "C": c, "K": abk[:, n + m :]}
 
@@ -107,12 +113,12 @@ def invariants(model: dict, singular: np.ndarray) -> dict:
 
 
 def long_predictor(z, y):
-    """Coefficients on the past, channels by rows of past, and the innovations' covariance."""
+    """Coefficients on the past given a constant, channels by rows of past, and the innovations' covariance."""
     rows = np.arange(PAST, len(y))
     regressors = past_of(z, rows, PAST)
-    theta = np.linalg.lstsq(regressors, y[rows], rcond=None)[0]
-    rest = y[rows] - regressors @ theta
-    return theta, rest.T @ rest / (len(rows) - regressors.shape[1])
+    theta, constant = with_constant(regressors, y[rows])
+    rest = y[rows] - regressors @ theta - constant
+    return theta, rest.T @ rest / (len(rows) - regressors.shape[1] - 1)
 
 
 def weight(covariance: np.ndarray) -> np.ndarray:
@@ -134,7 +140,8 @@ def pbsidopt(u, y, z) -> dict:
     for ahead in range(PAST):
         predictions[ahead * l : (ahead + 1) * l, : (PAST - ahead) * width] = theta[ahead * width :].T
     rows = np.arange(PAST, len(y))
-    mapping, singular = states(weight(covariance), predictions, past_of(z, rows, PAST).T / np.sqrt(len(rows)))
+    right = past_of(z, rows, PAST)
+    mapping, singular = states(weight(covariance), predictions, (right - right.mean(axis=0)).T / np.sqrt(len(rows)))
     return invariants(realise(u, y, z, mapping), singular)
 
 
@@ -146,9 +153,12 @@ def projection(u, y, z, beside_inputs: bool) -> dict:
     before = past_of(z, instants, PAST)
     future = lambda series: np.hstack([series[instants + i] for i in range(PAST)])
     uf, yf = future(u), future(y)
-    along = np.linalg.lstsq(np.hstack([before, uf]), yf, rcond=None)[0]
+    along, _ = with_constant(np.hstack([before, uf]), yf)
     predictions = along[: before.shape[1]].T
-    seen = before - uf @ np.linalg.lstsq(uf, before, rcond=None)[0] if beside_inputs else before
+    seen = before - before.mean(axis=0)
+    if beside_inputs:
+        slopes, constant = with_constant(uf, before)
+        seen = before - uf @ slopes - constant
     rows = len(y) - PAST
     mapping, singular = states(weight(covariance), predictions, seen.T / np.sqrt(rows))
     return invariants(realise(u, y, z, mapping), singular)

@@ -53,20 +53,22 @@ fn identified(method: &dyn Identifier, data: &Recordings) -> Identified {
     method.identify(data, &HowFar::default()).unwrap()
 }
 
-/// The mean of a slow plant's record is where it happened to be, not where it rests. The predictor, A − KC = 0, remembers one sample.
+/// The mean of a slow plant's record is where it happened to be, not where it rests. The noise is in the state (A − KC = 0), in part, or in the output alone.
 #[test]
 fn a_slow_pole_lies_within_its_interval_whatever_the_mean_of_the_record() {
-    let mut inside = 0;
-    for seed in 0..RECORDS {
-        let data = first_order(0.99, [5.0, 0.198, 0.01], 500, seed);
-        let settings = Settings { order: Some(1), ..Settings::default() };
-        let pole = identified(&Pbsidopt(settings), &data).poles()[0];
-        let off = (pole.re - 0.99).abs() / pole.std_re.unwrap();
-        assert!(off < 5.0, "{seed}: {off} standard deviations, {pole:?}");
-        inside += u64::from(off < 2.0);
+    for (pole, k) in [(0.99, 0.198), (0.99, 0.1), (0.99, 0.0), (0.95, 0.0), (0.6, 0.0)] {
+        let off = |seed: u64| {
+            let data = first_order(pole, [5.0, k, 0.01], 500, seed);
+            let settings = Settings { order: Some(1), ..Settings::default() };
+            let found = identified(&Pbsidopt(settings), &data).poles()[0];
+            (found.re - pole) / found.std_re.unwrap()
+        };
+        let off: Vec<f64> = (0..RECORDS).into_par_iter().map(off).collect();
+        let inside = off.iter().filter(|z| z.abs() < 2.0).count();
+        // 95 % of 20: fewer than 16 in less than one of three hundred such tests.
+        assert!(inside >= 16, "{pole}, {k}: {inside} of {RECORDS}: {off:.2?}");
+        assert!(off.iter().all(|z| z.abs() < 5.0), "{pole}, {k}: {off:.2?}");
     }
-    // 95 % of 20: fewer than 16 in less than one of three hundred such tests.
-    assert!(inside >= 16, "{inside} of {RECORDS}");
 }
 
 /// Errors of an unstable predictor grow without bounds.

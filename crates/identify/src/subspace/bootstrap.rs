@@ -10,7 +10,7 @@ use super::recordings::{Factor, Layout, Recordings, Scales, triangle};
 /// Blocks that do not overlap, of which each replicate draws as many as there are.
 ///
 /// A row holds an output with all of its past, so that only what errors have in common beyond the past is cut at the edges of a block.
-/// Assumes: errors that forget within a block, a process that stays the same. Fails when: there are few blocks; then intervals are too narrow.
+/// Assumes: errors whose correlation length is shorter than a block, a process that stays the same. Fails when: there are few blocks; then intervals are too narrow.
 /// Source: Carlstein (1986), Ann. Stat. 14(3), 1171-1179, doi:10.1214/aos/1176350057; Lahiri (2003), "Resampling Methods for Dependent Data",
 /// doi:10.1007/978-1-4757-3803-2.
 pub(super) struct Blocks {
@@ -63,7 +63,7 @@ impl Blocks {
                 .iter()
                 .flat_map(|b| (0..self.blocks[*b][which].nrows()).map(move |row| (*b, row)))
                 .collect();
-            let all = Mat::from_fn(above.len(), layout.columns(), |i, j| {
+            let all = Mat::from_fn(above.len(), layout.columns() + 1, |i, j| {
                 self.blocks[above[i].0][which][(above[i].1, j)]
             });
             Factor::joined(*layout, self.rows, [triangle(&all)])

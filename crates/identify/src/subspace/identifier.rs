@@ -169,9 +169,9 @@ pub struct Identified {
     pub inputs: Vec<Named>,
     /// The outputs.
     pub outputs: Vec<Named>,
-    /// The model, of deviations from the means.
+    /// The model, of deviations from the operating point.
     pub model: InnovationsModel,
-    /// Means and standard deviations of the data that it was made of.
+    /// Operating point, and standard deviations of the data that it was made of.
     pub scales: Scales,
     /// The past window, samples.
     pub past: usize,
@@ -265,7 +265,6 @@ impl Settings {
         let scales = recordings.scales()?;
         let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
         let past = self.past_window(weight, recordings, &scales)?;
-        let scales = offset::at_operating_point(scales, recordings, past, self.direct);
         far.at(PAST, &"regression on the past");
         let factor = recordings.factor(past, &scales);
         let orders = factor.excitation(&recordings.inputs)?;
@@ -297,27 +296,29 @@ impl Settings {
             return Err(IdentifyError::Order { order, past, most: states.rows.nrows() });
         }
         let y = factor.y();
+        let extent = recordings.extent(&scales);
         let model_of = |order: usize| {
-            innovations::of_states(&factor, &y, &states.map(&predictions, order), self.direct)
+            let map = states.map(&predictions, order);
+            let (model, residual) = innovations::of_states(&factor, &y, &map, self.direct);
+            let scales = scales.about(&offset::at_rest(&factor, &map, &model, &extent));
+            (model, residual, scales)
         };
-        let scaled: Vec<Stretch> = recordings.stretches.iter().map(|s| scales.scaled(s)).collect();
         let trying = far.part(STATES, ORDERS);
         let steps = trying.steps(states.rows.nrows(), "orders tried");
         let loss = |order: usize| {
-            let loss = Some(model_of(order).0)
-                .filter(InnovationsModel::is_finite)
-                .and_then(|m| order::log_loss(&m, &scaled, past));
+            let (model, _, scales) = model_of(order);
+            let loss = order::log_loss(&model, &recordings.scaled(&scales), past);
             steps.one_more();
             loss
         };
         let losses: Vec<Option<f64>> =
             (1..=states.rows.nrows()).into_par_iter().map(loss).collect();
         let order = order::choose(self.order, &losses, &states.singular, factor.rows, (m, l));
-        let (model, residual) = model_of(order.order);
+        let (model, residual, scales) = model_of(order.order);
         if !model.is_finite() {
             return Err(failed("the regressions have no finite solution; choose a smaller order"));
         }
-        let freedom = factor.rows.saturating_sub(predictor.parameters()).max(1) as f64;
+        let freedom = factor.rows.saturating_sub(predictor.parameters() + 1).max(1) as f64;
         let spread: Vec<f64> = scales.outputs.iter().map(|s| s.1).collect();
         let covariance = residual.transpose() * residual / freedom;
         far.part(ORDERS, 1.0).at(0.0, &"drawing models for the intervals");

@@ -65,6 +65,9 @@ pub struct OrderChoice {
 
 /// Logarithm of the determinant of the one-step errors' covariance, the first `skip` samples of every stretch left out; `None` where they grow.
 pub(super) fn log_loss(model: &InnovationsModel, scaled: &[Stretch], skip: usize) -> Option<f64> {
+    if !model.is_finite() {
+        return None;
+    }
     let l = model.c.nrows();
     let (mut sum, mut rows) = (DMatrix::<f64>::zeros(l, l), 0_usize);
     for s in scaled.iter().filter(|s| s.len() > skip) {
