@@ -2,6 +2,7 @@
 
 use deadtime_signal::decompositions::eigenvalues;
 use nalgebra::{DMatrix, DVector};
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -169,16 +170,12 @@ fn transfer_functions_of_fast_samples_have_no_bias() {
     }
 }
 
-/// Twenty sines of periods from ten samples on: what an input tells of lags beyond a few is below the noise.
+/// Twenty sines of periods from ten samples on: lags beyond a few are below the noise.
 #[test]
 fn lags_that_the_noise_leaves_undetermined_are_counted() {
     for seed in 0..4 {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let phases: Vec<f64> = (0..20).map(|_| normal(&mut rng) * 6.0).collect();
-        let sine = |t: usize, k: usize| {
-            (std::f64::consts::TAU * ((k + 1) * t) as f64 / 200.0 + phases[k]).sin()
-        };
-        let sines: Vec<f64> = (0..1000).map(|t| (0..20).map(|k| sine(t, k)).sum()).collect();
+        let sines = sines(20, 200.0, 1000, &mut rng);
         let white: Vec<f64> = (0..1000).map(|_| normal(&mut rng)).collect();
         let of = |u: Vec<f64>, rng: &mut ChaCha8Rng| {
             let mut clean = vec![0.0; 1000];
@@ -194,5 +191,40 @@ fn lags_that_the_noise_leaves_undetermined_are_counted() {
         assert!(said.contains("lags of the past window"), "{seed}: {said}");
         let said = of(white, &mut rng);
         assert!(!said.contains("lags of the past window"), "{seed}: {said}");
+    }
+}
+
+/// Σ over lines of the spectrum of sines with drawn phases, the period `period` and its divisors.
+fn sines(lines: usize, period: f64, samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
+    let phases: Vec<f64> = (0..lines).map(|_| normal(rng) * 6.0).collect();
+    let one = |t: usize, k: usize| {
+        (std::f64::consts::TAU * ((k + 1) * t) as f64 / period + phases[k]).sin()
+    };
+    (0..samples).map(|t| (0..lines).map(|k| one(t, k)).sum()).collect()
+}
+
+/// Lightly damped arms under sines far below the Nyquist frequency: the past determines its states poorly, their observability matrix well.
+#[test]
+fn moesp_predicts_free_runs_of_resonances_that_few_lines_excite() {
+    for seed in 0..6 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let damping: Vec<f64> = (0..2).map(|_| 0.98 + 0.015 * rng.random::<f64>()).collect();
+        let angles = [0.1 + 0.1 * rng.random::<f64>(), 0.3 + 0.1 * rng.random::<f64>()];
+        let pair = |k: usize| nalgebra::Complex::from_polar(damping[k], angles[k]);
+        let a = polynomial((0..2).flat_map(|k| [pair(k), pair(k).conj()]));
+        let u = sines(90, 1000.0, 1000, &mut rng);
+        let mut clean = vec![0.0; 1000];
+        for t in 4..1000 {
+            clean[t] = u[t - 1] + 0.3 * u[t - 2];
+            clean[t] -= (0..4).map(|k| a[k] * clean[t - 1 - k]).sum::<f64>();
+        }
+        let size = (clean.iter().map(|y| y * y).sum::<f64>() / 1000.0).sqrt();
+        let noise = 0.03 * size;
+        let y = clean.iter().map(|y| y + noise * normal(&mut rng)).collect();
+        let (first, second) = recordings(u, y, 1.0).split(0.5);
+        let moesp = Moesp(Settings { draws: 0, ..Settings::default() });
+        let found = identified(&moesp, &first).check(&second)[0].simulation.unwrap().nrmse;
+        let floor = noise / second.stretches[0].y.variance().sqrt();
+        assert!(found < 1.5 * floor, "{seed}: {found} of {floor}");
     }
 }

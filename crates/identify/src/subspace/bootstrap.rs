@@ -17,6 +17,8 @@ pub(super) struct Blocks {
     layouts: Vec<Layout>,
     /// By block, a factor for each layout.
     blocks: Vec<Vec<Mat<f64>>>,
+    /// By block, its stretch and samples.
+    ranges: Vec<(usize, usize, usize)>,
     rows: usize,
     seed: u64,
 }
@@ -46,14 +48,14 @@ impl Blocks {
                 past: *past,
             })
             .collect();
-        Self { layouts, blocks, rows, seed }
+        Self { layouts, blocks, ranges: recordings.ranges(first, length), rows, seed }
     }
 
-    /// The factor for each past of one replicate; none without blocks.
-    pub(super) fn replicate(&self, number: usize) -> Vec<Factor> {
+    /// The factor for each past of one replicate, and the weight of each sample; none without blocks.
+    pub(super) fn replicate(&self, number: usize) -> (Vec<Factor>, Vec<Vec<f64>>) {
         let count = self.blocks.len();
         if count == 0 {
-            return Vec::new();
+            return Default::default();
         }
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         rng.set_stream(STREAM + number as u64);
@@ -68,6 +70,21 @@ impl Blocks {
             });
             Factor::joined(*layout, self.rows, [triangle(&all)])
         };
-        self.layouts.iter().enumerate().map(one).collect()
+        (self.layouts.iter().enumerate().map(one).collect(), self.weights(&drawn))
+    }
+
+    /// By stretch and sample, the root of how often its block was drawn; 1 before the first block.
+    fn weights(&self, drawn: &[usize]) -> Vec<Vec<f64>> {
+        let stretches = self.ranges.iter().map(|(s, ..)| s + 1).max().unwrap_or(0);
+        let mut weights = vec![Vec::new(); stretches];
+        for (block, (stretch, from, to)) in self.ranges.iter().enumerate() {
+            let of: &mut Vec<f64> = &mut weights[*stretch];
+            if of.is_empty() {
+                of.resize(*from, 1.0);
+            }
+            let times = drawn.iter().filter(|b| **b == block).count() as f64;
+            of.resize(*to, times.sqrt());
+        }
+        weights
     }
 }

@@ -3,13 +3,14 @@
 use super::bootstrap::Blocks;
 use super::innovations::{Direct, InnovationsModel};
 use super::n4sid::Weight;
+use super::offset::Constants;
 use super::order::OrderChoice;
 use super::pbsidopt::{Predictor, States};
 use super::recordings::Factor;
 use super::recordings::{Named, Recordings, Scales, Stretch};
 use super::uncertainty::{Draws, Response, Root};
 use super::validation::OutputCheck;
-use super::{innovations, n4sid, offset, order, pbsidopt, uncertainty, validation};
+use super::{innovations, moesp, n4sid, offset, order, pbsidopt, uncertainty, validation};
 use crate::error::IdentifyError;
 use crate::parametric::Parametric;
 use deadtime_model::{Channel, ModelError, ModelFile, Operating, Sampled, State, StateSpace, d2c};
@@ -135,7 +136,9 @@ pub struct N4sid(pub Settings);
 
 /// Subspace identification by orthogonal projection with past inputs and outputs as instruments (PO-MOESP).
 ///
-/// Source: Verhaegen (1994), Automatica 30(1), 61-74, doi:10.1016/0005-1098(94)90229-1; the states' regressions as in [`Pbsidopt`].
+/// A and C by the shift of the observability matrix, B and D by least squares of a free run, of an observer's run where A does not decay. Inputs of few lines suffice
+/// for these; K needs states, and with them richer inputs.
+/// Source: Verhaegen (1994), Automatica 30(1), 61-74, doi:10.1016/0005-1098(94)90229-1.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Moesp(pub Settings);
@@ -296,11 +299,28 @@ impl Settings {
             return Err(IdentifyError::Order { order, past, most: states.rows.nrows() });
         }
         let y = factor.y();
-        let extent = recordings.extent(&scales);
+        let (extent, scaled) = (recordings.extent(&scales), recordings.scaled(&scales));
         let model_of = |order: usize| {
             let map = states.map(&predictions, order);
+            let about = |model: &InnovationsModel, constants: &Constants| {
+                scales.about(&offset::at_rest(constants, model, &extent))
+            };
+            if weight == Some(Weight::PastBesideInputs) {
+                let gamma = moesp::observability(&predictions, &right, &map);
+                let found = (&map, &gamma);
+                let (model, constants) = moesp::realise(
+                    (&factor, &y),
+                    found,
+                    (&predictor.noise, self.direct),
+                    &scaled,
+                    &|_, _| 1.0,
+                );
+                let scales = about(&model, &constants);
+                let residual = moesp::residuals(&model, &recordings.scaled(&scales), past);
+                return (model, residual, scales);
+            }
             let (model, residual) = innovations::of_states(&factor, &y, &map, self.direct);
-            let scales = scales.about(&offset::at_rest(&factor, &map, &model, &extent));
+            let scales = about(&model, &Constants::of(&factor, &map, &model));
             (model, residual, scales)
         };
         let trying = far.part(STATES, ORDERS);
@@ -323,7 +343,8 @@ impl Settings {
         let covariance = residual.transpose() * residual / freedom;
         far.part(ORDERS, 1.0).at(0.0, &"drawing models for the intervals");
         let draws = if self.bootstrap > 0 {
-            self.replicated(weight, recordings, &states, (past, order.order), &scales)
+            let chosen = (past, order.order);
+            self.replicated((weight, &predictor.noise), recordings, &states, chosen, &scales)
         } else if weight.is_some() {
             Draws::default()
         } else {
@@ -386,7 +407,7 @@ impl Settings {
     /// Models of replicates of a block bootstrap, in the states of the model.
     fn replicated(
         &self,
-        weight: Option<Weight>,
+        (weight, noise): (Option<Weight>, &DMatrix<f64>),
         recordings: &Recordings,
         states: &States,
         (past, order): (usize, usize),
@@ -394,25 +415,29 @@ impl Settings {
     ) -> Draws {
         let pasts = if weight.is_some() { vec![past, 2 * past] } else { vec![past] };
         let blocks = Blocks::of(recordings, &pasts, scales, self.seed);
+        let scaled = recordings.scaled(scales);
         let one = |number: usize| {
-            let factors = blocks.replicate(number);
+            let (factors, weights) = blocks.replicate(number);
             let factor = factors.first()?;
-            let predictions = match (weight, factors.get(1)) {
-                (Some(weight), Some(double)) => n4sid::oblique(double, weight).0,
+            let y = factor.y();
+            let (predictions, right) = match (weight, factors.get(1)) {
+                (Some(weight), Some(double)) => n4sid::oblique(double, weight),
                 _ => {
-                    pbsidopt::predictions(&Predictor::fit(factor, self.direct).theta, factor, past)
+                    let theta = Predictor::fit(factor, self.direct).theta;
+                    (pbsidopt::predictions(&theta, factor, past), DMatrix::zeros(0, 0))
                 }
             };
-            Some(
-                innovations::of_states(
-                    factor,
-                    &factor.y(),
-                    &states.map(&predictions, order),
-                    self.direct,
-                )
-                .0
-                .in_units(scales),
-            )
+            let map = states.map(&predictions, order);
+            let model = if weight == Some(Weight::PastBesideInputs) {
+                let gamma = moesp::observability(&predictions, &right, &map);
+                let of = |s: usize, t: usize| {
+                    weights.get(s).and_then(|w| w.get(t)).copied().unwrap_or(1.0)
+                };
+                moesp::realise((factor, &y), (&map, &gamma), (noise, self.direct), &scaled, &of).0
+            } else {
+                innovations::of_states(factor, &y, &map, self.direct).0
+            };
+            Some(model.in_units(scales))
         };
         let whole: Vec<_> = (0..self.bootstrap)
             .into_par_iter()

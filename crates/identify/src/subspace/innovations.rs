@@ -101,24 +101,35 @@ impl InnovationsModel {
         if !self.is_finite() || decays(&(&self.a - &self.k * &self.c)) {
             return self;
         }
-        let mut r = outputs.tr_mul(outputs);
+        let r = outputs.tr_mul(outputs);
+        let s = &self.k * &r;
+        let q = states.tr_mul(states) + &s * self.k.transpose();
+        self.k = self.kalman(&q, &r, &s, y);
+        self
+    }
+
+    /// The gain of Kalman's filter for noises of states and outputs of the covariances Q, R and S, up to a factor; 0 where there is none. `y`: the outputs.
+    pub(super) fn kalman(
+        &self,
+        q: &DMatrix<f64>,
+        r: &DMatrix<f64>,
+        s: &DMatrix<f64>,
+        y: &DMatrix<f64>,
+    ) -> DMatrix<f64> {
+        let (mut q, mut r) = ((q + q.transpose()) * 0.5, r.clone());
         for (i, column) in y.column_iter().enumerate() {
             r[(i, i)] += ROUNDING * column.norm_squared();
         }
-        let s = &self.k * &r;
-        let mut q = states.tr_mul(states) + &s * self.k.transpose();
         let size = q.norm();
         for i in 0..q.nrows() {
             q[(i, i)] += ROUNDING * size;
         }
-        let q = (&q + q.transpose()) * 0.5;
-        let filter = dlqr(&self.a.transpose(), &self.c.transpose(), &q, &r, Some(&s));
-        if let Ok(filter) = filter {
-            self.k = filter.k.transpose();
-        } else if decays(&self.a) {
-            self.k.fill(0.0);
+        let filter = dlqr(&self.a.transpose(), &self.c.transpose(), &q, &r, Some(s));
+        match filter {
+            Ok(filter) => filter.k.transpose(),
+            Err(_) if decays(&self.a) => DMatrix::zeros(self.order(), self.c.nrows()),
+            Err(_) => self.k.clone(),
         }
-        self
     }
 
     /// The model of scaled deviations, in the channels' own units.
@@ -138,11 +149,11 @@ impl InnovationsModel {
 
 /// Variance of rounding, relative to that of what is rounded.
 const ROUNDING: f64 = 1e-20;
-/// Squarings that tell a matrix that decays from one that does not: 2⁴⁰ samples.
+/// Squarings after which a matrix decays or does not: 2⁴⁰ samples.
 const SQUARINGS: usize = 40;
 
 /// The powers of a matrix go to 0.
-fn decays(m: &DMatrix<f64>) -> bool {
+pub(super) fn decays(m: &DMatrix<f64>) -> bool {
     let mut power = m.clone();
     for _ in 0..SQUARINGS {
         if power.norm() < 0.5 {
@@ -188,13 +199,7 @@ pub(super) fn of_states(
     let (layout, n) = (factor.layout, map.nrows());
     let (m, l) = (layout.m, layout.l);
     let u = factor.u();
-    let x = factor.r.columns(0, layout.window()) * map.transpose();
-    // z(t) is u(t) and the given y(t).
-    let ahead = map.columns(layout.width(), map.ncols() - layout.width());
-    let next = &u * map.columns(0, m).transpose()
-        + y * map.columns(m, l).transpose()
-        + factor.r.columns(0, layout.window() - layout.width()) * ahead.transpose();
-    debug_assert_eq!(ahead.ncols() + layout.width(), layout.shifted().len());
+    let (x, next) = (factor.states(map), factor.next_states(map, y));
     let seen = if direct == Direct::Free { join(&x, &u) } else { x.clone() };
     let (of_output, e) = solve(&seen, y, &column_norms(&seen));
     let moved = join(&join(&x, &u), &e);

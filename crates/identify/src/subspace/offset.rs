@@ -12,31 +12,41 @@ use super::single::solve;
 /// Weight of the equation of rest against the distance from the means.
 const EXACT: f64 = 1e6;
 
-/// Deviations of inputs and outputs from their means at rest, scaled channels: x = A x + B u + c, y = C x + D u + d.
+/// Constants of a model's regressions: x(t+1) = A x + B u + K e + moves, y = C x + D u + e + reads; scaled deviations from the means.
+pub(super) struct Constants {
+    pub(super) moves: DVector<f64>,
+    pub(super) reads: DVector<f64>,
+}
+
+impl Constants {
+    /// Of regressions over the rows of the factor, the states `map` times the past.
+    pub(super) fn of(factor: &Factor, map: &DMatrix<f64>, model: &InnovationsModel) -> Self {
+        let layout = factor.layout;
+        let of = |from: usize, count: usize| factor.means.rows(from, count).into_owned();
+        let x = map * of(0, layout.window());
+        let shifted = layout.shifted().into_iter().map(|column| factor.means[column]);
+        let next = map * DVector::from_iterator(layout.window(), shifted);
+        let (u, y) = (of(layout.window(), layout.m), of(layout.window() + layout.m, layout.l));
+        Self {
+            moves: next - &model.a * &x - &model.b * &u,
+            reads: y - &model.c * &x - &model.d * &u,
+        }
+    }
+}
+
+/// Deviations of inputs and outputs from their means at rest, scaled channels.
 ///
 /// Inputs rest at their means. Where an output then rests beyond `extent`, its largest recorded deviation, inputs move as well: the point of rest nearest to all
-/// means. `map` times the past is the state.
+/// means.
 pub(super) fn at_rest(
-    factor: &Factor,
-    map: &DMatrix<f64>,
+    Constants { moves, reads }: &Constants,
     model: &InnovationsModel,
     extent: &[f64],
 ) -> (DVector<f64>, DVector<f64>) {
-    let (layout, n) = (factor.layout, map.nrows());
-    let (m, l) = (layout.m, layout.l);
-    let of = |from: usize, count: usize| factor.means.rows(from, count).into_owned();
-    let x = map * of(0, layout.window());
-    let next = map
-        * DVector::from_iterator(
-            layout.window(),
-            layout.shifted().into_iter().map(|column| factor.means[column]),
-        );
-    let (u, y) = (of(layout.window(), m), of(layout.window() + m, l));
-    let moves = next - &model.a * &x - &model.b * &u;
-    let reads = y - &model.c * &x - &model.d * &u;
+    let (n, m, l) = (model.order(), model.b.ncols(), model.c.nrows());
     let still = DMatrix::identity(n, n) - &model.a;
-    if let Some(rest) = still.clone().lu().solve(&moves) {
-        let outputs = &model.c * rest + &reads;
+    if let Some(rest) = still.clone().lu().solve(moves) {
+        let outputs = &model.c * rest + reads;
         if outputs.iter().zip(extent).all(|(y, extent)| y.abs() <= *extent) {
             return (DVector::zeros(m), outputs);
         }
@@ -49,7 +59,7 @@ pub(super) fn at_rest(
     equations.view_mut((n + l, n), (m, m)).fill_with_identity();
     let mut targets = DMatrix::zeros(n + l + m, 1);
     targets.view_mut((0, 0), (n, 1)).copy_from(&(moves * EXACT));
-    targets.view_mut((n, 0), (l, 1)).copy_from(&(-&reads));
+    targets.view_mut((n, 0), (l, 1)).copy_from(&(-reads));
     let (point, _) = solve(&equations, &targets, &column_norms(&equations));
     let point = point.column(0);
     let inputs = point.rows(n, m).into_owned();

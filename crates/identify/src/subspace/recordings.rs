@@ -231,6 +231,18 @@ impl Recordings {
         Layout { m: self.inputs.len(), l: self.outputs.len(), past }
     }
 
+    /// Stretch, first sample and end of blocks of at most `most` samples, of each stretch from `first` on.
+    pub(super) fn ranges(&self, first: usize, most: usize) -> Vec<(usize, usize, usize)> {
+        let of = |(s, stretch): (usize, &Stretch)| {
+            let end = stretch.len();
+            (first..end)
+                .step_by(most)
+                .map(move |at| (s, at, (at + most).min(end)))
+                .collect::<Vec<_>>()
+        };
+        self.stretches.iter().enumerate().flat_map(of).collect()
+    }
+
     /// Triangular factors of the rows from `first` on, at least `past`, in blocks of at most `most` rows; a column of ones comes first.
     pub(super) fn blocks(
         &self,
@@ -240,17 +252,9 @@ impl Recordings {
     ) -> Vec<Mat<f64>> {
         let layout = self.layout(past);
         let (m, q) = (layout.m, layout.columns());
-        let mut jobs = Vec::new();
-        for (s, stretch) in self.stretches.iter().enumerate() {
-            let mut at = first;
-            while at < stretch.len() {
-                let to = (at + most).min(stretch.len());
-                jobs.push((s, at, to));
-                at = to;
-            }
-        }
-        let scaled: Vec<Stretch> = self.stretches.iter().map(|s| scales.scaled(s)).collect();
-        jobs.into_par_iter()
+        let scaled = self.scaled(scales);
+        self.ranges(first, most)
+            .into_par_iter()
             .map(|(s, from, to)| {
                 let Stretch { u, y } = &scaled[s];
                 let rows = Mat::from_fn(to - from, q + 1, |row, column| {
@@ -382,6 +386,20 @@ impl Factor {
         (0..columns)
             .filter(|&j| self.r[(j, j)].abs() > REPEATED * self.norm(j).max(f64::MIN_POSITIVE))
             .collect()
+    }
+
+    /// x(t) = map·[z(t−1); …], rows by states.
+    pub(super) fn states(&self, map: &DMatrix<f64>) -> DMatrix<f64> {
+        self.r.columns(0, self.layout.window()) * map.transpose()
+    }
+
+    /// x(t+1) = map·[z(t); …], z(t) of the inputs and the given outputs.
+    pub(super) fn next_states(&self, map: &DMatrix<f64>, y: &DMatrix<f64>) -> DMatrix<f64> {
+        let (layout, width) = (self.layout, self.layout.width());
+        let ahead = map.columns(width, map.ncols() - width);
+        self.u() * map.columns(0, layout.m).transpose()
+            + y * map.columns(layout.m, layout.l).transpose()
+            + self.r.columns(0, layout.window() - width) * ahead.transpose()
     }
 
     /// y(t).
