@@ -11,6 +11,7 @@ mod offset;
 pub(crate) mod order;
 mod pbsidopt;
 pub(crate) mod recordings;
+mod search;
 pub(crate) mod single;
 pub(crate) mod uncertainty;
 mod validation;

@@ -112,6 +112,13 @@ pub(super) fn predictions(theta: &DMatrix<f64>, factor: &Factor, horizon: usize)
     })
 }
 
+/// The predictions of a horizon as long as the past, and the triangular factor of the past.
+pub(super) fn predicted(predictor: &Predictor, factor: &Factor) -> (DMatrix<f64>, DMatrix<f64>) {
+    let window = factor.layout.window();
+    let right = factor.r.view((0, 0), (window, window)).into_owned();
+    (predictions(&predictor.theta, factor, factor.layout.past), right)
+}
+
 /// What the states are made of: T = S^(−1/2) Uᵀ W P, of which the first n rows give the states of a model of order n.
 #[derive(Debug, Clone)]
 pub(super) struct States {
