@@ -1,10 +1,11 @@
 """Case subspace: PBSIDopt, N4SID and MOESP on a stored record, from explicit data matrices, `lstsq` and `svd`."""
 
 import numpy as np
+import scipy.linalg
 
 from . import octave
 
-TOOL = "numpy 2.3.5"
+TOOL = "numpy 2.3.5, scipy 1.17.1"
 SAMPLES, PAST, ORDER = 500, 8, 3
 # One unstable pole; inputs in other units than outputs.
 A = np.array([[1.05, 0.2, 0.0], [0.0, 0.7, 0.3], [0.0, -0.3, 0.6]])
@@ -84,15 +85,53 @@ def past_of(z: np.ndarray, rows: np.ndarray, past: int) -> np.ndarray:
     return np.hstack([z[rows - lag] for lag in range(1, past + 1)])
 
 
+def with_constant(regressors: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of the regressors given a constant, and the constant."""
+    solved = np.linalg.lstsq(np.hstack([regressors, np.ones((len(regressors), 1))]), targets, rcond=None)[0]
+    return solved[:-1], solved[-1]
+
+
 def realise(u, y, z, states_map) -> dict:
-    """A, B, C, K from the states x(t) = map [z(t-1); ...; z(t-PAST)], by two regressions; D = 0."""
+    """A, B, C, K from the states x(t) = map [z(t-1); ...; z(t-PAST)], by two regressions, each with a constant; D = 0."""
     rows = np.arange(PAST, len(y))
     x, x_next = past_of(z, rows, PAST) @ states_map.T, past_of(z, rows + 1, PAST) @ states_map.T
-    c = np.linalg.lstsq(x, y[rows], rcond=None)[0].T
-    e = y[rows] - x @ c.T
-    abk = np.linalg.lstsq(np.hstack([x, u[rows], e]), x_next, rcond=None)[0].T
+    c, constant = with_constant(x, y[rows])
+    c, e = c.T, y[rows] - x @ c - constant
+    abk = with_constant(np.hstack([x, u[rows], e]), x_next)[0].T
     n, m = len(states_map), u.shape[1]
     return {"A": abk[:, :n], "B": abk[:, n : n + m], "C": c, "K": abk[:, n + m :]}
+
+
+def by_shift(u, y, z, states_map, gamma, w) -> dict:
+    """A and C by the shift of the observability matrix, K of Kalman's filter, B by the run of the observer A - K C, for A is unstable here; D = 0."""
+    rows, (n, m, l) = np.arange(PAST, len(y)), (len(states_map), u.shape[1], y.shape[1])
+    white, c = w @ gamma, gamma[:l]
+    a = np.linalg.lstsq(white[:-l], white[l:], rcond=None)[0]
+    x, x_next = past_of(z, rows, PAST) @ states_map.T, past_of(z, rows + 1, PAST) @ states_map.T
+    moved, seen = x_next - x @ a.T, y[rows] - x @ c.T
+    slopes, constant = with_constant(u[rows], moved)
+    left, v = moved - u[rows] @ slopes - constant, seen - seen.mean(axis=0)
+    p = scipy.linalg.solve_discrete_are(a.T, c.T, left.T @ left, v.T @ v, s=left.T @ v)
+    k = (a @ p @ c.T + left.T @ v) @ np.linalg.inv(c @ p @ c.T + v.T @ v)
+    assert np.max(np.abs(np.linalg.eigvals(a))) > 1
+
+    def run(start, forcing):
+        """Outputs of x+ = (A - K C) x + forcing."""
+        x, seen = start, []
+        for f in forcing:
+            seen.append(c @ x)
+            x = (a - k @ c) @ x + f
+        return np.concatenate(seen)
+
+    none, unit = np.zeros((len(y), n)), np.eye(n)
+    columns = [np.outer(u[:, j], unit[i]) for j in range(m) for i in range(n)]
+    columns = [run(np.zeros(n), f) for f in columns] + [run(unit[i], none) for i in range(n)] + [run(np.zeros(n), none + unit[i]) for i in range(n)]
+    columns += [np.tile(np.eye(l)[i], len(y)) for i in range(l)]
+    # Outputs weighted as in the decomposition.
+    whitened = lambda column: (column.reshape(len(y), l) @ w[:l, :l].T).ravel()
+    rest = whitened(y.ravel() - run(np.zeros(n), y @ k.T))
+    b = np.linalg.lstsq(np.column_stack([whitened(column) for column in columns]), rest, rcond=None)[0][: n * m].reshape(m, n).T
+    return {"A": a, "B": b, "C": c, "K": k}
 
 
 def invariants(model: dict, singular: np.ndarray) -> dict:
@@ -107,12 +146,12 @@ def invariants(model: dict, singular: np.ndarray) -> dict:
 
 
 def long_predictor(z, y):
-    """Coefficients on the past, channels by rows of past, and the innovations' covariance."""
+    """Coefficients on the past given a constant, channels by rows of past, and the innovations' covariance."""
     rows = np.arange(PAST, len(y))
     regressors = past_of(z, rows, PAST)
-    theta = np.linalg.lstsq(regressors, y[rows], rcond=None)[0]
-    rest = y[rows] - regressors @ theta
-    return theta, rest.T @ rest / (len(rows) - regressors.shape[1])
+    theta, constant = with_constant(regressors, y[rows])
+    rest = y[rows] - regressors @ theta - constant
+    return theta, rest.T @ rest / (len(rows) - regressors.shape[1] - 1)
 
 
 def weight(covariance: np.ndarray) -> np.ndarray:
@@ -134,24 +173,31 @@ def pbsidopt(u, y, z) -> dict:
     for ahead in range(PAST):
         predictions[ahead * l : (ahead + 1) * l, : (PAST - ahead) * width] = theta[ahead * width :].T
     rows = np.arange(PAST, len(y))
-    mapping, singular = states(weight(covariance), predictions, past_of(z, rows, PAST).T / np.sqrt(len(rows)))
+    right = past_of(z, rows, PAST)
+    mapping, singular = states(weight(covariance), predictions, (right - right.mean(axis=0)).T / np.sqrt(len(rows)))
     return invariants(realise(u, y, z, mapping), singular)
 
 
 def projection(u, y, z, beside_inputs: bool) -> dict:
-    """Oblique projection of future outputs along future inputs on the past; MOESP takes the past beside the future inputs."""
+    """Oblique projection of future outputs along future inputs on the past; MOESP takes the past without what future inputs explain, and its own realisation."""
     _, covariance = long_predictor(z, y)
     instants = np.arange(PAST, len(y) - PAST + 1)
     instants = instants[instants + PAST < len(y)]  # rows that the triangular factor of twice the past has
     before = past_of(z, instants, PAST)
     future = lambda series: np.hstack([series[instants + i] for i in range(PAST)])
     uf, yf = future(u), future(y)
-    along = np.linalg.lstsq(np.hstack([before, uf]), yf, rcond=None)[0]
+    along, _ = with_constant(np.hstack([before, uf]), yf)
     predictions = along[: before.shape[1]].T
-    seen = before - uf @ np.linalg.lstsq(uf, before, rcond=None)[0] if beside_inputs else before
+    seen = before - before.mean(axis=0)
+    if beside_inputs:
+        slopes, constant = with_constant(uf, before)
+        seen = before - uf @ slopes - constant
     rows = len(y) - PAST
     mapping, singular = states(weight(covariance), predictions, seen.T / np.sqrt(rows))
-    return invariants(realise(u, y, z, mapping), singular)
+    if not beside_inputs:
+        return invariants(realise(u, y, z, mapping), singular)
+    gamma = np.linalg.lstsq(seen @ mapping.T, seen @ predictions.T, rcond=None)[0].T
+    return invariants(by_shift(u, y, z, mapping, gamma, weight(covariance)), singular)
 
 
 def subspace(stored: dict | None) -> dict:

@@ -109,8 +109,11 @@ impl Report<'_> {
             text += &format!("  note: {note}\n");
         }
         text += &format!(
-            "\norders: {} by Schwarz's criterion, {} by Akaike's, {} by the largest gap of the singular values\n",
-            order.by_schwarz, order.by_akaike, order.by_gap
+            "\norders: {} by Schwarz's criterion, {} by Akaike's, {} by the largest gap of the singular values{}\n",
+            order.by_schwarz,
+            order.by_akaike,
+            order.by_gap,
+            order.by_free_run.map_or_else(String::new, |n| format!(", {n} by free runs"))
         );
         text += &format!("{}\n", self.orders());
         text +=

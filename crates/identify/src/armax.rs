@@ -42,7 +42,7 @@ pub struct ArmaxFit {
     pub c: Vec<f64>,
     /// Why the search stopped.
     pub stopped: Stopped,
-    /// What the quadratic model of the loss at the end promises of going on, of rows·ln(loss): 0 at a minimum. Where C hardly matters, or its roots are on the
+    /// Predicted reduction of rows·ln(loss) by the quadratic model at the end: 0 at a minimum. Where the loss barely depends on C, or its roots are on the
     /// unit circle, a search may end without a minimum and yet leave nothing to gain.
     pub to_gain: f64,
 }
@@ -114,7 +114,7 @@ struct ArmaxProblem<'a> {
 
 /// A relative ridge of rounding size, so that columns that repeat others need no rank decision: their sum is what matters.
 const RIDGE: f64 = 1e-13;
-/// Below this share of the signal's power the residual is computed again from what is left: the first solution's rounding is larger.
+/// Below this share of the signal's power the solution is refined on its residual: the first solution's rounding is larger.
 const REFINE: f64 = 1e-9;
 
 impl<'a> ArmaxProblem<'a> {
@@ -220,7 +220,7 @@ impl<'a> ArmaxProblem<'a> {
     }
 
     /// Solves for A, B and the errors before each stretch with the signals filtered; leaves e in the stretches. The factor of the Gram matrix of A's and B's
-    /// columns, the share of the errors before taken out, and Σ e².
+    /// columns, the contribution of the errors before the stretch removed, and Σ e².
     fn project(&mut self) -> Option<(Gram, f64)> {
         let (na, nc) = (self.orders.na, self.orders.nc);
         let mut stretches = std::mem::take(&mut self.stretches);

@@ -19,7 +19,7 @@ pub struct ArxScan {
     pub power: f64,
     /// Rows behind every loss.
     pub rows: usize,
-    /// Independent columns among the `nb` of the input, past outputs taken out, for every nk.
+    /// Independent columns among the `nb` of the input, past outputs removed, for every nk.
     pub input_rank: Vec<usize>,
     /// Σ e²/rows with only the last 1, 2, … nb of the input's coefficients: `by_count[nk][m − 1]` has m of them, from lag nk on.
     pub by_count: Vec<Vec<f64>>,
@@ -54,7 +54,7 @@ impl JointArx {
         Self { triangle: Regression { na, lags: max_delay + nb }.joint(inputs), na, nb, max_delay }
     }
 
-    /// The scan of one input, the coefficients of the `others` (input and delay) fitted beside it in every model; they stand behind those of past outputs.
+    /// The scan of one input, the coefficients of the `others` (input and delay) fitted jointly in every model; they stand behind those of past outputs.
     #[must_use]
     pub fn scan(&self, input: usize, others: &[(usize, usize)]) -> ArxScan {
         let Self { triangle, na, nb, max_delay } = self;

@@ -11,7 +11,7 @@ use deadtime_signal::stop::Stop;
 
 /// Orders of the model.
 ///
-/// Each round simulates B/F u, the noise-free output; fits an autoregression D to what is left; filters input, output and simulation by D/F; and solves for F and B
+/// Each round simulates B/F u, the noise-free output; fits an autoregression D to the residual; filters input, output and simulation by D/F; and solves for F and B
 /// with the filtered simulation as instruments. Poles outside the unit circle are mirrored into it before the next round. Of all rounds the one with the smallest
 /// loss Σ(D v)²/rows, v = y − B/F u, is the answer, because rounds need not end where the model is too small for the data.
 ///
@@ -169,7 +169,7 @@ struct White {
     y: Vec<f64>,
 }
 
-/// Inputs, output and the simulated output that stands in for it as an instrument, all through the same filter.
+/// Inputs, output and the simulated output, which is its instrument, all through the same filter.
 struct Regressors {
     u: Vec<Option<Vec<f64>>>,
     y: Vec<f64>,
@@ -273,7 +273,7 @@ impl RefinedIv {
         rows.max(1) as f64
     }
 
-    /// Σ over rows of instruments times regressors, and of instruments times the output; with `symmetric` the instruments stand in for the regressors too.
+    /// Σ over rows of instruments times regressors, and of instruments times the output; with `symmetric` the instruments are the regressors too.
     fn products(
         &self,
         signals: &[Regressors],
@@ -469,7 +469,7 @@ impl RefinedIv {
         Some((IvFit { loss, b, f, d, converged: fit.converged }, right.dot(&change)))
     }
 
-    /// Σ of the squares of D v over the rows that have all that D remembers, for each of them.
+    /// Σ of the squares of D v over the rows that have as many predecessors as D has coefficients, for each of them.
     fn loss(&self, errors: impl Iterator<Item = Vec<f64>>) -> f64 {
         let (mut sum, mut rows) = (0.0, 0);
         for e in errors.filter(|e| e.len() > self.noise) {

@@ -17,7 +17,7 @@ use crate::subspace::recordings::Recordings;
 use crate::subspace::uncertainty::Draws;
 use deadtime_model::{Continuous, StateSpace};
 
-/// What a model of a given structure has beside matrices.
+/// What a model of a given structure has in addition to matrices.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parametric {
     /// The structure, as a formula.
@@ -129,6 +129,7 @@ pub fn given(order: usize) -> OrderChoice {
         by_schwarz: order,
         by_gap: order,
         by_akaike: order,
+        by_free_run: None,
         candidates: Vec::new(),
     }
 }
@@ -168,7 +169,7 @@ pub struct Coloured {
     pub d: Vec<f64>,
     /// The variance of e.
     pub variance: f64,
-    /// What is left, the change and levels taken off.
+    /// The residual, the change and levels taken off.
     pub residual: Vec<f64>,
 }
 
@@ -205,7 +206,7 @@ pub fn coloured(
     let (change, NoiseModel { d, variance, covariance }, left) = system.step()?;
     let freedom = residual.len() as f64 / (residual.len() as f64 - change.len() as f64).max(1.0);
     let variance = variance * freedom;
-    // Over what the noise may be: its slow part is what slow columns are told from, and it is known from few samples.
+    // Over what the noise may be: slow columns are compared with its slow part, which is known from few samples.
     let cloud = Cloud::of(d.clone(), &covariance, 1)?;
     let drawn = (0..NOISES)
         .into_par_iter()
@@ -242,8 +243,7 @@ struct WhitenedSystem<'a> {
 }
 
 impl WhitenedSystem<'_> {
-    /// A signal behind the noise's filter; the first samples of each record lack what it would
-    /// remember.
+    /// A signal behind the noise's filter; the first samples of each record lack the filter's earlier inputs.
     fn white(&self, x: &[f64], d: &[f64]) -> Vec<f64> {
         let part =
             |p: &std::ops::Range<usize>| whitened(&x[p.clone()], d).into_iter().skip(d.len());
@@ -291,7 +291,7 @@ fn gram(columns: &[Vec<f64>]) -> DMatrix<f64> {
 
 /// Autoregressions drawn from what the residuals know of theirs.
 const NOISES: usize = 40;
-/// 1 + Σ d of noise that hardly forgets: it is no noise about a level.
+/// Noise with a smaller 1 + Σ d is nearly integrated: it is no noise about a level.
 const SLOWEST: f64 = 0.02;
 /// Rounds of noise and step.
 const ROUNDS: usize = 4;

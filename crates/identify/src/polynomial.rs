@@ -160,7 +160,7 @@ pub(super) fn from_roots(roots: &[Complex<f64>]) -> Vec<f64> {
     f.iter().skip(1).map(|v| v.re).collect()
 }
 
-/// Roots nearer to the unit circle than this, or on it, are pulled in to it: a filter must forget.
+/// Roots nearer to the unit circle than this, or on it, are pulled in to it: a filter's transients must decay.
 const CIRCLE: f64 = 0.995;
 
 /// The polynomial whose roots outside the unit circle are replaced by their mirror images inside: its spectrum is the same but for the gain.

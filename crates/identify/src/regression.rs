@@ -43,7 +43,7 @@ impl<'a> Record<'a> {
         self.len() == 0
     }
 
-    /// The inputs from `u` on beside as many outputs from `y` on, borrowed.
+    /// The inputs from `u` on together with as many outputs from `y` on, borrowed.
     pub fn part(&self, u: usize, y: usize, samples: usize) -> Record<'_> {
         let there = self.present.as_ref().map(|p| Cow::Borrowed(&p[y..y + samples]));
         Record {

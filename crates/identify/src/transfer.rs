@@ -86,7 +86,7 @@ struct Data {
 impl Data {
     /// The inputs at these lags, then of every stretch its start and its level, as inputs of their own.
     ///
-    /// A start is C/F of an impulse: it holds what the plant remembers of the time before the stretch, and the inputs that B reaches there.
+    /// A start is C/F of an impulse: it holds the plant's response to inputs before the stretch, and the inputs that B reaches there.
     fn problem<'a>(&'a self, lags: &[usize], nb: usize, outputs: &'a [Vec<f64>]) -> IvProblem<'a> {
         let rows = |s: &Stretch| s.len() - self.longest;
         let input = |(j, lag): (usize, &usize)| {
@@ -166,7 +166,7 @@ impl Identifier for Riv {
             .map(|fit| orders.polished(&problem, fit))
             .ok_or_else(|| failed("the rounds have no finite end; take smaller orders"))?;
         let rows: usize = outputs.iter().map(Vec::len).sum();
-        // Poles may settle on any of N/2 frequencies, where a lag is but a phase; and the starts are free beside the model without inputs, too.
+        // Poles may settle on any of N/2 frequencies, where a lag is but a phase; and the starts are free in the model without inputs, too.
         let tries = (1 + longest) as f64 * (rows as f64 / 2.0).max(1.0);
         let free = nf + m * nb + used.stretches.len() * starts;
         let limit =

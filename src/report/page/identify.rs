@@ -270,7 +270,9 @@ fn order(report: &Report<'_>) -> Markup {
     let rows: Vec<Vec<Cell>> = choice.candidates.iter().map(row).collect();
     html! {
         h2 { "Order" }
-        p { (choice.by_schwarz) " by Schwarz's criterion, " (choice.by_akaike) " by Akaike's, " (choice.by_gap) " by the largest gap of the singular values." }
+        p { (choice.by_schwarz) " by Schwarz's criterion, " (choice.by_akaike) " by Akaike's, " (choice.by_gap) " by the largest gap of the singular values"
+            @if let Some(order) = choice.by_free_run { ", " (order) " by free runs of the last 30 % of each record" }
+            "." }
         (sorted("Orders that were tried", &["order", "singular value", "of the largest", "Schwarz", "weight", "of all"], &rows))
     }
 }

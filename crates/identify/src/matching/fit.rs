@@ -136,7 +136,7 @@ pub struct Matched {
     pub starts: [usize; 2],
     /// The search ended at a minimum.
     pub converged: bool,
-    /// How far the file's values were believed to be off, as a share of each (one standard deviation); `None` where nothing held them.
+    /// Prior standard deviation of the file's values, as a share of each; `None` where no prior held them.
     pub prior: Option<f64>,
     /// What a user should know.
     pub notes: Vec<String>,
@@ -477,7 +477,7 @@ pub(super) fn know(
             posterior[(at, at)] += late;
         }
     }
-    // Without uncertainty all that is told is what nothing can resolve: the rest is taken to be known.
+    // Without uncertainty only unresolvable combinations are reported: the other parameters count as known.
     let scaled = if deviations.is_empty() {
         &information / (RESOLVED * most).max(f64::MIN_POSITIVE)
     } else {

@@ -13,8 +13,8 @@ pub struct Matching {
     pub band: Option<[f64; 2]>,
     /// Starts, the file's values first; default 8.
     pub starts: usize,
-    /// How far the file's values are believed to be off, as a share of each (one standard deviation), by `wls` and `h2`; default: what the evidence says, from 0.1
-    /// to 10; ∞: not held at all. Dead times are not held.
+    /// Prior standard deviation of the file's values, as a share of each, by `wls` and `h2`; default: that of greatest evidence, from 0.1
+    /// to 10; ∞: no prior. Dead times are not held.
     pub prior: Option<f64>,
     /// What counts as one of a channel in norms of gains, by name; default 1 of its unit.
     pub units: Vec<(String, f64)>,

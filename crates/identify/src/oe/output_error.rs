@@ -18,7 +18,7 @@ impl OutputError {
 
     /// The covariance of b₀ … b_nb−1, f₁ … f_nf of a fitted model, residuals taken for white (multiply by samples per independent sample where they are not).
     ///
-    /// The start, where it is estimated, is eliminated. `None` where the parameters cannot be told apart.
+    /// The start, where it is estimated, is eliminated. `None` where the parameters are indistinguishable.
     /// Source: Ljung (1999), "System Identification", 2nd ed., section 9.4.
     #[must_use]
     pub fn covariance(&self, records: &[Record], nk: usize, f: &[f64]) -> Option<DMatrix<f64>> {

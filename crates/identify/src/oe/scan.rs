@@ -9,7 +9,7 @@ use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish, pol
 use deadtime_signal::stop::Stop;
 use nalgebra::DVector;
 
-/// The search has come back to a known minimum: its loss is hardly above it, and the quadratic model says that nothing lies between.
+/// The search has come back to a known minimum: its loss exceeds it by less than the tolerance, and the quadratic model says that nothing lies between.
 fn is_same_minimum(f: &[f64], normal: &Normal, known: &Fit) -> bool {
     let excess = NEAR * known.normal.cost;
     let away = DVector::from_iterator(f.len(), f.iter().zip(&known.parameters).map(|(a, b)| a - b));

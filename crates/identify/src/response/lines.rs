@@ -42,7 +42,7 @@ pub struct Point {
     pub value: Complex<f64>,
     /// Standard deviation of the real part, and of the imaginary part.
     pub std: f64,
-    /// Squared coherence of this input and output, the other inputs' parts taken out: |G|²/(|G|² + noise over input), from 0 to 1.
+    /// Squared coherence of this input and output, the other inputs' parts removed: |G|²/(|G|² + noise over input), from 0 to 1.
     pub coherence: f64,
     /// Standard deviations on either side of a part that hold 95 %: Student's quantile.
     pub quantile: f64,

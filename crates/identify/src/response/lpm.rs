@@ -1,7 +1,7 @@
 //! The local polynomial method: response and transient are smooth over frequency, noise is not.
 //!
 //! Equation: Y(k+r) = G(k+r)·U(k+r) + T(k+r) + V(k+r), r = −n … n, with G(k+r) = G(k) + Σₛ gₛ(k)·rˢ and T alike, s = 1 … R, by least squares; the noise's
-//! covariance is what is left over, by its degrees of freedom q = 2n + 1 − (R+1)(m+1).
+//! covariance is that of the residual, by its degrees of freedom q = 2n + 1 − (R+1)(m+1).
 
 use nalgebra::{Complex, DMatrix};
 use rayon::prelude::*;
@@ -19,7 +19,7 @@ use deadtime_signal::{RealFourier, stats};
 /// Assumes: a linear plant, inputs that do not depend on the outputs' noise, G smooth over a window of 2n + 1 lines.
 /// Resolution and cost: the grid of the longest record; O(N log N) and a regression a line. Several records share G, each has its own transient.
 /// Fails when: inputs excite single lines only (a multisine whose lines stand far apart): no slope of G is seen, and the lines are absent. A resonance
-/// narrower than the window is smoothed, and what is left over widens the interval.
+/// narrower than the window is smoothed, and the residual widens the interval.
 /// Source: Pintelon, Schoukens, Vandersteen and Barbé (2010), Mech. Syst. Signal Process. 24(3), 573-595, doi:10.1016/j.ymssp.2009.08.009; Pintelon and
 /// Schoukens (2012), 2nd ed., section 7.2.2, doi:10.1002/9781118287422.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -240,7 +240,7 @@ impl Window<'_> {
         })
     }
 
-    /// An input hardly moves at these lines.
+    /// An input has no power at these lines.
     fn is_silent(&self, rows: &Rows<'_>) -> bool {
         (0..self.inputs).any(|i| {
             let most =

@@ -1,6 +1,6 @@
 //! Frequency responses from records without a model: one file a method, one line each in [`RESPONSES`].
 //!
-//! Both methods say at each line ω: y = G·u + v, with G (l × m), the covariance of the noise v (l × l) and how well the inputs are told apart (m × m).
+//! Both methods say at each line ω: y = G·u + v, with G (l × m), the covariance of the noise v (l × l) and how well the inputs are distinguishable (m × m).
 //! From these follow standard deviations, 95 % intervals and coherence alike (`lines`); with a reference, those of a loop (`reference`).
 
 mod lines;

@@ -14,7 +14,7 @@ use deadtime_signal::SpectralMatrix;
 /// Welch's method: averaged spectra of overlapping segments under Hann's window.
 ///
 /// Inputs: records of m inputs and l outputs; Output: G at the lines of a segment.
-/// Assumes: a linear plant whose memory (dead time and decay) is short beside a segment, inputs that do not depend on the outputs' noise.
+/// Assumes: a linear plant whose memory (dead time and decay) is short compared with a segment, inputs that do not depend on the outputs' noise.
 /// Resolution and cost: 1/(segment's duration); O(N log N).
 /// Fails when: a resonance is narrower than two lines or the dead time no small part of a segment: leakage is a bias that the coherence shows as noise,
 /// and its interval only in part.

@@ -107,7 +107,7 @@ impl Poles {
     }
 }
 
-/// The slowest pole beside the others.
+/// Smallest size of a pole.
 const SLOWEST: f64 = 1e-9;
 
 fn run(

@@ -25,7 +25,7 @@ use statrs::function::erf::erfc;
 /// Inputs: records of one output on one even grid, inputs held between samples. Output: a₁ …, b₀ … of every input in powers of s and s⁻¹, dead times in s, each
 /// with its standard deviation and interval, and the model in continuous time.
 /// Estimate: simplified refined instrumental variables from filtered least squares at every dead time of the search; from the best of these, and from a subspace
-/// model, least squares of the output error over poles and dead times; then steps of Gauss and Newton under the autoregression of what is left. Every record has a
+/// model, least squares of the output error over poles and dead times; then steps of Gauss and Newton under the autoregression of the residual. Every record has a
 /// start and a level of its own. Intervals are those of the last step's covariance.
 /// Assumes: open loop, a stable plant, `nb` ≤ `nf` (no direct path), noise that does not depend on the inputs.
 /// Fails when: the input is not held between samples, or depends on the output (biased); poles are much faster than the sample time.
@@ -391,7 +391,7 @@ fn moved(
     if !point.poles.is_stable() {
         return None;
     }
-    // Levels are fitted anew beside them.
+    // Levels are fitted jointly with them.
     let model = data.output(&point, &linear);
     let mut from = 0;
     for (y, own) in data.outputs.iter().zip(&mut linear.own) {

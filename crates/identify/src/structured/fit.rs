@@ -267,7 +267,7 @@ pub(super) fn refined(problem: &mut StructuredProblem<'_>) -> Result<Vec<Vec<Vec
 }
 
 impl Structured {
-    /// Fits the free parameters on `logs`; how well both models predict is told on them and on `held_out` logs.
+    /// Fits the free parameters on `logs`; prediction errors of both models are reported on them and on `held_out` logs.
     ///
     /// # Errors
     /// [`StructuredError`]; [`deadtime_log::LogError`] for a channel that is not there; [`deadtime_model::ModelError`] for equations that do not compile.
@@ -393,7 +393,7 @@ impl Structured {
         let far = far.part(share(round), share(round + 1));
         let mut tried = 0;
         search.minimise(z, |z| {
-            // How many a round takes nobody knows: each one has a part of what is left.
+            // The number of evaluations of a round is unknown: each one counts as a share of the remainder.
             let now =
                 format_args!("round {} of {rounds}, set {} of parameters", round + 1, tried + 1);
             far.at(1.0 - LEFT.powi(tried), &now);

@@ -26,7 +26,7 @@ pub enum Standing {
     Physical,
     /// It predicts well but is not the physics: the two differ, or the nominal value moved tenfold.
     Surrogate,
-    /// Nothing was found against it, but nothing was asked either: windows of one step were not fitted, or what they say is too vague to agree or to contradict.
+    /// It was not tested: windows of one step were not fitted, or their estimates are too vague to agree or to contradict.
     Unchecked,
     /// Another parameter can trade with it, or its interval holds anything from nothing to twice its value.
     Open,
@@ -34,7 +34,7 @@ pub enum Standing {
     Held,
 }
 
-/// A combination of parameters that the data do not show, or hardly.
+/// A combination of parameters that the data do not determine, or only vaguely.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Unseen {
     /// The parameters and their parts in it, in shares of each one's size.

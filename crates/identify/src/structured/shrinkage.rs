@@ -10,7 +10,7 @@ pub(super) const WEAKEST: f64 = 1e-8;
 /// Candidates a decade.
 const A_DECADE: i32 = 2;
 
-/// The shrinkage with the least error on what is left out in turn: records where there are three, else clusters of windows.
+/// The shrinkage with the least error in cross-validation, folds being records where there are three, else clusters of windows.
 ///
 /// Each fold's fit is one Gauss-Newton step from the joint fit, its error the quadratic there: no window is simulated again.
 pub(super) fn by_data(

@@ -10,13 +10,15 @@ use super::recordings::{Factor, Layout, Recordings, Scales, triangle};
 /// Blocks that do not overlap, of which each replicate draws as many as there are.
 ///
 /// A row holds an output with all of its past, so that only what errors have in common beyond the past is cut at the edges of a block.
-/// Assumes: errors that forget within a block, a process that stays the same. Fails when: there are few blocks; then intervals are too narrow.
+/// Assumes: errors whose correlation length is shorter than a block, a process that stays the same. Fails when: there are few blocks; then intervals are too narrow.
 /// Source: Carlstein (1986), Ann. Stat. 14(3), 1171-1179, doi:10.1214/aos/1176350057; Lahiri (2003), "Resampling Methods for Dependent Data",
 /// doi:10.1007/978-1-4757-3803-2.
 pub(super) struct Blocks {
     layouts: Vec<Layout>,
     /// By block, a factor for each layout.
     blocks: Vec<Vec<Mat<f64>>>,
+    /// By block, its stretch and samples.
+    ranges: Vec<(usize, usize, usize)>,
     rows: usize,
     seed: u64,
 }
@@ -46,14 +48,14 @@ impl Blocks {
                 past: *past,
             })
             .collect();
-        Self { layouts, blocks, rows, seed }
+        Self { layouts, blocks, ranges: recordings.ranges(first, length), rows, seed }
     }
 
-    /// The factor for each past of one replicate; none without blocks.
-    pub(super) fn replicate(&self, number: usize) -> Vec<Factor> {
+    /// The factor for each past of one replicate, and the weight of each sample; none without blocks.
+    pub(super) fn replicate(&self, number: usize) -> (Vec<Factor>, Vec<Vec<f64>>) {
         let count = self.blocks.len();
         if count == 0 {
-            return Vec::new();
+            return Default::default();
         }
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         rng.set_stream(STREAM + number as u64);
@@ -63,11 +65,26 @@ impl Blocks {
                 .iter()
                 .flat_map(|b| (0..self.blocks[*b][which].nrows()).map(move |row| (*b, row)))
                 .collect();
-            let all = Mat::from_fn(above.len(), layout.columns(), |i, j| {
+            let all = Mat::from_fn(above.len(), layout.columns() + 1, |i, j| {
                 self.blocks[above[i].0][which][(above[i].1, j)]
             });
             Factor::joined(*layout, self.rows, [triangle(&all)])
         };
-        self.layouts.iter().enumerate().map(one).collect()
+        (self.layouts.iter().enumerate().map(one).collect(), self.weights(&drawn))
+    }
+
+    /// By stretch and sample, the root of how often its block was drawn; 1 before the first block.
+    fn weights(&self, drawn: &[usize]) -> Vec<Vec<f64>> {
+        let stretches = self.ranges.iter().map(|(s, ..)| s + 1).max().unwrap_or(0);
+        let mut weights = vec![Vec::new(); stretches];
+        for (block, (stretch, from, to)) in self.ranges.iter().enumerate() {
+            let of: &mut Vec<f64> = &mut weights[*stretch];
+            if of.is_empty() {
+                of.resize(*from, 1.0);
+            }
+            let times = drawn.iter().filter(|b| **b == block).count() as f64;
+            of.resize(*to, times.sqrt());
+        }
+        weights
     }
 }

@@ -4,12 +4,13 @@ use super::bootstrap::Blocks;
 use super::innovations::{Direct, InnovationsModel};
 use super::n4sid::Weight;
 use super::order::OrderChoice;
-use super::pbsidopt::{Predictor, States};
+use super::pbsidopt::Predictor;
 use super::recordings::Factor;
 use super::recordings::{Named, Recordings, Scales, Stretch};
+use super::search::{Search, Way};
 use super::uncertainty::{Draws, Response, Root};
 use super::validation::OutputCheck;
-use super::{innovations, n4sid, offset, order, pbsidopt, uncertainty, validation};
+use super::{innovations, moesp, n4sid, order, pbsidopt, search, uncertainty, validation};
 use crate::error::IdentifyError;
 use crate::parametric::Parametric;
 use deadtime_model::{Channel, ModelError, ModelFile, Operating, Sampled, State, StateSpace, d2c};
@@ -38,7 +39,7 @@ pub struct IdentifierLine {
     pub entry: Entry<dyn Identifier>,
     /// What the data must be like.
     pub needs: &'static str,
-    /// It finds the dead times itself, so that none are taken out first.
+    /// It finds the dead times itself, so that none are removed first.
     pub finds_delays: bool,
     /// It is biased where the inputs depend on the outputs.
     pub open_loop: bool,
@@ -78,7 +79,7 @@ pub const MOESP: IdentifierLine = IdentifierLine {
     open_loop: true,
 };
 
-/// What all subspace methods are told.
+/// Options of all subspace methods.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
@@ -135,7 +136,9 @@ pub struct N4sid(pub Settings);
 
 /// Subspace identification by orthogonal projection with past inputs and outputs as instruments (PO-MOESP).
 ///
-/// Source: Verhaegen (1994), Automatica 30(1), 61-74, doi:10.1016/0005-1098(94)90229-1; the states' regressions as in [`Pbsidopt`].
+/// A and C by the shift of the observability matrix, B and D by least squares of a free run, of an observer's run where A does not decay. Inputs of few lines suffice
+/// for these; K needs states, and with them richer inputs.
+/// Source: Verhaegen (1994), Automatica 30(1), 61-74, doi:10.1016/0005-1098(94)90229-1.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Moesp(pub Settings);
@@ -169,9 +172,9 @@ pub struct Identified {
     pub inputs: Vec<Named>,
     /// The outputs.
     pub outputs: Vec<Named>,
-    /// The model, of deviations from the means.
+    /// The model, of deviations from the operating point.
     pub model: InnovationsModel,
-    /// Means and standard deviations of the data that it was made of.
+    /// Operating point, and standard deviations of the data that it was made of.
     pub scales: Scales,
     /// The past window, samples.
     pub past: usize,
@@ -185,7 +188,7 @@ pub struct Identified {
     pub draws: Draws,
     /// What a user should know.
     pub notes: Vec<String>,
-    /// The numbers of a model whose structure is given; absent for one that is states alone.
+    /// The parameters of a given structure; absent for a model of states alone.
     pub parametric: Option<Parametric>,
 }
 
@@ -229,9 +232,8 @@ impl Settings {
         scales: &Scales,
     ) -> Result<usize, IdentifyError> {
         let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
-        // Thrice the regressors of one output; projections look as far ahead as back.
         let double = if weight.is_some() { 2 } else { 1 };
-        let needed = |past: usize| 3 * (double * past * (m + l) + m);
+        let needed = |past: usize| needed(weight, past, (m, l));
         let carried = |past: usize| recordings.rows(double * past) >= needed(past);
         let longest =
             (1..=LONGEST.max(self.past.unwrap_or(0))).rev().find(|p| carried(*p)).unwrap_or(0);
@@ -265,7 +267,6 @@ impl Settings {
         let scales = recordings.scales()?;
         let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
         let past = self.past_window(weight, recordings, &scales)?;
-        let scales = offset::at_operating_point(scales, recordings, past, self.direct);
         far.at(PAST, &"regression on the past");
         let factor = recordings.factor(past, &scales);
         let orders = factor.excitation(&recordings.inputs)?;
@@ -279,56 +280,33 @@ impl Settings {
             let needed = self.order.unwrap_or(1);
             return Err(IdentifyError::NotRich { channel, orders, needed });
         }
-        let predictor = Predictor::fit(&factor, self.direct);
-        let window = factor.layout.window();
-        let (predictions, right) = match weight {
-            None => (
-                pbsidopt::predictions(&predictor.theta, &factor, past),
-                factor.r.view((0, 0), (window, window)).into_owned(),
-            ),
-            Some(weight) => n4sid::oblique(&recordings.factor(2 * past, &scales), weight),
-        };
-        let tried = self.order.unwrap_or(0).max(self.max_order).min(most);
         let failed = |reason| IdentifyError::Numeric { method, reason };
-        let states = States::of(&predictions, &right, factor.rows, &predictor.noise, tried).ok_or_else(|| {
+        let tried = self.order.unwrap_or(0).max(self.max_order).min(most);
+        let way = Way { weight, direct: self.direct, past, most: tried };
+        let search = Search::of(recordings, scales, factor, way).ok_or_else(|| {
             failed("the inputs and the past explain nothing of the outputs; check the channels, or record with a stronger excitation")
         })?;
-        if let Some(order) = self.order.filter(|n| *n > states.rows.nrows()) {
-            return Err(IdentifyError::Order { order, past, most: states.rows.nrows() });
+        if let Some(order) = self.order.filter(|n| *n > search.orders()) {
+            return Err(IdentifyError::Order { order, past, most: search.orders() });
         }
-        let y = factor.y();
-        let model_of = |order: usize| {
-            innovations::of_states(&factor, &y, &states.map(&predictions, order), self.direct)
-        };
-        let scaled: Vec<Stretch> = recordings.stretches.iter().map(|s| scales.scaled(s)).collect();
-        let trying = far.part(STATES, ORDERS);
-        let steps = trying.steps(states.rows.nrows(), "orders tried");
-        let loss = |order: usize| {
-            let loss = Some(model_of(order).0)
-                .filter(InnovationsModel::is_finite)
-                .and_then(|m| order::log_loss(&m, &scaled, past));
-            steps.one_more();
-            loss
-        };
-        let losses: Vec<Option<f64>> =
-            (1..=states.rows.nrows()).into_par_iter().map(loss).collect();
-        let order = order::choose(self.order, &losses, &states.singular, factor.rows, (m, l));
-        let (model, residual) = model_of(order.order);
+        let order = self.chosen(&search, recordings, &far.part(STATES, ORDERS));
+        let (model, residual, scales) = search.model(order.order);
         if !model.is_finite() {
             return Err(failed("the regressions have no finite solution; choose a smaller order"));
         }
-        let freedom = factor.rows.saturating_sub(predictor.parameters()).max(1) as f64;
-        let spread: Vec<f64> = scales.outputs.iter().map(|s| s.1).collect();
-        let covariance = residual.transpose() * residual / freedom;
         far.part(ORDERS, 1.0).at(0.0, &"drawing models for the intervals");
         let draws = if self.bootstrap > 0 {
-            self.replicated(weight, recordings, &states, (past, order.order), &scales)
+            self.replicated(&search, recordings, order.order, &scales)
         } else if weight.is_some() {
             Draws::default()
         } else {
-            self.drawn(&factor, &predictor, &states, order.order, &scales)
+            self.drawn(&search, order.order, &scales)
         };
-        let told_apart = poor(recordings, &orders, 2 * order.order, past);
+        let Search { factor, predictor, .. } = &search;
+        let freedom = factor.rows.saturating_sub(predictor.parameters() + 1).max(1) as f64;
+        let spread: Vec<f64> = scales.outputs.iter().map(|s| s.1).collect();
+        let covariance = residual.transpose() * residual / freedom;
+        let few = poor(recordings, &orders, 2 * order.order, past);
         Ok(Identified {
             method,
             sample_time: recordings.sample_time,
@@ -340,10 +318,32 @@ impl Settings {
             order,
             innovations: DMatrix::from_fn(l, l, |i, j| covariance[(i, j)] * spread[i] * spread[j]),
             draws,
-            notes: notes(method, weight, told_apart, undetermined(recordings, &predictor, &factor)),
+            notes: notes(method, weight, few, undetermined(recordings, predictor, factor)),
             scales,
             parametric: None,
         })
+    }
+
+    /// The order: as given, by Schwarz's criterion, or by free runs of held-out data where these reject that one.
+    fn chosen(&self, search: &Search, recordings: &Recordings, far: &HowFar) -> OrderChoice {
+        let Way { weight, past, .. } = search.way;
+        let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
+        let steps = far.steps(search.orders(), "orders tried");
+        let loss = |order: usize| {
+            let (model, _, scales) = search.model(order);
+            let loss = order::log_loss(&model, &recordings.scaled(&scales), past);
+            steps.one_more();
+            loss
+        };
+        let losses: Vec<Option<f64>> = (1..=search.orders()).into_par_iter().map(loss).collect();
+        let free = if self.order.is_some() {
+            None
+        } else {
+            search::free_runs(search, recordings, needed(weight, past, (m, l)))
+        };
+        let free = free.unwrap_or_default();
+        let rows = search.factor.rows;
+        order::choose(self.order, (&losses, &free), &search.states.singular, rows, (m, l))
     }
 
     /// Standard normal numbers of one draw.
@@ -353,14 +353,8 @@ impl Settings {
         DMatrix::from_fn(predictor.parameters(), outputs, |_, _| StandardNormal.sample(&mut rng))
     }
 
-    fn drawn(
-        &self,
-        factor: &Factor,
-        predictor: &Predictor,
-        states: &States,
-        order: usize,
-        scales: &Scales,
-    ) -> Draws {
+    fn drawn(&self, search: &Search, order: usize, scales: &Scales) -> Draws {
+        let Search { factor, predictor, states, .. } = search;
         let y = factor.y();
         let draw = |i: usize, size: f64| {
             let change = predictor.change(&self.normal(i, predictor, factor.layout.l)) * size;
@@ -385,33 +379,35 @@ impl Settings {
     /// Models of replicates of a block bootstrap, in the states of the model.
     fn replicated(
         &self,
-        weight: Option<Weight>,
+        search: &Search,
         recordings: &Recordings,
-        states: &States,
-        (past, order): (usize, usize),
+        order: usize,
         scales: &Scales,
     ) -> Draws {
+        let Way { weight, past, .. } = search.way;
+        let (states, noise) = (&search.states, &search.predictor.noise);
         let pasts = if weight.is_some() { vec![past, 2 * past] } else { vec![past] };
         let blocks = Blocks::of(recordings, &pasts, scales, self.seed);
+        let scaled = recordings.scaled(scales);
         let one = |number: usize| {
-            let factors = blocks.replicate(number);
+            let (factors, weights) = blocks.replicate(number);
             let factor = factors.first()?;
-            let predictions = match (weight, factors.get(1)) {
-                (Some(weight), Some(double)) => n4sid::oblique(double, weight).0,
-                _ => {
-                    pbsidopt::predictions(&Predictor::fit(factor, self.direct).theta, factor, past)
-                }
+            let y = factor.y();
+            let (predictions, right) = match (weight, factors.get(1)) {
+                (Some(weight), Some(double)) => n4sid::oblique(double, weight),
+                _ => pbsidopt::predicted(&Predictor::fit(factor, self.direct), factor),
             };
-            Some(
-                innovations::of_states(
-                    factor,
-                    &factor.y(),
-                    &states.map(&predictions, order),
-                    self.direct,
-                )
-                .0
-                .in_units(scales),
-            )
+            let map = states.map(&predictions, order);
+            let model = if weight == Some(Weight::PastBesideInputs) {
+                let gamma = moesp::observability(&predictions, &right, &map);
+                let of = |s: usize, t: usize| {
+                    weights.get(s).and_then(|w| w.get(t)).copied().unwrap_or(1.0)
+                };
+                moesp::realise((factor, &y), (&map, &gamma), (noise, self.direct), &scaled, &of).0
+            } else {
+                innovations::of_states(factor, &y, &map, self.direct).0
+            };
+            Some(model.in_units(scales))
         };
         let whole: Vec<_> = (0..self.bootstrap)
             .into_par_iter()
@@ -420,6 +416,12 @@ impl Settings {
             .collect();
         Draws { small: whole.clone(), whole, step: 1.0, ..Draws::default() }
     }
+}
+
+/// Rows wanted: thrice the regressors of one output; projections look as far ahead as back.
+fn needed(weight: Option<Weight>, past: usize, (m, l): (usize, usize)) -> usize {
+    let double = if weight.is_some() { 2 } else { 1 };
+    3 * (double * past * (m + l) + m)
 }
 
 /// The first input that is excited at fewer than `needed` lags (of a window of `past`), and at how

@@ -28,7 +28,7 @@ impl InnovationsModel {
         self.a.nrows()
     }
 
-    /// One-step prediction errors, l × samples, from the state 0.
+    /// One-step prediction errors, l × samples, from the initial state that fits the record best (least squares).
     #[must_use]
     pub fn innovations(&self, s: &Stretch) -> DMatrix<f64> {
         let mut x = DVector::zeros(self.order());
@@ -39,40 +39,45 @@ impl InnovationsModel {
             x = &self.a * x + &self.b * u + &self.k * &error;
             e.set_column(t, &error);
         }
-        e
+        self.without_start(&(&self.a - &self.k * &self.c), e)
+    }
+
+    /// The errors less the response C·Fᵗ·x₀ that explains most of them; as they are where F does not decay.
+    fn without_start(&self, f: &DMatrix<f64>, mut errors: DMatrix<f64>) -> DMatrix<f64> {
+        let (n, l) = (self.order(), self.c.nrows());
+        let seen = errors.ncols().min(SETTLING);
+        let mut gamma = DMatrix::zeros(l * seen, n);
+        let mut response = self.c.clone();
+        for t in 0..seen {
+            gamma.view_mut((t * l, 0), (l, n)).copy_from(&response);
+            response *= f;
+        }
+        if !gamma.iter().all(|v| v.is_finite()) {
+            return errors;
+        }
+        let first = DMatrix::from_fn(l * seen, 1, |row, _| errors[(row % l, row / l)]);
+        let (mut start, _) = solve(&gamma, &first, &column_norms(&gamma));
+        for t in 0..errors.ncols() {
+            let response = &self.c * &start;
+            for i in 0..l {
+                errors[(i, t)] -= response[(i, 0)];
+            }
+            start = f * start;
+        }
+        errors
     }
 
     /// Outputs of a free run, l × samples, from the state that fits the record best (least squares).
     #[must_use]
     pub fn free_run(&self, s: &Stretch) -> DMatrix<f64> {
-        let (n, l) = (self.order(), self.c.nrows());
-        let samples = s.len();
-        let mut y = DMatrix::zeros(l, samples);
-        let mut x = DVector::zeros(n);
-        // Γ: the response to each state of the start; its effect fades, so that the first samples settle it.
-        let seen = samples.min(SETTLING);
-        let mut gamma = DMatrix::zeros(l * seen, n);
-        let mut power = DMatrix::identity(n, n);
-        for t in 0..samples {
+        let mut x = DVector::zeros(self.order());
+        let mut errors = s.y.clone();
+        for t in 0..s.len() {
             let u = s.u.column(t);
-            y.set_column(t, &(&self.c * &x + &self.d * u));
+            errors.set_column(t, &(s.y.column(t) - &self.c * &x - &self.d * u));
             x = &self.a * x + &self.b * u;
-            if t < seen {
-                gamma.view_mut((t * l, 0), (l, n)).copy_from(&(&self.c * &power));
-                power = &self.a * power;
-            }
         }
-        let rest =
-            DMatrix::from_fn(l * seen, 1, |row, _| s.y[(row % l, row / l)] - y[(row % l, row / l)]);
-        let (mut start, _) = solve(&gamma, &rest, &column_norms(&gamma));
-        for t in 0..samples {
-            let response = &self.c * &start;
-            for i in 0..l {
-                y[(i, t)] += response[(i, 0)];
-            }
-            start = &self.a * start;
-        }
-        y
+        &s.y - self.without_start(&self.a, errors)
     }
 
     /// Every entry is a number.
@@ -83,7 +88,7 @@ impl InnovationsModel {
             .all(|m| m.iter().all(|v| v.is_finite()))
     }
 
-    /// The same model with a predictor that forgets its start: where A − KC does not decay, K is the gain of Kalman's filter for the covariances of the
+    /// The same model with a predictor whose transients decay: where A − KC does not decay, K is the gain of Kalman's filter for the covariances of the
     /// residuals. `states` and `outputs` are residuals of x(t+1) and y(t), `y` the outputs.
     ///
     /// Source: Van Overschee and De Moor (1996), "Subspace Identification for Linear Systems", section 4.5, doi:10.1007/978-1-4613-0465-4.
@@ -96,24 +101,35 @@ impl InnovationsModel {
         if !self.is_finite() || decays(&(&self.a - &self.k * &self.c)) {
             return self;
         }
-        let mut r = outputs.tr_mul(outputs);
+        let r = outputs.tr_mul(outputs);
+        let s = &self.k * &r;
+        let q = states.tr_mul(states) + &s * self.k.transpose();
+        self.k = self.kalman(&q, &r, &s, y);
+        self
+    }
+
+    /// The gain of Kalman's filter for noises of states and outputs of the covariances Q, R and S, up to a factor; 0 where there is none. `y`: the outputs.
+    pub(super) fn kalman(
+        &self,
+        q: &DMatrix<f64>,
+        r: &DMatrix<f64>,
+        s: &DMatrix<f64>,
+        y: &DMatrix<f64>,
+    ) -> DMatrix<f64> {
+        let (mut q, mut r) = ((q + q.transpose()) * 0.5, r.clone());
         for (i, column) in y.column_iter().enumerate() {
             r[(i, i)] += ROUNDING * column.norm_squared();
         }
-        let s = &self.k * &r;
-        let mut q = states.tr_mul(states) + &s * self.k.transpose();
         let size = q.norm();
         for i in 0..q.nrows() {
             q[(i, i)] += ROUNDING * size;
         }
-        let q = (&q + q.transpose()) * 0.5;
-        let filter = dlqr(&self.a.transpose(), &self.c.transpose(), &q, &r, Some(&s));
-        if let Ok(filter) = filter {
-            self.k = filter.k.transpose();
-        } else if decays(&self.a) {
-            self.k.fill(0.0);
+        let filter = dlqr(&self.a.transpose(), &self.c.transpose(), &q, &r, Some(s));
+        match filter {
+            Ok(filter) => filter.k.transpose(),
+            Err(_) if decays(&self.a) => DMatrix::zeros(self.order(), self.c.nrows()),
+            Err(_) => self.k.clone(),
         }
-        self
     }
 
     /// The model of scaled deviations, in the channels' own units.
@@ -133,11 +149,11 @@ impl InnovationsModel {
 
 /// Variance of rounding, relative to that of what is rounded.
 const ROUNDING: f64 = 1e-20;
-/// Squarings that tell a matrix that decays from one that does not: 2⁴⁰ samples.
+/// Squarings after which a matrix decays or does not: 2⁴⁰ samples.
 const SQUARINGS: usize = 40;
 
 /// The powers of a matrix go to 0.
-fn decays(m: &DMatrix<f64>) -> bool {
+pub(super) fn decays(m: &DMatrix<f64>) -> bool {
     let mut power = m.clone();
     for _ in 0..SQUARINGS {
         if power.norm() < 0.5 {
@@ -183,13 +199,7 @@ pub(super) fn of_states(
     let (layout, n) = (factor.layout, map.nrows());
     let (m, l) = (layout.m, layout.l);
     let u = factor.u();
-    let x = factor.r.columns(0, layout.window()) * map.transpose();
-    // z(t) is u(t) and the given y(t).
-    let ahead = map.columns(layout.width(), map.ncols() - layout.width());
-    let next = &u * map.columns(0, m).transpose()
-        + y * map.columns(m, l).transpose()
-        + factor.r.columns(0, layout.window() - layout.width()) * ahead.transpose();
-    debug_assert_eq!(ahead.ncols() + layout.width(), layout.shifted().len());
+    let (x, next) = (factor.states(map), factor.next_states(map, y));
     let seen = if direct == Direct::Free { join(&x, &u) } else { x.clone() };
     let (of_output, e) = solve(&seen, y, &column_norms(&seen));
     let moved = join(&join(&x, &u), &e);

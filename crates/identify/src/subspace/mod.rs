@@ -1,15 +1,17 @@
 //! State-space models from records of several inputs and outputs: one file a method, one line each in `IDENTIFIERS` of the layer that searches for delays.
 //!
-//! Every method finds states as combinations of the past; A, B, C, D and K follow by two regressions (`innovations`).
+//! Every method finds states as combinations of the past. A, B, C, D and K follow by two regressions (`innovations`), or by shifts and a free run (`moesp`).
 
 mod bootstrap;
 pub(crate) mod identifier;
 pub(crate) mod innovations;
+mod moesp;
 mod n4sid;
 mod offset;
 pub(crate) mod order;
 mod pbsidopt;
 pub(crate) mod recordings;
+mod search;
 pub(crate) mod single;
 pub(crate) mod uncertainty;
 mod validation;

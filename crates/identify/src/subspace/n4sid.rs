@@ -16,7 +16,7 @@ pub(super) enum Weight {
     PastBesideInputs,
 }
 
-/// The part of `horizon` = past future outputs that the past explains beside the future inputs: (past·l) × past window; and the right factor of its weight.
+/// The part of `horizon` = past future outputs that the past explains given the future inputs: (past·l) × past window; and the right factor of its weight.
 ///
 /// From the factor of twice the past: of the row at t, the instant t − past has lags past+1 … 2·past as its past and 1 … past as its future.
 pub(super) fn oblique(double: &Factor, weight: Weight) -> (DMatrix<f64>, DMatrix<f64>) {

@@ -1,71 +1,68 @@
-//! The operating point of a record: where the outputs would settle at the inputs' means.
+//! The operating point of a model: inputs and outputs at which it rests.
 //!
-//! How it can be wrong: an integrating plant has none (the mean stays), a constant that rounding or noise makes (it counts where a likelihood-ratio test asks for
-//! it), and a mean taken for it (a slow plant's mean depends on where the record begins).
+//! Every regression has a constant, so that no mean is taken for a rest: a slow plant's mean depends on where the record begins.
+//! How it can be wrong: a plant near integration rests far from what was recorded, or nowhere; then the inputs' operating point moves as well.
 
-use deadtime_signal::decompositions::singular_values;
 use nalgebra::{DMatrix, DVector};
-use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-use super::innovations::Direct;
-use super::pbsidopt::Predictor;
-use super::recordings::{Named, Recordings, Scales, Stretch};
+use super::innovations::{InnovationsModel, column_norms};
+use super::recordings::Factor;
+use super::single::solve;
 
-/// How often noise may pass for a constant.
-const BY_CHANCE: f64 = 1e-3;
-/// The settled outputs of a plant this close to integration are no numbers.
-const INTEGRATES: f64 = 1e-9;
+/// Weight of the equation of rest against the distance from the means.
+const EXACT: f64 = 1e6;
 
-/// The scales with the outputs' operating point in the place of their means, where the records show that the two differ.
-///
-/// The long predictor is fitted with a constant beside its past: y = Σ θy·y(t−lag) + Σ θu·u(t−lag) + c + e. Its outputs settle at (I − Σ θy)⁻¹c.
-pub(super) fn at_operating_point(
-    scales: Scales,
-    recordings: &Recordings,
-    past: usize,
-    direct: Direct,
-) -> Scales {
-    let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
-    let with_one = beside_one(recordings);
-    let mut one_scales = scales.clone();
-    one_scales.inputs.push((0.0, 1.0));
-    let factor = with_one.factor(past, &one_scales);
-    let predictor = Predictor::fit(&factor, direct);
-    let without = Predictor::fit(&factor.without_input(m), direct);
-    let determinant =
-        |p: &Predictor| p.noise.diagonal().iter().map(|v| 2.0 * v.abs().ln()).sum::<f64>();
-    let gained = factor.rows as f64 * (determinant(&without) - determinant(&predictor));
-    let limit = ChiSquared::new(l as f64).map_or(f64::INFINITY, |d| d.inverse_cdf(1.0 - BY_CHANCE));
-    if gained.is_nan() || gained <= limit {
-        return scales;
-    }
-    let width = m + 1 + l;
-    let mut constant = DVector::zeros(l);
-    let mut settled = DMatrix::<f64>::identity(l, l);
-    for lag in 0..past {
-        constant += predictor.theta.row(lag * width + m).transpose();
-        settled -= predictor.theta.rows(lag * width + m + 1, l).transpose();
-    }
-    if singular_values(&settled).is_none_or(|s| s.min() <= INTEGRATES * s.max()) {
-        return scales;
-    }
-    let Some(point) = settled.lu().solve(&constant) else { return scales };
-    let mut scales = scales;
-    for (scale, by) in scales.outputs.iter_mut().zip(point.iter()) {
-        scale.0 += scale.1 * by;
-    }
-    scales
+/// Constants of a model's regressions: x(t+1) = A x + B u + K e + moves, y = C x + D u + e + reads; scaled deviations from the means.
+pub(super) struct Constants {
+    pub(super) moves: DVector<f64>,
+    pub(super) reads: DVector<f64>,
 }
 
-/// The same records with an input that is 1.
-fn beside_one(recordings: &Recordings) -> Recordings {
-    let beside =
-        |s: &Stretch| Stretch { u: s.u.clone().insert_row(s.u.nrows(), 1.0), y: s.y.clone() };
-    let mut inputs = recordings.inputs.clone();
-    inputs.push(Named { name: String::new(), unit: None });
-    Recordings {
-        inputs,
-        stretches: recordings.stretches.iter().map(beside).collect(),
-        ..recordings.clone()
+impl Constants {
+    /// Of regressions over the rows of the factor, the states `map` times the past.
+    pub(super) fn of(factor: &Factor, map: &DMatrix<f64>, model: &InnovationsModel) -> Self {
+        let layout = factor.layout;
+        let of = |from: usize, count: usize| factor.means.rows(from, count).into_owned();
+        let x = map * of(0, layout.window());
+        let shifted = layout.shifted().into_iter().map(|column| factor.means[column]);
+        let next = map * DVector::from_iterator(layout.window(), shifted);
+        let (u, y) = (of(layout.window(), layout.m), of(layout.window() + layout.m, layout.l));
+        Self {
+            moves: next - &model.a * &x - &model.b * &u,
+            reads: y - &model.c * &x - &model.d * &u,
+        }
     }
+}
+
+/// Deviations of inputs and outputs from their means at rest, scaled channels.
+///
+/// Inputs rest at their means. Where an output then rests beyond `extent`, its largest recorded deviation, inputs move as well: the point of rest nearest to all
+/// means.
+pub(super) fn at_rest(
+    Constants { moves, reads }: &Constants,
+    model: &InnovationsModel,
+    extent: &[f64],
+) -> (DVector<f64>, DVector<f64>) {
+    let (n, m, l) = (model.order(), model.b.ncols(), model.c.nrows());
+    let still = DMatrix::identity(n, n) - &model.a;
+    if let Some(rest) = still.clone().lu().solve(moves) {
+        let outputs = &model.c * rest + reads;
+        if outputs.iter().zip(extent).all(|(y, extent)| y.abs() <= *extent) {
+            return (DVector::zeros(m), outputs);
+        }
+    }
+    let mut equations = DMatrix::zeros(n + l + m, n + m);
+    equations.view_mut((0, 0), (n, n)).copy_from(&(still * EXACT));
+    equations.view_mut((0, n), (n, m)).copy_from(&(&model.b * -EXACT));
+    equations.view_mut((n, 0), (l, n)).copy_from(&model.c);
+    equations.view_mut((n, n), (l, m)).copy_from(&model.d);
+    equations.view_mut((n + l, n), (m, m)).fill_with_identity();
+    let mut targets = DMatrix::zeros(n + l + m, 1);
+    targets.view_mut((0, 0), (n, 1)).copy_from(&(moves * EXACT));
+    targets.view_mut((n, 0), (l, 1)).copy_from(&(-reads));
+    let (point, _) = solve(&equations, &targets, &column_norms(&equations));
+    let point = point.column(0);
+    let inputs = point.rows(n, m).into_owned();
+    let outputs = &model.c * point.rows(0, n) + &model.d * &inputs + reads;
+    (inputs, outputs)
 }

@@ -1,5 +1,6 @@
-//! How many states: three criteria, and how far they agree.
+//! How many states: three criteria of one-step errors, how far they agree, and free runs of held-out data, which may reject their choice.
 
+use deadtime_signal::stats::students_t;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
@@ -44,6 +45,9 @@ pub struct Candidate {
     pub schwarz: Option<f64>,
     /// Its weight among all that were tried.
     pub weight: f64,
+    /// Mean square of free-run errors on the last 30 % of each record by the model of the first 70 %, outputs of variance 1 added; absent for an unstable
+    /// model and where the order is given.
+    pub free_run: Option<f64>,
 }
 
 /// The order and what speaks for it.
@@ -59,12 +63,17 @@ pub struct OrderChoice {
     pub by_gap: usize,
     /// By Akaike's criterion of the same errors.
     pub by_akaike: usize,
+    /// The smallest order whose free runs of held-out data are within the noise of the best; absent where no model runs freely or the order is given.
+    pub by_free_run: Option<usize>,
     /// The orders that were tried.
     pub candidates: Vec<Candidate>,
 }
 
 /// Logarithm of the determinant of the one-step errors' covariance, the first `skip` samples of every stretch left out; `None` where they grow.
 pub(super) fn log_loss(model: &InnovationsModel, scaled: &[Stretch], skip: usize) -> Option<f64> {
+    if !model.is_finite() {
+        return None;
+    }
     let l = model.c.nrows();
     let (mut sum, mut rows) = (DMatrix::<f64>::zeros(l, l), 0_usize);
     for s in scaled.iter().filter(|s| s.len() > skip) {
@@ -80,10 +89,55 @@ pub(super) fn log_loss(model: &InnovationsModel, scaled: &[Stretch], skip: usize
 /// Errors of this variance, channels of variance 1, are rounding.
 const FLOOR: f64 = 1e-22;
 
+/// Squared errors of a model on held-out data, outputs of variance 1 added, means of blocks.
+#[derive(Debug, Clone, Default)]
+pub(super) struct FreeRuns {
+    pub(super) one_step: Vec<f64>,
+    /// Absent where this model, or that of the whole record, does not decay.
+    pub(super) free: Option<Vec<f64>>,
+}
+
+/// How often noise may reject the order that Schwarz's criterion has, over all orders that are compared with it.
+const BY_CHANCE: f64 = 0.01;
+/// The same for one order against the best.
+const BY_ITSELF: f64 = 0.05;
+/// An unstable model is rejected by stable ones whose free runs err by less than this many times the power of its one-step errors.
+const FAR: f64 = 2.0;
+
+fn mean(of: &[f64]) -> f64 {
+    of.iter().sum::<f64>() / of.len().max(1) as f64
+}
+
+/// The excess of `one` over `other` is beyond its noise, by blocks: Student's t, one-sided.
+fn worse(one: &[f64], other: &[f64], chance: f64) -> bool {
+    let excess: Vec<f64> = one.iter().zip(other).map(|(a, b)| a - b).collect();
+    let n = excess.len() as f64;
+    let centre = mean(&excess);
+    let variance = excess.iter().map(|e| (e - centre).powi(2)).sum::<f64>() / (n - 1.0);
+    let limit = students_t(1.0 - chance, n - 1.0);
+    centre > limit.unwrap_or(f64::INFINITY) * (variance / n).sqrt()
+}
+
+/// The smallest order whose free runs are within the noise of the best, and whether they reject `order`.
+///
+/// Source of the rule: Breiman et al. (1984), "Classification and Regression Trees", section 3.4.3, on paired differences over blocks.
+fn of_free_runs(free: &[FreeRuns], order: usize) -> (Option<usize>, bool) {
+    let runs = || free.iter().enumerate().filter_map(|(i, f)| Some((i, f.free.as_ref()?)));
+    let best = runs().min_by(|a, b| mean(a.1).total_cmp(&mean(b.1)));
+    let Some((_, best)) = best.filter(|b| mean(b.1).is_finite()) else { return (None, false) };
+    let chance = BY_CHANCE / runs().count() as f64;
+    let smallest = runs().find(|(_, errors)| !worse(errors, best, BY_ITSELF)).map(|(i, _)| i + 1);
+    let rejected = free.get(order - 1).is_some_and(|own| match &own.free {
+        Some(errors) => worse(errors, best, chance),
+        None => mean(best) < FAR * mean(&own.one_step),
+    });
+    (smallest, rejected)
+}
+
 /// The choice among models of order 1, 2, … with these log losses.
 pub(super) fn choose(
     given: Option<usize>,
-    losses: &[Option<f64>],
+    (losses, free): (&[Option<f64>], &[FreeRuns]),
     singular: &[f64],
     rows: usize,
     (m, l): (usize, usize),
@@ -114,9 +168,13 @@ pub(super) fn choose(
     let ratio = |i: usize| singular[i] / singular[i + 1].max(1e-12 * singular[0]);
     let compared = losses.len().min(singular.len().saturating_sub(1));
     let by_gap = (0..compared).max_by(|a, b| ratio(*a).total_cmp(&ratio(*b))).map_or(1, |i| i + 1);
+    let (by_free_run, rejected) = of_free_runs(free, by_schwarz);
+    let order =
+        given.unwrap_or(if rejected { by_free_run.unwrap_or(by_schwarz) } else { by_schwarz });
     let agree = usize::from(by_gap == by_schwarz) + usize::from(by_akaike == by_schwarz);
     let sure = match (given, agree) {
         (Some(_), _) => Sure::Given,
+        (None, _) if rejected => Sure::Unclear,
         (None, 2) => Sure::Clear,
         (None, 1) => Sure::Likely,
         (None, _) => Sure::Unclear,
@@ -127,13 +185,15 @@ pub(super) fn choose(
         log_loss: losses[i],
         schwarz: values[i].map(|v| (v - best) / (2.0 * n.ln())),
         weight: weights[i] / total,
+        free_run: free.get(i).and_then(|f| f.free.as_deref()).map(mean),
     };
     OrderChoice {
-        order: given.unwrap_or(by_schwarz),
+        order,
         sure,
         by_schwarz,
         by_gap,
         by_akaike,
+        by_free_run,
         candidates: (0..losses.len()).map(candidate).collect(),
     }
 }

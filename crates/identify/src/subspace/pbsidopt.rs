@@ -4,9 +4,9 @@ use faer::Mat;
 use nalgebra::DMatrix;
 
 use super::innovations::Direct;
-use super::recordings::{Factor, Layout, Recordings, Scales, told_apart};
+use super::recordings::{Factor, Layout, Recordings, Scales};
 
-/// The long predictor: y(t) = Σ over lags of θ z(t−lag) (+ D u(t)) + e, by least squares; scaled channels.
+/// The long predictor: y(t) = Σ over lags of θ z(t−lag) (+ D u(t)) + c + e, by least squares; scaled channels.
 #[derive(Debug, Clone)]
 pub(super) struct Predictor {
     /// (columns of the past, and of u(t) where it acts at once) × l.
@@ -20,13 +20,13 @@ pub(super) struct Predictor {
 }
 
 impl Predictor {
-    /// Fails only where the innovations cannot be told from rounding in one output and not in another: their covariance then is diagonal.
+    /// Where the innovations of one output are rounding and those of another are not, their covariance is diagonal.
     pub(super) fn fit(factor: &Factor, direct: Direct) -> Self {
         let layout = factor.layout;
         let columns = layout.window() + if direct == Direct::Free { layout.m } else { 0 };
         let y = factor.y();
-        let kept = told_apart(&factor.r, columns);
-        // The factor of the columns that are kept, beside the outputs.
+        let kept = factor.independent(columns);
+        // The factor of the columns that are kept, and the outputs.
         let (upper, top) = if kept.len() == columns {
             (
                 factor.r.view((0, 0), (columns, columns)).into_owned(),
@@ -53,7 +53,7 @@ impl Predictor {
             theta.set_row(column, &solved.row(row));
         }
         let rest = &y - factor.r.columns(0, columns) * &theta;
-        let freedom = factor.rows.saturating_sub(kept.len()).max(1) as f64;
+        let freedom = factor.rows.saturating_sub(kept.len() + 1).max(1) as f64;
         let covariance = rest.transpose() * rest / freedom;
         Self { theta, noise: root(&covariance), kept, upper }
     }
@@ -83,7 +83,7 @@ impl Predictor {
         (0..layout.m).map(of).collect()
     }
 
-    /// Free parameters of each output.
+    /// Free coefficients of each output, the constant not counted.
     pub(super) fn parameters(&self) -> usize {
         self.kept.len()
     }
@@ -110,6 +110,13 @@ pub(super) fn predictions(theta: &DMatrix<f64>, factor: &Factor, horizon: usize)
         let from = column + ahead * width;
         if from < layout.window() { theta[(from, output)] } else { 0.0 }
     })
+}
+
+/// The predictions of a horizon as long as the past, and the triangular factor of the past.
+pub(super) fn predicted(predictor: &Predictor, factor: &Factor) -> (DMatrix<f64>, DMatrix<f64>) {
+    let window = factor.layout.window();
+    let right = factor.r.view((0, 0), (window, window)).into_owned();
+    (predictions(&predictor.theta, factor, factor.layout.past), right)
 }
 
 /// What the states are made of: T = S^(−1/2) Uᵀ W P, of which the first n rows give the states of a model of order n.

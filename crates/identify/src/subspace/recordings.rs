@@ -1,7 +1,7 @@
 //! Several inputs and outputs over several records, scaled, and the triangular factor of their lagged samples.
 
 use faer::Mat;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::error::IdentifyError;
@@ -203,11 +203,26 @@ impl Recordings {
         })
     }
 
-    /// The triangular factor of the lagged, scaled samples.
+    /// The stretches in scaled units.
+    pub(super) fn scaled(&self, scales: &Scales) -> Vec<Stretch> {
+        self.stretches.iter().map(|s| scales.scaled(s)).collect()
+    }
+
+    /// The largest size of every output, scaled.
+    pub(super) fn extent(&self, scales: &Scales) -> Vec<f64> {
+        let largest = |(i, (centre, spread)): (usize, &(f64, f64))| {
+            let values =
+                self.stretches.iter().flat_map(|s| s.y.row(i).iter().copied().collect::<Vec<_>>());
+            values.map(|y| ((y - centre) / spread).abs()).fold(0.0, f64::max)
+        };
+        scales.outputs.iter().enumerate().map(largest).collect()
+    }
+
+    /// The triangular factor of the lagged, scaled samples, each column without its mean.
     #[must_use]
     pub(super) fn factor(&self, past: usize, scales: &Scales) -> Factor {
         let layout = self.layout(past);
-        // Long enough that joining their factors costs little beside making them.
+        // Long enough that joining the factors costs little compared with their computation.
         let most = (16 * layout.columns()).max(8192);
         Factor::joined(layout, self.rows(past), self.blocks((past, past), most, scales))
     }
@@ -216,7 +231,19 @@ impl Recordings {
         Layout { m: self.inputs.len(), l: self.outputs.len(), past }
     }
 
-    /// Triangular factors of the rows from `first` on, at least `past`, in blocks of at most `most` rows.
+    /// Stretch, first sample and end of blocks of at most `most` samples, of each stretch from `first` on.
+    pub(super) fn ranges(&self, first: usize, most: usize) -> Vec<(usize, usize, usize)> {
+        let of = |(s, stretch): (usize, &Stretch)| {
+            let end = stretch.len();
+            (first..end)
+                .step_by(most)
+                .map(move |at| (s, at, (at + most).min(end)))
+                .collect::<Vec<_>>()
+        };
+        self.stretches.iter().enumerate().flat_map(of).collect()
+    }
+
+    /// Triangular factors of the rows from `first` on, at least `past`, in blocks of at most `most` rows; a column of ones comes first.
     pub(super) fn blocks(
         &self,
         (past, first): (usize, usize),
@@ -225,20 +252,13 @@ impl Recordings {
     ) -> Vec<Mat<f64>> {
         let layout = self.layout(past);
         let (m, q) = (layout.m, layout.columns());
-        let mut jobs = Vec::new();
-        for (s, stretch) in self.stretches.iter().enumerate() {
-            let mut at = first;
-            while at < stretch.len() {
-                let to = (at + most).min(stretch.len());
-                jobs.push((s, at, to));
-                at = to;
-            }
-        }
-        let scaled: Vec<Stretch> = self.stretches.iter().map(|s| scales.scaled(s)).collect();
-        jobs.into_par_iter()
+        let scaled = self.scaled(scales);
+        self.ranges(first, most)
+            .into_par_iter()
             .map(|(s, from, to)| {
                 let Stretch { u, y } = &scaled[s];
-                let rows = Mat::from_fn(to - from, q, |row, column| {
+                let rows = Mat::from_fn(to - from, q + 1, |row, column| {
+                    let Some(column) = column.checked_sub(1) else { return 1.0 };
                     let (lag, within) = layout.place(column);
                     let t = from + row - lag;
                     if within < m { u[(within, t)] } else { y[(within - m, t)] }
@@ -256,7 +276,7 @@ pub(super) fn triangle(rows: &Mat<f64>) -> Mat<f64> {
     Mat::from_fn(r.nrows(), r.ncols(), |i, j| if i <= j { r[(i, j)] } else { 0.0 })
 }
 
-/// Mean and standard deviation of every channel.
+/// Centre and standard deviation of every channel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scales {
     /// By input.
@@ -273,7 +293,15 @@ impl Scales {
         Stretch { u: scaled(&s.u, &self.inputs), y: scaled(&s.y, &self.outputs) }
     }
 
-    /// The deviations from the means, in the channels' units.
+    /// The same spreads about other centres: these deviations, in the scaled units, from those here.
+    pub(super) fn about(&self, (inputs, outputs): &(DVector<f64>, DVector<f64>)) -> Self {
+        let moved = |scales: &[(f64, f64)], by: &DVector<f64>| {
+            scales.iter().zip(by.iter()).map(|((c, s), d)| (c + s * d, *s)).collect()
+        };
+        Self { inputs: moved(&self.inputs, inputs), outputs: moved(&self.outputs, outputs) }
+    }
+
+    /// The deviations from the centres, in the channels' units.
     #[must_use]
     pub fn centred(&self, s: &Stretch) -> Stretch {
         let centred = |m: &DMatrix<f64>, by: &[(f64, f64)]| {
@@ -314,43 +342,64 @@ impl Layout {
     }
 }
 
-/// RᵀR = Σ over rows of the columns' products.
+/// RᵀR = Σ over rows of the columns' products, each column without its mean: a regression inside of it has a constant.
 #[derive(Debug, Clone)]
 pub(super) struct Factor {
     pub(super) layout: Layout,
     pub(super) rows: usize,
     pub(super) r: DMatrix<f64>,
+    /// Means of the columns over the rows.
+    pub(super) means: DVector<f64>,
 }
 
 impl Factor {
-    /// The factor of the rows of all these factors.
+    /// The factor of the rows of all these factors, whose first column is the ones.
     pub(super) fn joined(
         layout: Layout,
         rows: usize,
         factors: impl IntoIterator<Item = Mat<f64>>,
     ) -> Self {
-        let q = layout.columns();
+        let q = layout.columns() + 1;
         let joined = factors.into_iter().reduce(|above, below| {
             let top = above.nrows();
             triangle(&Mat::from_fn(top + below.nrows(), q, |i, j| {
                 if i < top { above[(i, j)] } else { below[(i - top, j)] }
             }))
         });
-        let r = DMatrix::from_fn(q, q, |i, j| {
+        let entry = |i: usize, j: usize| {
             joined.as_ref().filter(|r| i < r.nrows()).map_or(0.0, |r| r[(i, j)])
-        });
-        Self { layout, rows, r }
+        };
+        // Behind the ones, columns are without their means.
+        let r = DMatrix::from_fn(q - 1, q - 1, |i, j| entry(i + 1, j + 1));
+        let one = entry(0, 0);
+        let mean = |j: usize| if one == 0.0 { 0.0 } else { entry(0, j + 1) / one };
+        Self { layout, rows, r, means: DVector::from_fn(q - 1, |j, _| mean(j)) }
     }
 
-    /// The factor without the columns of one input.
-    pub(super) fn without_input(&self, input: usize) -> Self {
-        let layout = Layout { m: self.layout.m - 1, ..self.layout };
-        let width = self.layout.width();
-        let kept: Vec<usize> =
-            (0..self.layout.columns()).filter(|column| column % width != input).collect();
-        let chosen = self.r.select_columns(&kept);
-        let chosen = Mat::from_fn(chosen.nrows(), chosen.ncols(), |i, j| chosen[(i, j)]);
-        Self::joined(layout, self.rows, [triangle(&chosen)])
+    /// The norm of a column, its mean included: what rounding is compared with.
+    fn norm(&self, column: usize) -> f64 {
+        self.r.column(column).norm().hypot(self.means[column] * (self.rows as f64).sqrt())
+    }
+
+    /// Columns among the first `columns` that are no combination of the columns before them.
+    pub(super) fn independent(&self, columns: usize) -> Vec<usize> {
+        (0..columns)
+            .filter(|&j| self.r[(j, j)].abs() > REPEATED * self.norm(j).max(f64::MIN_POSITIVE))
+            .collect()
+    }
+
+    /// x(t) = map·[z(t−1); …], rows by states.
+    pub(super) fn states(&self, map: &DMatrix<f64>) -> DMatrix<f64> {
+        self.r.columns(0, self.layout.window()) * map.transpose()
+    }
+
+    /// x(t+1) = map·[z(t); …], z(t) of the inputs and the given outputs.
+    pub(super) fn next_states(&self, map: &DMatrix<f64>, y: &DMatrix<f64>) -> DMatrix<f64> {
+        let (layout, width) = (self.layout, self.layout.width());
+        let ahead = map.columns(width, map.ncols() - width);
+        self.u() * map.columns(0, layout.m).transpose()
+            + y * map.columns(layout.m, layout.l).transpose()
+            + self.r.columns(0, layout.window() - width) * ahead.transpose()
     }
 
     /// y(t).
@@ -363,7 +412,7 @@ impl Factor {
         self.r.columns(self.layout.window(), self.layout.m).into_owned()
     }
 
-    /// How many of the input's own lags 1, 2, … are told apart from all the inputs before them.
+    /// How many of the input's own lags 1, 2, … are independent of all the inputs before them.
     ///
     /// # Errors
     /// [`IdentifyError::Collinear`] where an input is a combination of the others at the same sample.
@@ -379,7 +428,7 @@ impl Factor {
         let alone =
             triangle(&Mat::from_fn(columns.nrows(), columns.ncols(), |i, j| columns[(i, j)]));
         let seen =
-            |j: usize| j < alone.nrows() && alone[(j, j)].abs() > RICH * columns.column(j).norm();
+            |j: usize| j < alone.nrows() && alone[(j, j)].abs() > RICH * self.norm(lagged[j]);
         if let Some(i) = (1..m).find(|&i| !seen(i)) {
             let others: Vec<&str> = names
                 .iter()
@@ -401,10 +450,3 @@ const RICH: f64 = 1e-7;
 
 /// Rounding of a triangular factor: what is smaller repeats the columns before it.
 const REPEATED: f64 = 1e-9;
-
-/// Columns that say something the columns before them do not, of an upper triangular factor.
-pub(super) fn told_apart(r: &DMatrix<f64>, columns: usize) -> Vec<usize> {
-    (0..columns)
-        .filter(|&j| r[(j, j)].abs() > REPEATED * r.column(j).norm().max(f64::MIN_POSITIVE))
-        .collect()
-}

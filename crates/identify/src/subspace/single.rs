@@ -41,7 +41,7 @@ pub struct Subspace {
     pub order: usize,
     /// Samples of the past that predict; at least `order`.
     pub past: usize,
-    /// Whether the input acts within the sample; under feedback that does so too, it cannot be told.
+    /// Whether the input acts within the sample; under feedback that does so too, the two are indistinguishable.
     pub direct: bool,
 }
 

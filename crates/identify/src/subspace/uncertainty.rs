@@ -206,7 +206,7 @@ pub(super) fn roots(
         .collect()
 }
 
-/// The drawn roots in the order of the nominal ones, each beside its nearest; `None` where their numbers differ.
+/// The drawn roots in the order of the nominal ones, each paired with its nearest; `None` where their numbers differ.
 fn matched(nominal: &[Complex<f64>], drawn: &[Complex<f64>]) -> Option<Vec<Complex<f64>>> {
     if nominal.len() != drawn.len() || drawn.iter().any(|z| !z.re.is_finite()) {
         return None;

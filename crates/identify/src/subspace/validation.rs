@@ -181,7 +181,7 @@ fn cross(errors: &[Vec<f64>], u: &[Vec<f64>]) -> Option<(Test, f64, usize)> {
     let own: Vec<f64> = (0..LAGS).map(|lag| product(&u, &u, lag) / pu).collect();
     let r: Vec<f64> = (1..=LAGS).map(|lag| product(&e, &u, lag) / (pe * pu).sqrt()).collect();
     let matrix = DMatrix::from_fn(LAGS, LAGS, |i, j| own[i.abs_diff(j)]);
-    // Directions that the input hardly has are left out.
+    // Directions with less than 0.1 % of the input's power are left out.
     let eigen = symmetric_eigen(&matrix)?;
     let (mut statistic, mut freedom) = (0.0, 0);
     for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
