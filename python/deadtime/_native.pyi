@@ -548,6 +548,7 @@ def _gap(
     horizon: int | None,
     max_delay: float | None,
     rows: int,
+    suggest: bool,
     seed: int,
     threads: int | None,
     progress: Any | None,

@@ -461,6 +461,7 @@ def gap(
     horizon: int | None = None,
     max_delay: float | None = None,
     rows: int = 100_000,
+    suggest: bool = False,
     seed: int = 1,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -498,6 +499,8 @@ def gap(
         The longest delay and lag that are looked for, s; without it 35 samples, at most a tenth of the shortest log.
     rows : int
         Rows that are looked at, of all logs together. Of longer logs that is the first part, and a caveat says so.
+    suggest : bool
+        Try the five terms that best describe the residual as candidates, in a second diagnosis; for models only.
     seed : int
         Seed of the bootstrap.
     threads : int, optional
@@ -543,6 +546,7 @@ def gap(
         perhaps("horizon", horizon, 1),
         None if max_delay is None else float(max_delay),
         whole("rows", rows, 1),
+        bool(suggest),
         whole("seed", seed, 0),
         perhaps("threads", threads, 1),
         progress,

@@ -458,6 +458,7 @@ pub(super) fn _gap(
     horizon: Option<usize>,
     max_delay: Option<f64>,
     rows: usize,
+    suggest: bool,
     seed: u64,
     threads: Option<usize>,
     progress: Option<Py<PyAny>>,
@@ -479,8 +480,11 @@ pub(super) fn _gap(
                 stop.set();
             }
         };
-        let options =
-            GapOptions { rows, ..options(prediction.as_deref(), horizon, max_delay, seed, stop) };
+        let options = GapOptions {
+            rows,
+            suggest,
+            ..options(prediction.as_deref(), horizon, max_delay, seed, stop)
+        };
         Ok(diagnose(what.subject(), &logs, &holdout, &options, &tell)?.worded(call))
     };
     let found = raised.over(py, long(py, threads, work))?;

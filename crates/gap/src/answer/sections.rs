@@ -233,7 +233,7 @@ impl Answer<'_> {
         let of_rest = (!explained && !effects.is_empty())
             .then(|| describe(likelihood, &self.inputs.held_out, effects, &runs.after, self.seed))
             .flatten();
-        // What stays beside the effects that are handed over, where anything describes it.
+        // The residual given the effects that are handed over, where anything describes it.
         of_rest.or(of_all)
     }
 

@@ -18,7 +18,7 @@ pub enum Caveat {
     },
     /// Candidates that nobody named.
     #[error(
-        "beside the catalogue, these terms were tried, which describe what remained on the training logs: {}",
+        "candidates were tried next to the catalogue, the terms that describe the residual of the training logs best: {}",
         terms.join(", ")
     )]
     Suggested {
@@ -32,7 +32,7 @@ pub enum Caveat {
     Order {
         /// The gain.
         first: String,
-        /// What acts after it.
+        /// The effect after it.
         second: String,
         /// Where both act.
         channel: String,
