@@ -24,7 +24,7 @@ pub fn response(report: &Report<'_>) -> String {
         h1 { (title) }
         p .verdict { (report.headline()) "." }
         @for note in &r.notes { p { (quoted(note)) } }
-        p { "Bands hold 95 % of each value on its own; the phase has none where the interval of its gain holds 0." }
+        p { "Bands hold 95 % of each value on its own; the phase has none where the interval of its gain holds 0. The curve of the phase has no jumps of 360°; the phases of the table lie within ±180°." }
         (figure("gain", "The gain"))
         (figure("phase", "The phase"))
         (figure("coherence", "The coherence"))
