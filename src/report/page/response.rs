@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use super::bode;
 use super::bode::Curve;
 use super::frame::{figure, given, page, quoted};
+use crate::report::diagnosis::base;
 use crate::report::response::{Report, table};
 use deadtime_identify::response::Point;
 
@@ -16,7 +17,8 @@ type Named = (String, Vec<Point>);
 #[must_use]
 pub fn response(report: &Report<'_>) -> String {
     let r = report.responses;
-    let title = format!("Frequency responses of {}", report.logs.join(", "));
+    let logs: Vec<&str> = report.logs.iter().map(|log| base(log)).collect();
+    let title = format!("Frequency responses of {}", logs.join(", "));
     let name = |(input, output): (usize, usize)| {
         format!("{} → {}", r.inputs[input].name, r.outputs[output].name)
     };
