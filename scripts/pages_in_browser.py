@@ -85,6 +85,8 @@ def range_shown(browser: Browser) -> list[float]:
 def check(browser: Browser, page: Path, shots: Path | None) -> list[str]:
     """What is wrong with a page."""
     wrong: list[str] = []
+    # Several reports have the same name, each in a folder of its own.
+    called = page.parent.name if page.stem == "report" else page.stem
     for width in WIDTHS:
         for scheme in ("light", "dark"):
             browser.events.clear()
@@ -114,12 +116,12 @@ def check(browser: Browser, page: Path, shots: Path | None) -> list[str]:
             if shots:
                 height = int(browser.script("document.documentElement.scrollHeight"))
                 shot = browser.call("Page.captureScreenshot", captureBeyondViewport=True, clip={"x": 0, "y": 0, "width": width, "height": min(height, 6000), "scale": 1})
-                (shots / f"{page.stem}-{width}-{scheme}.png").write_bytes(base64.b64decode(shot["data"]))
+                (shots / f"{called}-{width}-{scheme}.png").write_bytes(base64.b64decode(shot["data"]))
     wrong += figures(browser) + tables(browser)
     if browser.script("document.querySelector('#plots canvas') !== null"):
         wrong += linked(browser)
     if shots:
-        (shots / f"{page.stem}.pdf").write_bytes(base64.b64decode(browser.call("Page.printToPDF", printBackground=True)["data"]))
+        (shots / f"{called}.pdf").write_bytes(base64.b64decode(browser.call("Page.printToPDF", printBackground=True)["data"]))
     return wrong
 
 

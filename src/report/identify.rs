@@ -79,7 +79,7 @@ impl Report<'_> {
         let kind = if compared.free_run { "free run" } else { "one step ahead" };
         format!(
             "Compared on validation data ({kind}); chosen: the fewest parameters within the noise of the best fit\n{}\n",
-            candidates(compared)
+            candidates(compared, REASON)
         )
     }
 
@@ -224,7 +224,7 @@ impl Report<'_> {
 }
 
 /// Every model that was tried: dead time, order, parameters, fit, and where it stands.
-pub(super) fn candidates(compared: &Comparison) -> Table {
+pub(super) fn candidates(compared: &Comparison, longest: usize) -> Table {
     let headings = ["model", "dead time (s)", "order", "parameters", "fit %", ""];
     let mut table = Table::new(&headings, &[0, 5]);
     let none = || "–".to_owned();
@@ -235,7 +235,7 @@ pub(super) fn candidates(compared: &Comparison) -> Table {
         let delays: Vec<String> = c.dead_time_s.iter().map(|s| digits(*s)).collect();
         let word = match &c.why_not {
             _ if c.chosen => "chosen".to_owned(),
-            Some(why) => cut(why, REASON),
+            Some(why) => cut(why, longest),
             None if c.as_good_as_best => "within the noise".to_owned(),
             None => String::new(),
         };

@@ -186,7 +186,7 @@ fn the_page_is_well_formed_stands_alone_and_says_what_the_diagnosis_says() {
         let escaped = words.replace('<', "&lt;").replace('>', "&gt;");
         assert!(page.contains(&escaped), "{words}");
     }
-    for tile in ["Error on held-out data", "Cause", "Sure", "Left"] {
+    for tile in ["Error on held-out data", "Cause", "Probability", "Residual"] {
         assert!(page.contains(&format!("<span class=\"faint\">{tile}</span>")), "{tile}");
     }
     for row in ["Gap:", "Place:", "Cause:", "Left:", "Shrink:"] {

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, stretch};
-use super::frame::{Cell, figure, number, page, percent, quoted, sorted};
+use super::frame::{Cell, figure, named, number, page, percent, quoted, sorted};
 use super::series::{brief, picked};
 use crate::report::diagnosis::base;
 use deadtime_gap::{Inspection, LogReport, Role};
@@ -95,12 +95,12 @@ fn checks(found: &Inspection) -> Markup {
             rows.push(vec![
                 Cell::Words(name),
                 mark(ok),
-                Cell::Words(check.channel.clone()),
+                Cell::Words(named(&check.channel).to_owned()),
                 Cell::Marked(quoted(&check.finding)),
             ]);
         }
     }
-    html! { @if !rows.is_empty() { h2 { "Checks" } (sorted("What needs no dynamics; what needs a look comes first", &["check", "result", "channel", "finding"], &rows)) } }
+    html! { @if !rows.is_empty() { h2 { "Checks" } (sorted("Checks that run before the model; findings come first", &["check", "result", "channel", "finding"], &rows)) } }
 }
 
 fn channels(log: &LogReport) -> Markup {

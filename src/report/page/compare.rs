@@ -29,10 +29,10 @@ pub fn compared_diagnoses(found: &Diagnoses) -> String {
             (figure("causes", "The matrix"))
         }
         @if !found.parameters.is_empty() {
-            h2 { "Do they agree on the numbers?" }
-            p { "Each number on an axis of its own with its 95 % interval. It is asked whether one value can describe all, at a level of 5 % divided by how many are asked." }
+            h2 { "Do they agree on the parameters?" }
+            p { "Each parameter on an axis of its own with its 95\u{a0}% interval. One value for all is tested at a level of 5\u{a0}%, divided by the number of tests." }
             @for row in &found.parameters { (numbers(found, row)) }
-            details { summary { "All numbers as a table" } @if let Some(table) = values(found) { (given("Numbers of the causes", &table)) } }
+            details { summary { "All parameters as a table" } @if let Some(table) = values(found) { (given("Parameters of the causes", &table)) } }
         }
     };
     page("Diagnoses side by side", &body, &json!({ "kind": "compare", "figures": matrix(found) }))

@@ -27,7 +27,7 @@ const LOGS: usize = 40;
 pub fn estimate(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> String {
     let body = html! {
         h1 { "Dead time in " (base(&report.log)) }
-        p .faint { (preamble(report)) "." }
+        p .faint { (about(report)) "." }
         @for pair in &report.pairs { (verdict(pair, report.sample_time_s)) }
         @if !logs.is_empty() {
             h2 { "Input and output" }
@@ -56,6 +56,15 @@ pub fn estimate(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) ->
         }
     };
     page(&format!("Dead time in {}", base(&report.log)), &body, &data(report, logs, evidence))
+}
+
+/// The preamble, with the base name of the log.
+fn about(report: &Report) -> String {
+    let text = preamble(report);
+    match text.strip_prefix(&report.log) {
+        Some(rest) => format!("{}{rest}", base(&report.log)),
+        None => text,
+    }
 }
 
 fn target(pair: &Pair) -> &str {

@@ -106,6 +106,11 @@ pub(super) fn number(value: Option<f64>) -> String {
     text.replace('-', "−")
 }
 
+/// The channel that a row is about, or that it is about all.
+pub(super) fn named(channel: &str) -> &str {
+    if channel == "*" { "all" } else { channel }
+}
+
 /// A cell of a table.
 pub(super) enum Cell {
     /// Words, flush left.
@@ -141,6 +146,25 @@ pub(super) fn given(caption: &str, table: &Table) -> Markup {
     sorted(caption, &headings, &rows)
 }
 
+/// Characters from which a cell is a sentence: on narrow screens it stands below its row.
+const SENTENCE: usize = 30;
+
+impl Cell {
+    fn is_sentence(&self) -> bool {
+        let length = match self {
+            Self::Words(text) => text.chars().count(),
+            Self::Marked(words) => words.0.chars().count(),
+            Self::Number(_) | Self::Drawn(_) => 0,
+        };
+        length > SENTENCE
+    }
+}
+
+/// A number with its interval, which may be broken between its ends.
+fn is_range(text: &str) -> bool {
+    [" to ", " … ", ", ", " ("].iter().any(|between| text.contains(between))
+}
+
 pub(super) fn drawn(caption: &str, headings: &[&str], rows: &[Vec<Cell>], sorts: bool) -> Markup {
     let left = |at: usize| {
         rows.first().and_then(|r| r.get(at)).is_some_and(|c| !matches!(c, Cell::Number(_)))
@@ -148,20 +172,33 @@ pub(super) fn drawn(caption: &str, headings: &[&str], rows: &[Vec<Cell>], sorts:
     let bar = |at: usize| {
         rows.first().and_then(|r| r.get(at)).is_some_and(|c| matches!(c, Cell::Drawn(_)))
     };
+    // A row's head and the marks of a check stay in their row.
+    let marks = |at: usize| {
+        rows.iter()
+            .filter_map(|r| r.get(at))
+            .all(|c| matches!(c, Cell::Marked(w) if w.0.starts_with("<span")))
+    };
+    let sentences: Vec<bool> = (0..headings.len())
+        .map(|at| {
+            at > 0 && !marks(at) && rows.iter().filter_map(|r| r.get(at)).any(Cell::is_sentence)
+        })
+        .collect();
+    let sentence = |at: usize| sentences.get(at).copied().unwrap_or(false);
+    let short = sentences.iter().filter(|s| !**s).count();
     html! {
         div .wide tabindex="0" role="group" aria-label=(caption) {
-            table .sorts[sorts] {
+            table .sorts[sorts] .noted[short < headings.len()] style={ "--n:" (short) } {
                 caption { (caption) }
-                thead { tr { @for (at, heading) in headings.iter().enumerate() { th scope="col" .l[left(at)] .b[bar(at)] { (heading) } } } }
+                thead { tr { @for (at, heading) in headings.iter().enumerate() { th scope="col" .l[left(at)] .b[bar(at)] .w[sentence(at)] { (heading) } } } }
                 tbody {
                     @for row in rows {
                         tr {
                             @for (at, cell) in row.iter().enumerate() {
                                 @match (at, cell) {
                                     (0, Cell::Words(text) | Cell::Number(text)) => th scope="row" .l { (text) },
-                                    (_, Cell::Words(text)) => td .l { (text) },
-                                    (_, Cell::Number(text)) => td { (text) },
-                                    (_, Cell::Marked(words)) => td .l { (words) },
+                                    (_, Cell::Words(text)) => td .l .w[sentence(at)] { (text) },
+                                    (_, Cell::Number(text)) => td .r[is_range(text)] { (text) },
+                                    (_, Cell::Marked(words)) => td .l .w[sentence(at)] { (words) },
                                     (_, Cell::Drawn(drawn)) => td .l.b { (drawn) },
                                 }
                             }

@@ -4,11 +4,11 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
-use super::frame::{Cell, figure, number, page, percent, plots, quoted, table};
+use super::frame::{Cell, figure, named, number, page, percent, plots, quoted, table};
 use super::series::{Thinning, base64};
 use super::{force, laws, residual};
-use crate::report::diagnosis::{Line, caveat_lines, lines, others, sure, values};
-use crate::report::facts::{Label, Ranked, probability, recalibrated};
+use crate::report::diagnosis::{Line, base, caveat_lines, lines, others, sure, values};
+use crate::report::facts::{Cause, Label, Ranked, probability, recalibrated};
 use deadtime_gap::{
     CauseClass, CommandTrace, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter,
     HorizonError, Mode, RankingRow, Share, Strength, Trace, in_words, listed,
@@ -109,14 +109,19 @@ fn tiles(d: &Diagnosis) -> Markup {
         _ => (d.cause.verdict.clone(), String::new()),
     };
     let sure_of = sure(first.map_or_else(|| probability(d), |class| class.probability));
+    let of_what = match Cause::of(d) {
+        Cause::NothingMoves | Cause::None => "that no effect of the catalogue acts",
+        Cause::Unknown => "that no effect of the catalogue explains the gap",
+        _ => "that it or an alias acts",
+    };
     let left = d.cause.remainder.as_ref().and_then(|r| r.above_floor);
     let left = left.map_or_else(|| "–".to_owned(), |times| format!("{times:.1} × noise"));
     html! {
         div .tiles {
             (tile("Error on held-out data", &error, "of the standard deviation"))
             (tile("Cause", &cause, &about))
-            (tile("Sure", &sure_of, "that it or an alias acts"))
-            (tile("Left", &left, "on the training logs"))
+            (tile("Probability", &sure_of, of_what))
+            (tile("Residual", &left, "on the training logs"))
         }
     }
 }
@@ -443,7 +448,7 @@ fn names(all: &[String]) -> Markup {
 /// The classes of causes, then every candidate with the error that it leaves alone, and what was not tried.
 fn candidates(d: &Diagnosis) -> Markup {
     let class = |class: &CauseClass| {
-        let label = format!("{} sure", sure(class.probability));
+        let label = format!("probability {}", sure(class.probability));
         vec![
             Cell::Words(class.name.replace('`', "")),
             Cell::Number(percent(class.share.learnt)),
@@ -457,7 +462,11 @@ fn candidates(d: &Diagnosis) -> Markup {
         let row = Ranked::of(row);
         let [effect, channel] = row.cells();
         row.after?;
-        Some(vec![Cell::Words(effect), Cell::Words(channel), Cell::Number(percent(row.after))])
+        Some(vec![
+            Cell::Words(effect),
+            Cell::Words(named(&channel).to_owned()),
+            Cell::Number(percent(row.after)),
+        ])
     };
     let mut rows: Vec<(f64, Vec<Cell>)> = d
         .cause
@@ -472,16 +481,29 @@ fn candidates(d: &Diagnosis) -> Markup {
     html! {
         h2 { "Candidates" }
         @if !classes.is_empty() {
-            (table("Causes; the probability is that the effect or one of its aliases acts", &["cause", "explains", "sure", "", "or"], &classes))
+            (table("Causes; the probability is that the effect or one of its aliases acts", &["cause", "explains", "probability", "", "aliases"], &classes))
         }
         (table("Each candidate alone; the error is in parts of the standard deviation, on the training logs", &headings, open))
         @if !rest.is_empty() {
             details { summary { (rest.len()) " more candidates" } (table("Each candidate alone, continued", &headings, rest)) }
         }
         @if !d.cause.not_tried.is_empty() {
-            p .faint { "Not tried: " @for (at, n) in d.cause.not_tried.iter().enumerate() { @if at > 0 { ", " } code { (n.effect) } " (" (n.why) ")" } "." }
+            p { "Not tried, by reason:" }
+            ul .faint { @for (why, effects) in not_tried(d) { li { (quoted(why)) ": " @for (at, effect) in effects.iter().enumerate() { @if at > 0 { ", " } code { (effect) } } } } }
         }
     }
+}
+
+/// The effects that were not tried, by the reason.
+fn not_tried(d: &Diagnosis) -> Vec<(&str, Vec<&str>)> {
+    let mut reasons: Vec<(&str, Vec<&str>)> = Vec::new();
+    for n in &d.cause.not_tried {
+        match reasons.iter_mut().find(|(why, _)| *why == n.why) {
+            Some((_, effects)) => effects.push(&n.effect),
+            None => reasons.push((&n.why, vec![&n.effect])),
+        }
+    }
+    reasons
 }
 
 /// Every output, and all together: the gap on the training logs, the error on held-out data before, after and as noise.
@@ -533,8 +555,8 @@ fn size(d: &Diagnosis) -> Markup {
         "before, after and floor",
     ];
     html! {
-        h2 { "How far: big before, small after" }
-        (table("Root mean square error in parts of the spread, of predictions and of the noise that stays", &headings, &outputs(d, &after)))
+        h2 { "How far: error before and after" }
+        (table("Root mean square error of predictions in parts of the output's standard deviation; the floor is the noise", &headings, &outputs(d, &after)))
         @if let (true, Some(_)) = (found, s.fraction) {
             p {
                 "Shrink on held-out data: " (percent(s.fraction))
@@ -577,10 +599,9 @@ fn place(d: &Diagnosis) -> Markup {
             Cell::Drawn(drawn),
         ]
     };
-    let times = w
-        .times
-        .iter()
-        .map(|t| row(&t.output, format!("time (s), {}", t.log), [t.from_s, t.to_s], t.share));
+    let times = w.times.iter().map(|t| {
+        row(&t.output, format!("time (s), {}", base(&t.log)), [t.from_s, t.to_s], t.share)
+    });
     let bands = w
         .bands
         .iter()
@@ -599,12 +620,13 @@ fn checks(d: &Diagnosis) -> Markup {
         .map(|check| {
             let name = check.check.name().replace('_', " ");
             let passed = check.ok.map_or("cannot be tested", |ok| if ok { "yes" } else { "no" });
-            [name, check.channel.clone(), passed.to_owned(), check.finding.to_string()]
-                .map(Cell::Words)
-                .into()
+            let mut cells: Vec<Cell> =
+                [name, named(&check.channel).to_owned(), passed.to_owned()].map(Cell::Words).into();
+            cells.push(Cell::Marked(quoted(&check.finding.to_string())));
+            cells
         })
         .collect();
-    html! { @if !rows.is_empty() { h2 { "Checks" } (table("What needs no dynamics", &["check", "channel", "passed", "finding"], &rows)) } }
+    html! { @if !rows.is_empty() { h2 { "Checks" } (table("Checks that run before the model", &["check", "channel", "passed", "finding"], &rows)) } }
 }
 
 fn origin(d: &Diagnosis) -> Markup {
@@ -617,7 +639,7 @@ fn origin(d: &Diagnosis) -> Markup {
     };
     let held = |h: &deadtime_gap::Holdout| {
         vec![
-            Cell::Words(h.log.clone()),
+            Cell::Words(base(&h.log).to_owned()),
             Cell::Number(number(Some(h.from_s))),
             Cell::Number(number(Some(h.to_s))),
         ]
@@ -626,6 +648,6 @@ fn origin(d: &Diagnosis) -> Markup {
     html! {
         h2 { "Data" }
         p { "Training logs: " (names(&d.logs)) ". Simulated means " (mode) ": " (d.prediction.why) "." }
-        (table("What the shrink was measured on", &["log", "from (s)", "to (s)"], &rows))
+        (table("The held-out data that the shrink is measured on", &["log", "from (s)", "to (s)"], &rows))
     }
 }

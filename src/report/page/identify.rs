@@ -42,7 +42,7 @@ pub fn identify(report: &Report<'_>) -> Result<String, ModelError> {
         @if let Some(compared) = report.compared {
             h2 { "Models that were compared" }
             p { "Chosen: the fewest parameters within the noise of the best fit on validation data." }
-            (given("One row a model", &candidates(compared)))
+            (given("Every model; the last column is its place in the choice, or why it has none", &candidates(compared, usize::MAX)))
         }
         h2 { "Measured and simulated" }
         p { "On data that the fit has not seen: " (report.held_out) "." }

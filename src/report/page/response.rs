@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use super::bode;
 use super::bode::Curve;
 use super::frame::{figure, given, page, quoted};
+use crate::report::diagnosis::base;
 use crate::report::response::{Report, table};
 use deadtime_identify::response::Point;
 
@@ -16,7 +17,8 @@ type Named = (String, Vec<Point>);
 #[must_use]
 pub fn response(report: &Report<'_>) -> String {
     let r = report.responses;
-    let title = format!("Frequency responses of {}", report.logs.join(", "));
+    let logs: Vec<&str> = report.logs.iter().map(|log| base(log)).collect();
+    let title = format!("Frequency responses of {}", logs.join(", "));
     let name = |(input, output): (usize, usize)| {
         format!("{} → {}", r.inputs[input].name, r.outputs[output].name)
     };
@@ -24,7 +26,7 @@ pub fn response(report: &Report<'_>) -> String {
         h1 { (title) }
         p .verdict { (report.headline()) "." }
         @for note in &r.notes { p { (quoted(note)) } }
-        p { "Bands hold 95 % of each value on its own; the phase has none where the interval of its gain holds 0." }
+        p { "Bands hold 95 % of each value on its own; the phase has none where the interval of its gain holds 0. The curve of the phase has no jumps of 360°; the phases of the table lie within ±180°." }
         (figure("gain", "The gain"))
         (figure("phase", "The phase"))
         (figure("coherence", "The coherence"))

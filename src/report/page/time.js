@@ -148,9 +148,10 @@
     // Input and output as logged, and the output shifted back by the answer.
     estimate: (l) => {
       const list = [];
+      const named = (name, unit) => (unit ? name + " (" + unit + ")" : name);
       for (const p of l.pairs) {
         const [u, y] = [curve(p.u), curve(p.y)];
-        const two = (title, about, out, label) => ({ title, about, height: 210, unit: p.unit_u, unit_z: p.unit_y, marks: [], curves: [{ label: p.label_u, color: "input", held: true, y: u }, { label, color: "after", scale: "z", width: 1.6, y: out }] });
+        const two = (title, about, out, label) => ({ title, about, height: 210, unit: named("input", p.unit_u), unit_z: named("output", p.unit_y), marks: [], curves: [{ label: p.label_u, color: "input", held: true, y: u }, { label, color: "after", scale: "z", width: 1.6, y: out }] });
         list.push(two(p.input + " → " + p.output, p.input + " and " + p.output + " over time", y, "output"));
         if (p.delay_s !== null) {
           list.push(two(undefined, p.output + " shifted back by " + digits(p.delay_s) + " s", back(l.x, y, p.delay_s), "output, " + digits(p.delay_s) + " s earlier"));
