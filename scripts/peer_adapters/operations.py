@@ -150,7 +150,7 @@ def _dlyap(A: Any, Q: Any, C: Any = None, E: Any = None, method: Any = None) -> 
 
 def _riccati(sampled: bool) -> Callable[..., Any]:
     def solve(A: Any, B: Any, Q: Any, R: Any = None, S: Any = None, E: Any = None, stabilizing: bool = True, **names: Any) -> Any:
-        if not stabilizing or (E is not None and not sampled):
+        if not stabilizing or (E is not None and not sampled) or names.get("method") not in (None, "scipy", "slycot"):
             raise NotOffered
         a, b, q = _real(A, B, Q)
         (r,) = _real(numpy.eye(b.shape[1]) if R is None else R)
@@ -170,7 +170,7 @@ def _riccati(sampled: bool) -> Callable[..., Any]:
 
 def _regulator(name: str) -> Callable[..., Any]:
     def solve(*arguments: Any, **options: Any) -> Any:
-        if options.pop("method", None) not in (None, "scipy", "slycot") or any(v is not None for v in options.values()):
+        if options.pop("method", None) not in (None, "scipy", "slycot") or options.keys() - {"integral_action"} or any(v is not None for v in options.values()):
             raise NotOffered
         if isinstance(arguments[0], control.StateSpace):
             system = arguments[0]
@@ -185,12 +185,19 @@ def _regulator(name: str) -> Callable[..., Any]:
     return solve
 
 
+def _in_order(poles: Any, others: Any) -> Any:
+    """The poles, each in the place of the nearest of the others."""
+    left = list(poles)
+    return numpy.array([left.pop(int(numpy.argmin([abs(p - other) for p in left]))) for other in others])
+
+
 def _estimator(name: str) -> Callable[..., Any]:
     def solve(*arguments: Any, **options: Any) -> Any:
         if options.pop("method", None) not in (None, "scipy", "slycot") or options or not arguments or isinstance(arguments[0], control.StateSpace) or len(arguments) not in (5, 6):
             raise NotOffered
         a, g, c, q, r, *n = _real(*arguments)
-        return tuple(getattr(deadtime, name)(a, c, g @ q @ g.T, r, *[g @ n[0]] if n else []))
+        gain, covariance, poles = getattr(deadtime, name)(a, c, g @ q @ g.T, r, *[g @ n[0]] if n else [])
+        return gain, covariance, _in_order(poles, numpy.linalg.eigvals(a.T - c.T @ gain.T))
 
     return solve
 

@@ -1,5 +1,7 @@
 //! Laws of identified models over drawn records whose truth is known.
 
+use std::path::Path;
+
 use deadtime_signal::decompositions::eigenvalues;
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
@@ -8,13 +10,14 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
+use crate::matching::{Matching, Target};
 use crate::rival::polynomial;
 use crate::subspace::{
     Identified, Identifier, Moesp, N4sid, Named, Pbsidopt, Recordings, Settings, Stretch,
 };
 use crate::transfer::Riv;
 use deadtime_model::c2d::{Conversion, ZeroOrderHold};
-use deadtime_model::{Continuous, TransferFunction};
+use deadtime_model::{Continuous, ModelDocument, StateSpace, TransferFunction};
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::time::SampleTime;
 
@@ -254,4 +257,105 @@ fn orders_do_not_exceed_the_plant() {
     // Schwarz's criterion and free runs each err in a few of a hundred records.
     let right = all.iter().filter(|n| **n == 3).count();
     assert!(right * 10 >= all.len() * 9, "{all:?}");
+}
+
+/// Parameters of `COUPLED`, and their true values.
+const COUPLED_VALUES: [(&str, f64); 6] =
+    [("a", 0.5), ("b", 1.0), ("c", 2.0), ("d", 3.0), ("e", 1.2), ("f", 5.0)];
+const COUPLED: &str = r#"format = "deadtime/model@1"
+name = "coupled"
+kind = "equations"
+inputs = [{ name = "u" }]
+outputs = [{ name = "y1" }, { name = "y2" }]
+[states]
+v = {}
+w = {}
+[derivatives]
+v = "-a*v + b*w + c*u"
+w = "-d*v - e*w + f*u"
+[output_equations]
+y1 = "v"
+y2 = "w"
+[parameters]
+"#;
+
+/// The report of an identification of the coupled plant from a drawn record.
+fn coupled_target(samples: usize, noise: f64, rng: &mut ChaCha8Rng) -> Target {
+    let [a, b, c, d, e, f] = COUPLED_VALUES.map(|(_, v)| v);
+    let plant = StateSpace::continuous(
+        DMatrix::from_row_slice(2, 2, &[-a, b, -d, -e]),
+        DMatrix::from_row_slice(2, 1, &[c, f]),
+        DMatrix::identity(2, 2),
+        DMatrix::zeros(2, 1),
+    );
+    let sample_time = SampleTime::new(0.05).unwrap();
+    let sampled = ZeroOrderHold {}.c2d(&plant.unwrap(), sample_time).unwrap();
+    let (mut u, mut y) = (DMatrix::zeros(1, samples), DMatrix::zeros(2, samples));
+    let (mut x, mut level) = (DVector::zeros(2), 1.0);
+    for t in 0..samples {
+        level = if normal(rng) > 1.0 { -level } else { level };
+        u[(0, t)] = level;
+        y.set_column(t, &(&x + DVector::from_fn(2, |_, _| noise * normal(rng))));
+        x = sampled.a() * &x + sampled.b() * level;
+    }
+    let named = |names: &[&str]| -> Vec<Named> {
+        names.iter().map(|n| Named { name: (*n).to_owned(), unit: None }).collect()
+    };
+    let record = Recordings {
+        sample_time,
+        inputs: named(&["u"]),
+        outputs: named(&["y1", "y2"]),
+        stretches: vec![Stretch { u, y }],
+    };
+    let found = identified(&Pbsidopt(Settings { order: Some(2), ..Settings::default() }), &record);
+    let rows = |m: &DMatrix<f64>| -> Vec<Vec<f64>> {
+        m.row_iter().map(|r| r.iter().copied().collect()).collect()
+    };
+    let model = &found.model;
+    let report = serde_json::json!({
+        "format": "deadtime/identify@1", "sample_time_s": 0.05, "rows": found.rows,
+        "inputs": found.inputs, "outputs": found.outputs, "input_delay_s": [0.0],
+        "model": {
+            "A": rows(&model.a), "B": rows(&model.b), "C": rows(&model.c), "D": rows(&model.d),
+            "operating": { "inputs": [0.0], "outputs": [0.0, 0.0] },
+            "deviations": found.deviations(),
+        },
+    });
+    Target::from_identify(&report.to_string(), Path::new("report.json")).unwrap()
+}
+
+/// File values that are right, all off alike, off by drawn shares, or by factors: the spread of greatest evidence is theirs, and what the response determines is found.
+#[test]
+fn the_prior_of_a_match_is_as_wide_as_the_files_values_are_off() {
+    for (samples, noise) in [(2000, 0.02), (400, 0.2)] {
+        let mut rng = ChaCha8Rng::seed_from_u64(samples as u64);
+        let target = coupled_target(samples, noise, &mut rng);
+        for share in [0.0, 0.4 / 1.4, -0.4 / 0.6, 2.0 / 3.0, -2.0, 0.2, 0.8] {
+            let drawn = share == 0.2 || share == 0.8;
+            let shares: Vec<f64> = (0..6)
+                .map(|_| if drawn { (share * normal(&mut rng)).max(-0.8) } else { -share })
+                .collect();
+            // The truth is off by these shares of the file's values.
+            let values: Vec<f64> =
+                COUPLED_VALUES.iter().zip(&shares).map(|((_, v), s)| v / (1.0 + s)).collect();
+            let lines = COUPLED_VALUES.iter().zip(&values);
+            let lines: Vec<String> =
+                lines.map(|((name, _), v)| format!("{name} = {{ value = {v:?} }}")).collect();
+            let text = format!("{COUPLED}{}", lines.join("\n"));
+            let file = ModelDocument::from_toml(&text, Path::new("coupled.toml")).unwrap();
+            let ModelDocument::Equations(file) = file else { panic!("equations") };
+            let matching = Matching { free: vec!["all".to_owned()], ..Matching::default() };
+            let found = matching.fit(&file, &target).unwrap();
+            let size = (shares.iter().map(|s| s * s).sum::<f64>() / 6.0).sqrt().max(0.1);
+            let prior = found.prior.unwrap();
+            assert!(
+                prior > size / 3.0 && prior < 3.0 * size,
+                "{samples} {share}: {prior} of {size}"
+            );
+            for (p, (name, truth)) in found.parameters.iter().zip(COUPLED_VALUES) {
+                let off = (p.value - truth) / p.std.unwrap();
+                assert!(off.abs() < 4.5, "{samples} {share} {name}: {off} standard deviations");
+            }
+        }
+    }
 }
