@@ -56,7 +56,16 @@ fn predicted(trained: Sums, held: Sums, left: f64) -> (f64, f64) {
     (gain, (2.0 * gain * held.product - gain * gain * held.square) / left)
 }
 
-/// The residual as a missing force, with its curve where one can be fitted.
+/// A residual as a missing force.
+pub(crate) struct MissingForce {
+    pub(crate) description: Description,
+    /// Its curve, where one can be fitted.
+    pub(crate) curve: Option<ForceProfile>,
+    /// The part of the training residual that it takes.
+    pub(crate) learnt: f64,
+}
+
+/// The residual as a missing force.
 ///
 /// `None` where shifted responses reach the same R², and for a simulator without differential equations.
 pub(crate) fn describe(
@@ -65,7 +74,7 @@ pub(crate) fn describe(
     effects: &[Applied],
     left: &[DMatrix<f64>],
     seed: u64,
-) -> Option<(Description, Option<ForceProfile>)> {
+) -> Option<MissingForce> {
     let (system, records) = (likelihood.system, likelihood.records);
     let states = system.states.len();
     if states == 0 || states > STATES {
@@ -168,7 +177,8 @@ pub(crate) fn describe(
         }
     }
     let suggested = different.iter().enumerate().map(|(at, (_, t))| t.term(system, at)).collect();
-    Some((simplest.described(system, chance, suggested), curve))
+    let description = simplest.described(system, chance, suggested);
+    Some(MissingForce { description, curve, learnt: simplest.learnt })
 }
 
 /// A function on a state's derivative.

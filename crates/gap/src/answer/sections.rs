@@ -233,8 +233,8 @@ impl Answer<'_> {
         let of_rest = (!explained && !effects.is_empty())
             .then(|| describe(likelihood, &self.inputs.held_out, effects, &runs.after, self.seed))
             .flatten();
-        // The residual given the effects that are handed over, where anything describes it.
-        of_rest.or(of_all)
+        let best = of_rest.into_iter().chain(of_all).max_by(|a, b| a.learnt.total_cmp(&b.learnt));
+        best.map(|force| (force.description, force.curve))
     }
 
     fn all_caveats(&self, runs: &Runs, diagnosis: &Diagnosis) -> Vec<Caveat> {
