@@ -143,6 +143,7 @@ fn contract(name: &str) -> Contract {
 
 /// Of random stable plants with delays of 0 to 40 samples, fractions included.
 #[test]
+#[ignore = "nightly: every method on drawn plants"]
 fn every_method_finds_injected_delays_of_drawn_plants_but_on_the_class_it_is_exempt_from() {
     let mut runner = TestRunner::new(Config {
         rng_seed: RngSeed::Fixed(1),

@@ -236,6 +236,7 @@ fn a_pole_left_out_is_said() {
 }
 
 #[test]
+#[ignore = "nightly: a million samples"]
 fn of_a_million_samples_a_part_is_used_and_that_is_said() {
     let n = 1_000_000;
     let u = rbs(n, 1.0, 1);

@@ -48,6 +48,7 @@ fn case(seed: u64) -> Case {
 }
 
 #[test]
+#[ignore = "nightly: drawn spreads"]
 fn what_is_predicted_is_what_happens() {
     let draws = 8_u64;
     for name in ["oestruc", "p2d"] {

@@ -117,6 +117,7 @@ fn noisy(names: &[(&str, Value)], noise: f64, records: u64) -> Vec<(f64, f64)> {
 }
 
 #[test]
+#[ignore = "nightly: drawn records"]
 fn a_mean_over_the_delays_errs_less_than_the_best_of_them() {
     let found = noisy(
         &[

@@ -204,6 +204,7 @@ fn slow(samples: usize, std: f64, seed: u64) -> Vec<f64> {
 }
 
 #[test]
+#[ignore = "nightly: drawn records of two inputs"]
 fn verdicts_on_two_inputs_hold_their_fractions_and_are_narrower_than_a_sample() {
     let delays = [0.15, 0.62];
     let mut told = [0; 3];

@@ -341,6 +341,7 @@ fn the_five_event_criteria_are_studied_like_any_method() {
 }
 
 #[test]
+#[ignore = "nightly: a study of loops"]
 fn a_closed_loop_is_estimated_from_its_input_and_from_its_reference() {
     let text = r#"
         format = "deadtime/plan@1"

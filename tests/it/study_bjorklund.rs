@@ -128,6 +128,7 @@ fn unrelated_channels_are_flagged_by_correlation() {
 }
 
 #[test]
+#[ignore = "nightly: accuracy of all cells"]
 fn every_published_number_and_every_aim_finds_its_cells() {
     for name in ["bjorklund", "twin", "subsample", "unrelated"] {
         let whole = Plan::open(name).unwrap();

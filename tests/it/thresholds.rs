@@ -175,6 +175,7 @@ fn study(
 }
 
 #[test]
+#[ignore = "nightly: a study of thresholds"]
 fn sums_and_priors_see_slow_responses_earlier_than_single_coefficients() {
     for noise in [0.1, 0.5] {
         let [single, sums, prior] = ["threshold", "cusum", "impulseest"]

@@ -277,6 +277,7 @@ fn a_dead_time_of_zero_is_said_where_the_output_reacts_within_the_sample() {
 }
 
 #[test]
+#[ignore = "nightly: drawn loops"]
 fn a_command_that_was_logged_too_seldom_is_not_given_a_dead_time_of_zero() {
     for seed in 0..4 {
         // Given at every sample, logged at every fifth.
