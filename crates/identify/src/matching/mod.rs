@@ -13,6 +13,7 @@
 //! approach", for the criterion; Charalambous and Bandler (1976), doi:10.1080/00207727608941924, for the search.
 
 pub(crate) mod error;
+mod evidence;
 mod fit;
 mod grid;
 mod norms;
