@@ -1,4 +1,4 @@
-//! Bias, spread and coverage of transfer functions identified from sampled records, beside the Cramér-Rao bound, as a table in Markdown.
+//! Bias, spread and coverage of transfer functions identified from sampled records against the Cramér-Rao bound, as a table in Markdown.
 //!
 //! `cargo run --release --package deadtime-lab --bin continuous_study -- [RECORDS] [FIRST SEED]`; `lab/study continuous` writes it into the documents.
 //! Responses and bounds are computed here from matrix exponentials, by no code of the crate.
