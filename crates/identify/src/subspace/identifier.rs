@@ -255,14 +255,17 @@ impl Settings {
         }))
     }
 
-    fn identify(
+    /// The regression on the past, and the orders to which each input excites it.
+    ///
+    /// # Errors
+    /// [`IdentifyError`]: an order beyond the window, inputs that are not rich enough, a regression that explains nothing.
+    fn search<'r>(
         &self,
         method: &'static str,
         weight: Option<Weight>,
-        recordings: &Recordings,
+        recordings: &'r Recordings,
         far: &HowFar,
-    ) -> Result<Identified, IdentifyError> {
-        self.check()?;
+    ) -> Result<(Search<'r>, Vec<usize>), IdentifyError> {
         far.at(0.0, &"choosing the past window");
         let scales = recordings.scales()?;
         let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
@@ -274,25 +277,36 @@ impl Settings {
         if let Some(order) = self.order.filter(|n| *n > most) {
             return Err(IdentifyError::Order { order, past, most });
         }
-        if let Some((channel, orders)) =
-            poor(recordings, &orders, self.order.unwrap_or(1) + 1, past)
-        {
-            let needed = self.order.unwrap_or(1);
+        let needed = self.order.unwrap_or(1);
+        if let Some((channel, orders)) = poor(recordings, &orders, needed + 1, past) {
             return Err(IdentifyError::NotRich { channel, orders, needed });
         }
-        let failed = |reason| IdentifyError::Numeric { method, reason };
         let tried = self.order.unwrap_or(0).max(self.max_order).min(most);
         let way = Way { weight, direct: self.direct, past, most: tried };
-        let search = Search::of(recordings, scales, factor, way).ok_or_else(|| {
-            failed("the inputs and the past explain nothing of the outputs; check the channels, or record with a stronger excitation")
+        let search = Search::of(recordings, scales, factor, way).ok_or(IdentifyError::Numeric {
+            method,
+            reason: "the inputs and the past explain nothing of the outputs; check the channels, or record with a stronger excitation",
         })?;
         if let Some(order) = self.order.filter(|n| *n > search.orders()) {
             return Err(IdentifyError::Order { order, past, most: search.orders() });
         }
+        Ok((search, orders))
+    }
+
+    fn identify(
+        &self,
+        method: &'static str,
+        weight: Option<Weight>,
+        recordings: &Recordings,
+        far: &HowFar,
+    ) -> Result<Identified, IdentifyError> {
+        self.check()?;
+        let (search, orders) = self.search(method, weight, recordings, far)?;
         let order = self.chosen(&search, recordings, &far.part(STATES, ORDERS));
         let (model, residual, scales) = search.model(order.order);
         if !model.is_finite() {
-            return Err(failed("the regressions have no finite solution; choose a smaller order"));
+            let reason = "the regressions have no finite solution; choose a smaller order";
+            return Err(IdentifyError::Numeric { method, reason });
         }
         far.part(ORDERS, 1.0).at(0.0, &"drawing models for the intervals");
         let draws = if self.bootstrap > 0 {
@@ -302,18 +316,19 @@ impl Settings {
         } else {
             self.drawn(&search, order.order, &scales)
         };
-        let Search { factor, predictor, .. } = &search;
+        let Search { factor, predictor, way, .. } = &search;
         let freedom = factor.rows.saturating_sub(predictor.parameters() + 1).max(1) as f64;
         let spread: Vec<f64> = scales.outputs.iter().map(|s| s.1).collect();
         let covariance = residual.transpose() * residual / freedom;
-        let few = poor(recordings, &orders, 2 * order.order, past);
+        let few = poor(recordings, &orders, 2 * order.order, way.past);
+        let l = recordings.outputs.len();
         Ok(Identified {
             method,
             sample_time: recordings.sample_time,
             inputs: recordings.inputs.clone(),
             outputs: recordings.outputs.clone(),
             model: model.in_units(&scales),
-            past,
+            past: way.past,
             rows: factor.rows,
             order,
             innovations: DMatrix::from_fn(l, l, |i, j| covariance[(i, j)] * spread[i] * spread[j]),

@@ -134,6 +134,23 @@ fn of_free_runs(free: &[FreeRuns], order: usize) -> (Option<usize>, bool) {
     (smallest, rejected)
 }
 
+/// How certain an order is, from how many of the other two rules agree with Schwarz's.
+fn certainty(given: bool, rejected: bool, agree: usize) -> Sure {
+    match (given, rejected, agree) {
+        (true, ..) => Sure::Given,
+        (_, true, _) => Sure::Unclear,
+        (_, _, 2) => Sure::Clear,
+        (_, _, 1) => Sure::Likely,
+        _ => Sure::Unclear,
+    }
+}
+
+/// The place of the smallest value that is there, counted from 1.
+fn least(values: &[Option<f64>]) -> usize {
+    let there = values.iter().enumerate().filter_map(|(i, v)| Some((i, (*v)?)));
+    there.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(1, |(i, _)| i + 1)
+}
+
 /// The choice among models of order 1, 2, … with these log losses.
 pub(super) fn choose(
     given: Option<usize>,
@@ -150,14 +167,6 @@ pub(super) fn choose(
         };
         losses.iter().enumerate().map(value).collect()
     };
-    let least = |values: &[Option<f64>]| {
-        let found = values
-            .iter()
-            .enumerate()
-            .filter_map(|(i, v)| v.map(|v| (i, v)))
-            .min_by(|a, b| a.1.total_cmp(&b.1));
-        found.map_or(1, |(i, _)| i + 1)
-    };
     let values = criterion(n.ln());
     let best = values.iter().flatten().copied().fold(f64::INFINITY, f64::min);
     let weights: Vec<f64> =
@@ -172,13 +181,7 @@ pub(super) fn choose(
     let order =
         given.unwrap_or(if rejected { by_free_run.unwrap_or(by_schwarz) } else { by_schwarz });
     let agree = usize::from(by_gap == by_schwarz) + usize::from(by_akaike == by_schwarz);
-    let sure = match (given, agree) {
-        (Some(_), _) => Sure::Given,
-        (None, _) if rejected => Sure::Unclear,
-        (None, 2) => Sure::Clear,
-        (None, 1) => Sure::Likely,
-        (None, _) => Sure::Unclear,
-    };
+    let sure = certainty(given.is_some(), rejected, agree);
     let candidate = |i: usize| Candidate {
         order: i + 1,
         singular_value: singular[i],
