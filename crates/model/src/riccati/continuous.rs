@@ -128,6 +128,9 @@ fn cayley(a: &DMatrix<f64>, g: &DMatrix<f64>, h: &DMatrix<f64>) -> Option<DMatri
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
     use super::*;
 
     fn m(rows: usize, entries: &[f64]) -> DMatrix<f64> {
@@ -158,6 +161,21 @@ mod tests {
             assert!((found.k[(0, 0)] - 1.0).abs() < 1e-14, "{t} {found:?}");
             assert!((found.k[(0, 1)] / t - root).abs() < 1e-14, "{t} {found:?}");
             assert!((found.x[(0, 1)] / t - 1.0).abs() < 1e-14, "{t} {found:?}");
+        }
+    }
+
+    /// Peers that check symmetry ask for the last bit.
+    #[test]
+    fn solutions_are_symmetric_to_the_last_bit() {
+        let mut random = ChaCha8Rng::seed_from_u64(4);
+        for _ in 0..300 {
+            let mut drawn = |rows: usize, columns: usize| {
+                DMatrix::from_fn(rows, columns, |_, _| random.random_range(-1.0..1.0))
+            };
+            let (a, b) = (drawn(4, 4), drawn(4, 2));
+            let found =
+                lqr(&a, &b, &DMatrix::identity(4, 4), &DMatrix::identity(2, 2), None).unwrap();
+            assert_eq!(found.x, found.x.transpose());
         }
     }
 

@@ -33,8 +33,9 @@ where
     R: Fn(&DMatrix<f64>, &DMatrix<f64>) -> DMatrix<f64>,
     C: Fn(&DMatrix<f64>, &DMatrix<f64>) -> Option<DMatrix<f64>>,
 {
-    /// The solution near `x`; `None` where one on the way has no gain.
+    /// The solution near `x`, symmetric to the last bit; `None` where one on the way has no gain.
     pub(super) fn refine(&self, x: DMatrix<f64>) -> Option<Refined> {
+        let x = symmetric(x);
         let k = (self.gain)(&x)?;
         let error = (self.residual)(&x, &k);
         let mut now = Refined { x, k, error };
