@@ -2,6 +2,7 @@
 //! those of the inputs.
 
 use super::history::{Histories, History};
+use super::piecewise::TOGETHER;
 use super::plan::{InnerFilter, ModeSite, Plan, Source, Term};
 use super::system::{Affine, System};
 
@@ -35,10 +36,15 @@ pub(super) struct Assembly {
     pub(super) late: Histories,
 }
 
+/// The shortest dead time inside equations that is simulated by its history, of a sample: each asks for four steps. The effect looks for none that is shorter.
+const SHORTEST: f64 = 0.02;
+/// A dead time that is shorter, of a sample, is a lag: the two differ by (ω·delay)²/2, which is 5e-8 at the highest frequency that samples show.
+const A_LAG: f64 = 1e-4;
+
 /// How a dead time inside the plant is simulated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum InnerDelays {
-    /// By its history, from this dead time on, s; shorter ones by an approximant.
+    /// By its history, for an integrator whose samples are so far apart, s; what is shorter than `SHORTEST` of that, by an approximant.
     Exact(f64),
     /// By an approximant that is linear and has states.
     Pade,
@@ -54,9 +60,11 @@ impl Assembly {
         own_outputs: impl Fn(&[f64]) -> Vec<f64>,
     ) -> Self {
         let (n, m, p) = (system.states.len(), system.inputs.len(), system.outputs.len());
-        let waits: Vec<Option<f64>> = plan.filters.iter().map(|f| delays.waits(*f)).collect();
+        let realised: Vec<InnerFilter> = plan.filters.iter().map(|f| delays.realised(*f)).collect();
+        let waits: Vec<Option<f64>> = realised.iter().map(|f| delays.waits(*f)).collect();
         let late_s: Vec<f64> = waits.iter().flatten().copied().collect();
-        let mut build = Build::new(plan, &waits, [n, m + late_s.len(), p]);
+        let mut build = Build::new((plan, &realised), &waits, [n, m + late_s.len(), p]);
+        build.least_s = delays.least_s();
         let states = build.states;
         // The values of (states, signals, 1, outputs) at the start, filled in as they become known.
         build.now[..n].copy_from_slice(x0);
@@ -80,7 +88,7 @@ impl Assembly {
             })
             .collect();
         let mut signals = states + m..one;
-        let filters: Vec<usize> = (plan.filters.iter().zip(&waits))
+        let filters: Vec<usize> = (realised.iter().zip(&waits))
             .map(|(filter, waits)| match waits.and_then(|_| signals.next()) {
                 Some(signal) => {
                     inputs.push(build.unit(signal));
@@ -105,7 +113,7 @@ impl Assembly {
             }
         }
         let mut raw = outputs.split_off(p);
-        for (at, (filter, waits)) in plan.filters.iter().zip(&waits).enumerate() {
+        for (at, (filter, waits)) in realised.iter().zip(&waits).enumerate() {
             if waits.is_none() {
                 build.drive(*filter, filters[at], &raw[at]);
             }
@@ -138,10 +146,30 @@ impl InnerDelays {
     /// The dead time of a filter that is simulated by its history, s.
     fn waits(self, filter: InnerFilter) -> Option<f64> {
         match (self, filter) {
-            (Self::Exact(from_s), InnerFilter::Delay(delay_s)) if delay_s >= from_s => {
+            (Self::Exact(sample_s), InnerFilter::Delay(delay_s))
+                if delay_s >= SHORTEST * sample_s =>
+            {
                 Some(delay_s)
             }
             _ => None,
+        }
+    }
+
+    /// The filter as it is simulated.
+    fn realised(self, filter: InnerFilter) -> InnerFilter {
+        match (self, filter) {
+            (Self::Exact(sample_s), InnerFilter::Delay(delay_s)) if delay_s < A_LAG * sample_s => {
+                InnerFilter::Lag(delay_s)
+            }
+            _ => filter,
+        }
+    }
+
+    /// The shortest time of a filter, s. Times that an integrator takes for one are one: faster poles would only overflow its steps.
+    fn least_s(self) -> f64 {
+        match self {
+            Self::Exact(sample_s) => TOGETHER * sample_s,
+            Self::Pade => 0.0,
         }
     }
 }
@@ -164,11 +192,17 @@ struct Build {
     now: Row,
     /// The states of hysteresis.
     memories: Vec<usize>,
+    /// The shortest time constant, s.
+    least_s: f64,
 }
 
 impl Build {
     /// For a plant of so many states, signals and outputs, whose quantities of these dead times are signals.
-    fn new(plan: &Plan, waits: &[Option<f64>], [n, signals, outputs]: [usize; 3]) -> Self {
+    fn new(
+        (plan, inner): (&Plan, &[InnerFilter]),
+        waits: &[Option<f64>],
+        [n, signals, outputs]: [usize; 3],
+    ) -> Self {
         let lags = plan.inputs.iter().map(|i| i.lags_s.len());
         let lags = lags.chain(plan.outputs.iter().map(|o| o.lags_s.len())).sum::<usize>();
         let of_term = |term: &Term| match term {
@@ -177,12 +211,13 @@ impl Build {
             _ => 0,
         };
         let terms = plan.terms.iter().map(of_term).sum::<usize>();
-        let with_states = plan.filters.iter().zip(waits).filter(|(_, waits)| waits.is_none());
+        let with_states = inner.iter().zip(waits).filter(|(_, waits)| waits.is_none());
         let filters = with_states.map(|(f, _)| f.order()).sum::<usize>();
         let states = n + lags + filters + 2 * plan.modes.len() + terms;
-        let outputs = outputs + plan.filters.len();
+        let outputs = outputs + inner.len();
         let (derivatives, now, memories) = (Vec::new(), Vec::new(), Vec::new());
-        let mut build = Self { states, signals, outputs, used: n, derivatives, now, memories };
+        let mut build =
+            Self { states, signals, outputs, used: n, derivatives, now, memories, least_s: 0.0 };
         build.derivatives = vec![build.zero(); states];
         build.now = build.zero();
         build
@@ -217,6 +252,7 @@ impl Build {
     /// What moves these states: a chain of derivatives of the quantity over the denominator.
     fn drive(&mut self, filter: InnerFilter, first: usize, raw: &Row) {
         let (time_s, _, under) = filter.transfer();
+        let time_s = time_s.max(self.least_s);
         let last = filter.order() - 1;
         for i in 0..last {
             self.derivatives[first + i][first + i + 1] = time_s.recip();
@@ -307,6 +343,7 @@ impl Build {
     /// A first-order lag of a signal, settled.
     fn lag(&mut self, v: &Row, lag_s: f64) -> Row {
         let z = self.state(self.value(v));
+        let lag_s = lag_s.max(self.least_s);
         add(&mut self.derivatives[z], 1.0 / lag_s, v);
         self.derivatives[z][z] -= 1.0 / lag_s;
         self.unit(z)

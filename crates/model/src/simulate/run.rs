@@ -85,9 +85,9 @@ impl System {
         });
         let linear = affine.is_some() && smooth;
         let end_s = time_s.last().copied().unwrap_or(0.0);
-        let shortest_s = SHORTEST * end_s / time_s.len().saturating_sub(1).max(1) as f64;
-        let exact = !linear && shortest_s > 0.0;
-        let delays = if exact { InnerDelays::Exact(shortest_s) } else { InnerDelays::Pade };
+        let sample_s = end_s / time_s.len().saturating_sub(1).max(1) as f64;
+        let exact = !linear && sample_s > 0.0;
+        let delays = if exact { InnerDelays::Exact(sample_s) } else { InnerDelays::Pade };
         let assemble = |at: usize, dynamics: &Dynamics| {
             let plant = affine.as_ref().map(|all| &all[at]);
             Assembly::new(self, (plan, plant), delays, (x0, &first), |received| {
@@ -129,9 +129,6 @@ impl System {
         y
     }
 }
-
-/// The shortest dead time inside equations that is simulated by its history, of a sample: each asks for four steps. The effect looks for none that is shorter.
-const SHORTEST: f64 = 0.02;
 
 /// What arrives of every input at the end of its path.
 fn arriving(plan: &Plan, commands: Commands<'_>) -> Result<Vec<Piecewise>, SimulateError> {

@@ -240,6 +240,28 @@ q = "q"
         }
     }
 
+    /// A lag or dead time of any length is simulated: what it moves shrinks with its length, at most 40 /s at these commands, down to the integrator's own error.
+    #[test]
+    fn times_of_every_length_move_the_outputs_by_what_they_are() {
+        let system = servo("", "kp*(target - q)");
+        let inner = &find("internal_lag").unwrap().channels(&system)[0];
+        let nominal = simulated(&system, &[], &[0.1, 0.0]);
+        for (effect, channel) in [
+            ("internal_lag", inner.as_str()),
+            ("internal_delay", inner.as_str()),
+            ("actuator_lag", "target"),
+            ("sensor_lag", "q"),
+        ] {
+            for exponent in -300..-1 {
+                let time_s = 10f64.powi(exponent) * 3.7;
+                let moved =
+                    simulated(&system, &[with(&system, effect, channel, &[time_s])], &[0.1, 0.0]);
+                let far = furthest(&moved, &nominal);
+                assert!(far < 40.0 * time_s + 1e-6, "{effect} of {time_s:e} s: {far}");
+            }
+        }
+    }
+
     /// A run that begins again where it was goes on with what is still on its way.
     #[test]
     fn predictions_over_a_horizon_know_what_is_on_its_way() {
