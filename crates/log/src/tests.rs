@@ -1014,6 +1014,20 @@ fn write_csv_keeps_units_gaps_and_bits_plain_and_compressed() {
     );
 }
 
+#[test]
+fn stamps_that_look_like_another_unit_are_written_with_theirs() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.csv");
+    let steps = [1e-3, 0.5, 1.0, 7.0, 60.0, 900.0, 1234.0, 3600.0, 1e6, 2.5e8];
+    for (step_s, start_s) in steps.into_iter().flat_map(|s| [0.0, -3.0, 4.0e4].map(|t| (s, t))) {
+        let time_s: Vec<f64> = (0..5).map(|k| start_s + step_s * f64::from(k)).collect();
+        let log = Log::new("a.csv", time_s, vec![Channel::new("u", None, vec![1.0; 5])]).unwrap();
+        log.write_csv(&path).unwrap();
+        let back = read(&path).unwrap();
+        assert_eq!(back.time_s(), log.time_s(), "{step_s} from {start_s}");
+    }
+}
+
 // Any input at all.
 
 fn number() -> impl Strategy<Value = f64> {

@@ -1,8 +1,10 @@
 //! Logs written as text.
 
+use super::clock::seconds;
 use super::table::is_gz;
 use crate::channels::{Channel, Log};
 use crate::error::Error;
+use crate::options::TimeUnit;
 use deadtime_signal::file::write_atomic;
 use std::fmt::Write as _;
 use std::io::Write;
@@ -29,9 +31,10 @@ impl Log {
     }
 
     fn write_rows(&self, mut out: &mut dyn Write) -> std::io::Result<()> {
+        let time = if self.reads_as_seconds() { "time" } else { "time [s]" };
         let mut header = ::csv::Writer::from_writer(&mut out);
         header.write_record(
-            std::iter::once("time".to_owned()).chain(self.channels.iter().map(Channel::header)),
+            std::iter::once(time.to_owned()).chain(self.channels.iter().map(Channel::header)),
         )?;
         header.flush()?;
         drop(header);
@@ -49,6 +52,17 @@ impl Log {
             out.write_all(line.as_bytes())?;
         }
         Ok(())
+    }
+
+    /// A reader takes these stamps for seconds though no unit is stated: whole numbers far apart look like thousandths of something.
+    fn reads_as_seconds(&self) -> bool {
+        let cells = self.time_s.iter().map(|time_s| {
+            let mut cell = String::new();
+            push_number(&mut cell, *time_s);
+            cell
+        });
+        let read = seconds(cells, None, true);
+        read.unit == TimeUnit::S && read.origin_ns.is_none()
     }
 }
 
