@@ -100,7 +100,7 @@ class StructuredFit(_Fitted):
     cannot_be_had : list of str
         Combinations that the logs do not show, in words.
     trades : list of str
-        Pairs that trade with each other, in words.
+        Pairs that are correlated, in words.
     converged : bool
         The search ended at a minimum.
     """
@@ -129,11 +129,11 @@ class StructureMatch(_Fitted):
     cannot_be_had : list of str
         Combinations that the response does not show, in words.
     trades : list of str
-        Pairs that trade with each other, in words.
+        Pairs that are correlated, in words.
     converged : bool
         The search ended at a minimum.
     nu_gap : float or None
-        The nu-gap of the two models; None where it cannot be had.
+        The nu-gap of the two models; None where it has no value.
     notes : list of str
         What a reader must know.
     """
@@ -198,7 +198,7 @@ def identify_structure(
     Returns
     -------
     StructuredFit
-        Values with intervals, what cannot be had, and the errors before and after.
+        Values with intervals, what is not identifiable, and the errors before and after.
 
     Raises
     ------
@@ -287,7 +287,7 @@ def match_structure(
     Returns
     -------
     StructureMatch
-        Values with intervals, what cannot be had, and how near the responses came.
+        Values with intervals, what is not identifiable, and the distance of the responses.
 
     Raises
     ------

@@ -1,11 +1,11 @@
 //! A match by frequency as text.
 
-use super::structured::{digits, fitted, not_had, standing};
+use super::structured::{digits, fitted, not_identifiable, standing};
 use super::text::Table;
 use deadtime_identify::matching::{Gain, Matched};
 use deadtime_identify::structured::Standing;
 
-/// Parameters with intervals, how near the responses came, and what cannot be had.
+/// Parameters with intervals, the distance of the responses, and what is not identifiable.
 #[must_use]
 pub fn text(found: &Matched) -> String {
     let mut text = format!("{} to {} {}.\n\n", found.structure, found.identified, how(found));
@@ -28,7 +28,7 @@ pub fn text(found: &Matched) -> String {
     for said in meanings(found) {
         text += &format!("\n{said}\n");
     }
-    text += &not_had(&found.unseen, &found.trades);
+    text += &not_identifiable(&found.unseen, &found.trades);
     text += &format!("\n{}\n", nearness(found).join("\n"));
     for note in &found.notes {
         text += &format!("note: {note}\n");
@@ -67,7 +67,7 @@ pub(super) fn meanings(found: &Matched) -> Vec<&'static str> {
         ),
         (
             Standing::Open,
-            "open: the response does not fix it: its interval holds 0, or another parameter trades with it.",
+            "open: the response does not fix it: its interval holds 0, or it is correlated with another parameter.",
         ),
         (
             Standing::Held,
@@ -93,7 +93,7 @@ pub(super) fn nearness(found: &Matched) -> Vec<String> {
     };
     let [first, last] = &found.largest_gain;
     let [identified, structured] = found.unstable_poles;
-    let gap = found.nu_gap.map_or_else(|| "not to be had".to_owned(), |g| digits(g.value));
+    let gap = found.nu_gap.map_or_else(|| "without a value".to_owned(), |g| digits(g.value));
     let m = &found.misfit;
     let size = if found.uncertainty {
         format!("{:.1} standard deviations", m.size)

@@ -98,7 +98,7 @@ pub(super) fn standing(of: Standing) -> &'static str {
     }
 }
 
-/// Parameters with intervals, what cannot be had, and the errors before and after.
+/// Parameters with intervals, what is not identifiable, and the errors before and after.
 #[must_use]
 pub fn text(found: &StructuredFit) -> String {
     let mut text = format!(
@@ -139,7 +139,7 @@ pub fn text(found: &StructuredFit) -> String {
     {
         text += &format!("\n{said}\n");
     }
-    text += &not_had(&found.unseen, &found.trades);
+    text += &not_identifiable(&found.unseen, &found.trades);
     for (name, record, value) in &found.per_record {
         text += &format!("\n{name} stands off by {} in {record}", digits(*value));
     }
@@ -155,12 +155,12 @@ pub fn text(found: &StructuredFit) -> String {
     }
     text
 }
-/// What cannot be had and what trades, a line each.
-pub(super) fn not_had(unseen: &[Unseen], trades: &[String]) -> String {
+/// What is not identifiable and what is correlated, a line each.
+pub(super) fn not_identifiable(unseen: &[Unseen], trades: &[String]) -> String {
     let mut text = String::new();
     for unseen in unseen {
         text += &format!(
-            "\nCannot be had: {} (standard deviation {}).",
+            "\nNot identifiable: {} (standard deviation {}).",
             unseen.words,
             how_unseen(unseen.std)
         );

@@ -238,7 +238,7 @@ fn a_page_of_fitted_parameters_shows_what_moved_and_what_cannot_be_had() {
     let page = std::fs::read_to_string(page).unwrap();
     let read = stands(&page);
     // Inertia, gain and stiffness only act as ratios.
-    assert!(read.contains("What cannot be had") && read.contains("parameters: 4 open."), "{read}");
+    assert!(read.contains("Not identifiable") && read.contains("parameters: 4 open."), "{read}");
     let found: Value = serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
     let data = drawn(&page);
     let group = found["held_out"][1][0]["group"].as_str().unwrap();

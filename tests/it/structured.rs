@@ -165,7 +165,7 @@ fn what_acts_only_as_a_ratio_is_said_in_words_and_gets_no_tight_interval() {
         (1..=3).map(|seed| swing(0.025, 0.9, 0.0, 0.0, 0.001, seed)).collect();
     let found = found.fit(&file, &free_swing, &[]).unwrap();
     assert!(
-        found.unseen.iter().any(|u| u.words == "inertia and gain only as their ratio"),
+        found.unseen.iter().any(|u| u.words == "inertia and gain one by one, only their ratio"),
         "{:?}",
         found.unseen
     );

@@ -47,7 +47,7 @@ pub struct Parameter {
     /// Its unit, where it is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// Standard deviation; absent where it cannot be had.
+    /// Standard deviation; absent where it has no value.
     pub std: Option<f64>,
     /// The interval of 95 %.
     pub ci95: Option<[f64; 2]>,

@@ -1,4 +1,4 @@
-//! Parameters from an identified model as a page: what each moved to, what cannot be had, and the responses of both models.
+//! Parameters from an identified model as a page: what each moved to, what is not identifiable, and the responses of both models.
 
 use maud::{Markup, html};
 use serde_json::{Value, json};
@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::bode;
 use super::bode::Curve;
 use super::frame::{figure, page, quoted};
-use super::structured::{Drawn, not_had, parameters};
+use super::structured::{Drawn, not_identifiable, parameters};
 use crate::report::matching::{how, meanings, nearness};
 use deadtime_identify::matching::{Compared, ComparedPoint, Matched};
 use deadtime_signal::stats::NORMAL_95;
@@ -19,11 +19,11 @@ pub fn matching(found: &Matched) -> String {
         h1 { (title) }
         p .verdict { strong { (found.parameters.len()) } " parameters " (how(found)) "." }
         @for note in &found.notes { p { (quoted(note)) } }
-        h2 { "What they are" }
+        h2 { "Parameters" }
         (table(found))
         @for said in meanings(found) { p { (said) } }
-        (not_had(&found.unseen, &found.trades))
-        h2 { "How near the responses came" }
+        (not_identifiable(&found.unseen, &found.trades))
+        h2 { "Distance of the responses" }
         ul { @for line in nearness(found) { li { (quoted(&line)) } } }
         (figure("gain", "The gain"))
         (figure("phase", "The phase"))

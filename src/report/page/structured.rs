@@ -1,4 +1,4 @@
-//! Parameters of a model file from logs as a page: what each moved to, what cannot be had, errors over the horizon.
+//! Parameters of a model file from logs as a page: what each moved to, what is not identifiable, errors over the horizon.
 
 use maud::{Markup, html};
 use serde_json::{Value, json};
@@ -32,10 +32,10 @@ pub fn structured(found: &StructuredFit) -> String {
         p .faint {
             (found.windows) " windows of " (found.horizon) " steps of " (found.sample_time_s) " s in " (found.clusters) " clusters; shrinkage towards the file " (format!("{:.2e}", found.shrinkage)) "."
         }
-        h2 { "What they are" }
+        h2 { "Parameters" }
         (parameters(&found.parameters.iter().map(drawn).collect::<Vec<_>>(), true))
         @for said in [Standing::Surrogate, Standing::Open, Standing::Unchecked].into_iter().filter_map(|s| meaning(found, s)) { p { (said) } }
-        (not_had(&found.unseen, &found.trades))
+        (not_identifiable(&found.unseen, &found.trades))
         @if !found.per_record.is_empty() { h2 { "What stands off by record" } (by_record(found)) }
         h2 { "Errors over the horizon" }
         p { "Mean absolute error so many steps after a window's start, of the model as the file has it and as it was fitted." }
@@ -125,11 +125,11 @@ pub(super) fn parameters(all: &[Drawn], single: bool) -> Markup {
     )
 }
 
-/// What cannot be had, if anything.
-pub(super) fn not_had(unseen: &[Unseen], trades: &[String]) -> Markup {
+/// What is not identifiable, if anything.
+pub(super) fn not_identifiable(unseen: &[Unseen], trades: &[String]) -> Markup {
     html! {
         @if !unseen.is_empty() || !trades.is_empty() {
-            h2 { "What cannot be had" }
+            h2 { "Not identifiable" }
             ul {
                 @for unseen in unseen { li { (quoted(&unseen.words)) " (standard deviation " (how_unseen(unseen.std)) ")" } }
                 @for trade in trades { li { (quoted(trade)) } }

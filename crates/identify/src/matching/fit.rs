@@ -114,15 +114,15 @@ pub struct Matched {
     pub sample_time_s: Option<f64>,
     /// The parameters.
     pub parameters: Vec<MatchedParameter>,
-    /// Combinations that cannot be had.
+    /// Combinations that are not identifiable.
     pub unseen: Vec<Unseen>,
-    /// Pairs that trade with each other, in words.
+    /// Pairs that are correlated, in words.
     pub trades: Vec<String>,
     /// The norm of the difference with the file's values, and with those found.
     pub difference: [f64; 2],
     /// The largest gain of the difference over the band, with the file's values and with those found.
     pub largest_gain: [Gain; 2],
-    /// The nu-gap of the two models over all frequencies; `None` where it cannot be had.
+    /// The nu-gap of the two models over all frequencies; `None` where it has no value.
     pub nu_gap: Option<NuGap>,
     /// Poles that grow: of the identified model and of the structured one.
     pub unstable_poles: [usize; 2],
@@ -447,7 +447,7 @@ pub(super) fn compared(
     Some(all)
 }
 
-/// Standard deviations from the identified model's, what cannot be had, and whether each value can be taken for the quantity.
+/// Standard deviations from the identified model's, what is not identifiable, and whether each value can be taken for the quantity.
 pub(super) fn know(
     problem: &MatchProblem<'_>,
     norm: &Norm,

@@ -157,7 +157,7 @@ impl System {
         }
     }
 
-    /// The nu-gap; `None` where it cannot be had.
+    /// The nu-gap; `None` where it has no value.
     pub(super) fn nu_gap(&self, other: &Self) -> Option<NuGap> {
         match behind_common_delays(self, other)? {
             (Self::Continuous(one), Self::Continuous(two)) => nu_gap(&one, &two).ok(),

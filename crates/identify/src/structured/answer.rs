@@ -44,9 +44,9 @@ pub struct StructuredFit {
     pub parameters: Vec<FreeParameter>,
     /// What stands off by record: parameter, record, value.
     pub per_record: Vec<(String, String, f64)>,
-    /// Combinations that cannot be had.
+    /// Combinations that are not identifiable.
     pub unseen: Vec<Unseen>,
-    /// Pairs that trade with each other, in words.
+    /// Pairs that are correlated, in words.
     pub trades: Vec<String>,
     /// Steps of a window.
     pub horizon: usize,

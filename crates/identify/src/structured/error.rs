@@ -12,6 +12,14 @@ pub enum StructuredError {
         /// The model's parameters.
         known: Vec<String>,
     },
+    /// A dead time is asked for.
+    #[error(
+        "`{name}`: windows of logs are simulated with the file's dead times; estimate it (`deadtime estimate --model`), and write it into `input_delay_s`, or fit it with --match"
+    )]
+    Delay {
+        /// The name.
+        name: String,
+    },
     /// No parameter is free.
     #[error("no parameter is free: name some, or `all`")]
     NothingFree,

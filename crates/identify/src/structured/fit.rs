@@ -464,17 +464,21 @@ pub(super) fn with_values(file: &EquationsFile, found: &[FreeParameter]) -> Equa
 /// The named parameters; of `all` those that are not known.
 fn indices(file: &EquationsFile, equations: &Equations, names: &[String]) -> Result<Vec<usize>> {
     let parameters = equations.parameters();
-    if names.iter().any(|name| name == "all") {
-        let unknown =
-            |i: &usize| !file.parameters.iter().any(|(n, p)| p.known && *n == parameters[*i].name);
-        return Ok((0..parameters.len()).filter(unknown).collect());
+    if let Some(name) = names.iter().find(|name| name.starts_with("delay:")) {
+        return Err(StructuredError::Delay { name: name.clone() }.into());
     }
     let find = |name: &String| {
         let known = || parameters.iter().map(|p| p.name.clone()).collect();
         let at = parameters.iter().position(|p| p.name == *name);
         at.ok_or_else(|| StructuredError::NoParameter { name: name.clone(), known: known() }.into())
     };
-    let mut found: Vec<usize> = names.iter().map(find).collect::<Result<_>>()?;
+    let single = names.iter().filter(|name| *name != "all");
+    let mut found: Vec<usize> = single.map(find).collect::<Result<_>>()?;
+    if names.iter().any(|name| name == "all") {
+        let unknown =
+            |i: &usize| !file.parameters.iter().any(|(n, p)| p.known && *n == parameters[*i].name);
+        found.extend((0..parameters.len()).filter(unknown));
+    }
     found.sort_unstable();
     found.dedup();
     Ok(found)

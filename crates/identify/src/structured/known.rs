@@ -1,4 +1,4 @@
-//! What an estimate knows of parameters and what it does not: combinations that cannot be had, pairs that trade, values that are no physics.
+//! What an estimate knows of parameters and what it does not: combinations that are not identifiable, pairs that are correlated, values that are not physical.
 
 use deadtime_signal::decompositions::symmetric_eigen;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
@@ -10,7 +10,7 @@ use deadtime_signal::stats::NORMAL_95;
 const APART: f64 = 2.0;
 /// A nominal value that moved by this factor is no longer that quantity.
 const MOVED: f64 = 10.0;
-/// A correlation above this is called a trade.
+/// A correlation above this is reported.
 const TRADE: f64 = 0.95;
 /// A direction of which the information is below this share of the best seen one moves predictions a millionth as much: no log resolves that. Without noise every
 /// multiple of a vanishing residual would call it certain.
@@ -28,7 +28,7 @@ pub enum Standing {
     Surrogate,
     /// It was not tested: windows of one step were not fitted, or their estimates are too vague to agree or to contradict.
     Unchecked,
-    /// Another parameter can trade with it, or its interval holds anything from nothing to twice its value.
+    /// It is correlated with another parameter, or its interval holds anything from nothing to twice its value.
     Open,
     /// The data do not fix it, and a prior keeps it at the file's value.
     Held,
@@ -98,21 +98,18 @@ impl Known<'_> {
         // A ratio or a product stays where changes relative to the values found are alike.
         let relative = |&(j, v): &(usize, f64)| v * self.sizes[j] / self.values[j];
         match parts {
-            [(j, _)] => format!("{} cannot be had: {} not show it", name(*j), self.source),
+            [(j, _)] => format!("{}, which {} not show", name(*j), self.source),
             [a, b]
                 if (relative(a).abs() - relative(b).abs()).abs()
                     < 0.1 * relative(a).abs().max(relative(b).abs()) =>
             {
                 let what = if relative(a) * relative(b) > 0.0 { "ratio" } else { "product" };
-                format!("{} and {} only as their {what}", name(a.0), name(b.0))
+                format!("{} and {} one by one, only their {what}", name(a.0), name(b.0))
             }
             _ => {
                 let part = |&(j, v): &(usize, f64)| format!("{v:+.2} {}", name(j));
                 let list: Vec<String> = parts.iter().map(part).collect();
-                format!(
-                    "this combination cannot be had (in shares of each one's size): {}",
-                    list.join(", ")
-                )
+                format!("the combination {} (in shares of each parameter's size)", list.join(", "))
             }
         }
     }
@@ -129,7 +126,7 @@ impl Known<'_> {
                 let correlation = v[(a, b)] / (v[(a, a)] * v[(b, b)]).max(f64::MIN_POSITIVE).sqrt();
                 if correlation.abs() > TRADE && share(a).max(share(b)) > 0.1 {
                     said.push(format!(
-                        "{} and {} trade (correlation {correlation:.3}): known to {:.0} % and {:.0} % of their values",
+                        "{} and {} are correlated ({correlation:.3}), with standard deviations of {:.0} % and {:.0} %",
                         self.names[a],
                         self.names[b],
                         100.0 * share(a),
@@ -143,7 +140,7 @@ impl Known<'_> {
     }
 }
 
-/// Whether a value can be taken for the quantity; `lost` where it is in a combination that cannot be had, or trades.
+/// Whether a value can be taken for the quantity; `lost` where it is in a combination that is not identifiable, or correlated with another.
 pub(crate) fn standing(
     nominal: f64,
     [value, std]: [f64; 2],

@@ -6,7 +6,7 @@
 //! model file's values and s_j each parameter's size. Gauss-Newton with exact sensitivities; λ by leaving records (or stretches) out in turn.
 //!
 //! Assumes: the log's rows are good enough as starts; noise in them makes short horizons judge the sensors rather than the model.
-//! Fails when: parameters trade with each other. Then the answer names the combination that the data do not show.
+//! Fails when: parameters are correlated. Then the answer names the combination that the data do not show.
 //! Source: Huber (1964), doi:10.1214/aoms/1177703732, for ρ; White (1980), doi:10.2307/1912934, for the covariance over clusters; Marquardt (1963) for the search.
 
 mod answer;
