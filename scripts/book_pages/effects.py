@@ -133,6 +133,7 @@ SHOWN: dict[str, tuple[str, str, dict[str, float]]] = {
     "internal_delay": (LOOP, "25*(u - q)", {"delay": 0.1}),
     "internal_lag": (LOOP, "25*(u - q)", {"time_constant": 0.15}),
     "driveline_backlash": (TRAIN, "motor - load", {"width": 0.15}),
+    "driveline_friction": (TRAIN, "motor - load", {"level": 0.2, "speed": 0.1}),
     "coulomb_friction": (SPRING, "v", {"level": 1.0}),
     "stribeck_friction": (SPRING, "v", {"level": 0.5, "extra": 1.0, "velocity": 0.2}),
     "hysteresis": (SPRING, "v", {"level": 2.0, "displacement": 0.2, "sharpness": 1.5}),

@@ -26,13 +26,14 @@ fn entry(value: &Value) -> EffectEntry {
 }
 
 /// The reference knows no quantities inside equations and no exchanged channels: crates/model integrates these in tests of its own.
-const ELSEWHERE: [&str; 8] = [
+const ELSEWHERE: [&str; 9] = [
     "swapped_inputs",
     "internal_saturation",
     "internal_deadband",
     "internal_delay",
     "internal_lag",
     "driveline_backlash",
+    "driveline_friction",
     "output_backlash",
     "swapped_outputs",
 ];

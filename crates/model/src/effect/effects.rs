@@ -5,7 +5,7 @@ use super::error::{EffectError, Result};
 use super::{clock, dynamics, input, output};
 
 /// All effects, in the order of the format's table: of equals the first one leads.
-pub static EFFECTS: [&dyn Effect; 48] = [
+pub static EFFECTS: [&dyn Effect; 49] = [
     &input::delay::InputDelay,
     &input::delay_jump::DelayJump,
     &input::delay_drift::DelayDrift,
@@ -33,6 +33,7 @@ pub static EFFECTS: [&dyn Effect; 48] = [
     &dynamics::internal_delay::InternalDelay,
     &dynamics::internal_lag::InternalLag,
     &dynamics::driveline_backlash::DrivelineBacklash,
+    &dynamics::driveline_friction::DrivelineFriction,
     &dynamics::coulomb_friction::CoulombFriction,
     &dynamics::stribeck_friction::StribeckFriction,
     &dynamics::hysteresis::Hysteresis,

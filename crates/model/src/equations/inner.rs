@@ -39,6 +39,8 @@ pub enum InnerMap {
     Limits,
     /// v − min(max(v, −width), width): one parameter.
     DeadZone,
+    /// v + level·tanh(v′/speed): two parameters. v is a difference of two positions.
+    Friction,
 }
 
 /// Names of parameters that no model has.
@@ -96,8 +98,30 @@ impl Equations {
 
     /// The derivative of a state is another state alone: the state is a position.
     fn is_coordinate(&self, state: usize) -> bool {
-        let root = self.derivative_trees[state].nodes.last();
-        root.is_some_and(|n| matches!(n.kind, NodeKind::Leaf(Leaf::State(_))))
+        self.speed(state).is_some()
+    }
+
+    /// The state that is the derivative of a position.
+    fn speed(&self, position: usize) -> Option<usize> {
+        match self.derivative_trees[position].nodes.last()?.kind {
+            NodeKind::Leaf(Leaf::State(speed)) => Some(speed),
+            _ => None,
+        }
+    }
+
+    /// The names of the speeds of the two positions in a twist.
+    fn twist_rates(&self, twist: &str) -> Option<[&str; 2]> {
+        let tree = parse("quantity", twist, &self.names()).ok()?;
+        let NodeKind::Operation(Operation::Subtract, a, b) = tree.nodes.last()?.kind else {
+            return None;
+        };
+        let rate = |node: usize| match tree.nodes[node].kind {
+            NodeKind::Leaf(Leaf::State(position)) => {
+                Some(self.states[self.speed(position)?].name.as_str())
+            }
+            _ => None,
+        };
+        Some([rate(a)?, rate(b)?])
     }
 
     /// The model in which a quantity goes through a map; its parameters come after all others. `None` for a text that is no quantity of this model.
@@ -121,6 +145,12 @@ impl Equations {
                 let width = free("width");
                 let text = format!("{raw} - min(max({raw}, -{width}), {width})");
                 (vec![width], text)
+            }
+            InnerMap::Friction => {
+                let Some([a, b]) = self.twist_rates(quantity) else { return Ok(None) };
+                let (level, speed) = (free("level"), free("speed"));
+                let text = format!("{raw} + {level}*tanh(({a} - {b})/{speed})");
+                (vec![level, speed], text)
             }
         };
         let mut parameters = self.parameters.clone();

@@ -10,7 +10,7 @@ use crate::effect::parameter::Parameter;
 use crate::effect::scales::Scales;
 use crate::equations::inner::InnerMap;
 use crate::simulate::plan::Plan;
-use crate::simulate::system::{Dynamics, System};
+use crate::simulate::system::System;
 
 /// Play in a drive train: a dead zone of the twist between two positions.
 ///
@@ -23,7 +23,7 @@ pub(crate) struct DrivelineBacklash;
 impl Effect for DrivelineBacklash {
     fn facts(&self) -> Facts {
         Facts {
-            rule: "a difference of two positions in the equations: `motor - load`",
+            rule: internal::LINKS_RULE,
             told_by: Some(Telling::Amplitude),
             ..Facts::of("driveline_backlash", Site::Dynamics, "play in the link between two bodies")
         }
@@ -34,12 +34,7 @@ impl Effect for DrivelineBacklash {
     }
 
     fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
-        on.quantity()?;
-        let Dynamics::Equations(..) = &on.system.dynamics else { return Err(on.unknown()) };
-        let first = on.channel.split('-').next().map(str::trim).unwrap_or_default();
-        let state = on.system.states.iter().find(|s| s.name == first);
-        let unit = state.map_or_else(|| "1".to_owned(), channel::unit);
-        Ok(vec![channel::not_negative("width", unit, 0.0)])
+        Ok(vec![channel::not_negative("width", channel::unit(on.position()?), 0.0)])
     }
 
     fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {

@@ -8,11 +8,16 @@ use crate::effect::scales::{Scales, Spread};
 use crate::equations::error::EquationError;
 use crate::equations::system::Equations;
 use crate::simulate::plan::Plan;
+use crate::simulate::simulator::Port;
 use crate::simulate::system::{Dynamics, System};
 
 /// In which the channels are, in words.
 pub(super) const RULE: &str =
     "a named expression or a term in which an input is compared with a state: `kp*(target - q)`";
+
+/// In which the links between two bodies are, in words.
+pub(super) const LINKS_RULE: &str =
+    "a difference of two positions in the equations: `motor - load`";
 
 /// The equations of a continuous model.
 fn equations(system: &System) -> Option<&Equations> {
@@ -41,6 +46,16 @@ impl<'a> OnChannel<'a> {
         let open = equations(self.system)
             .and_then(|equations| equations.with_shown_quantity(self.channel).ok().flatten());
         open.map(|_| format!("[{}]", self.channel)).ok_or_else(|| self.unknown())
+    }
+
+    /// The first position of a link, whose unit the twist has.
+    ///
+    /// # Errors
+    /// [`EffectError::Channel`] where the channel is no link of the model.
+    pub(super) fn position(self) -> Result<&'a Port> {
+        self.quantity()?;
+        let first = self.channel.split('-').next().map(str::trim).unwrap_or_default();
+        self.system.states.iter().find(|s| s.name == first).ok_or_else(|| self.unknown())
     }
 
     /// How far the quantity goes in the nominal motion.
@@ -353,10 +368,7 @@ q = "q"
         }
     }
 
-    #[test]
-    fn play_in_a_drive_train_lets_the_twist_go_free() {
-        let train = system(
-            r#"
+    const TRAIN: &str = r#"
 format = "deadtime/model@1"
 name = "train"
 kind = "equations"
@@ -376,30 +388,17 @@ wm = "(u - k*(motor - load) - 0.3*wm)/0.05"
 wl = "(k*(motor - load) - 2.0*load - 0.3*wl)/0.08"
 [output_equations]
 load = "load"
-"#,
-        );
-        let effect = find("driveline_backlash").unwrap();
-        assert_eq!(effect.channels(&train), ["motor - load"]);
-        let y = simulated(
-            &train,
-            &[with(&train, "driveline_backlash", "motor - load", &[0.05])],
-            &[0.0; 4],
-        );
+"#;
+
+    /// The load of `TRAIN` by midpoint steps of a 400th of a sample; the link's torque is 60 times what `link` makes of twist and relative speed.
+    fn train_stepped(link: impl Fn(f64, f64) -> f64) -> Vec<f64> {
         let (_, u) = commands();
         let (h, mut x, mut own) = (SAMPLE_S / 400.0, [0.0f64; 4], Vec::new());
         for u in u {
             own.push(x[1]);
             for _ in 0..400 {
                 let rate = |x: &[f64; 4]| {
-                    let twist = x[0] - x[1];
-                    let torque = 60.0
-                        * if twist > 0.05 {
-                            twist - 0.05
-                        } else if twist < -0.05 {
-                            twist + 0.05
-                        } else {
-                            0.0
-                        };
+                    let torque = 60.0 * link(x[0] - x[1], x[2] - x[3]);
                     [
                         x[2],
                         x[3],
@@ -413,8 +412,26 @@ load = "load"
                 x = [0, 1, 2, 3].map(|i| x[i] + h * d[i]);
             }
         }
-        assert!(furthest(&y, &own) < 1e-4, "{}", furthest(&y, &own));
-        assert!(furthest(&y, &simulated(&train, &[], &[0.0; 4])) > 0.01);
+        own
+    }
+
+    #[test]
+    fn play_in_a_drive_train_lets_the_twist_go_free_and_friction_slows_it() {
+        let train = system(TRAIN);
+        let nominal = simulated(&train, &[], &[0.0; 4]);
+        let of = |effect: &str, values: &[f64], link: &dyn Fn(f64, f64) -> f64| {
+            assert_eq!(find(effect).unwrap().channels(&train), ["motor - load"]);
+            let y = simulated(&train, &[with(&train, effect, "motor - load", values)], &[0.0; 4]);
+            let own = train_stepped(link);
+            assert!(furthest(&y, &own) < 1e-4, "{effect} {}", furthest(&y, &own));
+            assert!(furthest(&y, &nominal) > 0.01, "{effect}");
+        };
+        let play = |twist: f64, _: f64| twist - twist.clamp(-0.05, 0.05);
+        of("driveline_backlash", &[0.05], &play);
+        for (level, speed) in [(0.02, 0.1), (0.05, 0.02)] {
+            let friction = |twist: f64, rate: f64| twist + level * (rate / speed).tanh();
+            of("driveline_friction", &[level, speed], &friction);
+        }
     }
 
     #[test]

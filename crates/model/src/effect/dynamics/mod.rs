@@ -6,6 +6,7 @@ pub(super) mod coulomb_friction;
 pub(super) mod cross_coupling;
 pub(super) mod cubic_stiffness;
 pub(super) mod driveline_backlash;
+pub(super) mod driveline_friction;
 pub(super) mod exchange;
 pub(super) mod hysteresis;
 mod internal;
