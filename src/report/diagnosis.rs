@@ -246,11 +246,44 @@ fn several_causes(d: &Diagnosis, several: &[FoundEffect]) -> String {
         },
         classes => together(d, &classes.iter().map(|c| c.name.clone()).collect::<Vec<_>>()),
     };
+    let text = text + &events(several);
     match below {
         0 => text,
         1 => format!("{text} One more effect explains less than 1 %."),
         more => format!("{text} {more} more effects explain less than 1 % each."),
     }
+}
+
+/// What changes at one time, an event a sentence.
+fn events(effects: &[FoundEffect]) -> String {
+    let changes = effects.iter().filter_map(|e| match e.parameters.as_slice() {
+        [before, time, later] if time.name == "time" => Some((e, before, time, later)),
+        _ => None,
+    });
+    let changes: Vec<_> = changes.collect();
+    let mut times: Vec<&FoundParameter> = Vec::new();
+    for (_, _, time, _) in &changes {
+        if times.iter().all(|known| known.value != time.value) {
+            times.push(time);
+        }
+    }
+    let one = |(e, before, _, later): &(&FoundEffect, &FoundParameter, _, &FoundParameter)| {
+        let number = |p: &FoundParameter| p.value.map(|v| estimate(v, p.ci95).0);
+        let ends = number(before).zip(number(later));
+        let (from, to) = ends.unwrap_or_default();
+        let what = match e.effect.as_str() {
+            "parameter_jump" => format!("`{}`", shown(&e.channel)),
+            _ => worded(e),
+        };
+        format!("{what} from {from} to {to}{}", unit(&later.unit))
+    };
+    let event = |time: &FoundParameter| {
+        let own: Vec<String> =
+            changes.iter().filter(|(_, _, t, _)| t.value == time.value).map(one).collect();
+        let at = values(std::slice::from_ref(time));
+        (own.len() > 1).then(|| format!(" Something changes at {at}: {}.", listed(&own)))
+    };
+    times.into_iter().filter_map(event).collect()
 }
 
 fn together(d: &Diagnosis, names: &[String]) -> String {

@@ -60,6 +60,7 @@ mod gap;
 mod gap_bend;
 mod gap_candidates;
 mod gap_coarse;
+mod gap_events;
 #[cfg(feature = "cli")]
 mod gap_handed;
 mod gap_hard;

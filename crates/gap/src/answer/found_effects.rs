@@ -2,6 +2,7 @@
 
 use crate::format::found::{FoundEffect, FoundParameter};
 use crate::hypothesis::effects::Hypothesis;
+use crate::hypothesis::shared_time::is_same;
 use crate::judge::intervals::Estimate;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_signal::stats::interval95;
@@ -17,7 +18,8 @@ pub(crate) fn found_effects(
 ) -> Vec<FoundEffect> {
     let parameter = |e: usize, i: usize| {
         let applied = &hypothesis.effects[e];
-        let place = hypothesis.free.iter().position(|&at| at == (e, i));
+        let fitted = |at: &(usize, usize)| is_same(&hypothesis.effects, *at, (e, i));
+        let place = hypothesis.free.iter().position(fitted);
         let std = match (&hypothesis.lost, place) {
             (Some(lost), None) if applied.effect.loses_commands() => {
                 let input = likelihood.system.inputs.iter().position(|p| p.name == applied.channel);

@@ -10,6 +10,7 @@ use super::log_by_log::{APART, Common};
 use crate::format::caveat::Caveat;
 use crate::format::nuisance::NuisanceEstimate;
 use crate::hypothesis::effects::Hypothesis;
+use crate::hypothesis::shared_time::put;
 use crate::hypothesis::slopes::information;
 use crate::input::nuisance::Nuisance;
 use crate::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
@@ -76,7 +77,7 @@ impl Numbers {
         let moved = |&(e, i): &(usize, usize)| {
             let mut effects = found.effects.clone();
             let step = effects[e].parameters[i].derivative_step(effects[e].values[i], scales);
-            effects[e].values[i] += step;
+            put(&mut effects, (e, i), found.effects[e].values[i] + step);
             (effects, step)
         };
         Some(Self { moved: found.free.iter().map(moved).collect(), covariance })

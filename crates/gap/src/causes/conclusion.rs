@@ -156,7 +156,7 @@ impl Conclusion<'_, '_> {
         let asked = (!self.remedies.is_empty())
             .then(|| CauseSet::begun(in_order(self.remedies.iter().cloned()), None, None));
         let alone = self.found.singles.iter().filter(|e| e.fitted && !lattice(e)).take(ALONE);
-        let found = search.from(asked.into_iter().chain(alone.map(begun)).collect())?;
+        let found = search.from(alone.map(begun).collect(), asked)?;
         let (_, best) = found.sets.first()?;
         let nothing = Level::of(self.likelihood, None)?;
         let alone = leader.and_then(|e| Level::of(self.likelihood, Some(e)));

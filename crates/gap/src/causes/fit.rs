@@ -10,6 +10,7 @@ use super::gram::{Gram, Left};
 use super::score::Score;
 use super::set::CauseSet;
 use super::training::{Stacked, Training};
+use crate::hypothesis::shared_time::{joined, leading, put};
 use crate::likelihood::active_effects::ActiveEffects;
 use deadtime_model::effect::{Applied, Parameter, Role, Scales};
 
@@ -58,8 +59,25 @@ impl Directions {
 type Prior = Option<(f64, f64)>;
 
 impl Fit<'_, '_, '_> {
-    /// Fits a set from the values of its effects; `None` where it cannot be simulated. A decoded sequence stays as it is.
-    pub(super) fn of(&self, mut set: CauseSet) -> Option<CauseSet> {
+    /// Fits a set from the values of its effects; `None` where it cannot be simulated. A decoded sequence stays as it is. Changes at nearby times are one event where the
+    /// score is lower so.
+    pub(super) fn of(&self, set: CauseSet) -> Option<CauseSet> {
+        let mut best = self.once(set)?;
+        loop {
+            let one_event = |effects| {
+                self.once(CauseSet::begun(effects, best.recalibration, best.lost.clone()))
+            };
+            let better = joined(&best.effects).into_iter().filter_map(one_event);
+            let better = better.min_by(|a, b| self.score.total(a).total_cmp(&self.score.total(b)));
+            match better.filter(|set| self.score.total(set) < self.score.total(&best)) {
+                Some(set) => best = set,
+                None => return Some(best),
+            }
+        }
+    }
+
+    /// Fits a set whose events are those of its effects' times.
+    fn once(&self, mut set: CauseSet) -> Option<CauseSet> {
         set.free = free(&set.effects);
         let mut residual = self.training.residual(&set)?;
         let (mut value, mut left) = self.profiled(&residual, &self.priors(&set), None)?;
@@ -100,6 +118,25 @@ impl Fit<'_, '_, '_> {
             applied.values = applied.effect.canonical(std::mem::take(&mut applied.values));
         }
         Some(set)
+    }
+
+    /// A step from the values of this set is predicted to fit better than the same set that is fitted already: that fit ended at another minimum.
+    pub(super) fn ended_elsewhere(&self, fitted: &CauseSet, from: &CauseSet) -> bool {
+        let from = CauseSet { free: free(&from.effects), ..from.clone() };
+        let predicted = || -> Option<f64> {
+            let directions = self.directions(&from)?;
+            let gram = Gram::of(self.training, &directions.all());
+            let (lower, upper) = self.room(&from);
+            let mut squares = self.training.squares(&directions.residual);
+            for _ in 0..ROUNDS {
+                let eliminated = gram.eliminated(&self.score.weights(&squares))?;
+                let normal = with_priors(&eliminated.normal, &self.priors(&from));
+                let steps = bounded(&normal, 0.0, &lower, &upper);
+                squares = gram.left(&eliminated, &steps).squares;
+            }
+            Some(self.score.misfit(&squares))
+        };
+        predicted().is_some_and(|there| there < self.score.misfit(&fitted.squares) - SMALL)
     }
 
     /// Derivatives at the values of a set that is fitted; `None` where it cannot be simulated.
@@ -183,12 +220,13 @@ impl Fit<'_, '_, '_> {
     fn columns(&self, set: &CauseSet, residual: &Stacked) -> Vec<Stacked> {
         let one = |&(e, i): &(usize, usize)| {
             let (p, value) = (&set.effects[e].parameters[i], set.effects[e].values[i]);
-            let (step, unit) = (derivative_step(p, value, self.scales), unit(p, value));
+            let least = self.least(&set.effects[e], i);
+            let (step, unit) = (derivative_step(p, value, least, self.scales), unit(p, value));
             [step, -step]
                 .into_iter()
                 .find_map(|h| {
                     let mut effects = set.effects.clone();
-                    effects[e].values[i] += h;
+                    put(&mut effects, (e, i), value + h);
                     let moved = self.training.residual(ActiveEffects::from(set).with(&effects))?;
                     let scale = unit / h;
                     Some(residual.iter().zip(&moved).map(|(a, b)| (a - b) * scale).collect())
@@ -196,6 +234,16 @@ impl Fit<'_, '_, '_> {
                 .unwrap_or_else(|| residual.iter().map(|r| DVector::zeros(r.len())).collect())
         };
         set.free.par_iter().map(one).collect()
+    }
+
+    /// The least distance from nominal that a derivative is taken over, before `PART`: 10 % of that of the smallest first guess. Nearer to nominal an effect is lost in the
+    /// tolerance of the integration.
+    fn least(&self, applied: &Applied, i: usize) -> f64 {
+        let p = &applied.parameters[i];
+        let guesses = applied.starts(self.training.likelihood.system, self.scales);
+        let away = guesses.iter().filter_map(|guess| guess.get(i)).map(|v| p.departure(*v));
+        let least = away.filter(|d| *d > 0.0 && d.is_finite()).fold(f64::INFINITY, f64::min);
+        if least.is_finite() { 0.1 * least } else { 0.0 }
     }
 
     /// The bounds of the next step.
@@ -270,7 +318,7 @@ impl Fit<'_, '_, '_> {
 /// Rounds in which weights and nuisances follow each other.
 pub(super) const ROUNDS: usize = 3;
 
-/// Parameters that a fit may change: finite ones of effects that are no hidden sequence.
+/// Parameters that a fit may change: finite ones of effects that are no hidden sequence, and of each event one time.
 fn free(effects: &[Applied]) -> Vec<(usize, usize)> {
     effects
         .iter()
@@ -279,6 +327,7 @@ fn free(effects: &[Applied]) -> Vec<(usize, usize)> {
         .flat_map(|(e, a)| {
             (0..a.values.len()).filter(|&i| a.values[i].is_finite()).map(move |i| (e, i))
         })
+        .filter(|at| leading(effects, *at) == *at)
         .collect()
 }
 
@@ -292,10 +341,9 @@ fn unit(p: &Parameter, value: f64) -> f64 {
 }
 
 /// The step of a derivative, inside the upper bound.
-fn derivative_step(p: &Parameter, value: f64, scales: &Scales) -> f64 {
+fn derivative_step(p: &Parameter, value: f64, least: f64, scales: &Scales) -> f64 {
     let part = if p.role == Role::Limit { PART_AT_KINK } else { PART };
-    let least = p.derivative_step(value, scales);
-    let step = (part * p.departure(value)).max(least.abs());
+    let step = (part * p.departure(value).max(least)).max(p.derivative_step(value, scales).abs());
     if value + step > p.upper { -step } else { step }
 }
 
@@ -306,7 +354,7 @@ fn moved(set: &CauseSet, steps: &DVector<f64>, scales: &Scales) -> Vec<Applied> 
         let (p, value) = (&set.effects[e].parameters[i], set.effects[e].values[i]);
         let there = if is_logarithmic(p, value) { value * step.exp() } else { value + step };
         let (lower, upper) = set.effects[e].range(i, scales);
-        effects[e].values[i] = there.clamp(lower.min(value), upper.max(value));
+        put(&mut effects, (e, i), there.clamp(lower.min(value), upper.max(value)));
     }
     effects
 }

@@ -9,8 +9,10 @@ use super::set::{CauseSet, in_order};
 use super::training::Stacked;
 use crate::baseline::spectrum::peaks_hz;
 use crate::hypothesis::direction::{NEAR, between, has_limit, with};
+use crate::hypothesis::shared_time::instants;
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::residuals::trained;
+use crate::search::moving::typical;
 use deadtime_model::effect::{Applied, Scales};
 
 /// First guesses of one candidate.
@@ -59,10 +61,11 @@ impl Fit<'_, '_, '_> {
         scales: &Scales,
     ) -> Option<Proposal> {
         let guesses = self.training.likelihood.first_guesses(candidate, scales);
+        let events = self.at_events(set, candidate, guesses.first());
         let every = guesses.len().div_ceil(GUESSES).max(1);
         let limited = has_limit(candidate);
         let smooth = guesses.first().filter(|_| !limited).map(|guess| (guess.clone(), NEAR));
-        let whole = guesses.into_iter().step_by(every).map(|guess| (guess, 1.0));
+        let whole = guesses.into_iter().step_by(every).chain(events).map(|guess| (guess, 1.0));
         let tried = smooth.into_iter().chain(whole).filter_map(|(guess, share)| {
             let there = with(candidate, &between(candidate, &guess, share));
             let effects = in_order(set.effects.iter().cloned().chain([there]));
@@ -77,6 +80,27 @@ impl Fit<'_, '_, '_> {
             (!idle).then_some(Proposal { applied, reduction: reduction - price })
         });
         tried.max_by(|a, b| a.reduction.total_cmp(&b.reduction))
+    }
+
+    /// A change at the time of every event that the set has: its first guess, or what such changes are like.
+    fn at_events(
+        &self,
+        set: &CauseSet,
+        candidate: &Applied,
+        guess: Option<&Vec<f64>>,
+    ) -> Vec<Vec<f64>> {
+        let one = std::slice::from_ref(candidate);
+        let (events, place) = (instants(&set.effects), instants(one).first().map(|at| at.1));
+        let Some(place) = place.filter(|_| !events.is_empty()) else { return Vec::new() };
+        let system = self.training.likelihood.system;
+        let like = || typical(system, one, self.scales).pop()?.starts.pop();
+        let Some(guess) = guess.cloned().or_else(like) else { return Vec::new() };
+        let at = |(e, i): (usize, usize)| {
+            let mut guess = guess.clone();
+            guess[place] = set.effects[e].values[i];
+            guess
+        };
+        events.into_iter().map(at).collect()
     }
 
     /// How far along a column the misfit is least, all directions of the set moving with it, and how far it falls.

@@ -180,11 +180,14 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         })
     }
 
-    /// Searches from no effect and from these sets.
-    pub(crate) fn from(mut self, starts: Vec<CauseSet>) -> Option<Found> {
+    /// Searches from no effect, from these sets, and from one whose values are asked for.
+    pub(crate) fn from(mut self, starts: Vec<CauseSet>, asked: Option<CauseSet>) -> Option<Found> {
         let nothing = CauseSet::begun(Vec::new(), None, None);
         self.fit_all(std::iter::once(nothing).chain(starts).collect());
         self.renew();
+        if let Some(asked) = asked {
+            self.from_values(asked);
+        }
         let mut failures = 0;
         while failures < PATIENCE && !self.training.likelihood.is_stopped() {
             let best = self.ranked().first()?.1.key();
@@ -195,6 +198,9 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
             // What could replace an effect of the best set is known once the set without it was expanded.
             if failures == PATIENCE && self.next_without().is_some() {
                 failures -= 1;
+            }
+            if failures == PATIENCE && self.one_cause_for_two() {
+                failures = 0;
             }
         }
         self.under_a_sequence();
@@ -340,6 +346,48 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         self.fit_all(trials);
     }
 
+    /// Whether a set leads in which two others stand for two equal effects on different channels: what is common to channels acts on each as an effect of its own does,
+    /// and no exchange of one effect leads from one to the other.
+    fn one_cause_for_two(&mut self) -> bool {
+        let Some(best) = self.ranked().first().map(|(_, set)| (*set).clone()) else { return false };
+        let singly: Vec<Applied> = best.singly().cloned().collect();
+        for (at, one) in singly.iter().enumerate() {
+            for two in singly[at + 1..].iter().filter(|two| row(two.effect) == row(one.effect)) {
+                let mut set = best.without(one).without(two);
+                for _ in 0..2 {
+                    self.fit_all(vec![set.clone()]);
+                    let Some(fitted) = self.sets.get(&set.key()).cloned() else { break };
+                    let proposals = self.fit().proposals(&fitted, self.candidates);
+                    let common =
+                        |p: &Proposal| ![&one.channel, &two.channel].contains(&&p.applied.channel);
+                    let Some(added) = proposals.into_iter().find(common) else { break };
+                    let effects = fitted.effects.iter().cloned().chain([added.applied]);
+                    set = fitted.with(in_order(effects));
+                }
+                self.fit_all(vec![set]);
+            }
+        }
+        self.renew();
+        self.ranked().first().is_some_and(|(_, set)| set.key() != best.key())
+    }
+
+    /// Fits a set, and what can be added to it at the values that it has: alone, a wrong sign beside a dead time is fitted by a gain of nothing, which no dead time moves.
+    fn from_values(&mut self, asked: CauseSet) {
+        let proposals = match self.training.residual(&asked) {
+            Some(residual) => {
+                let there = CauseSet { squares: self.training.squares(&residual), ..asked.clone() };
+                self.fit().proposals(&there, self.candidates)
+            }
+            None => Vec::new(),
+        };
+        let added = proposals.into_iter().take(FITTED).map(|proposal| {
+            asked.with(in_order(asked.effects.iter().cloned().chain([proposal.applied])))
+        });
+        let trials = std::iter::once(asked.clone()).chain(added).collect();
+        self.fit_all(trials);
+        self.renew();
+    }
+
     /// The set with its one, two, three most moved parameters in the place of the joint recalibration.
     fn most_moved(&self, set: &CauseSet) -> Vec<CauseSet> {
         let relative = |a: &Applied| {
@@ -358,21 +406,27 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
             .collect()
     }
 
-    /// Fits sets that are not known yet.
+    /// Fits sets that are not known yet, and again those of which a fit ended at a worse minimum than the new values are.
     fn fit_all(&mut self, trials: Vec<CauseSet>) {
         let mut fresh: Vec<(SetKey, CauseSet)> = Vec::new();
         for trial in trials {
             let key = trial.key();
-            if !self.sets.contains_key(&key) && fresh.iter().all(|(known, _)| *known != key) {
+            if fresh.iter().all(|(known, _)| *known != key) {
                 fresh.push((key, trial));
             }
         }
         let fit = self.fit();
         let one = |(key, trial): (SetKey, CauseSet)| {
+            let known = self.sets.get(&key);
+            if known.is_some_and(|known| !fit.ended_elsewhere(known, &trial)) {
+                return None;
+            }
             let set = fit.of(trial)?;
-            let Some(size) = size(&set) else { return Some((key, set)) };
-            let again = CauseSet { recalibration: Some(size), ..set.clone() };
-            Some((key, fit.of(again).unwrap_or(set)))
+            let again = size(&set)
+                .and_then(|size| fit.of(CauseSet { recalibration: Some(size), ..set.clone() }));
+            let set = again.unwrap_or(set);
+            let better = known.is_none_or(|k| self.score.total(&set) < self.score.total(k));
+            better.then_some((key, set))
         };
         let fitted: Vec<(SetKey, CauseSet)> = fresh.into_par_iter().filter_map(one).collect();
         self.sets.extend(fitted);

@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::effects::Hypothesis;
+use super::shared_time::{leading, put};
 use super::slopes::{Slopes, slopes};
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
@@ -113,6 +114,7 @@ impl Hypothesis {
             .flat_map(|(e, a)| {
                 (0..a.values.len()).filter(|&i| a.values[i].is_finite()).map(move |i| (e, i))
             })
+            .filter(|at| leading(&self.effects, *at) == *at)
             .collect()
     }
 
@@ -202,8 +204,8 @@ fn add_prior(
 
 fn placed(effects: &[Applied], free: &[(usize, usize)], values: &[f64]) -> Vec<Applied> {
     let mut all = effects.to_vec();
-    for (&(e, i), v) in free.iter().zip(values) {
-        all[e].values[i] = *v;
+    for (at, v) in free.iter().zip(values) {
+        put(&mut all, *at, *v);
     }
     all
 }

@@ -12,6 +12,7 @@ mod queue;
 pub(crate) mod refine;
 mod response;
 pub(crate) mod sequence;
+pub(crate) mod shared_time;
 mod skyline;
 pub(crate) mod slopes;
 pub(crate) mod waits;

@@ -2,6 +2,7 @@
 
 use super::effects::Hypothesis;
 use super::penalised_gain::Penalties;
+use super::shared_time::put;
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::{Applied, Scales};
@@ -28,7 +29,7 @@ impl Hypothesis {
             for _ in 0..likelihood.budget.polishes {
                 let try_at = |value: f64| {
                     let mut there = best.clone();
-                    there.effects[at.0].values[at.1] = value.clamp(lower, upper);
+                    put(&mut there.effects, at, value.clamp(lower, upper));
                     (cost_of(&there), there)
                 };
                 let here = best.effects[at.0].values[at.1];

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::direction::difference;
 use super::effects::Hypothesis;
+use super::shared_time::put;
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::Scales;
@@ -42,7 +43,7 @@ pub(crate) fn slopes(
     let effects = active.effects;
     let column_of = |(e, i): (usize, usize), h: f64| {
         let mut moved = effects.to_vec();
-        moved[e].values[i] += h;
+        put(&mut moved, (e, i), effects[e].values[i] + h);
         Some(difference(&likelihood.whitened(active.with(&moved))?, &residual, 1.0 / h))
     };
     let plain = |(e, i): (usize, usize)| {

@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::hypothesis::direction::difference;
 use crate::hypothesis::effects::Hypothesis;
+use crate::hypothesis::shared_time::put;
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, EFFECTS, Scales};
@@ -185,7 +186,7 @@ fn as_far_as_unnoticed(
     }
     let unnoticed = |move_by: f64| {
         let mut effects = hypothesis.effects.clone();
-        effects[e].values[i] += move_by;
+        put(&mut effects, (e, i), hypothesis.effects[e].values[i] + move_by);
         let there = likelihood.whitened(ActiveEffects::from(hypothesis).with(&effects));
         there.is_some_and(|there| {
             likelihood.inner(&there, &there) - cost < likelihood.criteria.unnoticed
@@ -213,7 +214,7 @@ fn holds(
     let by = |at: usize| if length[at] > 0.0 { step[at] / length[at] } else { 0.0 };
     let mut effects = hypothesis.effects.clone();
     for (at, &(e, i)) in hypothesis.free.iter().enumerate() {
-        effects[e].values[i] += by(at);
+        put(&mut effects, (e, i), hypothesis.effects[e].values[i] + by(at));
     }
     effects.extend(nominal.iter().enumerate().map(|(n, applied)| {
         let mut moved = applied.clone();
