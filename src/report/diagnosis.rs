@@ -196,6 +196,15 @@ fn explained(d: &Diagnosis) -> Option<f64> {
 }
 
 fn cause(d: &Diagnosis) -> String {
+    let confirmed = match Shrink::of(d) {
+        Shrink::NotConfirmed { .. } => " Held-out data do not confirm it.",
+        _ => "",
+    };
+    on_training_logs(d) + confirmed
+}
+
+/// The cause as the training logs show it.
+fn on_training_logs(d: &Diagnosis) -> String {
     let names =
         || listed(&d.cause.classes.iter().map(|class| class.name.clone()).collect::<Vec<_>>());
     match Cause::of(d) {
@@ -359,6 +368,10 @@ fn shrink(d: &Diagnosis) -> String {
         }
         Shrink::NothingAdded { before } => format!(
             "nothing was added to the model; its error on held-out data is {}.",
+            percent(before)
+        ),
+        Shrink::NotConfirmed { before } => format!(
+            "none; with these causes the error on held-out data is not below its {}, so the written model is as it came.",
             percent(before)
         ),
         Shrink::NothingMoves => "no held-out output moves, so nothing can be said.".to_owned(),

@@ -75,6 +75,8 @@ pub(super) enum Shrink {
     Falls { before: f64, after: f64, floor: f64, fraction: f64 },
     /// Nothing was added to the model.
     NothingAdded { before: f64 },
+    /// The causes do not lower the error, so the written model is the one that came.
+    NotConfirmed { before: f64 },
     /// No held-out output moves.
     NothingMoves,
 }
@@ -83,6 +85,11 @@ impl Shrink {
     pub(super) fn of(d: &Diagnosis) -> Self {
         let s = &d.shrink;
         match (s.before, s.after, s.floor, s.fraction) {
+            (Some(before), Some(after), ..)
+                if before == after && !d.cause.contributions.is_empty() =>
+            {
+                Self::NotConfirmed { before }
+            }
             (Some(before), Some(after), Some(floor), Some(fraction))
                 if !d.cause.contributions.is_empty() =>
             {

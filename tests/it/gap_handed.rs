@@ -68,10 +68,10 @@ kind = "equations"
 inputs = [{ name = "u", unit = "N*m" }]
 outputs = [{ name = "motor", unit = "rad" }, { name = "load", unit = "rad" }]
 [states]
-motor = { unit = "rad", initial = 0.0 }
-load = { unit = "rad", initial = 0.0 }
-wm = { initial = 0.0 }
-wl = { initial = 0.0 }
+motor = { unit = "rad", initial = 0.0, initial_std = 0.0 }
+load = { unit = "rad", initial = 0.0, initial_std = 0.0 }
+wm = { initial = 0.0, initial_std = 0.0 }
+wl = { initial = 0.0, initial_std = 0.0 }
 [derivatives]
 motor = "wm"
 load = "wl"
@@ -437,7 +437,7 @@ fn every_effect_has_a_case() {
 fn printed_of(tried: fn(&Case) -> bool) {
     let one = |(at, case): (usize, &Case)| {
         let model = format!("{}{}", case.model, case.more);
-        // From within a play no gradient leads to the best start.
+        // From within a play no gradient leads to the best start: it is known.
         let start = if case.model == TRAIN { 0.0 } else { 0.1 };
         let made = made(
             &model,

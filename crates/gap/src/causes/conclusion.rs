@@ -281,7 +281,10 @@ impl Conclusion<'_, '_> {
         levels: [&Level; 2],
         reached: &[(Errors, Vec<DMatrix<f64>>)],
     ) -> (Floor, Ruling) {
-        let beaten = levels[1].hypothesis.is_some();
+        let penalties = Penalties::of(self.likelihood);
+        let single = penalties.leader(&self.found.singles);
+        let gains = single.is_some_and(|e| penalties.gain(e) > 0.0);
+        let beaten = levels[1].hypothesis.is_some() || gains;
         ruled(self.likelihood, levels, reached, self.catalogue, self.scales, beaten)
     }
 

@@ -14,7 +14,8 @@ use super::score::Score;
 use super::set::{CauseSet, SetKey, in_order};
 use super::training::{Stacked, Training};
 use crate::likelihood::active_effects::NO_EFFECT;
-use deadtime_model::effect::{Applied, Scales, row};
+use deadtime_model::effect::{Applied, Scales, find, row};
+use deadtime_model::simulate::System;
 
 /// Additions of a set that are fitted.
 const FITTED: usize = 6;
@@ -186,7 +187,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         self.fit_all(std::iter::once(nothing).chain(starts).collect());
         self.renew();
         if let Some(asked) = asked {
-            self.from_values(asked);
+            self.begin_at(asked);
         }
         let mut failures = 0;
         while failures < PATIENCE && !self.training.likelihood.is_stopped() {
@@ -322,7 +323,9 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
     fn expand(&mut self, at: &SetKey) {
         self.expanded.push(at.clone());
         let Some(set) = self.sets.get(at).cloned() else { return };
-        let mut trials: Vec<CauseSet> = dropped(&set).collect();
+        let system = self.training.likelihood.system;
+        let special = specialised(&set, self.candidates, system);
+        let mut trials: Vec<CauseSet> = dropped(&set).chain(special).collect();
         if set.singly().count() < MOST {
             let proposals = self.fit().proposals(&set, self.candidates);
             let alike = proposals.first().map_or(0.0, |best| ALIKE * best.reduction);
@@ -372,7 +375,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
     }
 
     /// Fits a set, and what can be added to it at the values that it has: alone, a wrong sign beside a dead time is fitted by a gain of nothing, which no dead time moves.
-    fn from_values(&mut self, asked: CauseSet) {
+    fn begin_at(&mut self, asked: CauseSet) {
         let proposals = match self.training.residual(&asked) {
             Some(residual) => {
                 let there = CauseSet { squares: self.training.squares(&residual), ..asked.clone() };
@@ -439,6 +442,24 @@ fn dropped(set: &CauseSet) -> impl Iterator<Item = CauseSet> {
         .recalibration
         .map(|_| CauseSet::begun(set.singly().cloned().collect(), None, set.lost.clone()));
     set.singly().map(|out| set.without(out)).chain(alone)
+}
+
+/// A set with the special case of a general effect in its place, each in turn, at the general one's values, as far as the special case is a candidate.
+fn specialised(
+    set: &CauseSet,
+    candidates: &[Applied],
+    system: &System,
+) -> impl Iterator<Item = CauseSet> {
+    let special = |general: &Applied| {
+        let effect = find(general.effect.elaborates()?).ok()?;
+        let mut special = Applied::nominal(system, effect, &general.channel).ok()?;
+        special.values.iter_mut().zip(&general.values).for_each(|(to, value)| *to = *value);
+        let others = set.without(general).effects;
+        let among = |list: &[Applied]| list.iter().any(|own| own.key() == special.key());
+        (among(candidates) && !among(&others))
+            .then(|| set.with(in_order(others.into_iter().chain([special]))))
+    };
+    set.singly().filter_map(special)
 }
 
 /// Of the best set, of those that lack one of its members and of those that replace one, as far as no evidence separates them: the one with the fewest
