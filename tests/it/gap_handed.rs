@@ -276,10 +276,14 @@ fn left(model: &ModelDocument, log: &Log, [from_s, to_s]: [f64; 2]) -> DVector<f
 /// What is known of the start: `initial_std` of the file, else how far the model moves each state over the training log.
 fn priors(folder: &Folder) -> Vec<f64> {
     let model = ModelDocument::read(&folder.path("model.toml")).unwrap();
-    if let ModelDocument::Lti(file) = &model
-        && !file.initial_std.is_empty()
-    {
-        return file.initial_std.clone();
+    let given: Option<Vec<f64>> = match &model {
+        ModelDocument::Lti(file) => {
+            (!file.initial_std.is_empty()).then(|| file.initial_std.clone())
+        }
+        ModelDocument::Equations(file) => file.states.iter().map(|(_, s)| s.initial_std).collect(),
+    };
+    if let Some(given) = given {
+        return given;
     }
     let training = deadtime::log::read(&folder.path("a.csv")).unwrap();
     let moved = [OnLog::new(&model, &training).unwrap().response().unwrap().x];
