@@ -374,7 +374,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         self.ranked().first().is_some_and(|(_, set)| set.key() != best.key())
     }
 
-    /// Fits a set, and what can be added to it at the values that it has: alone, a wrong sign beside a dead time is fitted by a gain of nothing, which no dead time moves.
+    /// Fits a set, and what can be added to it at the values that it has: alone, a wrong sign with a dead time is fitted by a gain of nothing, which no dead time moves.
     fn begin_at(&mut self, asked: CauseSet) {
         let proposals = match self.training.residual(&asked) {
             Some(residual) => {
