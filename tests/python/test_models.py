@@ -230,7 +230,7 @@ def test_effects_are_checked_when_they_are_put_into_a_model() -> None:
 
 def test_the_catalogue_lists_all_effects_and_where_each_can_act() -> None:
     every = deadtime.effects()
-    assert len(every) == 48 and {line["site"] for line in every} == {"input", "dynamics", "output", "clock"}
+    assert len(every) == 49 and {line["site"] for line in every} == {"input", "dynamics", "output", "clock"}
     on_model = deadtime.effects(deadtime.uav("lateral"))
     rows = [(row["effect"], row["channel"]) for row in on_model]
     assert ("input_delay", "delta_lat") in rows and ("parameter_error", "A[v,phi]") in rows
