@@ -189,7 +189,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         if let Some(asked) = asked {
             self.begin_at(asked);
         }
-        let mut failures = 0;
+        let (mut failures, mut replaced) = (0, Vec::new());
         while failures < PATIENCE && !self.training.likelihood.is_stopped() {
             let best = self.ranked().first()?.1.key();
             let Some(next) = self.next() else { break };
@@ -200,8 +200,11 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
             if failures == PATIENCE && self.next_without().is_some() {
                 failures -= 1;
             }
-            if failures == PATIENCE && self.one_cause_for_two() {
-                failures = 0;
+            // Once per leading set: two sets whose lead changes with the effective samples would ask for each other without end.
+            let leads = self.ranked().first()?.1.key();
+            if failures == PATIENCE && !replaced.contains(&leads) {
+                replaced.push(leads);
+                failures = if self.one_cause_for_two() { 0 } else { failures };
             }
         }
         self.under_a_sequence();
@@ -349,7 +352,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         self.fit_all(trials);
     }
 
-    /// Whether a set leads in which two others stand for two equal effects on different channels: what is common to channels acts on each as an effect of its own does,
+    /// Whether a set leads in which two others replace two equal effects on different channels: what is common to channels acts on each as an effect of its own does,
     /// and no exchange of one effect leads from one to the other.
     fn one_cause_for_two(&mut self) -> bool {
         let Some(best) = self.ranked().first().map(|(_, set)| (*set).clone()) else { return false };
