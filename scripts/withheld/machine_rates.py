@@ -2,7 +2,8 @@
 
 Every case is diagnosed from run_1 and run_2, fresh.csv held out; answers are kept in the folder as answer.json and reused.
 
-named      the class of the first cause holds an effect that acts (of a payload: the verdict names a change of parameters; of nothing: the verdict is `none`)
+named      the first class that is more than numbers standing off holds an effect that acts (of a payload: a change of parameters); of nothing: the verdict is `none` or
+           names numbers that stand off; of gusts: also `unknown`
 all named  every effect that acts is in a class that is named
 wrong      a class with a probability above 0.8 that holds no effect that acts
 complete   the program says that the causes explain the gap down to the noise
@@ -62,16 +63,22 @@ def score(case: Path, answer: dict) -> dict:
         found = {key for key in acts if key in members or same.get(key, set()) & members}
         if "event" in truth and any(key.split(":")[0] in CHANGES for key in members):
             found.add("event")
+        if truth.get("off") and any(key.split(":")[0] in ("parameter_error", "recalibration") for key in members):
+            found.add("numbers")
         return found
 
     found = [(one, holds(one)) for one in cause["classes"]]
     everything = set(acts) | ({"event"} if "event" in truth else set())
     named = {key for _, held in found for key in held}
+    # Where the machine's numbers stand off, a recalibration may explain most.
+    first = next((held for _, held in found if held != {"numbers"}), set())
+    silent = ("none", "unknown") if truth["kind"] == "gusts" else ("none",)
+    quiet = cause["verdict"] in silent or bool(found) and all("numbers" in held for _, held in found)
     result = {
         "kind": truth["kind"],
         "failed": False,
-        "named": bool(found and found[0][1]) if everything else cause["verdict"] == "none",
-        "all": everything <= named if everything else cause["verdict"] == "none",
+        "named": bool(first & everything) if everything else quiet,
+        "all": everything <= named if everything else quiet,
         "wrong": any(one["probability"] > SURE and not held for one, held in found),
         "complete": cause["explained"] == "all",
         "seconds": answer["seconds"],

@@ -1,10 +1,10 @@
-"""``python -m withheld.machines OUT KIND COUNT``: machines at rest, in loops, with links and events, and a nominal simulator beside each.
+"""``python -m withheld.machines OUT KIND COUNT``: machines at rest, in loops, with links and events, each with its nominal simulator.
 
 Each case is a folder: model.toml (the nominal simulator), run_1.csv, run_2.csv, fresh.csv and truth.json. The machine is integrated here, by Runge-Kutta steps of a
 fiftieth of a sample at most; friction sticks where the other torques cannot move it. Nothing is shared with the program.
 
 Every log begins at rest, at a place of its own: a position within what friction or play holds. The servo is a position loop (inertia, damping, gravity, PD); some
-logs are rounded as an encoder does.
+logs are rounded as an encoder does. With ``--off 0.01`` every number of the machine stands 1 % (standard deviation) off the simulator's.
 """
 
 import argparse
@@ -62,7 +62,8 @@ motor = "motor"
 load = "load"
 """
 SUBSTEPS = 20
-KINDS = ("friction", "command_play", "output_play", "limit", "dead_zone", "inner_lag", "inner_delay", "payload", "gain_and_delay", "nothing", "driveline")
+KINDS = ("friction", "command_play", "output_play", "limit", "dead_zone", "inner_lag", "inner_delay", "payload", "gain_and_delay", "friction_and_delay", "nothing", "gusts", "driveline", "link_friction")
+DRIVE_TRAINS = ("driveline", "link_friction")
 
 
 class Servo:
@@ -82,7 +83,7 @@ class Servo:
         self.sample = 0.02
         self.friction = self.play = self.output_play = self.dead_zone = 0.0
         self.limit, self.lag, self.delay, self.command_delay, self.gain = math.inf, 0.0, 0.0, 0.0, 1.0
-        self.event = None
+        self.event, self.gust, self.gusts = None, 0.0, np.zeros(1)
         peak = self.kp * self.amplitude
         if kind == "friction":
             self.friction = peak * rng.uniform(0.02, 0.08)
@@ -102,6 +103,10 @@ class Servo:
             self.delay = round(rng.uniform(0.15, 0.4) * ratio / omega / step) * step
         if kind == "gain_and_delay":
             self.gain, self.command_delay = 1.05, float(rng.choice([1, 2, 3])) * self.sample
+        if kind == "friction_and_delay":
+            self.friction, self.command_delay = peak * rng.uniform(0.03, 0.08), float(rng.choice([1, 2, 3])) * self.sample
+        if kind == "gusts":
+            self.gust = peak * rng.uniform(0.002, 0.01)
         if kind == "payload":
             self.event = (rng.uniform(6.0, 12.0), rng.uniform(0.2, 0.6) * self.inertia, rng.uniform(0.05, 0.12) * self.kp)
 
@@ -110,6 +115,11 @@ class Servo:
         named = f'[definitions]\ntorque = "{torque}"\n' if self.named or self.kd else ""
         text = "torque" if named else torque
         return SERVO.format(kp=self.kp, kd=self.kd, damping=self.damping, inertia=self.inertia, gravity=self.gravity, named=named, torque=text)
+
+    def stand_off(self, rng, size: float) -> None:
+        """The machine's numbers are no longer the simulator's."""
+        for name in ("inertia", "kp", "kd", "damping", "gravity"):
+            setattr(self, name, getattr(self, name) * float(np.exp(size * rng.standard_normal())))
 
     def truth(self) -> dict:
         channel = "torque" if self.named or self.kd else "kp*(target - q)"
@@ -127,6 +137,9 @@ class Servo:
         if self.kind == "gain_and_delay":
             return {"effects": [{"effect": "input_delay", "channel": "target", "parameters": {"delay": self.command_delay}},
                                 {"effect": "input_gain", "channel": "target", "parameters": {"gain": self.gain}}]}
+        if self.kind == "friction_and_delay":
+            return {"effects": [{"effect": "input_delay", "channel": "target", "parameters": {"delay": self.command_delay}},
+                                {"effect": "coulomb_friction", "channel": "w", "parameters": {"level": self.friction / self.inertia}}]}
         if self.event:
             time, inertia, gravity = self.event
             return {"effects": [], "event": {"time": time, "inertia": self.inertia + inertia, "gravity": self.gravity + gravity}}
@@ -143,6 +156,7 @@ class Servo:
         for _ in range(50):
             q = self.gain * command - (self.gravity * math.cos(q) + offset) / self.kp
         state = np.array([q, 0.0, self.kp * (self.gain * command - q)])
+        self.gusts = self.gust * slow_noise(rng, len(target) * SUBSTEPS + 1, 1.0 / step)
         # What the controller gives at the start and at the end of every step: its command may jump between two of them.
         steps = round(self.delay / step)
         waiting = [(state[2], state[2])] * steps
@@ -169,12 +183,13 @@ class Servo:
         if self.event and now >= self.event[0]:
             inertia, gravity = inertia + self.event[1], gravity + self.event[2]
         direction = math.copysign(1.0, state[1]) if state[1] else 0.0
+        gust = float(self.gusts[min(round(now / step), len(self.gusts) - 1)])
 
         def others(x, part: float) -> float:
             raw = arrived[0] + part * (arrived[1] - arrived[0]) if self.delay else self.kp * (command - x[0]) - self.kd * x[1]
             torque = x[2] if self.lag else raw
             torque = torque - min(max(torque, -self.dead_zone), self.dead_zone)
-            return min(max(torque, -self.limit), self.limit) - gravity * math.cos(x[0]) - self.damping * x[1]
+            return min(max(torque, -self.limit), self.limit) - gravity * math.cos(x[0]) - self.damping * x[1] + gust
 
         if self.friction and direction == 0.0:
             rest = others(state, 0.0)
@@ -197,23 +212,34 @@ class Servo:
 
 
 class DriveTrain:
-    """Motor and load with a link that has play."""
+    """Motor and load with a link that has play or friction."""
 
     inputs, outputs = ("torque",), ("motor", "load")
 
     def __init__(self, rng, kind: str):
         self.kind, self.sample = kind, 0.01
         self.jm, self.jl = float(10 ** rng.uniform(-2.5, -2.0)), float(10 ** rng.uniform(-2.0, -1.5))
-        self.stiffness = float(self.jl * rng.uniform(20.0, 40.0) ** 2)
+        # Friction in a stiff link moves neither end.
+        self.stiffness = float(self.jl * rng.uniform(*((6.0, 12.0) if kind == "link_friction" else (20.0, 40.0))) ** 2)
         self.link = float(0.1 * math.sqrt(self.stiffness * self.jm))
         self.hold = float(self.jl * rng.uniform(3.0, 6.0) ** 2)
         self.damping = float(0.5 * math.sqrt(self.hold * (self.jm + self.jl)))
-        self.width = float(rng.uniform(0.01, 0.04))
+        self.width = float(rng.uniform(0.01, 0.04)) if kind == "driveline" else 0.0
+        # N*m; the torque reaches a quarter of `hold`.
+        self.friction = float(rng.uniform(0.02, 0.08)) * self.hold if kind == "link_friction" else 0.0
+        self.level = self.friction / self.stiffness
+
+    def stand_off(self, rng, size: float) -> None:
+        """The machine's numbers are no longer the simulator's."""
+        for name in ("jm", "jl", "stiffness", "link", "hold", "damping"):
+            setattr(self, name, getattr(self, name) * float(np.exp(size * rng.standard_normal())))
 
     def model(self) -> str:
         return LINKED.format(**{k: getattr(self, k) for k in ("stiffness", "link", "hold", "damping", "jm", "jl")})
 
     def truth(self) -> dict:
+        if self.kind == "link_friction":
+            return {"effects": [{"effect": "driveline_friction", "channel": "motor - load", "parameters": {"level": self.level}}]}
         return {"effects": [{"effect": "driveline_backlash", "channel": "motor - load", "parameters": {"width": self.width}}]}
 
     def run(self, rng, torque: np.ndarray) -> np.ndarray:
@@ -232,7 +258,19 @@ class DriveTrain:
                 b = rate(x + 0.5 * step * a, u)
                 c = rate(x + 0.5 * step * b, u)
                 x = x + step / 6.0 * (a + 2 * b + 2 * c + rate(x + step * c, u))
+                # The impulse that ends the relative motion, or as much of it as friction gives in a step (Moreau 1988, doi:10.1007/978-3-7091-2624-0_1).
+                impulse = (x[2] - x[3]) / (1.0 / self.jm + 1.0 / self.jl)
+                impulse = min(max(impulse, -self.friction * step), self.friction * step)
+                x = x - np.array([0.0, 0.0, impulse / self.jm, -impulse / self.jl])
         return np.array(outputs)
+
+
+def slow_noise(rng, steps: int, rate: float) -> np.ndarray:
+    """Noise of unit variance below about 1 Hz."""
+    pole, values = math.exp(-2.0 * math.pi / rate), np.zeros(steps)
+    for k, kick in enumerate(rng.standard_normal(steps - 1)):
+        values[k + 1] = pole * values[k] + math.sqrt(1.0 - pole**2) * kick
+    return values
 
 
 def command(rng, machine, samples: int) -> np.ndarray:
@@ -252,11 +290,14 @@ def command(rng, machine, samples: int) -> np.ndarray:
     return np.clip(np.array(values[:samples]), -amplitude, amplitude)
 
 
-def write(folder: Path, kind: str, seed: int, samples: int) -> None:
+def write(folder: Path, kind: str, seed: int, samples: int, off: float) -> None:
     rng = np.random.default_rng(seed)
-    machine = DriveTrain(rng, kind) if kind == "driveline" else Servo(rng, kind)
+    machine = DriveTrain(rng, kind) if kind in DRIVE_TRAINS else Servo(rng, kind)
     folder.mkdir(parents=True)
     (folder / "model.toml").write_text(machine.model())
+    truth = machine.truth()
+    if off:
+        machine.stand_off(np.random.default_rng(seed + 1), off)
     noise = 10 ** rng.uniform(-3.6, -2.8)
     rounded = 2 * math.pi / 4096 if rng.random() < 0.4 else 0.0
     names = ("target", "q") if isinstance(machine, Servo) else ("torque", "motor", "load")
@@ -268,7 +309,7 @@ def write(folder: Path, kind: str, seed: int, samples: int) -> None:
         rows = [",".join(("time", *names))]
         rows += [",".join(f"{v:.7g}" for v in (k * machine.sample, u[k], *y[k])) for k in range(samples)]
         (folder / f"{log}.csv").write_text("\n".join(rows) + "\n")
-    (folder / "truth.json").write_text(json.dumps({"kind": kind, "seed": seed, "noise": noise, **machine.truth()}, indent=1))
+    (folder / "truth.json").write_text(json.dumps({"kind": kind, "seed": seed, "noise": noise, "off": off, **truth}, indent=1))
 
 
 def main() -> None:
@@ -278,12 +319,13 @@ def main() -> None:
     parser.add_argument("count", type=int)
     parser.add_argument("--seed", type=int, help="default: from the operating system")
     parser.add_argument("--samples", type=int, default=900, help="of each log")
+    parser.add_argument("--off", type=float, default=0.0, help="relative standard deviation of the machine's numbers about the simulator's")
     options = parser.parse_args()
     seed = secrets.randbits(32) if options.seed is None else options.seed
     print(f"seed {seed}")
     for kind in KINDS if options.kind == "all" else (options.kind,):
         for number in range(options.count):
-            write(options.out / f"{kind}_{number}", kind, seed + 7919 * number + 104729 * KINDS.index(kind), options.samples)
+            write(options.out / f"{kind}_{number}", kind, seed + 7919 * number + 104729 * KINDS.index(kind), options.samples, options.off)
 
 
 if __name__ == "__main__":

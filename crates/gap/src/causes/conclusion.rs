@@ -189,7 +189,8 @@ impl Conclusion<'_, '_> {
         };
         let (hypothesis, taken_out) = self.by_share(begin, None);
         let without = self.refitted(&hypothesis, &taken_out);
-        let estimate = intervals::estimate(self.likelihood, &hypothesis, self.scales);
+        let central = self.likelihood.with_central_differences();
+        let estimate = intervals::estimate(&central, &hypothesis, self.scales);
         let classes = classes(self.likelihood, &hypothesis, self.found, judged.inexact);
         let judged =
             Judged { found: Some(hypothesis.clone()), best: Some(hypothesis.clone()), ..judged };
@@ -224,8 +225,10 @@ impl Conclusion<'_, '_> {
         if best.singly().next().is_none() {
             begin.effects.sort_by(|a, b| relative(b).total_cmp(&relative(a)));
         }
-        let final_noise =
-            shrunk.likelihood.with_noise(noise_of(shrunk.likelihood, Some(&begin), self.smallest)?);
+        let final_noise = shrunk
+            .likelihood
+            .with_noise(noise_of(shrunk.likelihood, Some(&begin), self.smallest)?)
+            .with_central_differences();
         let settled = shrunk.settled(&final_noise, begin)?;
         let (hypothesis, taken_out) = shrunk.by_share(settled, best.recalibration);
         let estimate = intervals::estimate(&final_noise, &hypothesis, self.scales);

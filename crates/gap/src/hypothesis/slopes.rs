@@ -46,8 +46,19 @@ pub(crate) fn slopes(
         put(&mut moved, (e, i), effects[e].values[i] + h);
         Some(difference(&likelihood.whitened(active.with(&moved))?, &residual, 1.0 / h))
     };
+    let central = |(e, i): (usize, usize)| {
+        let (p, value) = (&effects[e].parameters[i], effects[e].values[i]);
+        let h = p.central_step(value, scales).filter(|_| likelihood.has_central_differences())?;
+        let side = |h: f64| {
+            let mut moved = effects.to_vec();
+            put(&mut moved, (e, i), value + h);
+            likelihood.whitened(active.with(&moved))
+        };
+        Some(difference(&side(h)?, &side(-h)?, 0.5 / h))
+    };
     let plain = |(e, i): (usize, usize)| {
-        column_of((e, i), effects[e].parameters[i].derivative_step(effects[e].values[i], scales))
+        let h = effects[e].parameters[i].derivative_step(effects[e].values[i], scales);
+        central((e, i)).or_else(|| column_of((e, i), h))
     };
     if !effects.iter().any(|a| likelihood.calls(a)) {
         let columns = free.par_iter().map(|&at| plain(at)).collect::<Option<Vec<_>>>()?;

@@ -20,6 +20,8 @@ use deadtime_signal::stats::NORMAL_95;
 const SIZES: [f64; 7] = [0.0, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.1];
 /// Blocks of time per record for the scores.
 const BLOCKS: usize = 12;
+/// The relative step of central differences by the nominal parameters, as of `Parameter::central_step`.
+const CENTRAL: f64 = 1e-2;
 /// How often an interval is doubled.
 const DOUBLINGS: usize = 20;
 
@@ -37,21 +39,25 @@ fn nominal_columns(
 ) -> Vec<(Applied, Whitened)> {
     let Some(effect) = EFFECTS.iter().find(|e| e.corrects_model()) else { return Vec::new() };
     let found: Vec<String> = hypothesis.effects.iter().map(Applied::key).collect();
-    let step = likelihood.budget.relative_step;
+    let central = likelihood.has_central_differences() && !likelihood.system.is_black_box();
+    let step = if central { CENTRAL } else { likelihood.budget.relative_step };
     let column = |channel: String| {
         let mut applied = Applied::nominal(likelihood.system, *effect, &channel)
             .ok()
             .filter(|a| !found.contains(&a.key()))?;
-        let h = step * applied.values[0].abs();
-        applied.values[0] += h;
-        let moved: Vec<Applied> =
-            hypothesis.effects.iter().cloned().chain([applied.clone()]).collect();
-        let column = difference(
-            &likelihood.whitened(ActiveEffects::from(hypothesis).with(&moved))?,
-            residual,
-            1.0 / step,
-        );
-        applied.values[0] -= h;
+        let nominal = applied.values[0];
+        let mut at = |share: f64| {
+            applied.values[0] = nominal + share * nominal.abs();
+            let moved: Vec<Applied> =
+                hypothesis.effects.iter().cloned().chain([applied.clone()]).collect();
+            likelihood.whitened(ActiveEffects::from(hypothesis).with(&moved))
+        };
+        let column = if central {
+            difference(&at(step)?, &at(-step)?, 0.5 / step)
+        } else {
+            difference(&at(step)?, residual, 1.0 / step)
+        };
+        applied.values[0] = nominal;
         Some((applied, column))
     };
     if likelihood.system.is_sampled() {

@@ -74,6 +74,8 @@ pub(crate) struct Likelihood<'a> {
     resolution: Vec<f64>,
     /// The relative standard deviation of every number of the model about the value that came; `None`: numbers that are fitted are free.
     shrinkage: Option<f64>,
+    /// Derivatives are central differences of fine simulations: the tolerance of coarse ones seems to fix directions that the data leave open.
+    central: bool,
     stop: Stop,
     /// What was simulated of late: neither noise nor priors change it.
     simulated: Arc<Simulated>,
@@ -87,6 +89,10 @@ const TOLERANCE: Tolerance = Tolerance {
     budget: usize::MAX,
     past_samples: true,
 };
+/// For central differences, whose steps move the outputs by 1e-4 of their size and less.
+const FINE: f64 = 1e-9;
+/// How many more integration steps a fine simulation takes: a method of order five has (1e-6/1e-9)^(1/5), and rejects steps at kinks.
+const FINE_STEPS: usize = 8;
 /// Integration steps per sample, and the multiple of the nominal model's steps, above which a hypothesis is dropped.
 const STEPS_PER_SAMPLE: usize = 10;
 const STEPS_OF_NOMINAL: usize = 4;
@@ -143,6 +149,7 @@ impl<'a> Likelihood<'a> {
             step_limits: Vec::new(),
             resolution,
             shrinkage: None,
+            central: false,
             stop,
             simulated: Arc::default(),
         };
@@ -283,7 +290,11 @@ impl<'a> Likelihood<'a> {
             criteria: self.criteria,
             stop: self.stop.clone(),
         })?;
-        Ok(Likelihood { shrinkage: self.shrinkage, ..white.with_noise(noise) })
+        Ok(Likelihood {
+            shrinkage: self.shrinkage,
+            central: self.central,
+            ..white.with_noise(noise)
+        })
     }
 
     /// Under another noise model; one per record.
@@ -305,6 +316,16 @@ impl<'a> Likelihood<'a> {
     /// With a normal prior on every number of the model that is fitted: about the value that came, of this relative standard deviation.
     pub(crate) fn with_shrinkage(&self, size: f64) -> Self {
         Self { shrinkage: Some(size), ..self.clone() }
+    }
+
+    /// With derivatives by central differences, for what is reported.
+    pub(crate) fn with_central_differences(&self) -> Self {
+        let step_limits = self.step_limits.iter().map(|steps| FINE_STEPS * steps).collect();
+        Self { central: true, step_limits, simulated: Arc::default(), ..self.clone() }
+    }
+
+    pub(crate) fn has_central_differences(&self) -> bool {
+        self.central
     }
 
     /// Mean and standard deviation of the prior on an effect's parameter; `None`: it is free.
@@ -408,6 +429,7 @@ impl<'a> Likelihood<'a> {
             self.plan(effects, known.map_or(Chance::Mean, |sequences| Chance::Known(sequences)))?;
         plan.tolerance = Tolerance {
             budget: self.step_limits.get(record).copied().unwrap_or(usize::MAX),
+            relative: if self.central { FINE } else { TOLERANCE.relative },
             ..TOLERANCE
         };
         plan.wanted = Wanted { samples, states: false };

@@ -108,6 +108,19 @@ impl Parameter {
         if value + step > self.upper { -step } else { step }
     }
 
+    /// The step to either side for a central difference, 1 % of the distance from nominal; `None` where it is not inside the bounds, and for an instant.
+    ///
+    /// The truncation error is h²/6, some 2e-5 of the derivative (Nocedal and Wright 2006, section 8.1, doi:10.1007/978-0-387-40065-5). Simulations need a tolerance that is
+    /// small against what this step moves.
+    #[must_use]
+    pub fn central_step(&self, value: f64, scales: &Scales) -> Option<f64> {
+        let least =
+            if self.role.is_time() { 0.01 * scales.sample_time_s } else { 1e-6 * value.abs() };
+        let step = (1e-2 * self.distance(value)).max(least).max(1e-12);
+        let inside = value - step > self.lower && value + step < self.upper;
+        (inside && self.role != Role::Instant).then_some(step)
+    }
+
     /// A first step for the numerical derivative of a simulator that can only be called, and may be rough.
     #[must_use]
     pub fn rough_derivative_step(&self, value: f64, scales: &Scales) -> f64 {
