@@ -24,6 +24,8 @@ const TURNS: usize = 4;
 /// Candidates lie no farther apart than the lag at which an input's autocorrelation falls to this, so that one of them lies within half that lag of any dead
 /// time; there the correlation of the two late inputs is about (1 + ALIKE)/2, on the central peak and not on another.
 const ALIKE: f64 = 0.5;
+/// Share of the work, for the word on progress alone, when the fits from the file's values and from the given ones are done.
+const BEGUN: f64 = 0.1;
 /// Costs within this share of each other differ by rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -48,28 +50,31 @@ impl Search<'_, '_> {
         let free = &self.problem.free;
         let delays: Vec<usize> =
             (0..free.len()).filter(|&at| self.problem.delayed(free[at].0).is_some()).collect();
-        let mut fits = vec![fit(&vec![0.0; self.problem.unknowns()], self.far)];
+        let mut fits =
+            vec![fit(&vec![0.0; self.problem.unknowns()], &self.far.part(0.0, BEGUN / 2.0))];
         if let Some(values) = hint {
             let mut start = fits[0].parameters.clone();
             for &at in &delays {
                 start[at] = (values[at] - self.problem.nominal(free[at].0)) / free[at].1;
             }
-            fits.push(fit(&start, self.far));
+            fits.push(fit(&start, &self.far.part(BEGUN / 2.0, BEGUN)));
         }
         let mut best = lowest(&fits);
-        let share = |done: usize| done as f64 / (TURNS * delays.len()) as f64;
+        let share =
+            |done: usize| BEGUN + (1.0 - BEGUN) * done as f64 / (TURNS * delays.len()) as f64;
         for turn in 0..TURNS {
             let before = best;
             for (k, &at) in delays.iter().enumerate() {
                 let done = turn * delays.len() + k;
                 let far = self.far.part(share(done), share(done + 1));
-                let found = self.grid(at, &fits[best].parameters, &far)?;
+                let found = self.grid(at, &fits[best].parameters, &far.part(0.0, 0.5))?;
                 let begin = fits[best].parameters.clone();
-                for z in valleys(found, begin[at]) {
+                for (k, z) in valleys(found, begin[at]).into_iter().enumerate() {
                     self.stop.check()?;
                     let mut start = begin.clone();
                     start[at] = z;
-                    fits.push(fit(&start, &far));
+                    let share = |k: usize| 0.5 + 0.5 * k as f64 / MINIMA as f64;
+                    fits.push(fit(&start, &far.part(share(k), share(k + 1))));
                 }
                 best = lowest(&fits);
             }
