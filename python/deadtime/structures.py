@@ -175,7 +175,7 @@ def identify_structure(
     model : Model, path, dict, or a linear system
         What `as_model` takes. A linear model has the entries of A and B that are not 0 as parameters, `A_v_phi`.
     free : str or sequence of str
-        Parameters to fit, or "all".
+        Parameters to fit, or "delay:INPUT" for the dead time of an input, s; "all": every parameter that the model does not call known, and all dead times.
     per_record : sequence of str
         Parameters that may also stand off by record.
     horizon : int
@@ -187,7 +187,7 @@ def identify_structure(
     balance : {"horizon", "group"}
         Each horizon counts by its own median error, or all of a group alike.
     shrinkage : float, optional
-        Shrinkage towards the file's values; default what predicts left-out records best.
+        Shrinkage towards the file's values, dead times excepted; default what predicts left-out records best.
     one_step : bool
         Fit single steps too, and tell physical values from surrogates.
     holdout : log-like, or several, optional

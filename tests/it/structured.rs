@@ -190,7 +190,10 @@ fn without_noise_a_common_factor_is_still_not_had() {
             Structured { one_step, ..free(&["all"]) }.fit(&model(PENDULUM), &logs, &[]).unwrap();
         assert_eq!(found.unseen.len(), 1, "{:?}", found.unseen);
         assert!(
-            found.parameters.iter().all(|p| p.standing == Standing::Open),
+            found
+                .parameters
+                .iter()
+                .all(|p| (p.standing == Standing::Open) != (p.name == "delay:torque")),
             "{:?}",
             found.parameters
         );

@@ -22,7 +22,7 @@ pub(super) struct Structured {
     /// The model whose parameters are fitted, deadtime/model@1; of a linear one they are the entries of A and B that are not 0, such as A_v_phi
     #[arg(long, value_name = "MODEL")]
     pub(super) structure: Option<PathBuf>,
-    /// Parameters to fit, NAME,… or `all` that the file does not call known; with --match also delay:INPUT, part of `all`; without any, only the model's errors are reported
+    /// Parameters to fit, NAME,…, dead times of inputs among them as delay:INPUT, or `all` that the file does not call known; without any, only the model's errors are reported
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(super) free: Vec<String>,
     /// Parameters that may stand off by record, NAME,…; a prediction of another log does not use that
@@ -40,7 +40,7 @@ pub(super) struct Structured {
     /// How the horizons of a group of outputs are weighed
     #[arg(long, value_enum, default_value_t = BalanceName::Horizon, hide_short_help = true)]
     balance: BalanceName,
-    /// Shrinkage towards the file's values; default: what predicts left-out records (below three: stretches) best
+    /// Shrinkage towards the file's values, dead times excepted; default: what predicts left-out records (below three: stretches) best
     #[arg(long, value_name = "SIZE", hide_short_help = true)]
     shrinkage: Option<f64>,
     /// Leave out the fit over single steps, and with it the word on physical values and surrogates

@@ -531,7 +531,7 @@ pub(super) fn know(
             standing: if held {
                 Standing::Held
             } else {
-                standing(nominal, [value, std.unwrap_or(0.0)], None, lost)
+                standing(nominal, [value, std.unwrap_or(0.0)], None, lost, 0.0)
             },
         });
     }

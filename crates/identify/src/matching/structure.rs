@@ -7,6 +7,7 @@ use super::options::Matching;
 use super::system::{GainMatrix, Matrices, System};
 use super::target::Target;
 use crate::error::Result;
+use crate::structured::free::delay_name;
 use deadtime_model::{Channel, Equations, EquationsFile, ModelError, Operating, StateSpace};
 
 /// Central differences over this share of a parameter's size: entries are mostly linear in the parameters, so that rounding alone is left.
@@ -17,11 +18,6 @@ const STEP: f64 = 1e-6;
 pub(super) enum Free {
     Parameter(usize),
     Delay(usize),
-}
-
-/// How a delay is named.
-pub(super) fn delay_name(input: &str) -> String {
-    format!("delay:{input}")
 }
 
 pub(super) struct Structure<'a> {

@@ -5,17 +5,18 @@ use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
 use super::fitted::Fitted;
-use super::known::{Known, RESOLVED, Standing, Unseen, standing};
+use super::free::Quantity;
+use super::known::{Known, RESOLVED, Standing, Unseen, at_least, standing};
 use super::problem::StructuredProblem;
 use super::score::GroupScore;
 use deadtime_model::EquationsFile;
 use deadtime_signal::fit::{Normal, Stopped};
-use deadtime_signal::stats::interval95;
+use deadtime_signal::stats::{NORMAL_95, interval95};
 
 /// A fitted parameter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FreeParameter {
-    /// Its name.
+    /// Its name; of the dead time of an input `delay:INPUT`.
     pub name: String,
     /// Its unit.
     pub unit: Option<String>,
@@ -73,9 +74,63 @@ pub struct StructuredFit {
     pub model: Option<EquationsFile>,
 }
 
+/// The spread of the clusters' scores, M = (C−1)/C Σ rₖrₖᵀ, the information without the prior, N, and (N + Λ)⁻¹.
+///
+/// rₖ = A (A − Nₖ)⁻¹ sₖ is a cluster's score with its own pull on the estimate taken back: A⁻¹rₖ is by how much the estimate moves without the cluster (one
+/// Gauss-Newton step), so that A⁻¹MA⁻¹ is the jackknife's covariance. The scores sₖ themselves are too small by what each cluster fits of itself: with 30
+/// clusters intervals of 95 % held 85 to 91 % of drawn truths.
+/// Source: MacKinnon and White (1985), doi:10.1016/0304-4076(85)90158-7; Bell and McCaffrey (2002), Survey Methodology 28(2), 169-181, for clusters.
+fn spread(
+    problem: &StructuredProblem<'_>,
+    clusters: &[Normal],
+    z: &[f64],
+    prior: &[f64],
+) -> (DMatrix<f64>, DMatrix<f64>, Option<DMatrix<f64>>) {
+    let size = z.len();
+    let bare = problem.normal(clusters, z, &vec![0.0; size]).information;
+    let with = problem.normal(clusters, z, prior).information;
+    let mut meat = DMatrix::zeros(size, size);
+    for (cluster, normal) in problem.clusters.iter().zip(clusters) {
+        let mut score = DVector::<f64>::zeros(size);
+        let mut without = with.clone();
+        for i in 0..normal.gradient.len() {
+            let row = problem.place(cluster.record, i);
+            score[row] += normal.gradient[i];
+            for j in 0..normal.gradient.len() {
+                without[(row, problem.place(cluster.record, j))] -= normal.information[(i, j)];
+            }
+        }
+        // Where nothing else shows a direction, the estimate without the cluster does not exist.
+        if let Some(factor) = without.cholesky() {
+            score = &with * factor.solve(&score);
+        }
+        meat += &score * score.transpose();
+    }
+    let count = clusters.len() as f64;
+    meat *= (count - 1.0).max(1.0) / count;
+    (meat, bare, with.cholesky().map(|c| c.inverse()))
+}
+
+/// κ = tr((N + Λ)⁻¹ M)/tr((N + Λ)⁻¹ N): by how much errors that repeat each other spread the scores beyond the information.
+fn ratio(meat: &DMatrix<f64>, bare: &DMatrix<f64>, inverse: &DMatrix<f64>) -> f64 {
+    ((inverse * meat).trace() / (inverse * bare).trace().max(f64::MIN_POSITIVE))
+        .max(f64::MIN_POSITIVE)
+}
+
+/// κ of [`covariance`]: a cost rises by κ times χ² from its minimum.
+pub(super) fn dispersion(
+    problem: &StructuredProblem<'_>,
+    clusters: &[Normal],
+    z: &[f64],
+    prior: &[f64],
+) -> Option<f64> {
+    let (meat, bare, inverse) = spread(problem, clusters, z, prior);
+    Some(ratio(&meat, &bare, &inverse?))
+}
+
 /// Sandwich covariance over clusters, with what the shrinkage leaves open, and the information deflated by how much errors repeat each other.
 ///
-/// V = A⁻¹ (M + κΛ) A⁻¹, A = N + Λ; N the information, Λ the shrinkage, M = C/(C−1) Σ sₖsₖᵀ the clusters' scores, κ = tr(A⁻¹M)/tr(A⁻¹N), so that
+/// V = A⁻¹ (M + κΛ) A⁻¹, A = N + Λ; N the information, Λ the shrinkage, M the spread of the clusters' scores ([`spread`]), κ = tr(A⁻¹M)/tr(A⁻¹N), so that
 /// a parameter that only the shrinkage holds gets the shrinkage's own spread, never a tight interval. What the logs do not resolve at all ([`RESOLVED`]) is as uncertain as
 /// the parameters are large.
 pub(super) fn covariance(
@@ -85,34 +140,16 @@ pub(super) fn covariance(
     prior: &[f64],
 ) -> (DMatrix<f64>, DMatrix<f64>) {
     let size = z.len();
-    let nothing = vec![0.0; size];
-    let bare = problem.normal(clusters, z, &nothing);
-    let mut meat = DMatrix::zeros(size, size);
-    for (cluster, normal) in problem.clusters.iter().zip(clusters) {
-        let mut score = DVector::<f64>::zeros(size);
-        for i in 0..normal.gradient.len() {
-            score[problem.place(cluster.record, i)] += normal.gradient[i];
-        }
-        meat += &score * score.transpose();
-    }
-    let count = clusters.len() as f64;
-    meat *= count / (count - 1.0).max(1.0);
-    let with = problem.normal(clusters, z, prior).information;
     let unknown = DMatrix::from_diagonal_element(size, size, f64::INFINITY);
-    let Some(inverse) = with.cholesky().map(|c| c.inverse()) else {
-        return (unknown, bare.information);
-    };
-    let kappa = ((&inverse * &meat).trace()
-        / (&inverse * &bare.information).trace().max(f64::MIN_POSITIVE))
-    .max(f64::MIN_POSITIVE);
+    let (meat, bare, inverse) = spread(problem, clusters, z, prior);
+    let Some(inverse) = inverse else { return (unknown, bare) };
+    let kappa = ratio(&meat, &bare, &inverse);
     let mut middle = meat;
     for i in 0..size {
         middle[(i, i)] += kappa * prior[i];
     }
     let mut covariance = &inverse * middle * &inverse;
-    let Some(eigen) = symmetric_eigen(&bare.information) else {
-        return (unknown, bare.information);
-    };
+    let Some(eigen) = symmetric_eigen(&bare) else { return (unknown, bare) };
     let most = eigen.eigenvalues.max();
     for (k, value) in eigen.eigenvalues.iter().enumerate() {
         if *value <= RESOLVED * most {
@@ -121,13 +158,13 @@ pub(super) fn covariance(
             covariance += direction * direction.transpose();
         }
     }
-    (covariance, bare.information / kappa)
+    (covariance, bare / kappa)
 }
 
 /// Value and standard deviation of each shared parameter.
 pub(super) fn values(problem: &StructuredProblem<'_>, fitted: &Fitted) -> Vec<[f64; 2]> {
     let value = |(j, &(i, size)): (usize, &(usize, f64))| {
-        [problem.nominal[i] + size * fitted.z[j], size * fitted.covariance[(j, j)].max(0.0).sqrt()]
+        [problem.nominal(i) + size * fitted.z[j], size * fitted.covariance[(j, j)].max(0.0).sqrt()]
     };
     problem.free.iter().enumerate().map(value).collect()
 }
@@ -137,34 +174,64 @@ pub(super) fn answer(
     fitted: &Fitted,
     one_step: Option<&[[f64; 2]]>,
 ) -> StructuredFit {
-    let symbols = problem.simulator.equations.parameters();
+    let of = |i: usize| &problem.quantities[i];
     let shared = problem.free.len();
     let values = values(problem, fitted);
+    // Below a sample a dead time is as good as none.
+    let late = |i: usize| problem.delayed(i).is_some();
+    let least = |i: usize| if late(i) { problem.simulator.step_s } else { 0.0 };
     let known = Known {
-        names: problem.free.iter().map(|&(i, _)| symbols[i].name.as_str()).collect(),
+        names: problem.free.iter().map(|&(i, _)| of(i).name.as_str()).collect(),
         sizes: problem.free.iter().map(|&(_, size)| size).collect(),
-        values: values.iter().map(|[value, _]| *value).collect(),
+        values: problem
+            .free
+            .iter()
+            .zip(&values)
+            .map(|(&(i, _), [value, _])| at_least(*value, least(i)))
+            .collect(),
         information: fitted.information.view((0, 0), (shared, shared)).into_owned(),
         covariance: fitted.covariance.view((0, 0), (shared, shared)).into_owned(),
         source: "the logs do",
     };
     let unseen = known.unseen();
-    let (trades, traded) = known.trades();
+    let (mut trades, mut traded) = known.trades();
+    let delays: Vec<usize> = (0..shared).filter(|&j| late(problem.free[j].0)).collect();
+    for other in &fitted.alike {
+        for (&j, &delay_s) in delays.iter().zip(other) {
+            let [value, std] = values[j];
+            // Another minimum, not this one to the tolerance of the search.
+            if (delay_s - value).abs() > (NORMAL_95 * std).max(problem.simulator.step_s) {
+                trades.push(format!(
+                    "{} of {delay_s:.4} s fits these logs as well as {value:.4} s",
+                    of(problem.free[j].0).name
+                ));
+                traded[j] = true;
+            }
+        }
+    }
     let parameter = |(j, [value, std]): (usize, [f64; 2])| {
         let (i, _) = problem.free[j];
         let one_step = one_step.map(|list| list[j]);
-        let (nominal, symbol) = (problem.nominal[i], &symbols[i]);
-        let lost = traded[j]
-            || unseen.iter().any(|u| u.parts.iter().any(|(name, _)| *name == symbol.name));
+        let Quantity { name, unit, nominal } = of(i).clone();
+        let lost =
+            traded[j] || unseen.iter().any(|u| u.parts.iter().any(|(part, _)| *part == name));
+        let [low, high] = interval95(value, std);
         FreeParameter {
-            name: symbol.name.clone(),
-            unit: symbol.unit.clone(),
+            name,
+            unit,
             nominal,
             value,
             std,
-            interval: interval95(value, std),
+            interval: [if late(i) { low.max(0.0) } else { low }, high],
             one_step,
-            standing: standing(nominal, [value, std], one_step, lost),
+            // A dead time may be any, whatever the file's: moved tenfold, it is still one.
+            standing: standing(
+                if late(i) { 0.0 } else { nominal },
+                [value, std],
+                one_step,
+                lost,
+                least(i),
+            ),
         }
     };
     let parameters = values.into_iter().enumerate().map(parameter).collect();
@@ -173,7 +240,7 @@ pub(super) fn answer(
         .flat_map(|r| (0..own).map(move |j| (r, j)))
         .map(|(r, j)| {
             let ((i, size), source) = (problem.own[j], problem.records[r].source.clone());
-            (symbols[i].name.clone(), source, size * fitted.z[shared + r * own + j])
+            (of(i).name.clone(), source, size * fitted.z[shared + r * own + j])
         })
         .collect();
     StructuredFit {

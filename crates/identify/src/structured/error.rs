@@ -4,21 +4,13 @@
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StructuredError {
-    /// A name that is no parameter of the model.
+    /// A name that is no parameter of the model and no dead time.
     #[error("the model has no parameter `{name}`; it has {}", known.join(", "))]
     NoParameter {
         /// The name.
         name: String,
-        /// The model's parameters.
+        /// The model's parameters and dead times.
         known: Vec<String>,
-    },
-    /// A dead time is asked for.
-    #[error(
-        "`{name}`: windows of logs are simulated with the file's dead times; estimate it (`deadtime estimate --model`), and write it into `input_delay_s`, or fit it with --match"
-    )]
-    Delay {
-        /// The name.
-        name: String,
     },
     /// No parameter is free.
     #[error("no parameter is free: name some, or `all`")]

@@ -1,12 +1,14 @@
 //! Parameters of a model file, fitted to logs.
 
-use super::answer::{FreeParameter, StructuredFit};
+use super::answer::StructuredFit;
 use super::error::StructuredError;
 use super::fitted::Fitted;
+use super::free::{self, Quantity};
 use super::group::Group;
-use super::problem::{Cluster, Starts, StructuredProblem, Weights};
+use super::problem::{Starts, StructuredProblem, Weights, clusters};
 use super::record::{LogRecord, WindowLayout};
 use super::score::GroupScore;
+use super::starts::{self, Search};
 use super::window::Simulator;
 use super::{answer, record, shrinkage};
 use crate::error::Result;
@@ -14,11 +16,8 @@ use deadtime_log::Log;
 use deadtime_model::{Equations, EquationsFile};
 use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal};
 use deadtime_signal::progress::HowFar;
-use deadtime_signal::stats;
+use deadtime_signal::stats::{self, NORMAL_95};
 use deadtime_signal::stop::Stop;
-
-/// About so many clusters of windows carry the covariance.
-pub(super) const CLUSTERS: usize = 60;
 
 /// Most Runge-Kutta steps within one sample.
 pub(super) const MOST_SUBSTEPS: usize = 16;
@@ -50,7 +49,8 @@ pub enum Balance {
 /// What is fitted, and how.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Structured {
-    /// Parameters that all records share, by name.
+    /// Parameters that all records share, by name; `all`: every parameter that the file does not call known, and all dead times; `delay:INPUT`: the dead
+    /// time of an input, s.
     pub free: Vec<String>,
     /// Parameters that may also stand off by record, with zero mean; a prediction of another log does not use what stands off.
     pub per_record: Vec<String>,
@@ -62,7 +62,7 @@ pub struct Structured {
     pub threshold: f64,
     /// How horizons are weighed.
     pub balance: Balance,
-    /// Size of the shrinkage towards the file's values; default: by the data.
+    /// Size of the shrinkage towards the file's values; default: by the data. Dead times have none: 0, the usual value of a file, is no measured one.
     pub shrinkage: Option<f64>,
     /// Fit windows of one step too, to tell physical values from surrogates; default yes.
     pub one_step: bool,
@@ -99,11 +99,14 @@ pub(super) struct Prepared<'a> {
     starts: Option<(Equations, Vec<usize>)>,
     groups: Vec<Group>,
     logged: Vec<bool>,
+    quantities: Vec<Quantity>,
+    /// The input whose dead time moves each input.
+    leaders: Vec<usize>,
     step_s: f64,
 }
 
 impl<'a> Prepared<'a> {
-    fn new(file: &'a EquationsFile, logs: &[Log]) -> Result<Self> {
+    pub(super) fn new(file: &'a EquationsFile, logs: &[Log]) -> Result<Self> {
         let unsupported =
             |what, remedy| StructuredError::Unsupported { model: file.name.clone(), what, remedy };
         if !file.effects.is_empty() {
@@ -125,13 +128,6 @@ impl<'a> Prepared<'a> {
             }
         }
         let step_s = step_s.unwrap_or(1.0);
-        if file.input_delay_s.iter().any(|d| (d / step_s - (d / step_s).round()).abs() > 1e-6) {
-            return Err(unsupported(
-                "an input delay that is no whole number of samples",
-                "round it, or resample the logs",
-            )
-            .into());
-        }
         // A state starts from the log where every log has it.
         let logged = file
             .states
@@ -152,19 +148,19 @@ impl<'a> Prepared<'a> {
             starts,
             groups: Group::all(file),
             logged,
+            quantities: free::quantities(file),
+            leaders: free::leaders(file),
             step_s,
         })
     }
 
-    fn records(&self, logs: &[Log], layout: WindowLayout) -> Result<Vec<LogRecord>> {
+    pub(super) fn records(&self, logs: &[Log], layout: WindowLayout) -> Result<Vec<LogRecord>> {
         logs.iter()
-            .map(|log| {
-                record::record(self.file, &self.groups, &self.logged, log, self.step_s, layout)
-            })
+            .map(|log| record::record(self.file, &self.groups, &self.logged, log, layout))
             .collect()
     }
 
-    fn problem<'b>(
+    pub(super) fn problem<'b>(
         &'b self,
         records: &'b [LogRecord],
         horizon: usize,
@@ -183,33 +179,20 @@ impl<'a> Prepared<'a> {
                 starts: self.starts.as_ref(),
                 groups: &self.groups,
                 logged: &self.logged,
+                leaders: &self.leaders,
                 step_s: self.step_s,
                 substeps: 1,
                 horizon,
             },
             records,
-            clusters: clusters(records),
+            clusters: clusters(records, 0),
+            reach: 0,
             starts: Starts { states: starts, std },
-            nominal: self.equations.nominal(),
+            quantities: &self.quantities,
             free,
             own,
         }
     }
-}
-
-/// Windows that lie together, about [`CLUSTERS`] of them, none over two records.
-pub(super) fn clusters(records: &[LogRecord]) -> Vec<Cluster> {
-    let all: usize = records.iter().map(|r| r.windows.len()).sum();
-    let size = all.div_ceil(CLUSTERS).max(1);
-    let of = |(record, r): (usize, &LogRecord)| {
-        let parts = r.windows.len().div_ceil(size);
-        let each = r.windows.len().div_ceil(parts.max(1)).max(1);
-        r.windows
-            .chunks(each)
-            .map(|starts| Cluster { record, starts: starts.to_vec() })
-            .collect::<Vec<_>>()
-    };
-    records.iter().enumerate().flat_map(of).collect()
 }
 
 /// The errors of a model as it stands.
@@ -278,8 +261,8 @@ impl Structured {
         held_out: &[Log],
     ) -> Result<StructuredFit> {
         let prepared = Prepared::new(file, logs)?;
-        let free = indices(file, &prepared.equations, &self.free)?;
-        let own = indices(file, &prepared.equations, &self.per_record)?;
+        let free = free::indices(file, &prepared.quantities, &self.free)?;
+        let own = free::indices(file, &prepared.quantities, &self.per_record)?;
         if free.is_empty() && own.is_empty() {
             return Err(StructuredError::NothingFree.into());
         }
@@ -292,28 +275,34 @@ impl Structured {
             &prepared,
             &records,
             (self.horizon, &self.far.part(0.0, FITTED)),
-            &free,
-            &own,
+            (&free, &own),
+            None,
         )?;
+        let values = answer::values(&problem, &fitted);
         // Starts that are estimated window by window leave a single step nothing to say.
         let one_step = if self.one_step && self.horizon > 1 && problem.starts.states.is_empty() {
             let records =
                 prepared.records(logs, WindowLayout { horizon: 1, stride: (stride / 8).max(1) })?;
-            let (problem, fitted) =
-                self.run(&prepared, &records, (1, &self.far.part(FITTED, ONE_STEP)), &free, &own)?;
+            let (problem, fitted) = self.run(
+                &prepared,
+                &records,
+                (1, &self.far.part(FITTED, ONE_STEP)),
+                (&free, &own),
+                Some(&values.iter().map(|v| v[0]).collect::<Vec<_>>()),
+            )?;
             Some(answer::values(&problem, &fitted))
         } else {
             None
         };
         self.far.at(ONE_STEP, &"errors of both models");
         let mut answer = answer::answer(&problem, &fitted, one_step.as_deref());
-        let model = with_values(file, &answer.parameters);
+        let model = free::with_values(file, &answer.parameters);
         let every = |logs: &[Log], file: &EquationsFile| score(file, logs, self.horizon, stride);
         answer.training = [every(logs, file)?, every(logs, &model)?];
         if !held_out.is_empty() {
             answer.held_out = Some([every(held_out, file)?, every(held_out, &model)?]);
         }
-        answer.windows = records.iter().map(|r| r.windows.len()).sum();
+        answer.windows = problem.clusters.iter().map(|c| c.starts.len()).sum();
         answer.model = Some(model);
         Ok(answer)
     }
@@ -324,12 +313,17 @@ impl Structured {
         prepared: &'b Prepared<'_>,
         records: &'b [LogRecord],
         (horizon, far): (usize, &HowFar),
-        free: &[usize],
-        own: &[usize],
+        (free, own): (&[usize], &[usize]),
+        hint: Option<&[f64]>,
     ) -> Result<(StructuredProblem<'b>, Fitted)> {
         far.at(0.0, &"choosing the step of the simulation");
         let unit = |list: &[usize]| list.iter().map(|&i| (i, 1.0)).collect::<Vec<_>>();
         let mut problem = prepared.problem(records, horizon, unit(free), unit(own));
+        let late = free.iter().chain(own).any(|&i| problem.delayed(i).is_some());
+        if late {
+            let reach = starts::reach(&problem);
+            problem.reach(reach);
+        }
         let mut weights = self.weights(&refined(&mut problem)?);
         let mut z = vec![0.0; problem.unknowns()];
         let diverged = || StructuredError::Diverges {
@@ -340,12 +334,19 @@ impl Structured {
         sizes(&mut problem, &first);
         let mut own_size = vec![OWN_SIZE; own.len()];
         let mut shrinkage = self.shrinkage.unwrap_or(shrinkage::WEAKEST);
-        let (mut fit, mut prior);
+        let (mut fit, mut prior, mut alike);
+        alike = Vec::new();
         let mut round = 0;
         loop {
             self.stop.check()?;
             prior = self.prior(&problem, shrinkage, &own_size);
-            fit = self.round(&problem, &z, (&weights, &prior), round, far);
+            let share = |round: usize| round as f64 / self.rounds.max(1) as f64;
+            let far = &far.part(share(round), share(round + 1));
+            if round == 0 && free.iter().any(|&i| problem.delayed(i).is_some()) {
+                (fit, alike) = self.first(&mut problem, (&weights, &prior), hint, far)?;
+            } else {
+                fit = self.round(&problem, &z, (&weights, &prior), round, far);
+            }
             z.clone_from(&fit.parameters);
             round += 1;
             if round >= self.rounds {
@@ -367,8 +368,62 @@ impl Structured {
         let substeps = problem.simulator.substeps;
         Ok((
             problem,
-            Fitted { z, fit, clusters, prior, shrinkage, covariance, information, substeps },
+            Fitted { z, fit, clusters, prior, shrinkage, covariance, information, substeps, alike },
         ))
+    }
+
+    /// The first round from each start of the dead times: the lowest minimum, and the dead times of those that the logs do not distinguish from it.
+    ///
+    /// Along one direction the cost rises by κ χ² with one degree of freedom, κ the dispersion: a minimum within κ 1.96² of the lowest is as likely at 95 %.
+    /// Of such minima the one that is reached from the file's values is taken. Each dead time is scaled anew, by what was found.
+    fn first(
+        &self,
+        problem: &mut StructuredProblem<'_>,
+        (weights, prior): (&Weights, &[f64]),
+        hint: Option<&[f64]>,
+        far: &HowFar,
+    ) -> Result<(Fit, Vec<Vec<f64>>)> {
+        let search = Search { problem, weights, prior, stop: &self.stop, far };
+        let mut fits = search
+            .minima(hint, |start, far| self.round(problem, start, (weights, prior), 0, far))?;
+        let cost = |k: &usize| fits[*k].normal.cost;
+        let lowest = starts::lowest(&fits);
+        let curved = Weights { curvature: true, ..weights.clone() };
+        let at = &fits[lowest].parameters;
+        let dispersion = problem
+            .clusters(at, &curved)
+            .and_then(|clusters| answer::dispersion(problem, &clusters, at, prior));
+        let close = cost(&lowest) + NORMAL_95.powi(2) * dispersion.unwrap_or(0.0);
+        let taken = if cost(&0) <= close { 0 } else { lowest };
+        let seconds = |k: usize| {
+            let late = problem.free.iter().zip(&fits[k].parameters);
+            let late = late.filter(|((i, _), _)| problem.delayed(*i).is_some());
+            late.map(|(&(i, size), z)| problem.nominal(i) + size * z).collect::<Vec<f64>>()
+        };
+        let others = (0..fits.len()).filter(|k| *k != taken && cost(k) <= close);
+        let alike = others.map(seconds).collect();
+        let mut fit = fits.swap_remove(taken);
+        let step_s = problem.simulator.step_s;
+        let longest_s = problem.reach as f64 * step_s;
+        let mut most_s: f64 = 0.0;
+        for (at, least) in prior.iter().enumerate().take(problem.free.len()) {
+            let (i, size) = problem.free[at];
+            if problem.delayed(i).is_none() {
+                continue;
+            }
+            let nominal = problem.nominal(i);
+            let found = nominal + size * fit.parameters[at];
+            // More than its prior.
+            let seen = fit.normal.information.get((at, at)).is_some_and(|n| *n > 2.0 * least);
+            let new = if seen { nominal.max(found).max(step_s) } else { longest_s.max(step_s) };
+            problem.free[at].1 = new;
+            fit.parameters[at] = (found - nominal) / new;
+            most_s = most_s.max(if seen { found } else { longest_s });
+        }
+        // Half as long again and two samples: what another round may change.
+        let reach = (1.5 * most_s / step_s).ceil() as usize + 2;
+        problem.reach(reach.min(problem.reach));
+        Ok((fit, alike))
     }
 
     /// The fit under these weights and this prior.
@@ -383,14 +438,15 @@ impl Structured {
         let rounds = self.rounds;
         // Weights change with every round: only the last one needs its minimum to many digits.
         let tolerance = if round + 1 >= rounds { 1e-5 } else { 1e-3 };
+        let [lower, upper] = problem.bounds();
         let search = LevenbergMarquardt {
             max_iterations: 30,
             gradient_tolerance: tolerance,
             step_tolerance: tolerance,
+            lower,
+            upper,
             ..Default::default()
         };
-        let share = |round: usize| round as f64 / rounds.max(1) as f64;
-        let far = far.part(share(round), share(round + 1));
         let mut tried = 0;
         search.minimise(z, |z| {
             // The number of evaluations of a round is unknown: each one counts as a share of the remainder.
@@ -405,7 +461,9 @@ impl Structured {
     /// λ of every unknown: the shared ones alike, a record's own by how far they stand off.
     fn prior(&self, problem: &StructuredProblem<'_>, shrinkage: f64, own_size: &[f64]) -> Vec<f64> {
         let own = own_size.iter().map(|size| 1.0 / (size * size)).collect::<Vec<_>>();
-        let shared = std::iter::repeat_n(shrinkage, problem.free.len());
+        let late = |i: usize| problem.delayed(i).is_some();
+        let of = |&(i, _): &(usize, f64)| if late(i) { shrinkage::WEAKEST } else { shrinkage };
+        let shared = problem.free.iter().map(of);
         shared.chain((0..problem.records.len()).flat_map(|_| own.iter().copied())).collect()
     }
 
@@ -428,7 +486,8 @@ impl Structured {
     }
 }
 
-/// Each parameter's size: its own value, or, for one that is 0, what would move the predictions as far as their errors.
+/// Each parameter's size: its own value, or, for one that is 0, what would move the predictions as far as their errors. A dead time's is a sample at least,
+/// whatever the file says: the hold that it delays is no shorter.
 pub(super) fn sizes(problem: &mut StructuredProblem<'_>, clusters: &[Normal]) {
     let nothing = vec![0.0; problem.unknowns()];
     let normal = problem.normal(clusters, &nothing, &nothing);
@@ -438,48 +497,19 @@ pub(super) fn sizes(problem: &mut StructuredProblem<'_>, clusters: &[Normal]) {
         0.0 => 1.0,
         nominal => nominal.abs(),
     };
-    let nominal = problem.nominal.clone();
+    let (quantities, step_s) = (problem.quantities, problem.simulator.step_s);
+    let first_delay = problem.simulator.equations.parameters().len();
+    let size = |i: usize, information: f64| {
+        let nominal = quantities[i].nominal;
+        if i < first_delay { size(nominal, information) } else { nominal.max(step_s) }
+    };
     for (at, entry) in problem.free.iter_mut().enumerate() {
-        entry.1 = size(nominal[entry.0], normal.information[(at, at)]);
+        entry.1 = size(entry.0, normal.information[(at, at)]);
     }
     let (own, records) = (problem.own.len(), problem.records.len());
     for (at, entry) in problem.own.iter_mut().enumerate() {
         let information =
             (0..records).map(|r| shared + r * own + at).map(|i| normal.information[(i, i)]).sum();
-        entry.1 = size(nominal[entry.0], information);
+        entry.1 = size(entry.0, information);
     }
-}
-
-/// The model with what was found.
-pub(super) fn with_values(file: &EquationsFile, found: &[FreeParameter]) -> EquationsFile {
-    let mut model = file.clone();
-    for (name, entry) in &mut model.parameters {
-        if let Some(parameter) = found.iter().find(|p| p.name == *name) {
-            entry.value = parameter.value;
-        }
-    }
-    model
-}
-
-/// The named parameters; of `all` those that are not known.
-fn indices(file: &EquationsFile, equations: &Equations, names: &[String]) -> Result<Vec<usize>> {
-    let parameters = equations.parameters();
-    if let Some(name) = names.iter().find(|name| name.starts_with("delay:")) {
-        return Err(StructuredError::Delay { name: name.clone() }.into());
-    }
-    let find = |name: &String| {
-        let known = || parameters.iter().map(|p| p.name.clone()).collect();
-        let at = parameters.iter().position(|p| p.name == *name);
-        at.ok_or_else(|| StructuredError::NoParameter { name: name.clone(), known: known() }.into())
-    };
-    let single = names.iter().filter(|name| *name != "all");
-    let mut found: Vec<usize> = single.map(find).collect::<Result<_>>()?;
-    if names.iter().any(|name| name == "all") {
-        let unknown =
-            |i: &usize| !file.parameters.iter().any(|(n, p)| p.known && *n == parameters[*i].name);
-        found.extend((0..parameters.len()).filter(unknown));
-    }
-    found.sort_unstable();
-    found.dedup();
-    Ok(found)
 }

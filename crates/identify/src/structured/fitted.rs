@@ -15,4 +15,6 @@ pub(super) struct Fitted {
     /// The information, deflated by how much the windows' errors repeat each other.
     pub(super) information: DMatrix<f64>,
     pub(super) substeps: usize,
+    /// Dead times of other minima that the logs do not distinguish from this one, s: a list each, in the order of the free ones.
+    pub(super) alike: Vec<Vec<f64>>,
 }

@@ -140,13 +140,22 @@ impl Known<'_> {
     }
 }
 
-/// Whether a value can be taken for the quantity; `lost` where it is in a combination that is not identifiable, or correlated with another.
+/// A value, or what it cannot be distinguished from that is no smaller than `least`.
+pub(crate) fn at_least(value: f64, least: f64) -> f64 {
+    if value.abs() < least { least } else { value }
+}
+
+/// Whether a value can be taken for the quantity; `lost` where it is in a combination that is not identifiable, or correlated with another. Values below
+/// `least` are alike: a dead time of a small part of a sample is none.
 pub(crate) fn standing(
     nominal: f64,
     [value, std]: [f64; 2],
     one_step: Option<[f64; 2]>,
     lost: bool,
+    least: f64,
 ) -> Standing {
+    let value = at_least(value, least);
+    let one_step = one_step.map(|[once, spread]| [at_least(once, least), spread]);
     // An interval that holds 0 and twice the value says nothing about the quantity.
     if lost || NORMAL_95 * std >= value.abs() {
         return Standing::Open;
@@ -176,7 +185,8 @@ mod tests {
 
     #[test]
     fn a_vague_value_from_single_steps_is_no_witness() {
-        let of = |once: f64, spread: f64| standing(0.0, [0.79, 0.13], Some([once, spread]), false);
+        let of =
+            |once: f64, spread: f64| standing(0.0, [0.79, 0.13], Some([once, spread]), false, 0.0);
         // An offset of the shipped quadrotor, from fits of real flights: 11 from single steps, known to 14, is no agreement with 0.79.
         assert_eq!(of(11.2, 7.0), Standing::Unchecked);
         assert_eq!(of(-25.6, 26.5), Standing::Unchecked);
@@ -184,8 +194,11 @@ mod tests {
         assert_eq!(of(0.8, 0.6), Standing::Unchecked);
         assert_eq!(of(0.8, 0.2), Standing::Physical);
         assert_eq!(of(11.2, 0.5), Standing::Surrogate);
-        assert_eq!(standing(0.0, [0.79, 0.5], Some([0.8, 0.2]), false), Standing::Open);
-        assert_eq!(standing(0.01, [0.79, 0.13], Some([11.2, 7.0]), false), Standing::Surrogate);
-        assert_eq!(standing(0.0, [0.79, 0.13], None, false), Standing::Unchecked);
+        assert_eq!(standing(0.0, [0.79, 0.5], Some([0.8, 0.2]), false, 0.0), Standing::Open);
+        assert_eq!(
+            standing(0.01, [0.79, 0.13], Some([11.2, 7.0]), false, 0.0),
+            Standing::Surrogate
+        );
+        assert_eq!(standing(0.0, [0.79, 0.13], None, false, 0.0), Standing::Unchecked);
     }
 }

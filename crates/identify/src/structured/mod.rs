@@ -13,12 +13,17 @@ mod answer;
 pub(crate) mod error;
 mod fit;
 mod fitted;
+pub(crate) mod free;
 mod group;
+mod hold;
 pub(crate) mod known;
 mod problem;
 mod record;
 mod score;
 mod shrinkage;
+mod starts;
+#[cfg(test)]
+mod tests;
 mod window;
 
 pub use answer::{FreeParameter, StructuredFit};

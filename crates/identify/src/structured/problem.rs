@@ -3,12 +3,16 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::free::Quantity;
 use super::record::LogRecord;
 use super::window::{Buffers, Simulator, WindowPoint};
 use deadtime_signal::fit::Normal;
 
 /// Rounds of Gauss-Newton for the starts of unlogged states within a window.
 const START_ROUNDS: usize = 4;
+
+/// About so many clusters of windows carry the covariance.
+pub(super) const CLUSTERS: usize = 60;
 
 /// Sizes of the errors by group and horizon, `scale[group][horizon - 1]`, and where they stop to count as squares.
 #[derive(Debug, Clone)]
@@ -42,7 +46,9 @@ pub(super) struct StructuredProblem<'a> {
     pub(super) records: &'a [LogRecord],
     pub(super) clusters: Vec<Cluster>,
     pub(super) starts: Starts,
-    pub(super) nominal: Vec<f64>,
+    pub(super) quantities: &'a [Quantity],
+    /// The longest dead time that may be found, in samples: no window starts before that row.
+    pub(super) reach: usize,
     /// Parameters of all records: index and size of a unit step.
     pub(super) free: Vec<(usize, f64)>,
     /// Parameters that may differ from record to record.
@@ -55,17 +61,58 @@ impl StructuredProblem<'_> {
         self.free.len() + self.own.len() * self.records.len()
     }
 
-    /// A record's parameters.
+    /// The file's value of a quantity.
+    pub(super) fn nominal(&self, i: usize) -> f64 {
+        self.quantities[i].nominal
+    }
+
+    /// The input of which a quantity is the dead time.
+    pub(super) fn delayed(&self, i: usize) -> Option<usize> {
+        i.checked_sub(self.simulator.equations.parameters().len())
+    }
+
+    /// A record's parameters, then its dead times; no dead time is negative.
     pub(super) fn parameters(&self, record: usize, z: &[f64]) -> Vec<f64> {
-        let mut p = self.nominal.clone();
-        for (&(i, unit), v) in self.free.iter().zip(z) {
-            p[i] += unit * v;
-        }
+        let mut p: Vec<f64> = self.quantities.iter().map(|q| q.nominal).collect();
+        let first = self.simulator.equations.parameters().len();
         let own = self.free.len() + record * self.own.len();
-        for (&(i, unit), v) in self.own.iter().zip(z.get(own..).unwrap_or(&[])) {
-            p[i] += unit * v;
+        let shared = self.free.iter().zip(z);
+        for (&(i, unit), v) in shared.chain(self.own.iter().zip(z.get(own..).unwrap_or(&[]))) {
+            match self.delayed(i) {
+                None => p[i] += unit * v,
+                Some(input) => {
+                    let led = self.simulator.leaders.iter().zip(&mut p[first..]);
+                    led.filter(|(l, _)| **l == input).for_each(|(_, to)| *to += unit * v);
+                }
+            }
         }
+        p[first..].iter_mut().for_each(|delay_s| *delay_s = delay_s.max(0.0));
         p
+    }
+
+    /// Leaves out windows that start before row `reach`: a dead time up to so many samples then asks for no input from before a record. So that dead times
+    /// are compared on the same windows, and on half of them at least, `reach` is at most the row at which half of the windows have begun.
+    pub(super) fn reach(&mut self, reach: usize) {
+        let mut starts: Vec<usize> =
+            self.records.iter().flat_map(|r| r.windows.iter().copied()).collect();
+        starts.sort_unstable();
+        self.reach = reach.min(starts.get(starts.len() / 2).copied().unwrap_or(0));
+        self.clusters = clusters(self.records, self.reach);
+    }
+
+    /// Bounds of the unknowns: shared dead times are not negative, and no longer than [`Self::reach`] allows.
+    pub(super) fn bounds(&self) -> [Vec<f64>; 2] {
+        let longest_s = self.simulator.step_s * self.reach as f64;
+        let mut bounds =
+            [vec![f64::NEG_INFINITY; self.unknowns()], vec![f64::INFINITY; self.unknowns()]];
+        for (at, &(i, size)) in self.free.iter().enumerate() {
+            if self.delayed(i).is_some() {
+                let nominal = self.nominal(i);
+                bounds[0][at] = -nominal / size;
+                bounds[1][at] = (longest_s - nominal) / size;
+            }
+        }
+        bounds
     }
 
     /// Where a cluster's directions stand among the unknowns.
@@ -204,6 +251,25 @@ impl StructuredProblem<'_> {
             }
         }
     }
+}
+
+/// Windows that lie together, about [`CLUSTERS`] of them, none over two records. Those that start before row `from` are left out.
+pub(super) fn clusters(records: &[LogRecord], from: usize) -> Vec<Cluster> {
+    let kept = |r: &LogRecord| {
+        r.windows.iter().copied().filter(|start| *start >= from).collect::<Vec<_>>()
+    };
+    let all: usize = records.iter().map(|r| kept(r).len()).sum();
+    let size = all.div_ceil(CLUSTERS).max(1);
+    let of = |(record, r): (usize, &LogRecord)| {
+        let windows = kept(r);
+        let parts = windows.len().div_ceil(size);
+        let each = windows.len().div_ceil(parts.max(1)).max(1);
+        windows
+            .chunks(each)
+            .map(|starts| Cluster { record, starts: starts.to_vec() })
+            .collect::<Vec<_>>()
+    };
+    records.iter().enumerate().flat_map(of).collect()
 }
 
 /// Sums of one window or cluster; only the lower half of the information is kept.

@@ -11,7 +11,7 @@ use deadtime_model::{EquationsFile, GroupKind};
 pub(super) struct LogRecord {
     pub(super) source: String,
     pub(super) start_s: f64,
-    /// Rows × inputs, as they act.
+    /// Rows × inputs, as they were logged.
     pub(super) u: Vec<f64>,
     /// Rows × outputs; NaN where missing.
     pub(super) y: Vec<f64>,
@@ -34,7 +34,6 @@ pub(super) fn record(
     groups: &[Group],
     logged: &[bool],
     log: &Log,
-    step_s: f64,
     layout: WindowLayout,
 ) -> Result<LogRecord> {
     let (rows, names) = (log.len(), |i: usize| file.inputs[i].name.as_str());
@@ -42,9 +41,8 @@ pub(super) fn record(
     let mut u = vec![0.0; rows * m];
     for i in 0..m {
         let values = log.input(names(i))?;
-        let delay = (file.input_delay_s.get(i).copied().unwrap_or(0.0) / step_s).round() as usize;
-        for k in 0..rows {
-            u[k * m + i] = values[k.saturating_sub(delay)];
+        for (k, value) in values.iter().enumerate().take(rows) {
+            u[k * m + i] = *value;
         }
     }
     let fill = |to: &mut Vec<f64>, width: usize, i: usize, name: &str| -> Result<()> {

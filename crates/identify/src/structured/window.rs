@@ -1,6 +1,7 @@
 //! One window: the model from a row of the log over the horizon, with exact sensitivities (the tangents of a Runge-Kutta step of order four).
 
 use super::group::Group;
+use super::hold::Hold;
 use super::record::LogRecord;
 use deadtime_model::{Directions, Equations, Workspace};
 
@@ -13,12 +14,14 @@ pub(super) struct Simulator<'a> {
     pub(super) groups: &'a [Group],
     /// Which states start from the log.
     pub(super) logged: &'a [bool],
+    /// The input whose dead time moves each input.
+    pub(super) leaders: &'a [usize],
     pub(super) step_s: f64,
     pub(super) substeps: usize,
     pub(super) horizon: usize,
 }
 
-/// Parameters, the directions in which they move, and how far the unlogged states' starts are moved.
+/// Parameters (dead times last), the directions in which they move, and how far the unlogged states' starts are moved.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct WindowPoint<'a> {
     pub(super) p: &'a [f64],
@@ -39,6 +42,8 @@ pub(super) struct Buffers {
     s: [Vec<f64>; 2],
     k: [Vec<f64>; 4],
     dk: [Vec<f64>; 4],
+    /// Inputs as they act, and as they did until one of them switched.
+    u: [Vec<f64>; 2],
     y: Vec<f64>,
     dy: Vec<f64>,
     e: Vec<f64>,
@@ -66,29 +71,38 @@ impl Simulator<'_> {
         b: &mut Buffers,
         mut see: impl FnMut(WindowError<'_>),
     ) -> bool {
-        let m = self.equations.input_symbols().len();
         let outputs = self.equations.output_variables().len();
         let count = at.columns.len() + at.starts.len();
+        let split = self.equations.parameters().len();
+        let (p, delays_s) = at.p.split_at(split);
+        let hold = Hold::new(delays_s, self.step_s);
         self.clear(&at, count, b);
-        self.start(record, start, &at, count, b);
-        let h = self.step_s / self.substeps as f64;
+        self.start(record, start, &at, &hold, count, b);
         for step in 1..=self.horizon {
             let row = start + step - 1;
-            let u = &record.u[row * m..(row + 1) * m];
-            for sub in 0..self.substeps {
-                self.runge_kutta(row as f64 * self.step_s + sub as f64 * h, h, u, at.p, count, b);
+            for segment in hold.segments() {
+                let t = (row as f64 + segment.from) * self.step_s;
+                hold.inputs(record, row, segment.from, &mut b.u[0]);
+                self.switch(t, record, (row, segment.from), &at, &hold, count, b);
+                // No step is longer than one of a sample without a switch.
+                let steps = (self.substeps as f64 * segment.length).ceil().max(1.0);
+                let h = segment.length * self.step_s / steps;
+                for sub in 0..steps as usize {
+                    self.runge_kutta(t + sub as f64 * h, h, p, count, b);
+                }
             }
             if !b.x[0].iter().all(|v| v.is_finite()) {
                 return false;
             }
             let row = start + step;
             let directions = Directions { count, states: &b.s[0], parameters: &b.seeds };
-            let u = &record.u[row * m..(row + 1) * m];
+            // An output that sees an input sees what holds at the sample: between switches a dead time does not move it.
+            hold.inputs(record, row, 0.0, &mut b.u[0]);
             self.equations.outputs_along(
                 row as f64 * self.step_s,
                 &b.x[0],
-                u,
-                at.p,
+                &b.u[0],
+                p,
                 directions,
                 &mut b.workspace,
                 &mut b.y,
@@ -117,10 +131,14 @@ impl Simulator<'_> {
             v.clear();
             v.resize(size, 0.0);
         };
-        resize(&mut b.seeds, at.p.len() * count);
-        for (j, &(parameter, unit)) in at.columns.iter().enumerate() {
-            b.seeds[parameter * count + j] = unit;
+        let parameters = self.equations.parameters().len();
+        resize(&mut b.seeds, parameters * count);
+        for (j, &(i, unit)) in at.columns.iter().enumerate() {
+            if i < parameters {
+                b.seeds[i * count + j] = unit;
+            }
         }
+        b.u.iter_mut().for_each(|v| resize(v, self.leaders.len()));
         b.x.iter_mut().chain(&mut b.k).for_each(|v| resize(v, n));
         b.s.iter_mut().chain(&mut b.dk).for_each(|v| resize(v, n * count));
         resize(&mut b.y, outputs);
@@ -136,10 +154,11 @@ impl Simulator<'_> {
         record: &LogRecord,
         start: usize,
         at: &WindowPoint<'_>,
+        hold: &Hold,
         count: usize,
         b: &mut Buffers,
     ) {
-        let (n, m) = (self.equations.state_variables().len(), self.equations.input_symbols().len());
+        let n = self.equations.state_variables().len();
         for (i, state) in self.equations.state_variables().iter().enumerate() {
             b.x[0][i] = if self.logged[i] { record.x[start * n + i] } else { state.initial };
         }
@@ -150,12 +169,12 @@ impl Simulator<'_> {
         let Some((equations, states)) = self.starts else { return };
         let (mut values, mut slopes) = (vec![0.0; states.len()], vec![0.0; states.len() * count]);
         let directions = Directions { count, states: &b.s[0], parameters: &b.seeds };
-        let (t, u) = (start as f64 * self.step_s, &record.u[start * m..(start + 1) * m]);
+        hold.inputs(record, start, 0.0, &mut b.u[0]);
         equations.outputs_along(
-            t,
+            start as f64 * self.step_s,
             &b.x[0],
-            u,
-            at.p,
+            &b.u[0],
+            &at.p[..self.equations.parameters().len()],
             directions,
             &mut b.workspace,
             &mut values,
@@ -167,9 +186,46 @@ impl Simulator<'_> {
         }
     }
 
+    /// What the dead times of inputs that switch here do to the sensitivities: with a dead time longer by δ, the input before acts δ longer, and the
+    /// states move by δ (f(x, u before) − f(x, u after)).
+    ///
+    /// Source: Rozenvasser (1967), General sensitivity equations of discontinuous systems, Automation and Remote Control 28, 400-404.
+    #[allow(clippy::too_many_arguments)]
+    fn switch(
+        &self,
+        t: f64,
+        record: &LogRecord,
+        (row, from): (usize, f64),
+        at: &WindowPoint<'_>,
+        hold: &Hold,
+        count: usize,
+        b: &mut Buffers,
+    ) {
+        let p = &at.p[..self.equations.parameters().len()];
+        let Buffers { workspace, x, s, k, u, .. } = b;
+        let [after, before] = u;
+        for (j, &(i, unit)) in at.columns.iter().enumerate() {
+            let Some(delayed) = i.checked_sub(p.len()) else { continue };
+            before.copy_from_slice(after);
+            for (i, _) in self.leaders.iter().enumerate().filter(|(_, l)| **l == delayed) {
+                before[i] = hold.before(record, row, from, i).unwrap_or(after[i]);
+            }
+            if before == after {
+                continue;
+            }
+            let [old, new, ..] = k;
+            for (u, to) in [(&*before, old), (&*after, new)] {
+                self.equations.derivatives(t, &x[0], u, p, workspace, to);
+            }
+            for (row, (old, new)) in s[0].chunks_exact_mut(count).zip(k[0].iter().zip(&k[1])) {
+                row[j] += unit * (old - new);
+            }
+        }
+    }
+
     /// One step of the classical method for states and sensitivities at once.
-    fn runge_kutta(&self, t: f64, h: f64, u: &[f64], p: &[f64], count: usize, b: &mut Buffers) {
-        let Buffers { workspace, seeds, x, s, k, dk, .. } = b;
+    fn runge_kutta(&self, t: f64, h: f64, p: &[f64], count: usize, b: &mut Buffers) {
+        let Buffers { workspace, seeds, x, s, k, dk, u: [u, _], .. } = b;
         let [x0, x1] = x;
         let [s0, s1] = s;
         for stage in 0..4 {
