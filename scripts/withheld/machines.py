@@ -227,7 +227,6 @@ class DriveTrain:
         self.width = float(rng.uniform(0.01, 0.04)) if kind == "driveline" else 0.0
         # N*m; the torque reaches a quarter of `hold`.
         self.friction = float(rng.uniform(0.02, 0.08)) * self.hold if kind == "link_friction" else 0.0
-        self.level = self.friction / self.stiffness
 
     def stand_off(self, rng, size: float) -> None:
         """The machine's numbers are no longer the simulator's."""
@@ -239,7 +238,7 @@ class DriveTrain:
 
     def truth(self) -> dict:
         if self.kind == "link_friction":
-            return {"effects": [{"effect": "driveline_friction", "channel": "motor - load", "parameters": {"level": self.level}}]}
+            return {"effects": [{"effect": "driveline_friction", "channel": "motor - load", "parameters": {"level": self.friction / self.stiffness}}]}
         return {"effects": [{"effect": "driveline_backlash", "channel": "motor - load", "parameters": {"width": self.width}}]}
 
     def run(self, rng, torque: np.ndarray) -> np.ndarray:
@@ -295,9 +294,9 @@ def write(folder: Path, kind: str, seed: int, samples: int, off: float) -> None:
     machine = DriveTrain(rng, kind) if kind in DRIVE_TRAINS else Servo(rng, kind)
     folder.mkdir(parents=True)
     (folder / "model.toml").write_text(machine.model())
-    truth = machine.truth()
     if off:
         machine.stand_off(np.random.default_rng(seed + 1), off)
+    truth = machine.truth()
     noise = 10 ** rng.uniform(-3.6, -2.8)
     rounded = 2 * math.pi / 4096 if rng.random() < 0.4 else 0.0
     names = ("target", "q") if isinstance(machine, Servo) else ("torque", "motor", "load")

@@ -231,7 +231,9 @@ impl Conclusion<'_, '_> {
             .with_central_differences();
         let settled = shrunk.settled(&final_noise, begin)?;
         let (hypothesis, taken_out) = shrunk.by_share(settled, best.recalibration);
-        let estimate = intervals::estimate(&final_noise, &hypothesis, self.scales);
+        let between = |(key, i): (&str, usize)| found.between(best, key, i);
+        let estimate = intervals::estimate(&final_noise, &hypothesis, self.scales)
+            .map(|estimate| estimate.widened(&hypothesis, between));
         let unsure = shrunk.within_noise(&final_noise, found, best, &hypothesis);
         if let Some(fewer) = unsure.and_then(|out| found.without(best, out)) {
             return self.concluded(reached, found, fewer);

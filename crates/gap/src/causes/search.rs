@@ -111,6 +111,23 @@ impl Found {
         self.sets.iter().find(|(_, set)| set.key() == key).map(|(_, set)| set)
     }
 
+    /// Per parameter of a set, the variance of its value over the visited sets that are as good as the best and have its effect, about its value in this set; their weights are
+    /// exp(−E/2) (Hoeting, Madigan, Raftery and Volinsky 1999, doi:10.1214/ss/1009212519). An alias in the place of another effect moves what is next to it.
+    pub(crate) fn between(&self, best: &CauseSet, key: &str, parameter: usize) -> f64 {
+        let value = |set: &CauseSet| {
+            let applied = set.effects.iter().find(|a| a.key() == key)?;
+            applied.values.get(parameter).copied().filter(|v| v.is_finite())
+        };
+        let least = self.sets.iter().map(|(score, _)| *score).fold(f64::INFINITY, f64::min);
+        let Some(own) = value(best) else { return 0.0 };
+        let good = self.sets.iter().filter(|(score, _)| *score <= least + AS_GOOD);
+        let (weights, squares) = good
+            .filter_map(|(score, set)| Some(((least - score) / 2.0, (value(set)? - own).powi(2))))
+            .map(|(log, square)| (log.exp(), log.exp() * square))
+            .fold((0.0, 0.0), |(a, b), (w, s)| (a + w, b + s));
+        if weights > 0.0 { squares / weights } else { 0.0 }
+    }
+
     /// What one effect with so many parameters costs.
     pub(crate) fn price(&self, parameters: usize) -> f64 {
         self.score.price(parameters, 1)

@@ -158,6 +158,18 @@ pub(crate) fn established(
 }
 
 impl Estimate {
+    /// With a further variance of each parameter, by the key of its effect and its place.
+    pub(crate) fn widened(
+        self,
+        hypothesis: &Hypothesis,
+        variance: impl Fn((&str, usize)) -> f64,
+    ) -> Self {
+        let wider = |(std, &(e, i)): (Option<f64>, &(usize, usize))| {
+            std.map(|std| std.hypot(variance((&hypothesis.effects[e].key(), i)).sqrt()))
+        };
+        Self { std: self.std.into_iter().zip(&hypothesis.free).map(wider).collect() }
+    }
+
     /// Every effect is so many standard deviations away from the value at which it does nothing.
     pub(crate) fn apart(&self, hypothesis: &Hypothesis, deviations: f64) -> bool {
         (0..hypothesis.effects.len()).all(|e| self.one_apart(hypothesis, e, deviations))
