@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use statrs::function::beta::checked_beta_reg;
 
+use super::ahead::ahead;
 use super::finding::Finding;
 use super::method::Condition;
 use crate::posterior::ARX_ORDERS;
@@ -55,6 +56,8 @@ pub struct InLoop {
     pub same_sample: Option<f64>,
     /// The input is a function of the output and nothing else moves it: plant and dead time are unidentifiable.
     pub tied: bool,
+    /// The output moves before the input, by as many samples at least, and no controller is the cause: it was smoothed both ways, or its clock is ahead.
+    pub ahead_samples: Option<usize>,
     /// The output reacts to the input within the sample, and nothing shows that the input reacts to the output.
     pub direct: bool,
 }
@@ -97,6 +100,7 @@ impl InLoop {
 /// * Where the plant cannot react within the sample (`bias` of 1 or more), the innovations of both channels are correlated within it, with the sign opposite to the
 ///   response's: the controller reacts. With the response's sign and no later input that explains anything it is a direct path. It is a direct path, whatever its sign, where
 ///   the input is autonomous: it rests while the output moves, and earlier outputs do not predict it.
+/// * Where later inputs go with the output as earlier ones do, the output moves before its command ([`super::ahead`]), and nothing is said of a loop.
 /// * A low-order function of the output explains every increment of the input but for rounding, and the input's own past does not: nothing else moves the input.
 ///
 /// How it can be wrong: a plant that is far from linear passes for a loop where its input is smooth. A loop whose noise moves the input by a few hundredths of its
@@ -107,8 +111,13 @@ pub fn in_loop(records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop 
     let [na, _] = ARX_ORDERS;
     let lags = lags(records, max_delay).max(na + 2);
     let (later, chance) = later(records, na, lags).unwrap_or((None, 1.0));
+    let ahead = ahead(records, na, lags);
     // What bends the response passes for a loop in one direction of the test only.
-    let reacts = if later.is_some() || chance < ALSO { reacts(records, na, lags) } else { 1.0 };
+    let asked = later.is_some() || chance < ALSO || ahead.is_some();
+    let reacts = if asked { reacts(records, na, lags) } else { 1.0 };
+    if let Some(ahead) = ahead.filter(|_| reacts < BY_CHANCE && !tied(records, bias)) {
+        return InLoop { ahead_samples: Some(ahead.samples), ..InLoop::default() };
+    }
     let (later, chance) = (later.filter(|_| reacts < BY_CHANCE), chance.max(reacts));
     let autonomous = later.is_none() && autonomous(records, na);
     let mut seen = InLoop { later, tied: !autonomous && tied(records, bias), ..InLoop::default() };
@@ -185,7 +194,7 @@ pub(super) fn residual(regression: Regression, records: &[Record<'_>]) -> Option
 }
 
 /// The share of the residual that goes with `more` columns, and the probability that chance explains as much.
-fn explained(without: f64, with: f64, more: usize, freedom: usize) -> (f64, f64) {
+pub(super) fn explained(without: f64, with: f64, more: usize, freedom: usize) -> (f64, f64) {
     let left = (with / without.max(f64::MIN_POSITIVE)).min(1.0);
     // The tail of Fisher's F as an incomplete beta function of the residual's share, which is defined for a residual of zero, too.
     (1.0 - left, checked_beta_reg(0.5 * freedom as f64, 0.5 * more as f64, left).unwrap_or(1.0))

@@ -136,9 +136,11 @@ impl Job {
         let seen = in_loop(records, max_delay, bias);
         match self.feedback {
             Feedback::Open => {
-                InLoop { direct: seen.direct || seen.same_sample.is_some(), ..InLoop::default() }
+                let direct = seen.direct || seen.same_sample.is_some();
+                InLoop { direct, ahead_samples: seen.ahead_samples, ..InLoop::default() }
             }
-            Feedback::Auto | Feedback::Closed => seen,
+            Feedback::Closed => InLoop { ahead_samples: None, ..seen },
+            Feedback::Auto => seen,
         }
     }
 }
