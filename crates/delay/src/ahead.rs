@@ -1,7 +1,7 @@
 //! An output that moves before its command: it was smoothed both ways, or its clock is ahead.
 //!
 //! Equation: y(t) = Σⱼ≥₋F hⱼ·u(t−j) + v(t), v autoregressive. The output moves before the command where F later inputs explain it beyond the earlier ones, earlier outputs
-//! predict the input ([`super::feedback`] has that test), and Σⱼ<₀ hⱼ has the sign of Σⱼ≥₀ hⱼ. A controller turns that sign round: it moves the input against the output.
+//! predict the input ([`super::feedback`] has that test), and the response is smooth up to its first lag. A controller's reaction is a single coefficient.
 //!
 //! A smoothing filter that runs both ways has a response with no beginning: the dead time behind it is not identifiable without the filter.
 //!
@@ -17,25 +17,22 @@ const LATER: usize = 20;
 const SHARE: f64 = 0.03;
 /// The probability that as much is explained by chance, as for feedback.
 const BY_CHANCE: f64 = 1e-4;
-/// Standard deviations by which either sum must stand out for its sign to be known: 1 in 2000 by chance, as for the sign of a response within the sample.
-const STANDS_OUT: f64 = 3.5;
-
 /// Share of the largest coefficient by which one up to the first lag stands off the mean of its neighbours, from which it is a controller's. In a loop the response is
 /// a·G − (1−a)/K, a the share of the reference in the power of what moves the input, by frequency: −1/K does not last. The response of a filter
 /// that smooths four samples or more changes by less from sample to sample.
 const SINGLE: f64 = 0.25;
 
-/// What later inputs do to the output, with the response's sign.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Ahead {
-    /// Share of the output's innovations that later inputs explain.
-    pub(super) share: f64,
-    /// By how many samples the output moves before the input, at least.
-    pub(super) samples: usize,
-}
+/// Share of the power of the coefficients before the command that the means of neighbours keep in a response that is smooth. Coefficients of noise alone keep 50 %, those of a copy
+/// delayed by a fraction of a sample, which rings at half the sampling rate, none.
+const LASTING: f64 = 0.5;
 
 /// Whether the output moves before the input; `lags` past inputs are given, and the noise is whitened by `order` past samples.
-pub(super) fn ahead(records: &[Record<'_>], order: usize, lags: usize) -> Option<Ahead> {
+pub(super) fn ahead(records: &[Record<'_>], order: usize, lags: usize) -> bool {
+    smooth(records, order, lags).unwrap_or(false)
+}
+
+/// The same; `None` where the records do not carry the test.
+fn smooth(records: &[Record<'_>], order: usize, lags: usize) -> Option<bool> {
     let least = 2 * LATER + lags + order;
     let whole: Vec<Record<'_>> = records.iter().flat_map(|r| r.stretches(least)).collect();
     let white = whitened(&whole, order, lags)?;
@@ -45,30 +42,15 @@ pub(super) fn ahead(records: &[Record<'_>], order: usize, lags: usize) -> Option
     let (less, _) = residual(Regression { na: 0, lags }, &without)?;
     let (share, chance) = explained(less, more, LATER, rows - lags - LATER);
     if chance >= BY_CHANCE || share <= SHARE {
-        return None;
+        return Some(false);
     }
     let solution = all.factor(&with).solve()?;
-    // A sum of coefficients in standard deviations.
-    let score = |from: usize, to: usize| {
-        let places = || from..to;
-        let total: f64 = places().map(|i| solution.coefficients[i]).sum();
-        let pairs = places().flat_map(|i| places().map(move |j| (i, j)));
-        let square: f64 = pairs.map(|at| solution.inverse[at]).sum();
-        total / (solution.variance * square).sqrt().max(f64::MIN_POSITIVE)
-    };
-    // A controller's reaction is a single coefficient.
     let h = |i: usize| solution.coefficients[i];
     let largest = (0..LATER + lags).map(|i| h(i).abs()).fold(0.0, f64::max);
     let bend = |i: usize| (h(i) - 0.5 * (h(i - 1) + h(i + 1))).abs();
-    if (1..=LATER + 1).any(|i| bend(i) > SINGLE * largest) {
-        return None;
-    }
-    let (before, behind) = (score(0, LATER), score(LATER, LATER + lags));
-    let known = before.abs() > STANDS_OUT && behind.abs() > STANDS_OUT;
-    // The earliest coefficient that stands out with this sign.
-    let first = (0..LATER).find(|i| score(*i, *i + 1) * before.signum() > STANDS_OUT);
-    let samples = first.map_or(1, |i| LATER - i);
-    (known && before * behind > 0.0).then_some(Ahead { share, samples })
+    let power = |x: &dyn Fn(usize) -> f64| (1..LATER).map(|i| x(i).powi(2)).sum::<f64>();
+    let rings = power(&|i| 0.5 * (h(i - 1) + h(i))) < LASTING * power(&h);
+    Some(!rings && (1..=LATER + 1).all(|i| bend(i) <= SINGLE * largest))
 }
 
 /// The records with the input [`LATER`] samples ahead, and the same rows without the later inputs.
@@ -109,7 +91,7 @@ fn whitened(records: &[Record<'_>], order: usize, lags: usize) -> Option<Vec<Rec
 
 #[cfg(test)]
 mod tests {
-    use crate::feedback::in_loop;
+    use crate::feedback::{in_loop, lead};
     use deadtime_identify::Record;
     use rand::RngExt;
     use rand_chacha::ChaCha8Rng;
@@ -193,7 +175,7 @@ mod tests {
             let width = rng.random_range(15.0..40.0);
             let y = both_ways(round % 4, &y, width);
             let seen = in_loop(&[Record::new(centred(u), centred(y))], 35, 1);
-            found[round % 4] += usize::from(seen.ahead_samples.is_some() && !seen.closed());
+            found[round % 4] += usize::from(seen.ahead && !seen.closed());
         }
         assert!(found.iter().all(|count| *count >= 18), "{found:?} of 20 each");
     }
@@ -215,9 +197,39 @@ mod tests {
                 _ => y.iter().map(|v| v.clamp(-0.4, 0.3)).collect(),
             };
             let seen = in_loop(&[Record::new(centred(u), centred(y))], 35, 1);
-            found[round % 4] += usize::from(seen.ahead_samples.is_some());
+            found[round % 4] += usize::from(seen.ahead);
         }
         assert!(found.iter().sum::<usize>() <= 1, "{found:?} of 40 each");
+    }
+
+    #[test]
+    fn a_copy_delayed_by_a_fraction_of_a_sample_does_not() {
+        let mut rng = ChaCha8Rng::seed_from_u64(74);
+        let found = (0..40).filter(|_| {
+            let u: Vec<f64> = (0..2000).map(|_| gauss(&mut rng)).collect();
+            let mut y = deadtime_signal::fractional_delay(&u, rng.random_range(1.0..9.0));
+            let noise = rng.random_range(0.01..0.3);
+            y.iter_mut().for_each(|v| *v += noise * gauss(&mut rng));
+            in_loop(&[Record::new(u, y)], 35, 1).ahead
+        });
+        let found = found.count();
+        assert!(found <= 1, "{found} of 40");
+    }
+
+    #[test]
+    fn of_exchanged_channels_the_output_leads_also_where_it_was_smoothed() {
+        let mut rng = ChaCha8Rng::seed_from_u64(75);
+        let mut found = [0; 2];
+        for round in 0..60 {
+            let u = command(&mut rng, 2500);
+            let y = open(&mut rng, &u);
+            let y = if round % 2 == 0 { y } else { both_ways(0, &y, rng.random_range(3.0..12.0)) };
+            let exchanged = [Record::new(centred(y), centred(u))];
+            found[round % 2] += usize::from(lead(&exchanged, 35, 1).is_some());
+        }
+        assert!(found.iter().all(|count| *count >= 25), "{found:?} of 30 each");
+        let looped = (0..60).filter(|_| lead(&[looped(&mut rng)], 35, 1).is_some()).count();
+        assert!(looped <= 3, "{looped} of 60");
     }
 
     /// A lag behind a dead time under a proportional or integrating controller, with noise at the output.
@@ -249,7 +261,7 @@ mod tests {
     #[test]
     fn a_controller_that_moves_the_input_against_the_output_does_not() {
         let mut rng = ChaCha8Rng::seed_from_u64(73);
-        let found = (0..80).filter(|_| in_loop(&[looped(&mut rng)], 35, 1).ahead_samples.is_some());
+        let found = (0..80).filter(|_| in_loop(&[looped(&mut rng)], 35, 1).ahead);
         let found = found.count();
         assert!(found <= 1, "{found} of 80");
     }

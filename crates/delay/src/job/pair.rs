@@ -107,13 +107,13 @@ impl OnePair<'_, '_> {
         let leads =
             looked_for.then(|| lead(&records, search.max_delay, search.bias(0, 0))).flatten();
         // Between interpolated samples an output moves a sample early.
-        let ahead = self.seen.looped.ahead_samples.filter(|_| self.job.early_s() == 0.0);
+        let ahead = self.seen.looped.ahead && self.job.early_s() == 0.0;
         if self.seen.looped.tied {
             pair.verdict = Verdict::none(tied_note(input, output));
         } else if let Some(samples) = leads {
             pair.verdict = Verdict::none(lead_note(input, output, samples, ts));
-        } else if let Some(samples) = ahead {
-            pair.verdict = Verdict::none(ahead_note(input, output, samples, ts));
+        } else if ahead {
+            pair.verdict = Verdict::none(ahead_note(input, output));
         } else {
             let asked = watched::Wanted { track: self.job.track, facts };
             watched::tell(&mut pair, self.seen.alone(), &search, self.methods, &asked)?;
@@ -141,11 +141,12 @@ impl OnePair<'_, '_> {
         }
     }
 
-    /// The response lasts a sample in open loop, and the relative degree was assumed: the channels may be two sensors of one signal.
+    /// The response lasts a sample, and the relative degree was assumed: the channels may be two sensors of one signal.
     fn may_be_copy(&self, pair: &Pair) -> bool {
         let shows = |condition| pair.findings.iter().any(|f| f.condition == condition);
         let assumed = self.job.degree_bias.is_none() && self.job.model.is_none();
-        let quick = !shows(Condition::Dynamics) && !shows(Condition::Feedback);
+        // A copy delayed by a fraction of a sample begins before its command and passes for a loop.
+        let quick = !shows(Condition::Dynamics) && self.job.feedback != Feedback::Closed;
         assumed && quick && !self.seen.looped.direct && pair.verdict.delay_s.is_some()
     }
 

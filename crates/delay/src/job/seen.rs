@@ -137,9 +137,9 @@ impl Job {
         match self.feedback {
             Feedback::Open => {
                 let direct = seen.direct || seen.same_sample.is_some();
-                InLoop { direct, ahead_samples: seen.ahead_samples, ..InLoop::default() }
+                InLoop { direct, ahead: seen.ahead, ..InLoop::default() }
             }
-            Feedback::Closed => InLoop { ahead_samples: None, ..seen },
+            Feedback::Closed => InLoop { ahead: false, ..seen },
             Feedback::Auto => seen,
         }
     }

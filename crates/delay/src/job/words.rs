@@ -80,10 +80,9 @@ pub(super) fn lead_note(input: &str, output: &str, samples: usize, ts: SampleTim
 }
 
 /// What to say where the output moves before its command and no controller is the cause.
-pub(super) fn ahead_note(input: &str, output: &str, samples: usize, ts: SampleTime) -> String {
-    let by_s = digits(ts.to_seconds(samples as f64), ts);
+pub(super) fn ahead_note(input: &str, output: &str) -> String {
     format!(
-        "`{output}` moves before its command `{input}`, by {by_s} s or more: it was smoothed both ways (filtfilt, a centred average), or its clock is ahead; the dead time is not identifiable behind that; log `{output}` unfiltered, or filtered forwards only"
+        "`{output}` moves before its command `{input}`: it was smoothed both ways (filtfilt, a centred average), or its clock is ahead; the dead time is not identifiable behind that; log `{output}` unfiltered, or filtered forwards only"
     )
 }
 
