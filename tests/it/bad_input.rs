@@ -125,7 +125,7 @@ fn time_that_stands_still_names_the_row() {
     refused(
         &with_row(&good(400), 60, "5.7,1,1"),
         &[],
-        &["row 60", "stands still", "5.7", "delete the repeated row"],
+        &["row 60", "stands still", "5.7", "more digits"],
     );
 }
 
@@ -136,7 +136,7 @@ fn time_that_runs_back_offers_records_and_the_offer_works() {
         &[],
         &["row 60", "runs back", "1.25", "--records COLUMN"],
     );
-    assert!(says.contains("sort the rows"));
+    assert!(says.contains("sort the rows by time"));
     let text = good(300);
     let mut two = String::from("run,time,u,y\n").replace("run,time", "time,run");
     for run in ["a", "b"] {

@@ -76,6 +76,9 @@ const STANDS_OFF: f64 = 5.0;
 
 /// Output samples that stand alone, far off those before and after, as outliers do and as a response that lasts seldom does.
 ///
+/// The distance is the smaller of that to the median and that to the cubic through the two samples on either side, (4·(y₋₁+y₁) − (y₋₂+y₂))/6: the crest of a smooth signal is far from
+/// the median alone.
+///
 /// The scale is the 95 % point of all samples' distances, not their median as Hampel's filter has it: what answers to a random input stays near its neighbours mostly, and
 /// then moves.
 #[must_use]
@@ -88,7 +91,10 @@ pub fn standing_off(records: &[Record]) -> usize {
             .enumerate()
             .filter(|(t, _)| record.present.as_ref().is_none_or(|p| p[*t]));
         let values: Vec<f64> = there.map(|(_, y)| *y).collect();
-        off.push(values.windows(5).map(|w| (w[2] - point(w.to_vec(), 10)).abs()).collect());
+        let cubic = |w: &[f64]| (4.0 * (w[1] + w[3]) - (w[0] + w[4])) / 6.0;
+        let distance =
+            |w: &[f64]| (w[2] - point(w.to_vec(), 10)).abs().min((w[2] - cubic(w)).abs());
+        off.push(values.windows(5).map(distance).collect());
     }
     let scale = point(off.iter().flatten().copied().collect(), 19);
     let far = |d: f64| scale > 0.0 && d > STANDS_OFF * scale;
@@ -157,4 +163,41 @@ fn lag(a: &[f64], b: &[f64]) -> f64 {
     let total: f64 = counted.iter().map(|(_, h)| h).sum();
     let moment: f64 = counted.iter().map(|(k, h)| (k - begun) as f64 * h).sum();
     if total > 0.0 { moment / total } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::standing_off;
+    use deadtime_identify::Record;
+    use rand::{RngExt, SeedableRng};
+
+    /// A smooth signal that rests most of the time, and seldom has a crest.
+    fn crests(rng: &mut rand_chacha::ChaCha8Rng, noise: f64) -> Vec<f64> {
+        let mut y = vec![0.0; 1200];
+        for crest in 0..12 {
+            let at = [300, 600, 900][crest % 3] + rng.random_range(-40..40_i32);
+            let width = rng.random_range(8.0..12.0);
+            let height = rng.random_range(-3.0..3.0);
+            for (t, v) in (0..).zip(&mut y) {
+                *v += height * (-0.5 * (f64::from(t - at) / width).powi(2)).exp();
+            }
+        }
+        y.iter_mut().for_each(|v| *v += noise * rng.random_range(-1.0..1.0));
+        y
+    }
+
+    #[test]
+    fn crests_of_a_smooth_signal_are_no_outliers_and_single_samples_are() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(81);
+        for round in 0..60 {
+            let noise = [0.001, 0.003, 0.01][round % 3];
+            let mut y = crests(&mut rng, noise);
+            let u = vec![0.0; y.len()];
+            assert_eq!(standing_off(&[Record::new(u.clone(), y.clone())]), 0, "{noise}");
+            // Where the signal rests.
+            let places = [100, 450, 750, 1100].map(|at| at + rng.random_range(0..10_usize));
+            places.iter().for_each(|at| y[*at] += 20.0);
+            assert_eq!(standing_off(&[Record::new(u, y)]), 4, "{noise}");
+        }
+    }
 }

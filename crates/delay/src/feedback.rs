@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use statrs::function::beta::checked_beta_reg;
 
+use super::ahead::ahead;
 use super::finding::Finding;
 use super::method::Condition;
 use crate::posterior::ARX_ORDERS;
@@ -55,6 +56,8 @@ pub struct InLoop {
     pub same_sample: Option<f64>,
     /// The input is a function of the output and nothing else moves it: plant and dead time are unidentifiable.
     pub tied: bool,
+    /// The output moves before the input, and no controller is the cause: it was smoothed both ways, or its clock is ahead.
+    pub ahead: bool,
     /// The output reacts to the input within the sample, and nothing shows that the input reacts to the output.
     pub direct: bool,
 }
@@ -96,7 +99,9 @@ impl InLoop {
 ///   are no random process. A plant that is not linear fails the first test alone, an input with a long memory the second alone.
 /// * Where the plant cannot react within the sample (`bias` of 1 or more), the innovations of both channels are correlated within it, with the sign opposite to the
 ///   response's: the controller reacts. With the response's sign and no later input that explains anything it is a direct path. It is a direct path, whatever its sign, where
-///   the input is autonomous: it rests while the output moves, and earlier outputs do not predict it.
+///   the input is autonomous: it rests while the output moves, and earlier outputs do not predict it, or nothing predicts it and the
+///   output has a memory.
+/// * Where the response begins smoothly before its command ([`super::ahead`]), the output moves before it, and nothing is said of a loop.
 /// * A low-order function of the output explains every increment of the input but for rounding, and the input's own past does not: nothing else moves the input.
 ///
 /// How it can be wrong: a plant that is far from linear passes for a loop where its input is smooth. A loop whose noise moves the input by a few hundredths of its
@@ -107,8 +112,13 @@ pub fn in_loop(records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop 
     let [na, _] = ARX_ORDERS;
     let lags = lags(records, max_delay).max(na + 2);
     let (later, chance) = later(records, na, lags).unwrap_or((None, 1.0));
+    let ahead = ahead(records, na, lags);
     // What bends the response passes for a loop in one direction of the test only.
-    let reacts = if later.is_some() || chance < ALSO { reacts(records, na, lags) } else { 1.0 };
+    let asked = later.is_some() || chance < ALSO || ahead;
+    let reacts = if asked { reacts(records, na, lags) } else { 1.0 };
+    if ahead && reacts < BY_CHANCE && !tied(records, bias) {
+        return InLoop { ahead, ..InLoop::default() };
+    }
     let (later, chance) = (later.filter(|_| reacts < BY_CHANCE), chance.max(reacts));
     let autonomous = later.is_none() && autonomous(records, na);
     let mut seen = InLoop { later, tied: !autonomous && tied(records, bias), ..InLoop::default() };
@@ -123,10 +133,33 @@ pub fn in_loop(records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop 
     seen
 }
 
-/// The input rests while the output moves, and earlier outputs do not predict it beyond its own past: it is no function of the output, linear or not.
+/// Share of the output's power that its own past must predict where nothing predicts the input: a controller within the sample would make the input as predictable.
+const PREDICTABLE: f64 = 0.1;
+
+/// Neither its own past nor earlier outputs predict the input, while its past predicts the output: what has no memory is no function of what has.
+fn unpredictable(records: &[Record<'_>], na: usize) -> bool {
+    let long = || records.iter().filter(|r| r.len() > 4 * na);
+    let turned: Vec<Record<'_>> =
+        long().map(|r| Record::new(&r.y[..r.len() - 1], &r.u[1..r.len()])).collect();
+    let power = |x: &[f64]| x.iter().skip(na).map(|v| v * v).sum::<f64>();
+    let [inputs, outputs] =
+        [turned.iter().map(|r| power(&r.y)).sum::<f64>(), long().map(|r| power(&r.y)).sum::<f64>()];
+    let both = residual(Regression { na, lags: na }, &turned);
+    let own: Vec<Record<'_>> = long().map(|r| r.head(r.len())).collect();
+    let own = residual(Regression { na, lags: 0 }, &own);
+    both.zip(own).is_some_and(|((both, rows), (own, _))| {
+        explained(inputs, both, 2 * na, rows.saturating_sub(2 * na)).1 >= BY_CHANCE
+            && own < (1.0 - PREDICTABLE) * outputs
+    })
+}
+
+/// The input is no function of the output, linear or not: it rests while the output moves, and earlier outputs do not predict it beyond its own past, or nothing predicts it.
 fn autonomous(records: &[Record<'_>], na: usize) -> bool {
     if records.iter().any(|r| r.present.is_some()) || held_for(records) > 1 {
         return false;
+    }
+    if unpredictable(records, na) {
+        return true;
     }
     let (mut rests, mut moves) = (0, 0);
     for record in records {
@@ -185,7 +218,7 @@ pub(super) fn residual(regression: Regression, records: &[Record<'_>]) -> Option
 }
 
 /// The share of the residual that goes with `more` columns, and the probability that chance explains as much.
-fn explained(without: f64, with: f64, more: usize, freedom: usize) -> (f64, f64) {
+pub(super) fn explained(without: f64, with: f64, more: usize, freedom: usize) -> (f64, f64) {
     let left = (with / without.max(f64::MIN_POSITIVE)).min(1.0);
     // The tail of Fisher's F as an incomplete beta function of the residual's share, which is defined for a residual of zero, too.
     (1.0 - left, checked_beta_reg(0.5 * freedom as f64, 0.5 * more as f64, left).unwrap_or(1.0))
@@ -383,7 +416,7 @@ const LEFT: f64 = 0.7;
 /// By how many samples the output leads the input, where what the input does later explains the output better than what it did before.
 ///
 /// Free responses over the search window to either side; the lag is that of the largest cross-correlation. A loop whose noise moves the input more than its reference
-/// looks alike, but there past inputs help to predict the output; where the channels may be two copies (`bias` of 0) that says nothing, as an echo does the same.
+/// looks alike, but there past inputs help to predict the output, unless the input is a response that was smoothed both ways ([`super::ahead`]); where the channels may be two copies (`bias` of 0) that says nothing, as an echo does the same.
 #[must_use]
 pub fn lead(records: &[Record<'_>], max_delay: usize, bias: usize) -> Option<usize> {
     let samples: usize = records.iter().map(Record::len).sum();
@@ -398,7 +431,14 @@ pub fn lead(records: &[Record<'_>], max_delay: usize, bias: usize) -> Option<usi
     if window == 0 || causal < LEADS * acausal || acausal > LEFT * all {
         return None;
     }
-    if bias > 0 && follows(records, max_delay) {
+    let [na, _] = ARX_ORDERS;
+    let turned =
+        || records.iter().map(|r| Record::new(r.y.to_vec(), r.u.to_vec())).collect::<Vec<_>>();
+    let smoothed = || {
+        records.iter().all(|r| r.present.is_none())
+            && ahead(&turned(), na, lags(records, max_delay).max(na + 2))
+    };
+    if bias > 0 && follows(records, max_delay) && !smoothed() {
         return None;
     }
     let like = |lead: usize| {
@@ -460,6 +500,33 @@ mod tests {
             x = pole * x + (1.0 - pole) * level;
         }
         Record::new(centred(u), centred(y))
+    }
+
+    /// A random input without memory through a direct path and a lag, under noise.
+    fn open_white(seed: u64) -> Record<'static> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (pole, direct) = (rng.random_range(0.4..0.95), rng.random_range(0.2..0.6));
+        let noise = [0.0, 0.001, 0.02][rng.random_range(0..3_usize)];
+        let sign = if rng.random() { 1.0 } else { -1.0 };
+        let (mut u, mut y, mut x) = (Vec::new(), Vec::new(), 0.0);
+        for _ in 0..1500 {
+            let level = gauss(&mut rng);
+            // Of opposite signs both parts may make an output that is as white as the input.
+            y.push(sign * (direct * level + x) + noise * gauss(&mut rng));
+            u.push(level);
+            x = pole * x + (1.0 - pole) * 3.0 * level;
+        }
+        Record::new(centred(u), centred(y))
+    }
+
+    #[test]
+    fn an_input_without_memory_is_no_function_of_an_output_with_one() {
+        let right = |seed: &u64| {
+            let seen = in_loop(&[open_white(*seed)], 35, 1);
+            seen.direct && !seen.closed()
+        };
+        let right = (0..60).filter(right).count();
+        assert!(right >= 57, "{right} of 60");
     }
 
     /// A relay that switches the input by the noisy output of a lag within the sample.

@@ -1,5 +1,6 @@
 //! Dead-time estimation: what an estimator is, and the list of all there are.
 
+mod ahead;
 mod area;
 mod behind_delays;
 pub mod bound;

@@ -129,7 +129,8 @@ impl Recording {
         if let [Topic { name, log }] = self.topics.as_slice()
             && name.is_empty()
         {
-            return Ok((log.clone(), Vec::new()));
+            let held = wanted.iter().filter(|one| one.held).map(|one| one.name.as_str());
+            return Ok(held_between_rows(log, held));
         }
         let chosen = self.chosen(wanted)?;
         let Some((base, sparse)) = base(&chosen) else {
@@ -351,6 +352,48 @@ fn plain(name: &str) -> String {
     name.trim_start_matches('/').replace('/', ".")
 }
 
+/// Share of rows with a number up to which a command is one that is logged in some rows only, and keeps its value between them; of a denser one samples are missing.
+const SOME_ROWS: f64 = 0.5;
+
+/// A table with its sparse commands held from row to row, from the first row on that knows them all, and what is said of it.
+fn held_between_rows<'n>(log: &Log, names: impl Iterator<Item = &'n str>) -> (Log, Vec<String>) {
+    let rows = log.len();
+    let sparse = |channel: &&Channel| {
+        let count = channel.samples().present_count();
+        count > 0 && count as f64 <= SOME_ROWS * rows as f64
+    };
+    let found: Vec<&Channel> =
+        names.filter_map(|name| log.channel(name).ok()).filter(sparse).collect();
+    let first = |channel: &&Channel| (0..rows).find(|k| channel.samples().get(*k).is_some());
+    let Some(from) = found.iter().filter_map(first).max() else {
+        return (log.clone(), Vec::new());
+    };
+    let (mut held, mut notes) = (log.clone(), Vec::new());
+    for channel in found {
+        let (samples, mut last) = (channel.samples(), 0.0);
+        let values: Vec<f64> = (0..rows)
+            .map(|k| {
+                last = samples.get(k).unwrap_or(last);
+                last
+            })
+            .collect();
+        notes.push(format!(
+            "{} has a number in {} of {rows} rows: it keeps its value between them",
+            channel.name,
+            samples.present_count()
+        ));
+        for own in held.channels.iter_mut().filter(|own| own.name == channel.name) {
+            own.values = values.clone().into();
+            own.present = None;
+        }
+    }
+    let start_s = log.time_s().get(from).copied().filter(|_| from > 0);
+    match held.window(start_s.map(|at| at - log.start_s()), None) {
+        Ok(part) => (part, notes),
+        Err(_) => (held, notes),
+    }
+}
+
 /// The value of the last sample at or before each time; missing before the first and where that sample is missing.
 fn hold(stamps: &[f64], samples: Output<'_>, at_s: &[f64]) -> (Vec<f64>, Vec<bool>) {
     let mut next = 0;
@@ -494,6 +537,42 @@ mod tests {
         // Away from the ends, where the kernel reaches beyond the record.
         let inner = at.iter().zip(&made).filter(|(t, _)| **t > 0.2 * end && **t < 0.8 * end);
         inner.map(|(t, x)| (x - expected(*t)).abs()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_command_in_some_rows_of_a_dense_table_is_held_between_them() {
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(91);
+        for _ in 0..40 {
+            let (every, late) = (rng.random_range(2..9_usize), rng.random_range(0..3_usize));
+            let truth: Vec<f64> = (0..200).map(|k| ((k / every) * 7 % 11) as f64).collect();
+            let mut text = "time,cmd,y\n".to_owned();
+            for (k, value) in truth.iter().enumerate() {
+                let there = k % every == 0 && k >= late * every;
+                let cell = if there { value.to_string() } else { String::new() };
+                text += &format!("{:.2},{cell},{k}\n", 5.0 + 0.01 * k as f64);
+            }
+            let read = crate::csv::table::recording_from(
+                "a.csv",
+                text.as_bytes(),
+                &crate::ReadOptions::default(),
+            )
+            .unwrap();
+            let wanted = [("cmd", true), ("y", false)].map(|(name, held)| Wanted {
+                name: name.into(),
+                held,
+                required: true,
+            });
+            let (log, notes) = read.together(&wanted, None).unwrap();
+            assert!(notes.join("|").contains("keeps its value between them"), "{notes:?}");
+            let from = late * every;
+            assert_eq!(log.input("cmd").unwrap(), &truth[from..], "{every} {late}");
+            assert_eq!(log.output("y").unwrap().get(0), Some(from as f64));
+            // As an output it is as it was logged, with gaps.
+            let outputs = wanted.map(|one| Wanted { held: false, ..one });
+            let (log, _) = read.together(&outputs, None).unwrap();
+            assert_eq!(log.output("cmd").unwrap().get(every * late + 1), None);
+        }
     }
 
     #[test]

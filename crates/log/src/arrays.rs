@@ -117,7 +117,8 @@ fn collect<'a>(
     if let Some((clock, stamps, unit)) = time {
         let known = options.time_unit.or(unit).or_else(|| named_time(clock).flatten());
         let plain = matches!(clock, "time" | "t" | "tout");
-        let times = seconds(stamps.iter().map(f64::to_string), known, plain);
+        let times =
+            seconds(stamps.iter().map(f64::to_string), known, if plain { "time" } else { clock });
         if !plain || times.unit != TimeUnit::S || !times.note.is_empty() {
             notes.push(
                 Message::from(format!(

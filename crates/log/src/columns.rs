@@ -123,11 +123,8 @@ pub(super) fn assemble(
     };
     let known =
         options.time_unit.or(clock.cells.unit()).or_else(|| named_time(&clock.name).flatten());
-    let times = seconds(
-        (0..clock.cells.len()).map(|row| clock.cells.text(row)),
-        known,
-        clock.name == "time",
-    );
+    let times =
+        seconds((0..clock.cells.len()).map(|row| clock.cells.text(row)), known, &clock.name);
     if clock.name != "time" || times.unit != TimeUnit::S || !times.note.is_empty() {
         notes.push(
             Message::from(format!("time is `{}`, in {}", clock.name, times.unit.words()))

@@ -140,6 +140,23 @@ pub enum LogError {
         /// The date.
         text: String,
     },
+    /// A cell of the time that is no number and no date that is known.
+    #[error(
+        "{file}, row {row}: the time `{text}` in `{column}` is not understood{}; write it as `2026-02-01 13:00:00.5` or as a number of seconds",
+        if *half { " (hours and minutes, or minutes and seconds?)" } else { "" }
+    )]
+    NotATime {
+        /// The log.
+        file: String,
+        /// The row.
+        row: usize,
+        /// The column of time.
+        column: String,
+        /// The cell, shortened if long.
+        text: String,
+        /// It is two numbers with a colon between them.
+        half: bool,
+    },
     /// Time in a unit that is not known.
     #[error("{}", self.remedied().unwrap_or_default())]
     TimeUnit {
@@ -372,8 +389,8 @@ pub enum LogError {
     },
     /// The same time stamp twice running.
     #[error(
-        "{file}, {place}: channel `time` stands still at {time_s} s; {}, or log time with more digits",
-        place.either("delete the repeated row", "leave the repeated sample out")
+        "{file}, {place}: channel `time` stands still at {time_s} s while other channels may go on; log time with more digits, or give every {} a time of its own",
+        place.either("row", "sample")
     )]
     TimeStandsStill {
         /// The log.
@@ -616,7 +633,7 @@ impl Remedied for LogError {
                 let back = said(format!("{file}, {place}: channel `time` runs back from {before_s} s to {time_s} s; "));
                 match place {
                     Place::Row(_) => back
-                        .and("sort the rows, or, if the file holds several records, name the column that tells them apart ")
+                        .and("where single rows were written late, sort the rows by time; where the clock was set back or another record begins, sorting would mix the two: name the column that separates them ")
                         .and(Remedy::Records),
                     Place::Sample(_) => back.and("sort the samples by time, or, if they are of several records, make a log of each"),
                 }

@@ -8,7 +8,8 @@ use super::channels::{Channel, Log};
 use crate::notes::Notes;
 
 /// What recorders write where they have no number.
-const KNOWN: [i64; 16] = [
+const KNOWN: [i64; 18] = [
+    -999_999,
     -99_999,
     -32_768,
     -32_767,
@@ -21,6 +22,7 @@ const KNOWN: [i64; 16] = [
     32_767,
     65_535,
     99_999,
+    999_999,
     2_147_483_647,
     -2_147_483_648,
     4_294_967_295,

@@ -321,8 +321,8 @@ fn row_of_another_length_is_refused() {
 #[test]
 fn text_in_time_is_refused() {
     let error = refusal("time,u\n0,1\n12:30:01,2\n");
-    assert!(matches!(error, LogError::NotANumber { place: Place::Row(3), .. }));
-    says(&error, &["a.csv", "row 3", "`time`", "`12:30:01`", "correct it"]);
+    assert!(matches!(error, LogError::NotATime { row: 3, half: false, .. }));
+    says(&error, &["a.csv", "row 3", "`time`", "`12:30:01`", "a number of seconds"]);
 }
 
 #[test]
@@ -368,7 +368,7 @@ fn time_standing_still_is_refused() {
         error,
         LogError::TimeStandsStill { file: "a.csv".into(), place: Place::Row(4), time_s: 0.5 }
     );
-    says(&error, &["a.csv", "row 4", "`time`", "0.5 s", "delete the repeated row"]);
+    says(&error, &["a.csv", "row 4", "`time`", "0.5 s", "more digits"]);
 }
 
 #[test]

@@ -7,8 +7,8 @@ use super::asked::{Feedback, Job};
 use super::chosen::Ready;
 use super::seen::PairView;
 use super::words::{
-    at_end_note, at_once_in_loop_note, copy_note, held_verdict, lead_note, taken_off_note,
-    tied_note,
+    ahead_note, at_end_note, at_once_in_loop_note, copy_note, held_verdict, lead_note,
+    taken_off_note, tied_note,
 };
 use crate::conditions::{moving_together, of_the_plant, standing_off};
 use crate::error::{DelayError, Result};
@@ -106,10 +106,14 @@ impl OnePair<'_, '_> {
         }
         let leads =
             looked_for.then(|| lead(&records, search.max_delay, search.bias(0, 0))).flatten();
+        // Between interpolated samples an output moves a sample early.
+        let ahead = self.seen.looped.ahead && self.job.early_s() == 0.0;
         if self.seen.looped.tied {
             pair.verdict = Verdict::none(tied_note(input, output));
         } else if let Some(samples) = leads {
             pair.verdict = Verdict::none(lead_note(input, output, samples, ts));
+        } else if ahead {
+            pair.verdict = Verdict::none(ahead_note(input, output));
         } else {
             let asked = watched::Wanted { track: self.job.track, facts };
             watched::tell(&mut pair, self.seen.alone(), &search, self.methods, &asked)?;
@@ -121,7 +125,7 @@ impl OnePair<'_, '_> {
     /// What the record adds to the verdict of the methods; `held`: the samples that an input under feedback is held for.
     fn qualify(&self, pair: &mut Pair, closed: bool, held: usize) {
         let ts = self.seen.one.sample_time();
-        let at_once = pair.verdict.delay_s.is_some_and(|d| d < 0.5 * ts.seconds());
+        let at_once = at_once(&pair.verdict, ts.seconds());
         if closed && at_once && !self.seen.looped.direct {
             pair.verdict = Verdict::none(at_once_in_loop_note(&pair.verdict, ts));
         }
@@ -137,11 +141,12 @@ impl OnePair<'_, '_> {
         }
     }
 
-    /// The response lasts a sample in open loop, and the relative degree was assumed: the channels may be two sensors of one signal.
+    /// The response lasts a sample, and the relative degree was assumed: the channels may be two sensors of one signal.
     fn may_be_copy(&self, pair: &Pair) -> bool {
         let shows = |condition| pair.findings.iter().any(|f| f.condition == condition);
         let assumed = self.job.degree_bias.is_none() && self.job.model.is_none();
-        let quick = !shows(Condition::Dynamics) && !shows(Condition::Feedback);
+        // A copy delayed by a fraction of a sample begins before its command and passes for a loop.
+        let quick = !shows(Condition::Dynamics) && self.job.feedback != Feedback::Closed;
         assumed && quick && !self.seen.looped.direct && pair.verdict.delay_s.is_some()
     }
 
@@ -217,6 +222,12 @@ impl OnePair<'_, '_> {
         };
         asked.into_par_iter().map(answer).collect()
     }
+}
+
+/// A dead time below half a sample, or below one with an interval that holds zero: nothing that a controller within the sample could not be.
+fn at_once(verdict: &Verdict, step_s: f64) -> bool {
+    let zero = verdict.ci95_s.is_some_and(|[from, _]| from < 0.5 * step_s);
+    verdict.delay_s.is_some_and(|d| d < 0.5 * step_s || (zero && d < step_s))
 }
 
 /// A pair with the part of the input that the output did not cause, where there is enough of it.

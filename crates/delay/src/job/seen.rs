@@ -136,9 +136,11 @@ impl Job {
         let seen = in_loop(records, max_delay, bias);
         match self.feedback {
             Feedback::Open => {
-                InLoop { direct: seen.direct || seen.same_sample.is_some(), ..InLoop::default() }
+                let direct = seen.direct || seen.same_sample.is_some();
+                InLoop { direct, ahead: seen.ahead, ..InLoop::default() }
             }
-            Feedback::Auto | Feedback::Closed => seen,
+            Feedback::Closed => InLoop { ahead: false, ..seen },
+            Feedback::Auto => seen,
         }
     }
 }

@@ -79,6 +79,13 @@ pub(super) fn lead_note(input: &str, output: &str, samples: usize, ts: SampleTim
     )
 }
 
+/// What to say where the output moves before its command and no controller is the cause.
+pub(super) fn ahead_note(input: &str, output: &str) -> String {
+    format!(
+        "`{output}` moves before its command `{input}`: it was smoothed both ways (filtfilt, a centred average), or its clock is ahead; the dead time is not identifiable behind that; log `{output}` unfiltered, or filtered forwards only"
+    )
+}
+
 /// Seconds to a tenth of a sample.
 fn digits(seconds: f64, ts: SampleTime) -> String {
     let places = (1.0 - ts.seconds().log10()).ceil().clamp(0.0, 9.0) as usize;

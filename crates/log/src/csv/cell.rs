@@ -102,8 +102,8 @@ pub(super) fn parse(cell: &[u8], decimal_comma: bool) -> Cell {
 }
 
 /// What stands for 1 and for 0 in columns of switches.
-const ON: [&str; 2] = ["true", "on"];
-const OFF: [&str; 2] = ["false", "off"];
+const ON: [&str; 6] = ["true", "on", "yes", "high", "ein", "an"];
+const OFF: [&str; 5] = ["false", "off", "no", "low", "aus"];
 
 /// A cell as a message shows it.
 pub(super) fn shown(cell: &[u8]) -> String {

@@ -10,15 +10,17 @@ const COUNTED_FROM_FIRST: i128 = 100_000_000_000;
 /// Seconds since 1970 at the beginning of 2000 and of 2100: whole numbers between them are dates in seconds, and so on for thousandths.
 const DATES_S: std::ops::Range<f64> = 946_684_800.0..4_102_444_800.0;
 /// What a column of time may be called, lower case, its unit taken off.
-const NAMES: [&str; 26] = [
+const NAMES: [&str; 34] = [
     "time",
     "__time",
+    "_time",
     "timestamp",
     "time_stamp",
     "stamp",
     "datetime",
     "date_time",
     "date",
+    "date/time",
     "elapsed",
     "elapsed_time",
     "header.stamp",
@@ -35,24 +37,30 @@ const NAMES: [&str; 26] = [
     "zeitstempel",
     "uhrzeit",
     "datum",
+    "datum/zeit",
+    "datum/uhrzeit",
+    "datum_zeit",
+    "datum_uhrzeit",
+    "datum_und_zeit",
+    "datum_und_uhrzeit",
     "last_changed",
     "last_updated",
 ];
 /// What stands in brackets behind a name of time and is no unit.
 const ZONES: [&str; 6] = ["utc", "gmt", "local", "gps", "cet", "iso"];
 const UNITS: [(TimeUnit, &[&str]); 7] = [
-    (TimeUnit::S, &["s", "sec", "secs", "second", "seconds"]),
+    (TimeUnit::S, &["s", "sec", "secs", "second", "seconds", "sek", "sekunden"]),
     (TimeUnit::Ms, &["ms", "msec", "msecs", "millis", "millisecond", "milliseconds"]),
     (TimeUnit::Us, &["us", "µs", "μs", "usec", "usecs", "micros", "microsecond", "microseconds"]),
     (TimeUnit::Ns, &["ns", "nsec", "nsecs", "nanos", "nanosecond", "nanoseconds"]),
-    (TimeUnit::Min, &["min", "mins", "minute", "minutes"]),
-    (TimeUnit::H, &["h", "hr", "hrs", "hour", "hours"]),
-    (TimeUnit::D, &["d", "day", "days"]),
+    (TimeUnit::Min, &["min", "mins", "minute", "minutes", "minuten"]),
+    (TimeUnit::H, &["h", "hr", "hrs", "hour", "hours", "std", "stunden"]),
+    (TimeUnit::D, &["d", "day", "days", "tage"]),
 ];
 
 /// The unit that a header writes.
 pub(super) fn unit(text: &str) -> Option<TimeUnit> {
-    let text = text.trim().to_lowercase();
+    let text = text.trim().trim_end_matches('.').to_lowercase();
     UNITS.iter().find(|(_, names)| names.contains(&text.as_str())).map(|(unit, _)| *unit)
 }
 
@@ -118,17 +126,17 @@ pub(crate) struct Times {
     pub(crate) note: Message,
 }
 
-/// Stamps of any format, each as text would have it; they are understood as a text file's. `plain` says that whole numbers of seconds may stand there.
+/// Stamps of any format, each as text would have it; they are understood as a text file's. `column` is the name of the time.
 pub(crate) fn seconds(
     cells: impl Iterator<Item = String>,
     unit: Option<TimeUnit>,
-    plain: bool,
+    column: &str,
 ) -> Times {
     let mut stamps = StampReader::default();
     let number = |cell: &[u8]| std::str::from_utf8(cell).ok()?.parse().ok();
     let raw: Vec<f64> =
         cells.map(|cell| stamps.read(cell.as_bytes(), unit, number).unwrap_or(f64::NAN)).collect();
-    let (unit, why) = unit.map_or_else(|| stamps.guess(&raw, plain), |unit| (unit, Why::Given));
+    let (unit, why) = unit.map_or_else(|| stamps.guess(&raw, column), |unit| (unit, Why::Given));
     let time_s: Vec<f64> = raw.iter().map(|stamp| stamp / unit.per_second()).collect();
     let size = if why == Why::Size { " by the size of its numbers" } else { "" };
     let again = match why {
@@ -156,6 +164,8 @@ pub(super) enum Why {
     Given,
     /// The header says so.
     Named,
+    /// A column of another name says which program wrote the file.
+    Writer,
     /// By the size of the stamps and of their steps.
     Size,
     /// As dates are written.
@@ -189,8 +199,9 @@ impl StampReader {
     ) -> Option<f64> {
         let text = || std::str::from_utf8(cell).ok();
         if !self.started {
+            let date = |t: &str| number(cell).is_none() && written(t).is_some();
             self.dates = unit.is_some_and(TimeUnit::is_dates)
-                || (unit.is_none() && number(cell).is_none() && text().and_then(written).is_some());
+                || (unit.is_none() && text().is_some_and(|t| all_digits(t).is_some() || date(t)));
             self.local = self.dates && text().is_some_and(|t| is_date(t) && !zoned(t));
             self.slashes = text().filter(|_| self.dates).and_then(|t| Slashes::of(t, unit));
             self.clock =
@@ -256,17 +267,19 @@ impl StampReader {
     }
 
     /// By how much a change of the clocks moved this stamp, ns: an hour where it follows the one before it by a step and an hour, or a step less an hour, in the night of a Sunday.
+    /// An hourly log then has one stamp twice.
     pub(super) fn clock_change(&self, before: &[f64], raw: f64) -> Option<f64> {
         const SUNDAY: i128 = 3;
         let hour = HOUR_NS as f64;
         let (last, from) = (before.last()?, self.origin.filter(|_| self.local)?);
-        if (0.0..hour).contains(&(raw - last)) {
+        let still = raw == *last;
+        if !still && (0.0..hour).contains(&(raw - last)) {
             return None;
         }
         let night = (from + *last as i128 + HOUR_NS / 4).rem_euclid(7 * DAY_NS) - SUNDAY * DAY_NS;
         // A step that is often enough to be known, and short enough to show an hour.
         let step = Some(median_step(before.get(before.len().saturating_sub(50)..)?))
-            .filter(|step| *step > 0.0 && *step <= HOUR_NS as f64 && before.len() > 3)?;
+            .filter(|step| *step > 0.0 && *step <= hour && before.len() > 3)?;
         let off = raw - last - step;
         let exact = |change: f64| (off - change).abs() <= 1e-3 * step;
         let change = [hour, -hour].into_iter().find(|change| exact(*change))?;
@@ -283,8 +296,10 @@ impl StampReader {
         }
     }
 
-    /// The unit of such stamps where nobody said it, and why. `plain` says that the column is called `time`, which has always meant seconds.
-    pub(super) fn guess(&self, stamps: &[f64], plain: bool) -> (TimeUnit, Why) {
+    /// The unit of such stamps where nobody said it, and why. A column `time` has always meant seconds; one of dates counts days where its
+    /// numbers are a spreadsheet's.
+    pub(super) fn guess(&self, stamps: &[f64], column: &str) -> (TimeUnit, Why) {
+        let plain = column == "time";
         if self.dates {
             return (TimeUnit::Iso, Why::Written);
         }
@@ -298,7 +313,8 @@ impl StampReader {
             return (unit, if unit == TimeUnit::S { Why::Rule } else { Why::Size });
         }
         let step = median_step(stamps);
-        if !self.whole && spreadsheet(size, step) {
+        let dates = ["date", "datum"].iter().any(|name| column.to_lowercase().starts_with(name));
+        if (dates && SPREADSHEET_DAYS.contains(&size)) || (!self.whole && spreadsheet(size, step)) {
             return (TimeUnit::D, Why::Size);
         }
         if !self.whole || step < 1.0 {
@@ -345,35 +361,51 @@ pub(super) fn is_date(text: &str) -> bool {
     date(text).is_some() || Slashed::of(text).is_some_and(|s| s.either().is_some())
 }
 
-/// A date with slashes and the year behind: `3/5/2024`, `03/05/2024 10:00:00`.
+/// Whether a cell is a date or a time of day.
+pub(super) fn is_stamp(text: &str) -> bool {
+    is_date(text) || time_of_day(text.trim()).is_some()
+}
+
+/// A date with slashes or dashes and the year behind: `3/5/2024`, `03-05-2024 10:00:00`, `3/5/24`; with a time of day also one without a year, `03/05  24:00:00`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Slashed {
     first: i128,
     second: i128,
+    /// [`NO_YEAR`] where none stands there.
     year: i128,
+    /// The year has two digits: any of the three parts may be it.
+    short: bool,
     /// Since midnight.
     clock_ns: Option<i128>,
 }
 
+/// The year of dates without one, as building simulations write them: no leap year.
+const NO_YEAR: i128 = 2001;
+
 impl Slashed {
     fn of(text: &str) -> Option<Self> {
-        let text = text.trim();
-        let (day, clock) = match text.split_once(['T', ' ']) {
-            Some((day, clock)) => (day, Some(clock.trim())),
-            None => (text, None),
-        };
-        let mut parts = day.split('/');
-        let mut next = |least: usize, most: usize| {
-            let part = parts.next()?;
+        let (day, clock) = day_and_clock(text);
+        let by = if day.contains('/') { '/' } else { '-' };
+        let parts: Vec<&str> = day.split(by).collect();
+        let part = |at: usize| {
+            let part = *parts.get(at)?;
             let digits = part.bytes().all(|b| b.is_ascii_digit());
-            (digits && (least..=most).contains(&part.len())).then(|| part.parse().ok())?
+            (digits && (1..=4).contains(&part.len()))
+                .then(|| Some((part.len(), part.parse().ok()?)))?
         };
-        let (first, second, year) = (next(1, 2)?, next(1, 2)?, next(4, 4)?);
+        let ((one, first), (two, second)) = (part(0)?, part(1)?);
+        let (long, year) = match parts.len() {
+            2 if by == '/' && clock.is_some() => (4, NO_YEAR),
+            3 => part(2)?,
+            _ => return None,
+        };
+        let short = long == 2 && by == '/';
         let clock_ns = clock.map(time_of_day);
-        if parts.next().is_some() || clock_ns == Some(None) {
+        if one > 2 || two > 2 || !(long == 4 || short) || clock_ns == Some(None) {
             return None;
         }
-        Some(Self { first, second, year, clock_ns: clock_ns.flatten() })
+        let year = if short { century(year) } else { year };
+        Some(Self { first, second, year, short, clock_ns: clock_ns.flatten() })
     }
 
     /// Nanoseconds since 1970, the day first or the month.
@@ -381,6 +413,7 @@ impl Slashed {
         let (day, month) =
             if day_first { (self.first, self.second) } else { (self.second, self.first) };
         let there = (1..=12).contains(&month) && (1..=31).contains(&day);
+        let there = there && !(self.year == NO_YEAR && month == 2 && day > 28);
         there.then(|| days(self.year, month, day) * DAY_NS + self.clock_ns.unwrap_or(0))
     }
 
@@ -420,7 +453,8 @@ impl Slashes {
     fn read(&mut self, text: &str, origin: &mut i128) -> Option<i128> {
         let own = Slashed::of(text)?;
         if self.day_first.is_none() {
-            self.day_first = self.shown(&own)?;
+            self.ambiguous = own.short;
+            self.day_first = if own.short { None } else { self.shown(&own) }?;
             if let Some(day_first) = self.day_first {
                 *origin = self.first.read(day_first)?;
             }
@@ -460,6 +494,13 @@ impl Slashes {
     }
 }
 
+/// Whether a cell is two numbers with a colon between them: hours and minutes, or minutes and seconds.
+pub(super) fn is_half_a_clock(text: &str) -> bool {
+    let mut parts = text.trim().split(':');
+    let mut number = || parts.next().and_then(|part| part.replace(',', ".").parse::<f64>().ok());
+    number().is_some() && number().is_some() && parts.next().is_none()
+}
+
 /// Nanoseconds since midnight of `HH:MM:SS`, with a fraction or AM or PM.
 fn clock_only(text: &str) -> Option<i128> {
     time_of_day(text.trim()).filter(|_| text.bytes().filter(|b| *b == b':').count() == 2)
@@ -480,14 +521,93 @@ pub(crate) fn median_step(stamps: &[f64]) -> f64 {
     stats::upper_median(steps).unwrap_or(0.0)
 }
 
-/// Nanoseconds since 1970 of a date by ISO 8601: `2024-03-01`, `2024-03-01T12:30:01.25Z`, `2024-03-01 12:30:01,25+01:00`, `20240301T123001Z`; also `01.03.2024 12:30` and `12:30:01 PM`.
+/// The day and the time of day of a date, without what German writes around them: `01.03.2024, 12:30 Uhr`.
+fn day_and_clock(text: &str) -> (&str, Option<&str>) {
+    let text = text.trim();
+    match text.split_once(['T', 't', ' ']) {
+        Some((day, clock)) => {
+            let clock = clock.trim();
+            let clock = clock.strip_suffix("Uhr").map_or(clock, str::trim_end);
+            (day.strip_suffix(',').unwrap_or(day), Some(clock))
+        }
+        None => (text, None),
+    }
+}
+
+/// The year that two digits stand for, by POSIX (`strptime`, %y): 69 to 99 are of the last century.
+fn century(two: i128) -> i128 {
+    if two < 69 { 2000 + two } else { 1900 + two }
+}
+
+/// Day and time of day of a date of digits alone, `20240301123001`. A count of micro- or nanoseconds has as many digits; of such counts one in 20 000 is a date.
+fn all_digits(text: &str) -> Option<(&str, &str)> {
+    let text = text.trim();
+    let (day, clock) = text.split_at_checked(8)?;
+    let there = text.len() == 14
+        && text.bytes().all(|b| b.is_ascii_digit())
+        && (1980..2100).contains(&day.get(..4)?.parse::<i128>().ok()?)
+        && date(&format!("{day}T{clock}")).is_some();
+    there.then_some((day, clock))
+}
+
+/// Months by their first three letters, English or German.
+const MONTHS: [&[&str]; 12] = [
+    &["jan"],
+    &["feb"],
+    &["mar", "mär", "mrz"],
+    &["apr"],
+    &["may", "mai"],
+    &["jun"],
+    &["jul"],
+    &["aug"],
+    &["sep"],
+    &["oct", "okt"],
+    &["nov"],
+    &["dec", "dez"],
+];
+
+/// A date with the name of its month as `YYYY-MM-DD` and its time of day: `13-Feb-2026 10:00:00`, `13. Februar 2026`, `Feb 13, 2026 1:00 PM`.
+fn with_name_of_month(text: &str) -> Option<String> {
+    if text.bytes().filter(u8::is_ascii_alphabetic).count() < 2 {
+        return None;
+    }
+    let ends = |c: char| matches!(c, ' ' | '-' | ',' | '/' | '.');
+    let (mut rest, mut parts) = (text.trim(), Vec::with_capacity(3));
+    while parts.len() < 3 {
+        let at = rest.find(ends).unwrap_or(rest.len());
+        let (part, behind) = rest.split_at_checked(at)?;
+        parts.push(part);
+        rest = behind.trim_start_matches(ends);
+        if rest.is_empty() {
+            break;
+        }
+    }
+    let month = |part: &str| {
+        let start: String = part.chars().take(3).flat_map(char::to_lowercase).collect();
+        let letters = part.chars().all(char::is_alphabetic);
+        MONTHS.iter().position(|names| letters && names.contains(&start.as_str())).map(|at| at + 1)
+    };
+    let (day, month, year) = match parts.as_slice() {
+        [day, name, year] if month(name).is_some() => (day, month(name)?, year),
+        [name, day, year] => (day, month(name)?, year),
+        _ => return None,
+    };
+    let digits = |part: &str| part.bytes().all(|b| b.is_ascii_digit());
+    let there = digits(day) && (1..=2).contains(&day.len()) && digits(year) && year.len() == 4;
+    there.then(|| format!("{year}-{month:02}-{day:0>2} {rest}").trim_end().to_owned())
+}
+
+/// Nanoseconds since 1970 of a date by ISO 8601: `2024-03-01`, `2024-03-01T12:30:01.25Z`, `2024-03-01 12:30:01,25+01:00`, `20240301T123001Z`; also `01.03.2024 12:30`, `1.3.24`,
+/// `1-Mar-2024`, `20240301123001` and `12:30:01 PM`.
 /// Without a zone it is taken as UTC.
 pub(super) fn date(text: &str) -> Option<i128> {
-    let text = text.trim();
-    let (day, clock) = match text.split_once(['T', 't', ' ']) {
-        Some((day, clock)) => (day, Some(clock.trim())),
-        None => (text, None),
-    };
+    if let Some((day, clock)) = all_digits(text) {
+        return date(&format!("{day}T{clock}"));
+    }
+    if let Some(text) = with_name_of_month(text) {
+        return date(&text);
+    }
+    let (day, clock) = day_and_clock(text);
     let digits = |text: &str| text.bytes().all(|b| b.is_ascii_digit());
     let compact = day.len() == 8 && digits(day) && clock.is_some();
     let (year, month, of_month) = if compact {
@@ -504,9 +624,15 @@ pub(super) fn date(text: &str) -> Option<i128> {
     let part = |text: &str, least: usize, most: usize| {
         (digits(text) && (least..=most).contains(&text.len())).then(|| text.parse().ok())?
     };
-    let least = if day.contains('.') { 1 } else { 2 };
-    let (year, month, of_month): (i128, i128, i128) =
-        (part(year, 4, 4)?, part(month, least, 2)?, part(of_month, least, 2)?);
+    let points = day.contains('.');
+    let least = if points { 1 } else { 2 };
+    let short = points && year.len() == 2;
+    let (year, month, of_month): (i128, i128, i128) = (
+        part(year, if short { 2 } else { 4 }, 4)?,
+        part(month, least, 2)?,
+        part(of_month, least, 2)?,
+    );
+    let year = if short { century(year) } else { year };
     if !(1..=12).contains(&month) || !(1..=31).contains(&of_month) {
         return None;
     }
@@ -615,6 +741,14 @@ mod tests {
             ("1.3.2024 12:30:00 PM", 1_709_296_200_000_000_000),
             ("2024-03-01 12:30 AM", 1_709_253_000_000_000_000),
             ("2024-02-29 24:00:00", 1_709_251_200_000_000_000),
+            ("01.03.24 12:30:00", 1_709_296_200_000_000_000),
+            ("1.3.24, 12:30:00,0 Uhr", 1_709_296_200_000_000_000),
+            ("01.03.2024 12:30 Uhr", 1_709_296_200_000_000_000),
+            ("20240301123000", 1_709_296_200_000_000_000),
+            ("01-Mar-2024 12:30:00", 1_709_296_200_000_000_000),
+            ("1. März 2024 12:30", 1_709_296_200_000_000_000),
+            ("March 1, 2024 12:30 PM", 1_709_296_200_000_000_000),
+            ("1 Mar 2024", 1_709_251_200_000_000_000),
         ] {
             assert_eq!(date(text), Some(ns), "{text}");
         }
@@ -628,6 +762,12 @@ mod tests {
             "20240301",
             "a-b-c",
             "2024-03-01T1é:00",
+            "20241301123000",
+            "30240301123000",
+            "01-Foo-2024 12:30:00",
+            "Mar 2024",
+            "Mar é 2024",
+            "1.3.4",
         ] {
             assert_eq!(date(text), None, "{text}");
         }
@@ -649,6 +789,11 @@ mod tests {
             ("Zeit", None),
             ("Datum (UTC)", None),
             ("ts", None),
+            ("Datum/Zeit", None),
+            ("Datum Uhrzeit", None),
+            ("Zeit (Std.)", Some(TimeUnit::H)),
+            ("Zeit (Minuten)", Some(TimeUnit::Min)),
+            ("_time", None),
         ] {
             assert_eq!(named(name, true), Some(unit), "{name}");
         }
@@ -681,7 +826,7 @@ mod tests {
             };
             let twelve =
                 |h: i64| (if h % 12 == 0 { 12 } else { h % 12 }, if h < 12 { "AM" } else { "PM" });
-            let forms: [(&str, &dyn Fn(i64) -> String); 9] = [
+            let forms: [(&str, &dyn Fn(i64) -> String); 15] = [
                 ("Time (min)", &|k| format!("{:.6}", at(k) as f64 / 60.0)),
                 ("time [h]", &|k| format!("{:.9}", at(k) as f64 / 3600.0)),
                 ("t (days)", &|k| format!("{:.10}", at(k) as f64 / 86_400.0)),
@@ -702,6 +847,36 @@ mod tests {
                 ("ts", &|k| {
                     let (h, m, s, d) = clock(k);
                     format!("202403{d:02}T{h:02}{m:02}{s:02}Z")
+                }),
+                ("Datum/Zeit", &|k| {
+                    let (h, m, s, d) = clock(k);
+                    format!("{d:02}.03.24 {h:02}:{m:02}:{s:02}")
+                }),
+                ("Datum und Uhrzeit", &|k| {
+                    let (h, m, s, d) = clock(k);
+                    format!("\"{d}.3.2024, {h:02}:{m:02}:{s:02} Uhr\"")
+                }),
+                ("ts", &|k| {
+                    let (h, m, s, d) = clock(k);
+                    format!("202403{d:02}{h:02}{m:02}{s:02}")
+                }),
+                ("Date", &|k| {
+                    let (h, m, s, d) = clock(k);
+                    format!("{d:02}-Mar-2024 {h:02}:{m:02}:{s:02}")
+                }),
+                ("Date/Time", &|k| {
+                    let (h, m, s, d) = clock(k);
+                    // Days that no month has.
+                    let d = d + 8;
+                    if h == 0 {
+                        format!(" 03/{:02}  24:{m:02}:{s:02}", d - 1)
+                    } else {
+                        format!(" 03/{d:02}  {h:02}:{m:02}:{s:02}")
+                    }
+                }),
+                ("Datum", &|k| {
+                    let (h, m, s, d) = clock(k);
+                    format!("{}-03-2024 {h:02}:{m:02}:{s:02}", d + 8)
                 }),
                 ("Zeit", &|k| {
                     let (h, m, s, d) = clock(k);
@@ -731,6 +906,22 @@ mod tests {
                 assert!(said.contains(unit) && said.contains("`time_unit`"), "{said}");
             }
         }
+        // Two numbers with a colon are hours and minutes, or minutes and seconds.
+        for (cell, half) in [("03:00", true), ("00:00.5", true), ("noon", false)] {
+            let text = format!("time,u\n{cell},1\n{cell},2\n");
+            let said = read_from("a.csv", text.as_bytes()).unwrap_err().to_string();
+            let parts = ["row 2", cell, "is not understood", "2026-02-01 13:00:00.5"];
+            assert!(parts.iter().all(|part| said.contains(part)), "{said}");
+            assert_eq!(said.contains("minutes and seconds"), half, "{said}");
+        }
+        // A column of dates counts days where a spreadsheet would, at any step.
+        for (name, step) in [("date", 1.0), ("Datum", 0.25), ("Date", 7.0), ("date", 0.01)] {
+            let rows: String =
+                (0..50).map(|k| format!("{},{k}\n", 45_356.0 + f64::from(k) * step)).collect();
+            let log = read_from("a.csv", format!("{name},u\n{rows}").as_bytes()).unwrap();
+            let first = log.time_s()[1] - log.time_s()[0];
+            assert!((first - step * 86_400.0).abs() < 1e-3, "{name} {step}: {first}");
+        }
         // Stamps that only look like days of a spreadsheet.
         for step in [0.01, 0.02, 0.001, 0.1, 0.0005] {
             let rows: String =
@@ -750,7 +941,7 @@ mod tests {
         // The last Sundays of March and October 2023, at which hour local time changes, and by how much.
         for (of, change) in [(days(2023, 3, 26), 3600), (days(2023, 10, 29), -3600)] {
             for round in 0..30 {
-                let step = [60, 300, 600, 900][rng.random_range(0..4)];
+                let step = [60, 300, 600, 900, 3600][rng.random_range(0..5)];
                 let at = day(of) + 3600 * if change > 0 { 2 } else { 3 };
                 let start = at - step * rng.random_range(5..20);
                 let zone = ["", "Z", "+02:00"][round % 3];
@@ -859,6 +1050,39 @@ mod tests {
             let log = read.into_log().unwrap();
             assert_eq!((log.len(), log.input("CH1").unwrap()[39]), (40, 39.0), "{text}");
         }
+        // Units below the names, which say nothing of the time; rows of words that end in numbers; a blackbox.
+        for above in [
+            "",
+            "Model,7\nScale,0.001\n",
+            "Channels,2\nX_Dimension,Time,Time\nX0,0.0,0.0\nDelta_X,0.001,0.001\n",
+        ] {
+            for (header, scale) in [
+                ("X,CH1,CH2\nSecond,Volt,Volt\n", 1.0),
+                ("x-axis,CH1,CH2\n(ms),(V),(V)\n", 1e-3),
+                ("Time,CH1,CH2\ns,V,V\n", 1.0),
+                ("Time,CH1,CH2\n", 1.0),
+            ] {
+                let mut text = format!("{above}{header}");
+                (0..40).for_each(|k| text += &format!("{:.3},{k},{}\n", 0.5 * f64::from(k), k % 3));
+                let log = recording_from("a.csv", text.as_bytes(), &ReadOptions::default())
+                    .unwrap_or_else(|e| panic!("{e}\n{text}"))
+                    .into_log()
+                    .unwrap();
+                assert_eq!(log.input("CH1").unwrap()[39], 39.0, "{text}");
+                let step = log.time_s()[1] - log.time_s()[0];
+                assert!((step - 0.5 * scale).abs() < 1e-12, "{step} {text}");
+            }
+        }
+        let rows: String = (0..40).map(|k| format!("{k},{},{k}\n", 11_000_000 + 500 * k)).collect();
+        let text = format!("Product,Blackbox\nloopIteration,time,gyro\n{rows}");
+        let read = recording_from("a.csv", text.as_bytes(), &ReadOptions::default()).unwrap();
+        assert!(read.notes.join("|").contains("in microseconds"), "{:?}", read.notes);
+        let log = read.into_log().unwrap();
+        assert!((log.time_s()[1] - log.time_s()[0] - 5e-4).abs() < 1e-9);
+        // Dates in the first row are no names.
+        let rows: String = (0..20).map(|k| format!("2024-03-05T10:00:{k:02},{k},1\n")).collect();
+        let said = recording_from("a.csv", rows.as_bytes(), &ReadOptions::default()).unwrap_err();
+        assert!(said.to_string().contains("`columns`"), "{said}");
         // Without a table the first row is named, as ever.
         let text = "Product,scope 7\nModel,3\nTime,10:00:00\n";
         let said = recording_from("a.csv", text.as_bytes(), &ReadOptions::default()).unwrap_err();
@@ -899,6 +1123,19 @@ mod tests {
                     .unwrap();
                 for (k, time_s) in log.time_s().iter().enumerate() {
                     assert_eq!(*time_s, (k as i64 * step) as f64, "{text}");
+                }
+            }
+            // A year of two digits may be any of the parts.
+            let short = text.replace("/2024", "/24");
+            for (time_unit, read) in [(None, false), (units[1], true)] {
+                let options = ReadOptions { time_unit, ..ReadOptions::default() };
+                let log = recording_from("a.csv", short.as_bytes(), &options);
+                let log = log.and_then(|log| Ok(log.into_log()?));
+                match log {
+                    Ok(log) => assert!(read && log.time_s()[9] == (9 * step) as f64, "{short}"),
+                    Err(said) => {
+                        assert!(!read && said.to_string().contains("`dmy` or `mdy`"), "{said}")
+                    }
                 }
             }
             // One row a day: both orders go on evenly or not, and none of them is shown.

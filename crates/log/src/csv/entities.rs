@@ -14,7 +14,7 @@ use crate::options::ReadOptions;
 use crate::recording::{Recording, Table, Topic};
 
 /// What the column of names is called.
-const WHO: [&str; 11] = [
+const WHO: [&str; 20] = [
     "entity_id",
     "entity",
     "signal",
@@ -26,11 +26,20 @@ const WHO: [&str; 11] = [
     "register",
     "sensor",
     "item",
+    "name",
+    "topic",
+    "device",
+    "device_id",
+    "object_id",
+    "parameter",
+    "kanal",
+    "_field",
+    "field",
 ];
 /// What the column of values is called.
-const WHAT: [&str; 4] = ["state", "value", "val", "reading"];
+const WHAT: [&str; 7] = ["state", "value", "val", "reading", "wert", "messwert", "_value"];
 /// Columns besides these, such as units and attributes.
-const MORE: [&str; 8] = [
+const MORE: [&str; 13] = [
     "unit",
     "unit_of_measurement",
     "quality",
@@ -39,6 +48,12 @@ const MORE: [&str; 8] = [
     "type",
     "friendly_name",
     "domain",
+    // Of InfluxDB.
+    "result",
+    "table",
+    "_start",
+    "_stop",
+    "_measurement",
 ];
 /// Entities at most.
 const MOST: usize = 4096;
@@ -179,7 +194,11 @@ mod tests {
     fn one_row_an_event_is_read_as_a_channel_for_each_entity() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(35);
         for round in 0..40 {
-            let header = ["entity_id,state,last_changed", "time,tag,value"][round % 2];
+            let header = [
+                ["entity_id,state,last_changed", "time,tag,value"],
+                ["device,reading,time", "Zeit,Name,Wert"],
+                ["topic,value,timestamp", "_time,_field,_value"],
+            ][round % 3][round % 2];
             let mut events: Vec<(i64, &str, String)> = Vec::new();
             for k in 0..200_i64 {
                 let at = 60 * k + rng.random_range(0..20);
@@ -207,10 +226,7 @@ mod tests {
                     _ => format!("{clock},{who},{state}\n"),
                 };
             }
-            let options = ReadOptions {
-                time: (round % 2 == 0).then(|| "last_changed".to_owned()),
-                ..ReadOptions::default()
-            };
+            let options = ReadOptions { ..ReadOptions::default() };
             let read = recording_from("a.csv", text.as_bytes(), &options).unwrap();
             assert_eq!(read.topics.len(), 2, "{:?}", read.notes);
             assert!(read.notes.join("|").contains("left out: sun.sun"), "{:?}", read.notes);

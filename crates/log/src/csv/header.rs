@@ -67,23 +67,45 @@ pub(super) fn names(lines: &Lines<'_>, notes: &mut Notes) -> Result<Names, LogEr
     Ok(names)
 }
 
-/// Takes the units of a row below the header that holds nothing else: the time's is one, and no cell is a number but 1, which stands for none. Whether it was such a row.
-pub(super) fn take_units(names: &mut Names, time: usize, below: &[Vec<u8>]) -> bool {
-    let bare = |cell: &[u8]| {
-        let text: String = match std::str::from_utf8(cell) {
-            Ok(text) => text.trim().to_owned(),
-            Err(_) => cell.iter().map(|byte| char::from(*byte)).collect(),
-        };
-        let inner = [('[', ']'), ('(', ')')]
-            .iter()
-            .find_map(|(open, close)| text.strip_prefix(*open)?.strip_suffix(*close));
-        inner.map_or_else(|| text.clone(), |inner| inner.trim().to_owned())
+/// A unit without the brackets around it.
+fn bare(cell: &[u8]) -> String {
+    let text: String = match std::str::from_utf8(cell) {
+        Ok(text) => text.trim().to_owned(),
+        Err(_) => cell.iter().map(|byte| char::from(*byte)).collect(),
     };
+    let inner = [('[', ']'), ('(', ')')]
+        .iter()
+        .find_map(|(open, close)| text.strip_prefix(*open)?.strip_suffix(*close));
+    inner.map_or_else(|| text.clone(), |inner| inner.trim().to_owned())
+}
+
+/// Whether a row below a header of so many names holds units: the time's is one, and no cell is a number but 1, which stands for none.
+fn holds_units(names: usize, time: usize, below: &[Vec<u8>]) -> bool {
     let of_unit = |cell: &Vec<u8>| {
         matches!(parse(cell, true), Cell::Text | Cell::Missing) || bare(cell) == "1"
     };
     let timed = below.get(time).is_some_and(|cell| clock::unit(&bare(cell)).is_some());
-    if !timed || below.len() < names.len() || !below.iter().all(of_unit) {
+    timed && below.len() >= names && below.iter().all(of_unit)
+}
+
+/// Takes the first column for the time where no name is one of time and the row below holds units, a unit of time first, as oscilloscopes write it: `X,CH1` above `Second,Volt`.
+fn first_by_unit(names: &mut Names, below: &[Vec<u8>], options: &ReadOptions, notes: &mut Notes) {
+    let named = |(place, (name, _)): (usize, &(String, Option<String>))| {
+        clock::named(name, place == 0).is_some() || clock::unknown_unit(name, place == 0).is_some()
+    };
+    let known = options.time.is_some() || names.iter().enumerate().any(named);
+    if known || names.len() < 2 || !holds_units(names.len(), 0, below) {
+        return;
+    }
+    if let Some((name, _)) = names.first_mut() {
+        notes.push(format!("column 1, `{name}`, is taken as the time by the unit below it"));
+        *name = "time".to_owned();
+    }
+}
+
+/// Takes the units of a row below the header that holds nothing else: the time's is one, and no cell is a number but 1, which stands for none. Whether it was such a row.
+pub(super) fn take_units(names: &mut Names, time: usize, below: &[Vec<u8>]) -> bool {
+    if !holds_units(names.len(), time, below) {
         return false;
     }
     for ((_, unit), cell) in names.iter_mut().zip(below) {
@@ -225,13 +247,14 @@ impl Header {
             return Err(LogError::UnnamedColumn { file: file.into(), row, column }.into());
         }
         let index = unnamed_first(&mut names, cell(0), options, &mut notes);
+        first_by_unit(&mut names, &below, options, &mut notes);
         let (time, _) = match time_column(lines, &names, options) {
             Ok(found) => found,
             Err(error) => {
                 let row = lines.row;
-                let numbers = names
-                    .iter()
-                    .all(|(name, _)| matches!(parse(name.as_bytes(), true), Cell::Number(_)));
+                let numbers = names.iter().all(|(name, _)| {
+                    matches!(parse(name.as_bytes(), true), Cell::Number(_)) || clock::is_stamp(name)
+                });
                 let searched = notes.iter().any(|note| note.contains(PREAMBLE));
                 if searched || !options.columns.is_empty() || !table_below(lines, options)? {
                     let (file, cells) = (file.to_owned(), names.len());
@@ -350,7 +373,11 @@ impl Header {
         // Time must be there: what stands for nothing is not finite either.
         let found = match parse(time, self.decimal_comma) {
             Cell::Missing => Cell::NotFinite,
-            Cell::Number(_) => Cell::Text,
+            Cell::Number(_) | Cell::Text => {
+                let half = std::str::from_utf8(time).is_ok_and(clock::is_half_a_clock);
+                let (file, column) = (source.to_owned(), self.clock.column.clone());
+                return Err(LogError::NotATime { file, row, column, text: shown(time), half });
+            }
             other => other,
         };
         Err(found.refusal(source, row, &self.clock.column, time))
@@ -374,7 +401,7 @@ impl Header {
         let (unit, why) = match self.clock.unit {
             Some(settled) => settled,
             None => {
-                let guess = stamps.guess(raw, plain);
+                let guess = stamps.guess(raw, &self.clock.column);
                 if raw.len() > 1 {
                     self.clock.unit = Some(guess);
                 }
@@ -402,6 +429,10 @@ impl Header {
         let note = match why {
             Why::Given => None,
             Why::Named if plain && unit == TimeUnit::S => None,
+            Why::Writer => again(format!(
+                "time is the column `{column}` in {}, as Betaflight's blackbox writes it (`{LOOPS}`){every}{from}",
+                unit.words()
+            )),
             Why::Named => again(format!(
                 "time is the column `{column}` in {} by its name{every}{from}",
                 unit.words()
@@ -442,15 +473,17 @@ fn table_below(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<bool, Err
             names.pop();
         }
         let below = lines.below();
+        first_by_unit(&mut names, &below, options, &mut unused);
         let Ok((time, _)) = time_column(lines, &names, options) else { continue };
         let stamp = |cell: &Vec<u8>| {
             let text = std::str::from_utf8(cell).unwrap_or_default().trim();
-            matches!(parse(cell, true), Cell::Number(_))
-                || clock::is_date(text)
-                || clock::time_of_day(text).is_some()
+            matches!(parse(cell, true), Cell::Number(_)) || clock::is_stamp(text)
         };
         let alike = (names.len()..=names.len() + 1).contains(&below.len());
-        if names.len() > 1 && alike && below.get(time).is_some_and(stamp) {
+        // A row that begins with a word below its first name is of names and values still.
+        let word = |cell: &Vec<u8>| matches!(parse(cell, true), Cell::Text) && !stamp(cell);
+        let numbers = below.get(time).is_some_and(stamp) && !below.first().is_some_and(word);
+        if names.len() > 1 && alike && (numbers || holds_units(names.len(), time, &below)) {
             return Ok(true);
         }
     }
@@ -479,6 +512,9 @@ fn separate_date(
     });
     (named && options.time_unit.is_none_or(TimeUnit::is_dates)).then_some((date, time))
 }
+
+/// A column of Betaflight's blackbox, whose explorer and decoder write the time in microseconds.
+const LOOPS: &str = "loopIteration";
 
 /// The column of time and, where somebody says it, its unit.
 pub(super) fn time_column(
@@ -528,6 +564,9 @@ pub(super) fn time_column(
         })?),
         None => clock::named(name, time == 0).flatten(),
     };
+    if unit.is_none() && name == "time" && names.iter().any(|(name, _)| name == LOOPS) {
+        return Ok((time, Some((TimeUnit::Us, Why::Writer))));
+    }
     Ok((time, unit.map(|unit| (unit, Why::Named))))
 }
 

@@ -251,7 +251,12 @@ impl PartialLog {
             });
         }
         let mut raw = header.stamp(source, lines, stamps)? - *moved;
-        if let Some(change) = stamps.clock_change(before, raw) {
+        // An hourly row that was written twice is one row, in any night.
+        let change = stamps.clock_change(before, raw);
+        if let Some(change) = change
+            && !(before.last() == Some(&raw)
+                && again(columns, row_of(source, lines, header, columns).as_deref()))
+        {
             (raw, *moved) = (raw - change, *moved + change);
             let way = if change > 0.0 { "forward" } else { "back" };
             header.notes.push(format!(

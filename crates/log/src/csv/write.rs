@@ -61,7 +61,7 @@ impl Log {
             push_number(&mut cell, *time_s);
             cell
         });
-        let read = seconds(cells, None, true);
+        let read = seconds(cells, None, "time");
         read.unit == TimeUnit::S && read.origin_ns.is_none()
     }
 }
