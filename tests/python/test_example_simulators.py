@@ -25,6 +25,7 @@ def causes(printed: str) -> list[str]:
     return [line.split(",")[0].split(";")[0] for line in printed.splitlines() if line.startswith("Cause: ")]
 
 
+@pytest.mark.nightly
 def test_dry_friction_in_mujoco_is_named_where_it_can_be_and_unknown_where_not(examples: Path) -> None:
     parts = run(examples / "mujoco_joint.py").split("\n\n")
     named, unnamed, textbook = (next(p for p in parts if f"Gap: {name}, " in p and what in p) for name, what in (
@@ -36,6 +37,7 @@ def test_dry_friction_in_mujoco_is_named_where_it_can_be_and_unknown_where_not(e
     assert "Not tried: " not in textbook
 
 
+@pytest.mark.nightly
 def test_a_lower_thrust_in_rotorpy_is_told_from_a_larger_mass(examples: Path) -> None:
     printed = run(examples / "rotorpy_hover.py")
     assert "Cause: parameter error of `k_eta`" in printed
