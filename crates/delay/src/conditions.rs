@@ -75,7 +75,7 @@ pub(super) fn of_the_plant(records: &[Record], max_delay: usize) -> Vec<Finding>
 const HALF: f64 = 0.5;
 /// Coefficients to either side of its beginning that the ringing is judged by,
 const AROUND: usize = 4;
-/// and the share of all that they have: 94 % of a copy delayed by half a sample, a fifth of a response that lasts 20 samples.
+/// and the share of all that they have: 94 % of a copy delayed by half a sample, 40 % of a response that lasts 20 samples.
 const MOST: f64 = 0.8;
 /// As many times their sum the absolute values of the coefficients may have: of a copy delayed by half a sample it is 2.3, as its response is sin(πx)/(πx).
 const RINGS: f64 = 2.5;
