@@ -318,7 +318,7 @@ impl Reading {
                 let (log, more) = if even {
                     recording.together(&wanted, grid)?
                 } else {
-                    (recording.into_log()?, Vec::new())
+                    recording.into_log_of(&wanted)?
                 };
                 notes.extend(more);
                 (vec![log], notes)

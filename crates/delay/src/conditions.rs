@@ -3,11 +3,11 @@
 use super::colour::colour;
 use super::estimator::Search;
 use super::experiment::Experiment;
-use super::feedback::in_loop;
+use super::feedback::{in_loop, lags};
 use super::finding::Finding;
 use super::method::Condition;
 use crate::posterior::{ARX_ORDERS, smallest};
-use deadtime_identify::{Record, arx_scan, largest_pole};
+use deadtime_identify::{Record, Regression, arx_scan, largest_pole};
 
 /// Coefficients after which a response that lasts is cut off.
 const LAGS: usize = 71;
@@ -69,6 +69,35 @@ pub(super) fn of_the_plant(records: &[Record], max_delay: usize) -> Vec<Finding>
     }
     found.extend(colour(records, na, max_delay));
     found
+}
+
+/// Share of the largest coefficient from which the response has begun, where it may ring on either side.
+const HALF: f64 = 0.5;
+/// Coefficients to either side of its beginning that the ringing is judged by,
+const AROUND: usize = 4;
+/// and the share of all that they have: 94 % of a copy delayed by half a sample, 40 % of a response that lasts 20 samples.
+const MOST: f64 = 0.8;
+/// As many times their sum the absolute values of the coefficients may have: of a copy delayed by half a sample it is 2.3, as its response is sin(πx)/(πx).
+const RINGS: f64 = 2.5;
+
+/// Whether the response lasts one sample, the ringing of a fraction of a sample on either side included: its signed centre is near the first coefficient of half its height.
+///
+/// How it can be wrong: a plant that overshoots by as much as a fraction rings is taken for a copy.
+pub(super) fn lasts_one_sample(records: &[Record], max_delay: usize) -> bool {
+    // No past outputs: those of a copy that rings on either side hold its later samples.
+    let free = Regression { na: 0, lags: lags(records, max_delay) };
+    let Some(solution) = free.factor(records).solve() else { return false };
+    let response = solution.coefficients;
+    let largest = response.iter().fold(0.0, |m: f64, h| m.max(h.abs()));
+    let counted = || response.iter().enumerate().filter(|(_, h)| h.abs() > BEGUN * largest);
+    let begun = counted().find(|(_, h)| h.abs() > HALF * largest).map_or(0, |(k, _)| k);
+    // As many on either side of a delay by half a sample.
+    let near = || counted().filter(|(k, _)| k + AROUND > begun && *k <= begun + AROUND);
+    let sum: f64 = near().map(|(_, h)| h).sum();
+    let [all, around]: [f64; 2] =
+        [counted().map(|(_, h)| h.abs()).sum(), near().map(|(_, h)| h.abs()).sum()];
+    let moment: f64 = near().map(|(k, h)| (k as f64 - begun as f64) * h).sum();
+    around > MOST * all && around < RINGS * sum.abs() && (moment / sum).abs() < LAG
 }
 
 /// A single output sample stands off from this distance to the median of the five around it, in multiples of the distance that 95 % of samples keep.
@@ -142,6 +171,18 @@ pub fn moving_together(experiment: &Experiment<'_>, max_delay: usize) -> Option<
 
 /// Samples from the response's beginning to the centre of its coefficients, those that are a tenth of the largest or more.
 fn lag(a: &[f64], b: &[f64]) -> f64 {
+    let Some(response) = response(a, b) else { return f64::INFINITY };
+    let least = BEGUN * response.iter().fold(0.0, |m: f64, h| m.max(h.abs()));
+    let counted: Vec<(usize, f64)> =
+        response.iter().map(|h| h.abs()).enumerate().filter(|(_, h)| *h > least).collect();
+    let begun = counted.first().map_or(0, |(k, _)| *k);
+    let total: f64 = counted.iter().map(|(_, h)| h).sum();
+    let moment: f64 = counted.iter().map(|(k, h)| (k - begun) as f64 * h).sum();
+    if total > 0.0 { moment / total } else { 0.0 }
+}
+
+/// The impulse response of past outputs and inputs; `None` where it grows without bounds.
+fn response(a: &[f64], b: &[f64]) -> Option<Vec<f64>> {
     let mut response: Vec<f64> = Vec::with_capacity(10 * LAGS);
     for k in 0..10 * LAGS {
         let past: f64 = a
@@ -152,17 +193,11 @@ fn lag(a: &[f64], b: &[f64]) -> f64 {
             .sum();
         let next = b.get(k).copied().unwrap_or(0.0) - past;
         if !next.is_finite() || next.abs() > 1e100 {
-            return f64::INFINITY;
+            return None;
         }
         response.push(next);
     }
-    let least = BEGUN * response.iter().fold(0.0, |m: f64, h| m.max(h.abs()));
-    let counted: Vec<(usize, f64)> =
-        response.iter().map(|h| h.abs()).enumerate().filter(|(_, h)| *h > least).collect();
-    let begun = counted.first().map_or(0, |(k, _)| *k);
-    let total: f64 = counted.iter().map(|(_, h)| h).sum();
-    let moment: f64 = counted.iter().map(|(k, h)| (k - begun) as f64 * h).sum();
-    if total > 0.0 { moment / total } else { 0.0 }
+    Some(response)
 }
 
 #[cfg(test)]

@@ -111,7 +111,8 @@ impl Recording {
         self.find(name).ok()
     }
 
-    /// The wanted channels as one log, each called as it was asked for; a file without topics gives all its channels.
+    /// The wanted channels as one log, each called as it was asked for; a file without topics gives all its channels, its held ones with
+    /// numbers in half of the rows or fewer held from row to row.
     ///
     /// Channels of one topic keep its stamps. Where they come from several, all are resampled onto one grid: the stamps of the first held channel's topic, or an even grid of
     /// `grid`. Where held channels have under 10 % of the stamps of the densest other topic, the grid is that topic's. Held channels keep their value until the next one, and
@@ -129,8 +130,7 @@ impl Recording {
         if let [Topic { name, log }] = self.topics.as_slice()
             && name.is_empty()
         {
-            let held = wanted.iter().filter(|one| one.held).map(|one| one.name.as_str());
-            return Ok(held_between_rows(log, held));
+            return Ok(held_between_rows(log.clone(), wanted));
         }
         let chosen = self.chosen(wanted)?;
         let Some((base, sparse)) = base(&chosen) else {
@@ -169,6 +169,14 @@ impl Recording {
         // A command that is put onto other stamps looks later than it was, by up to a step.
         let log = Log::new(self.source.clone(), time_s, channels)?;
         Ok((Log { early_s: early_s + step_s, ..log }, vec![note]))
+    }
+
+    /// As [`Recording::into_log`], with commands that have numbers in some rows only held between them, as [`Recording::together`] has it, and what is said of it.
+    ///
+    /// # Errors
+    /// As [`Recording::into_log`].
+    pub fn into_log_of(self, wanted: &[Wanted]) -> Result<(Log, Vec<String>), LogError> {
+        self.into_log().map(|log| held_between_rows(log, wanted))
     }
 
     /// The channels that are wanted; those that are not required may be missing.
@@ -356,41 +364,35 @@ fn plain(name: &str) -> String {
 const SOME_ROWS: f64 = 0.5;
 
 /// A table with its sparse commands held from row to row, from the first row on that knows them all, and what is said of it.
-fn held_between_rows<'n>(log: &Log, names: impl Iterator<Item = &'n str>) -> (Log, Vec<String>) {
-    let rows = log.len();
-    let sparse = |channel: &&Channel| {
-        let count = channel.samples().present_count();
-        count > 0 && count as f64 <= SOME_ROWS * rows as f64
-    };
-    let found: Vec<&Channel> =
-        names.filter_map(|name| log.channel(name).ok()).filter(sparse).collect();
-    let first = |channel: &&Channel| (0..rows).find(|k| channel.samples().get(*k).is_some());
-    let Some(from) = found.iter().filter_map(first).max() else {
-        return (log.clone(), Vec::new());
-    };
-    let (mut held, mut notes) = (log.clone(), Vec::new());
-    for channel in found {
-        let (samples, mut last) = (channel.samples(), 0.0);
+fn held_between_rows(mut log: Log, wanted: &[Wanted]) -> (Log, Vec<String>) {
+    let (rows, mut notes, mut from) = (log.len(), Vec::new(), 0);
+    let named = |channel: &Channel| wanted.iter().any(|one| one.held && one.name == channel.name);
+    for channel in log.channels.iter_mut().filter(|channel| named(channel)) {
+        let samples = channel.samples();
+        let count = samples.present_count();
+        let Some(first) = (0..rows).find(|k| samples.get(*k).is_some()) else { continue };
+        if count as f64 > SOME_ROWS * rows as f64 {
+            continue;
+        }
+        let mut last = 0.0;
         let values: Vec<f64> = (0..rows)
             .map(|k| {
                 last = samples.get(k).unwrap_or(last);
                 last
             })
             .collect();
+        from = from.max(first);
+        channel.values = values.into();
+        channel.present = None;
         notes.push(format!(
-            "{} has a number in {} of {rows} rows: it keeps its value between them",
-            channel.name,
-            samples.present_count()
+            "{} has a number in {count} of {rows} rows: it keeps its value between them",
+            channel.name
         ));
-        for own in held.channels.iter_mut().filter(|own| own.name == channel.name) {
-            own.values = values.clone().into();
-            own.present = None;
-        }
     }
     let start_s = log.time_s().get(from).copied().filter(|_| from > 0);
-    match held.window(start_s.map(|at| at - log.start_s()), None) {
-        Ok(part) => (part, notes),
-        Err(_) => (held, notes),
+    match start_s.map(|at| log.window(Some(at - log.start_s()), None)) {
+        Some(Ok(part)) => (part, notes),
+        _ => (log, notes),
     }
 }
 

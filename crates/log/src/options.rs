@@ -22,9 +22,9 @@ pub enum TimeUnit {
     D,
     /// Dates by ISO 8601.
     Iso,
-    /// Dates with slashes, the day first.
+    /// Dates with slashes or dashes, the day first.
     Dmy,
-    /// Dates with slashes, the month first.
+    /// Dates with slashes or dashes, the month first.
     Mdy,
 }
 

@@ -147,12 +147,15 @@ impl Log {
             None => {
                 let mut recording = open(&path, &options)?;
                 let mut notes = std::mem::take(&mut recording.notes);
-                let Some((inputs, outputs)) =
-                    wanted.filter(|_| recording.topics.iter().any(|topic| !topic.name.is_empty()))
-                else {
+                let Some((inputs, outputs)) = wanted else {
                     return Ok((vec![recording.into_log()?], notes));
                 };
-                let (log, more) = recording.together(&channels(inputs, outputs), grid)?;
+                let wanted = channels(inputs, outputs);
+                let (log, more) = if recording.topics.iter().any(|topic| !topic.name.is_empty()) {
+                    recording.together(&wanted, grid)?
+                } else {
+                    recording.into_log_of(&wanted)?
+                };
                 notes.extend(more);
                 Ok((vec![log], notes))
             }

@@ -10,7 +10,7 @@ use super::words::{
     ahead_note, at_end_note, at_once_in_loop_note, copy_note, held_verdict, lead_note,
     taken_off_note, tied_note,
 };
-use crate::conditions::{moving_together, of_the_plant, standing_off};
+use crate::conditions::{lasts_one_sample, moving_together, of_the_plant, standing_off};
 use crate::error::{DelayError, Result};
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::estimator::Search;
@@ -99,7 +99,7 @@ impl OnePair<'_, '_> {
         if pair.verdict.delay_s.is_some() && !at_end.is_empty() {
             pair.verdict.doubt(&at_end_note(&at_end, window_s, ts));
         }
-        self.qualify(&mut pair, closed, held);
+        self.qualify(&mut pair, closed, held)?;
         // Between interpolated samples every jump stands off.
         if self.job.early_s() == 0.0 {
             pair.standing_off = standing_off(&records);
@@ -123,13 +123,13 @@ impl OnePair<'_, '_> {
     }
 
     /// What the record adds to the verdict of the methods; `held`: the samples that an input under feedback is held for.
-    fn qualify(&self, pair: &mut Pair, closed: bool, held: usize) {
+    fn qualify(&self, pair: &mut Pair, closed: bool, held: usize) -> Result<()> {
         let ts = self.seen.one.sample_time();
         let at_once = at_once(&pair.verdict, ts.seconds());
         if closed && at_once && !self.seen.looped.direct {
             pair.verdict = Verdict::none(at_once_in_loop_note(&pair.verdict, ts));
         }
-        if self.may_be_copy(pair) {
+        if self.may_be_copy(pair)? {
             pair.verdict.doubt(&copy_note(pair.verdict.delay_s.unwrap_or_default(), ts));
         }
         if let Some(shares) = self.shares.filter(|_| self.seen.freed.is_some()) {
@@ -139,15 +139,20 @@ impl OnePair<'_, '_> {
         if held > 1 {
             pair.verdict = held_verdict(pair.verdict.clone(), self.input(), held, ts);
         }
+        Ok(())
     }
 
     /// The response lasts a sample, and the relative degree was assumed: the channels may be two sensors of one signal.
-    fn may_be_copy(&self, pair: &Pair) -> bool {
+    fn may_be_copy(&self, pair: &Pair) -> Result<bool> {
         let shows = |condition| pair.findings.iter().any(|f| f.condition == condition);
         let assumed = self.job.degree_bias.is_none() && self.job.model.is_none();
         // A copy delayed by a fraction of a sample begins before its command and passes for a loop.
-        let quick = !shows(Condition::Dynamics) && self.job.feedback != Feedback::Closed;
-        assumed && quick && !self.seen.looped.direct && pair.verdict.delay_s.is_some()
+        let open = self.job.feedback != Feedback::Closed && !self.seen.looped.direct;
+        if !(assumed && open && pair.verdict.delay_s.is_some()) {
+            return Ok(false);
+        }
+        Ok(!shows(Condition::Dynamics)
+            || lasts_one_sample(&self.seen.one.pair(0, 0)?, self.seen.search.max_delay))
     }
 
     /// What the record shows that not every method withstands.
@@ -287,9 +292,21 @@ mod tests {
             assert!((verdict.delay_s.unwrap() - (delay as f64 - 1.0)).abs() < 0.6, "{verdict:?}");
             let said = verdict.grounds.doubts.join("; ");
             assert!(said.contains("two sensors of one signal"), "{said}");
-            let (u, y) = drawn(seed, 0.8, delay);
-            let verdict = report(u, y, Feedback::Auto).pairs.remove(0).verdict;
-            assert!(!verdict.why.contains("two sensors"), "{}", verdict.why);
+            for fraction in [0.0, 0.25, 0.5] {
+                let (u, y) = drawn(seed, 0.0, delay);
+                let y = deadtime_signal::fractional_delay(&y, fraction);
+                let verdict = report(u, y, Feedback::Auto).pairs.remove(0).verdict;
+                assert!(
+                    verdict.delay_s.is_none() || verdict.why.contains("two sensors"),
+                    "{}",
+                    verdict.why
+                );
+            }
+            for pole in [0.6, 0.8, 0.95] {
+                let (u, y) = drawn(seed, pole, delay);
+                let verdict = report(u, y, Feedback::Auto).pairs.remove(0).verdict;
+                assert!(!verdict.why.contains("two sensors"), "{}", verdict.why);
+            }
         }
     }
 

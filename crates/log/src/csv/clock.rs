@@ -1054,11 +1054,12 @@ mod tests {
         for above in [
             "",
             "Model,7\nScale,0.001\n",
-            "Channels,2\nX_Dimension,Time,Time\nX0,0.0,0.0\nDelta_X,0.001,0.001\n",
+            "Scale,0.001\nSerial Number,SDS1\nChannels,2\nX_Dimension,Time,Time\nX0,0.0,0.0\nDelta_X,0.001,0.001\n",
         ] {
             for (header, scale) in [
                 ("X,CH1,CH2\nSecond,Volt,Volt\n", 1.0),
                 ("x-axis,CH1,CH2\n(ms),(V),(V)\n", 1e-3),
+                ("Second,CH1,CH2\n", 1.0),
                 ("Time,CH1,CH2\ns,V,V\n", 1.0),
                 ("Time,CH1,CH2\n", 1.0),
             ] {

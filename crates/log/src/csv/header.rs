@@ -93,8 +93,13 @@ fn first_by_unit(names: &mut Names, below: &[Vec<u8>], options: &ReadOptions, no
     let named = |(place, (name, _)): (usize, &(String, Option<String>))| {
         clock::named(name, place == 0).is_some() || clock::unknown_unit(name, place == 0).is_some()
     };
-    let known = options.time.is_some() || names.iter().enumerate().any(named);
-    if known || names.len() < 2 || !holds_units(names.len(), 0, below) {
+    let number = |(name, _): &(String, Option<String>)| {
+        matches!(parse(name.as_bytes(), true), Cell::Number(_))
+    };
+    let known =
+        options.time.is_some() || names.iter().enumerate().any(named) || names.iter().any(number);
+    if known || names.len() < 2 || below.len() != names.len() || !holds_units(names.len(), 0, below)
+    {
         return;
     }
     if let Some((name, _)) = names.first_mut() {
