@@ -211,14 +211,28 @@ impl Report<'_> {
 
     /// What the numbers of the table of fits mean.
     pub(super) fn about_fits(&self) -> String {
-        let unstable = self.checks.iter().all(|c| c.simulation.is_none());
+        let still: Vec<String> = self
+            .checks
+            .iter()
+            .filter(|c| c.stands_still)
+            .map(|c| format!("`{}`", c.output))
+            .collect();
+        let still = match still.as_slice() {
+            [] => String::new(),
+            [one] => format!("{one} stands still in these data, so it has no fit.\n"),
+            more => {
+                format!("{} stand still in these data, so they have no fit.\n", more.join(", "))
+            }
+        };
+        let moving = || self.checks.iter().filter(|c| !c.stands_still);
+        let unstable = moving().next().is_some() && moving().all(|c| c.simulation.is_none());
         let note = if unstable {
             "VAF and nrmse are those of one-step predictions: there is no free run to compare.\n"
         } else {
             ""
         };
         format!(
-            "{note}A p below 0.01 rejects that one-step errors are white, or independent of the inputs: a larger model could explain more.\n"
+            "{still}{note}A p below 0.01 rejects that one-step errors are white, or independent of the inputs: a larger model could explain more.\n"
         )
     }
 }

@@ -37,6 +37,9 @@ pub struct Test {
 pub struct OutputCheck {
     /// The output.
     pub output: String,
+    /// All its samples are one value to rounding: no fit is relative to its spread.
+    #[serde(skip)]
+    pub stands_still: bool,
     /// One-step predictions; absent where the output stands still.
     pub one_step: Option<Fit>,
     /// Free run from the best start; absent for an unstable model or an output that stands still.
@@ -115,6 +118,7 @@ pub(super) fn check(
             };
             OutputCheck {
                 output: named.name.clone(),
+                stands_still: !all.iter().all(Vec::is_empty) && spread(&all) == 0.0,
                 one_step: fit(&measured, &late),
                 simulation: if stable { fit(&all, &missed) } else { None },
                 white: white(&late),
@@ -124,16 +128,25 @@ pub(super) fn check(
         .collect()
 }
 
+/// Largest less smallest value; 0 where that is rounding.
+fn spread(values: &[Vec<f64>]) -> f64 {
+    let of = |v: &f64| (*v, *v);
+    let wider = |(a, b): (f64, f64), (c, d): (f64, f64)| (a.min(c), b.max(d));
+    let Some((low, high)) = values.iter().flatten().map(of).reduce(wider) else { return 0.0 };
+    if high - low > 1e-12 * low.abs().max(high.abs()) { high - low } else { 0.0 }
+}
+
 fn fit(measured: &[Vec<f64>], error: &[Vec<f64>]) -> Option<Fit> {
     let n = measured.iter().map(Vec::len).sum::<usize>() as f64;
     let mean = |x: &[Vec<f64>]| x.iter().flatten().sum::<f64>() / n;
     let variance = |x: &[Vec<f64>], about: f64| {
         x.iter().flatten().map(|v| (v - about).powi(2)).sum::<f64>() / n
     };
+    let moves = spread(measured) > 0.0;
     let spread = variance(measured, mean(measured));
     let (square, own) = (variance(error, 0.0), variance(error, mean(error)));
     let nrmse = (square / spread).sqrt();
-    (spread > 0.0 && nrmse.is_finite()).then(|| Fit {
+    (moves && nrmse.is_finite()).then(|| Fit {
         fit_percent: 100.0 * (1.0 - nrmse),
         vaf_percent: 100.0 * (1.0 - own / spread),
         nrmse,
@@ -197,4 +210,23 @@ fn cross(errors: &[Vec<f64>], u: &[Vec<f64>]) -> Option<(Test, f64, usize)> {
         *largest,
         at + 1,
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_output_that_stands_still_has_no_fit_whatever_its_level() {
+        let errors = vec![vec![0.3, -0.2, 0.1], vec![0.5]];
+        for level in [0.0, 1e-9, -3.7, 1e12] {
+            // A mean that is taken off leaves rounding.
+            let rounded = level * (1.0 + 1e-16);
+            let still = vec![vec![level, rounded, level], vec![level]];
+            assert!(fit(&still, &errors).is_none(), "{level}");
+            let moved = vec![vec![level, level + 1e-3 * (1.0 + level.abs()), level], vec![level]];
+            assert!(fit(&moved, &errors).is_some(), "{level}");
+        }
+        assert!(fit(&[vec![0.0, 1.0]], &[vec![0.0, 0.0]]).is_some_and(|f| f.fit_percent == 100.0));
+    }
 }
