@@ -14,7 +14,7 @@ use crate::hypothesis::shared_time::put;
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, EFFECTS, Scales};
-use deadtime_signal::stats::NORMAL_95;
+use deadtime_signal::stats::{NORMAL_95, NORMAL_95_EXACT, students_t};
 
 /// Prior sizes of the nominal parameters' relative errors that are tried.
 const SIZES: [f64; 7] = [0.0, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.1];
@@ -103,13 +103,13 @@ pub(crate) fn estimate(
             0.0
         }
     });
-    let solve = |size: f64| -> Option<(f64, DMatrix<f64>)> {
+    let solve = |size: f64, precision: &[f64]| -> Option<(f64, DMatrix<f64>)> {
         // Nominal parameters have the precision 1/size², in units of their columns' length.
         let mut information = gram.clone();
         let mut determinant = 0.0;
         for i in 0..all {
             information[(i, i)] += if i < own {
-                1e-12 + prior[i].0 / (length[i] * length[i])
+                1e-12 + precision[i] / (length[i] * length[i])
             } else if size > 0.0 && length[i] > 0.0 {
                 let spread = size * length[i];
                 determinant += 2.0 * spread.ln();
@@ -126,8 +126,16 @@ pub(crate) fn estimate(
         let log_determinant = 2.0 * factor.l().diagonal().iter().map(|d| d.ln()).sum::<f64>();
         Some((log_determinant + determinant - explained, factor.inverse()))
     };
-    let tried = SIZES.iter().filter_map(|&size| solve(size));
-    let (_, covariance) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let best = |precision: &[f64]| {
+        let tried = SIZES.iter().filter_map(|&size| solve(size, precision));
+        Some(tried.min_by(|a, b| a.0.total_cmp(&b.0))?.1)
+    };
+    let precision: Vec<f64> = prior.iter().map(|(precision, _)| *precision).collect();
+    let covariance = best(&precision)?;
+    let held = |at: usize| covariance[(at, at)] * precision[at] / (length[at] * length[at]);
+    let wider =
+        prior_wider(&(0..own).filter(|&at| precision[at] > 0.0).map(held).collect::<Vec<_>>());
+    let covariance = best(&precision.iter().map(|p| p / (wider * wider)).collect::<Vec<_>>())?;
     let mut step = -(&covariance * &gradient);
     if !holds(likelihood, hypothesis, &nominal, &step, &length, &slopes.residual) {
         step.fill(0.0);
@@ -144,6 +152,16 @@ pub(crate) fn estimate(
     });
     let std = std.collect();
     Some(Estimate { std })
+}
+
+/// By how much the prior on recalibrated numbers is wider than the rms of the fitted errors. The data determine γ = n − Σ held of the n numbers (MacKay 1992), `held` being the
+/// part of each variance's precision that the prior gives. The rms of all n lacks the others, and a size that is known from γ numbers makes a normal prior a Student t of γ
+/// degrees of freedom: the 95 % point decides.
+fn prior_wider(held: &[f64]) -> f64 {
+    let count = held.len() as f64;
+    let determined = (count - held.iter().sum::<f64>()).clamp(1.0, count.max(1.0));
+    let point = students_t(0.975, determined).map_or(1.0, |t| t / NORMAL_95_EXACT);
+    (count / determined).max(1.0).sqrt() * point
 }
 
 /// No effect has an interval that holds the value at which it does nothing: as far as these data go, each is more than nominal parameters that are a little
@@ -303,6 +321,15 @@ B = [[1.0]]
 C = [[1.0]]
 D = [[0.0]]
 "#;
+
+    /// Three of four numbers determined: √(4/3) and t₃ = 3.182 (tables); all of many: 1.
+    #[test]
+    fn a_prior_of_few_numbers_is_wider() {
+        let wider = prior_wider(&[0.25; 4]);
+        assert!((wider - (4.0_f64 / 3.0).sqrt() * 3.182 / 1.960).abs() < 1e-3, "{wider}");
+        assert!((prior_wider(&[0.0; 4000]) - 1.0).abs() < 1e-3);
+        assert!(prior_wider(&[1.0]).is_finite());
+    }
 
     #[test]
     fn a_limit_that_may_be_anywhere_is_not_established_and_one_that_is_reached_is() {
