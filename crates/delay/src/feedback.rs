@@ -101,7 +101,7 @@ impl InLoop {
 ///   response's: the controller reacts. With the response's sign and no later input that explains anything it is a direct path. It is a direct path, whatever its sign, where
 ///   the input is autonomous: it rests while the output moves, and earlier outputs do not predict it, or nothing predicts it and the
 ///   output has a memory.
-/// * Where the response begins smoothly before its command ([`super::ahead`]), the output moves before it, and nothing is said of a loop.
+/// * Where the response begins smoothly before its command (`ahead`), the output moves before it, and nothing is said of a loop.
 /// * A low-order function of the output explains every increment of the input but for rounding, and the input's own past does not: nothing else moves the input.
 ///
 /// How it can be wrong: a plant that is far from linear passes for a loop where its input is smooth. A loop whose noise moves the input by a few hundredths of its
@@ -416,7 +416,7 @@ const LEFT: f64 = 0.7;
 /// By how many samples the output leads the input, where what the input does later explains the output better than what it did before.
 ///
 /// Free responses over the search window to either side; the lag is that of the largest cross-correlation. A loop whose noise moves the input more than its reference
-/// looks alike, but there past inputs help to predict the output, unless the input is a response that was smoothed both ways ([`super::ahead`]); where the channels may be two copies (`bias` of 0) that says nothing, as an echo does the same.
+/// looks alike, but there past inputs help to predict the output, unless the input is a response that was smoothed both ways (`ahead`); where the channels may be two copies (`bias` of 0) that says nothing, as an echo does the same.
 #[must_use]
 pub fn lead(records: &[Record<'_>], max_delay: usize, bias: usize) -> Option<usize> {
     let samples: usize = records.iter().map(Record::len).sum();
