@@ -566,7 +566,7 @@ def check(
     name: str | None = None,
     restart_every: float | None = None,
 ) -> Inspection:
-    """Looks at a simulator and logs before anyone diagnoses: names, units, time stamps, signs, axes, clocks, stuck and clipped channels, excitation.
+    """Looks at a simulator and logs before anyone diagnoses: names, units, time stamps, signs, axes, clocks, stuck and clipped channels, excitation, operating point.
 
     Parameters
     ----------

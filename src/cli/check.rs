@@ -15,7 +15,7 @@ use deadtime_log::{Channel, Log};
 use deadtime_model::effect::OnLog;
 use deadtime_signal::stop::Stop;
 
-/// Check a model and logs before diagnosing: names, units, time stamps, signs, axes, clocks, stuck and clipped channels, excitation
+/// Check a model and logs before diagnosing: names, units, time stamps, signs, axes, clocks, stuck and clipped channels, excitation, operating point
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   deadtime check --model model.toml --log flight.csv

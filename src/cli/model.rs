@@ -250,7 +250,7 @@ impl New {
         }
         text += "# Names are columns of the log; a unit is checked against the log's.\n";
         if self.kind != Kind::Equations {
-            text += "# operating = NUMBER or \"mean\": the point that the model is linear about, in the channel's unit.\n";
+            text += "# operating = NUMBER or \"mean\": the point that the model is linear about, in the channel's unit; a log's own means are put here.\n";
         }
         for (key, names) in [("inputs ", &inputs), ("outputs", &outputs)] {
             let channels: Vec<String> =
@@ -271,9 +271,26 @@ impl New {
         let unit = log
             .and_then(|log| log.unit(name))
             .map_or_else(String::new, |unit| format!(", unit = {}", quoted(unit)));
-        let operating = if self.kind == Kind::Equations { "" } else { ", operating = 0.0" };
+        let operating = match self.kind {
+            Kind::Equations | Kind::Quadrotor => String::new(),
+            Kind::Linear | Kind::Process => {
+                let level = log.and_then(|log| level(log, name)).unwrap_or(0.0);
+                format!(", operating = {level:?}")
+            }
+        };
         format!("{{ name = {}{unit}{operating} }}", quoted(name))
     }
+}
+
+/// The mean of a channel to three digits, where it is farther from zero than the standard deviation: nearer, zero is as likely the point about which the channel moves.
+fn level(log: &Log, name: &str) -> Option<f64> {
+    let samples = log.channel(name).ok()?.samples();
+    let values: Vec<f64> = (0..log.len()).filter_map(|k| samples.get(k)).collect();
+    let (mean, moves) = (
+        deadtime_signal::stats::mean(values.iter().copied())?,
+        deadtime_signal::stats::deviation(&values)?,
+    );
+    (mean.abs() > moves).then(|| format!("{mean:.2e}").parse().ok()).flatten()
 }
 
 fn linear(text: &mut String, inputs: usize, outputs: usize) -> std::fmt::Result {

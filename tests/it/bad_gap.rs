@@ -272,11 +272,11 @@ fn what_is_held_out_was_learnt_from() {
 fn a_file_that_is_not_there_is_said_once() {
     let run = gap(MODEL, &[], &["--log", "nowhere.csv"]);
     run.refused(&["nowhere.csv"]);
-    assert_eq!(run.stderr.matches("os error").count(), 1, "{}", run.stderr);
+    assert_eq!(run.stderr.matches("no such file").count(), 1, "{}", run.stderr);
     let run =
         deadtime(&["gap", "--model", "nowhere.toml", "--log", "nowhere.csv", "--out", "nowhere"]);
     run.refused(&["nowhere.toml"]);
-    assert_eq!(run.stderr.matches("os error").count(), 1, "{}", run.stderr);
+    assert_eq!(run.stderr.matches("no such file").count(), 1, "{}", run.stderr);
 }
 
 #[test]

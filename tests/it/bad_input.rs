@@ -60,7 +60,7 @@ fn the_good_log_that_the_bad_ones_are_made_from_is_fine() {
 #[test]
 fn a_missing_file_is_named() {
     let folder = Folder::new();
-    estimate(&folder.path("nowhere.csv"), &[]).refused(&["nowhere.csv", "No such file"]);
+    estimate(&folder.path("nowhere.csv"), &[]).refused(&["nowhere.csv", "no such file"]);
 }
 
 #[test]
@@ -366,7 +366,7 @@ fn a_model_of_unknown_kind_or_format_says_what_is_read() {
     ]);
     with(&model("model.yaml", "deadtime/model@1", "lti"))
         .refused(&["model.yaml", ".toml or .json"]);
-    with(&folder.path("none.toml")).refused(&["none.toml", "No such file"]);
+    with(&folder.path("none.toml")).refused(&["none.toml", "no such file"]);
     with(&folder.write("broken.toml", "format = \"deadtime/model@1\"\nA = [[1.0\n"))
         .refused(&["broken.toml", "line"]);
     let ragged = folder.write(

@@ -725,6 +725,33 @@ fn commands_that_are_too_poor_are_named_with_the_reason() {
     }
 }
 
+/// Model and machine are the same; the machine's log holds levels that the model's operating point of zero lacks. The level is drawn in standard deviations of the output.
+#[test]
+fn a_level_of_another_operating_point_is_found() {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    for (round, plant) in (0..16).flat_map(|round| PLANTS[..3].iter().map(move |p| (round, p))) {
+        let document = document(plant.model);
+        let system = System::new(&document, |_| Ok(0.0)).unwrap();
+        let mut columns =
+            record(plant, &document, &[], SENSORS[round % SENSORS.len()], 40 + round as u64);
+        let output = system.outputs[round % system.outputs.len()].name.clone();
+        let values = values(&mut columns, &output);
+        // Model and machine move alike, so that three times the motion of both is six standard deviations.
+        let far = round % 2 == 0;
+        let times = if far { rng.random_range(9.0..100.0) } else { rng.random_range(0.0..4.0) };
+        let level = times * std_dev(values) * if rng.random() { 1.0 } else { -1.0 };
+        values.iter_mut().for_each(|v| *v += level);
+        let found = look(plant, &columns);
+        let named = has(&found, CheckKind::OperatingPoint, &output);
+        assert_eq!(named, far, "{output} by {times}: {:?}", found.checks);
+    }
+    // A predictor follows every level.
+    let columns = record(&PLANTS[3], &document(LATERAL), &[], CLEAN, 3);
+    let found = look(&PLANTS[3], &columns);
+    let check = found.checks.iter().find(|c| c.check == CheckKind::OperatingPoint).unwrap();
+    assert_eq!(check.ok, None, "{check:?}");
+}
+
 /// 720 logs without a fault: a model that lacks nothing, or a delay, a lag, a dead zone, friction, up to half of its gain or of a parameter; noise white, coloured,
 /// quantised and none. Of six seeds (the variable SEED) each has 0 or 1 false alarm in 720; 1 % is allowed.
 #[test]
@@ -808,7 +835,7 @@ fn the_command_says_names_units_and_missing_samples_with_the_remedy() {
     );
     assert_eq!(
         json().checks.len(),
-        10,
+        11,
         "one line per check and input, one of the two sensors: {:?}",
         json().checks
     );

@@ -275,6 +275,31 @@ fn a_template_has_the_channels_of_the_log_and_is_read_as_it_stands() {
 }
 
 #[test]
+fn a_template_holds_the_level_of_channels_that_move_about_one() {
+    let folder = Folder::new();
+    let rows = (0..200).map(|k| {
+        let moves = if k % 2 == 0 { 1.0 } else { -1.0 };
+        format!(
+            "{},{},{},{}\n",
+            f64::from(k) / 10.0,
+            230.0 + 5.0 * moves,
+            -0.0312 + 0.01 * moves,
+            0.4 + moves
+        )
+    });
+    let data = folder.write("log.csv", &format!("time,u,y,z\n{}", rows.collect::<String>()));
+    let model = folder.path("m.toml");
+    let channels = ["--input", "u", "--output", "y", "--output", "z"];
+    let start = ["model", "new", "process", "--log", text(&data), "--out", text(&model)];
+    deadtime(&[&start[..], &channels].concat()).done();
+    let written = std::fs::read_to_string(&model).unwrap();
+    for says in ["\"u\", operating = 230.0", "\"y\", operating = -0.0312", "\"z\", operating = 0.0"]
+    {
+        assert!(written.contains(says), "{says}: {written}");
+    }
+}
+
+#[test]
 fn a_quadrotors_template_finds_the_logs_columns_and_is_the_shipped_model_otherwise() {
     let folder = Folder::new();
     let own = "m1_rads m2_rads m3_rads m4_rads x y z vx vy vz qx qy qz qw wx wy wz"

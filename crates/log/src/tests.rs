@@ -108,7 +108,7 @@ fn context_columns_of_text_load_and_are_refused_only_when_asked_for() {
 fn missing_file_says_what_the_system_said() {
     let error = read("/nowhere/a.csv".as_ref()).unwrap_err();
     assert!(
-        matches!(&error, Error::File(deadtime_signal::file::FileError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound)
+        matches!(&error, Error::File(deadtime_signal::file::FileError::Io { reason, .. }) if reason.kind() == std::io::ErrorKind::NotFound)
     );
     says(&error, &["/nowhere/a.csv", "No such file"]);
 }

@@ -10,6 +10,23 @@ use crate::effect::error::EffectError;
 use crate::equations::error::EquationError;
 use crate::simulate::error::SimulateError;
 
+/// What a file is whose extension is neither `.toml` nor `.json`, and how it can be used. A file of another program stays what it is under another name.
+fn foreign(path: &std::path::Path) -> &'static str {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    match extension.as_deref() {
+        Some("slx" | "mdl" | "xml" | "mjcf" | "urdf" | "sdf" | "usd" | "fmu" | "mo" | "m") => {
+            "a model of another simulator, which is not read; let that simulator be called (`deadtime gap --simulator`, or a function of Python), or write its equations or its linearisation to a model file (`deadtime model new`)"
+        }
+        Some("csv" | "mat" | "ulg" | "bag" | "db3" | "mcap" | "parquet" | "h5" | "hdf5") => {
+            "a log in the place of a model; `deadtime model new` and `deadtime identify` write model files, .toml or .json"
+        }
+        Some("py" | "exe" | "sh") => {
+            "a program in the place of a model; give it as `--simulator`, or its function to `deadtime.gap` in Python"
+        }
+        _ => "a model file ends in .toml or .json; `deadtime model new` writes one",
+    }
+}
+
 /// Whatever keeps a model from being built, read, converted or simulated.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -357,7 +374,7 @@ pub enum ModelError {
         why: String,
     },
     /// A file name whose extension says neither TOML nor JSON.
-    #[error("{path}: the extension decides the format of a model file; name it .toml or .json", path = path.display())]
+    #[error("{path}: {remedy}", path = path.display(), remedy = foreign(path))]
     Extension {
         /// The file.
         path: std::path::PathBuf,

@@ -57,10 +57,10 @@ pub(super) fn raise(py: Python<'_>, error: impl Into<Error>) -> PyErr {
         Ok(py.import("deadtime.errors")?.getattr(name)?.cast_into()?)
     };
     match (class(name), &error) {
-        (Ok(class), Error::File(deadtime::file::FileError::Io { path, source })) => {
+        (Ok(class), Error::File(deadtime::file::FileError::Io { path, reason })) => {
             PyErr::from_type(
                 class,
-                (source.raw_os_error(), os_message(source), path.clone().into_os_string()),
+                (reason.raw_os_error(), os_message(reason), path.clone().into_os_string()),
             )
         }
         (Ok(class), _) => {
@@ -82,8 +82,8 @@ impl<T, E: Into<Error>> OrRaise<T> for Result<T, E> {
 }
 
 /// The message of the operating system, without its number.
-fn os_message(source: &std::io::Error) -> String {
-    let text = source.to_string();
+fn os_message(reason: &std::io::Error) -> String {
+    let text = reason.to_string();
     text.split(" (os error").next().unwrap_or(&text).to_owned()
 }
 

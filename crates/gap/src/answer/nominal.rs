@@ -5,14 +5,12 @@
 
 use nalgebra::DMatrix;
 
+use crate::checks::operating_point::apart;
 use crate::format::caveat::Caveat;
 use crate::format::diagnosis::{Diagnosis, Mode};
 use crate::input::record::LogRecord;
 use deadtime_model::simulate::System;
-use deadtime_signal::stats;
 
-/// The levels are apart by so many times what output and model move together. A constant offset of a sensor or of an input is seldom as large as what it is to measure.
-const APART: f64 = 3.0;
 /// An error of the spread itself: that of the best constant.
 const CONSTANT: f64 = 1.0;
 /// The reported effects correct the model where they halve the error.
@@ -39,24 +37,8 @@ fn other_operating_point(
     records: &[LogRecord],
     predicted: &[DMatrix<f64>],
 ) -> Option<Caveat> {
-    let level = |i: usize| {
-        let pairs = records.iter().zip(predicted).flat_map(|(r, model)| {
-            (0..model.nrows())
-                .filter_map(move |k| r.measured_in(r.train, i, k).map(|y| (y, model[(k, i)])))
-        });
-        let (measured, modelled): (Vec<f64>, Vec<f64>) = pairs.unzip();
-        let (y, m) =
-            (stats::mean(measured.iter().copied())?, stats::mean(modelled.iter().copied())?);
-        let moves = stats::deviation(&measured)? + stats::deviation(&modelled)?;
-        let name = &system.outputs.get(i)?.name;
-        let text = || {
-            format!(
-                "`{name}` is {y:.4} on average where the model gives {m:.4}, and both move by {moves:.3} about that"
-            )
-        };
-        (moves > 0.0 && (y - m).abs() > APART * moves).then(text)
-    };
-    let levels: Vec<String> = (0..system.outputs.len()).filter_map(level).collect();
+    let levels: Vec<String> =
+        apart(system, records, predicted).iter().map(|levels| levels.words(system)).collect();
     (!levels.is_empty()).then(|| Caveat::OtherOperatingPoint { levels: levels.join("; ") })
 }
 

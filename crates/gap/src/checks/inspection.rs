@@ -1,12 +1,12 @@
 //! Consistency of a model and logs before any diagnosis: names, units, time stamps, missing samples, then all checks.
 
 use deadtime_signal::remedy::{Message, Remedied, Remedy, Words};
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::every;
 use super::evidence::{ALL, result, short};
 use super::topics::LogClocks;
-use super::units;
+use super::{every, operating_point, units};
 use crate::baseline::predictor::Predictor;
 use crate::error::Result;
 use crate::format::caveat::Caveat;
@@ -20,6 +20,8 @@ use crate::input::record::{LogRecord, Span};
 use crate::input::restart::restart;
 use crate::input::subject::Subject;
 use deadtime_log::{Channel, Log, LogError};
+use deadtime_model::effect::{Applied, Chance};
+use deadtime_model::simulate::System;
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::stop::Stop;
 
@@ -307,6 +309,27 @@ fn checks(
     let poles = probed.as_ref().map_or_else(|| Poles::of(&system, &records), Poles::probed);
     let predictor =
         Predictor::of(&system, &records, &poles, probed.as_ref(), None, &Criteria::default());
-    Ok(every::checks(&system, &model_effects, &records, predictor, &far.part(SIMULATED, 1.0))
-        .checks)
+    let free = predictor.gains.is_empty() && subject.nuisances().is_empty();
+    let predicted =
+        free.then(|| free_runs(&system, &model_effects, &records)).transpose()?.flatten();
+    let mut checks =
+        every::checks(&system, &model_effects, &records, predictor, &far.part(SIMULATED, 1.0))
+            .checks;
+    checks.extend(operating_point::check(&system, &records, predicted.as_deref()));
+    Ok(checks)
+}
+
+/// The outputs of the nominal model in free run, of each record, samples × outputs; `None` where a record cannot be simulated.
+fn free_runs(
+    system: &System,
+    model_effects: &[Applied],
+    records: &[LogRecord],
+) -> Result<Option<Vec<DMatrix<f64>>>> {
+    let plan = Applied::plan(system, model_effects, Chance::Mean)?;
+    let run = |record: &LogRecord| {
+        let start = if system.restart.is_some() { &record.start } else { &system.initial };
+        let run = system.simulate(&plan, record.commands(), start, None).ok()?;
+        run.y.iter().all(|v| v.is_finite()).then_some(run.y)
+    };
+    Ok(records.iter().map(run).collect())
 }

@@ -17,6 +17,7 @@ pub(crate) mod inspection;
 mod kinematics;
 mod moments;
 mod one_sample_shift;
+pub(crate) mod operating_point;
 mod pairs;
 mod runs;
 mod sign;

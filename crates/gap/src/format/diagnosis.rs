@@ -215,8 +215,10 @@ pub enum CheckKind {
     Stuck,
     /// A channel at its limit.
     Clipped,
-    /// A command too poor to tell anything.
+    /// A command with too little excitation.
     Excitation,
+    /// Levels of model and log that are far apart; of `deadtime check` alone.
+    OperatingPoint,
 }
 
 impl CheckKind {
@@ -233,6 +235,7 @@ impl CheckKind {
             Self::Stuck => "stuck",
             Self::Clipped => "clipped",
             Self::Excitation => "excitation",
+            Self::OperatingPoint => "operating_point",
         }
     }
 }

@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 #[non_exhaustive]
 pub enum FileError {
     /// The operating system refused a file.
-    #[error("{path}: {source}", path = path.display())]
+    #[error("{path}: {reason}", path = path.display(), reason = why(path, reason))]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// The operating system's reason.
-        source: std::io::Error,
+        /// The operating system's reason; the message holds it.
+        reason: std::io::Error,
     },
     /// A file of instructions that is far larger than any such file.
     #[error("{path}: larger than {mib} MiB, the most that is read of a file of this kind; is it a log, or a device?", path = path.display(), mib = limit >> 20)]
@@ -32,9 +32,49 @@ pub enum FileError {
     },
 }
 
+/// The operating system's reason without its number; where nothing has the name, what is missing and the nearest name in the folder.
+fn why(path: &Path, reason: &std::io::Error) -> String {
+    if reason.kind() != std::io::ErrorKind::NotFound {
+        let text = reason.to_string();
+        return text.split(" (os error").next().unwrap_or(&text).to_owned();
+    }
+    let folder = match path.parent() {
+        Some(folder) if folder != Path::new("") => folder,
+        _ => Path::new("."),
+    };
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return format!("there is no folder {}", folder.display());
+    };
+    let names: Vec<String> =
+        entries.flatten().filter_map(|entry| entry.file_name().into_string().ok()).collect();
+    let wanted = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into());
+    // The file may have come since, or be a link to nothing.
+    let others = names.iter().map(String::as_str).filter(|name| *name != wanted);
+    format!("no such file{}", crate::text::did_you_mean(&wanted, others))
+}
+
 impl FileError {
     /// An operating-system error with the file it is about.
-    pub fn io(path: &Path, source: std::io::Error) -> Self {
-        Self::Io { path: path.to_owned(), source }
+    pub fn io(path: &Path, reason: std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), reason }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::FileError;
+
+    #[test]
+    fn a_missing_file_has_its_folder_or_the_nearest_name() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("flight.csv"), "").unwrap();
+        let message = |name: &str| {
+            let path = folder.path().join(name);
+            FileError::io(&path, std::fs::File::open(&path).unwrap_err()).to_string()
+        };
+        assert!(message("fligth.csv").ends_with("no such file (did you mean `flight.csv`?)"));
+        assert!(message("model.toml").ends_with("no such file"));
+        assert!(message("logs/flight.csv").contains("there is no folder "));
+        assert!(message("logs/flight.csv").ends_with("logs"));
     }
 }

@@ -129,8 +129,8 @@ fn check_commitments(
 fn committed(path: &Path, id: &str) -> Result<Option<String>> {
     let text = match read_bytes(path) {
         Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
-        Err(deadtime_signal::file::FileError::Io { source, .. })
-            if source.kind() == std::io::ErrorKind::NotFound =>
+        Err(deadtime_signal::file::FileError::Io { reason, .. })
+            if reason.kind() == std::io::ErrorKind::NotFound =>
         {
             return Ok(None);
         }
