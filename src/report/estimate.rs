@@ -53,6 +53,12 @@ pub fn preamble(report: &Report) -> String {
             let records =
                 if *records > 1 { format!(" in {records} records") } else { String::new() };
             let bias = match bias {
+                Bias::Assumed if report.pairs.iter().all(|p| p.two_sensors) => {
+                    "assumed relative degree 0 (two sensors of one signal)".to_owned()
+                }
+                Bias::Assumed if report.pairs.iter().any(|p| p.two_sensors) => {
+                    "assumed relative degree 1 (a strictly proper plant behind a zero-order hold), 0 of two sensors of one signal".to_owned()
+                }
                 Bias::Assumed => {
                     "assumed relative degree 1 (a strictly proper plant behind a zero-order hold)"
                         .to_owned()

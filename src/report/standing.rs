@@ -90,6 +90,7 @@ fn assumption(of: Condition) -> [&'static str; 2] {
         Condition::Dynamics => ["a pure copy", "this plant is slow"],
         Condition::MissingOutputs => ["every output sample", "some are missing"],
         Condition::OtherInputs => ["one input", "others move with it"],
+        Condition::TwoSensors => ["a zero-order hold", "these may be two sensors of one signal"],
         Condition::InverseResponse => {
             ["a response without undershoot", "this one starts the other way"]
         }

@@ -769,6 +769,10 @@ fn complicated(condition: Condition, method: &Method, seed: u64) -> Option<Measu
             let y = sum(&y, &times(&noise, 0.01 * std_dev(&y)));
             Measured::siso(ts(TS), u, y)
         }
+        // The methods that claim it have copies as their reference.
+        Condition::TwoSensors => change(suitable(method), same, |y| {
+            sum(y, &white(y.len(), 0.05 * std_dev(y), 9500 + seed))
+        }),
         // Have tests of their own.
         Condition::MissingOutputs
         | Condition::OtherInputs

@@ -1,12 +1,12 @@
 //! An output that moves before its command: it was smoothed both ways, or its clock is ahead.
 //!
 //! Equation: y(t) = Σⱼ≥₋F hⱼ·u(t−j) + v(t), v autoregressive. The output moves before the command where F later inputs explain it beyond the earlier ones, earlier outputs
-//! predict the input ([`super::feedback`] has that test), the response is smooth up to its first lag, and what precedes the command has the sign of what follows it.
-//! A controller's reaction is a single coefficient, or one against the response: −(1−a)/K of a stabilising K.
+//! predict the input ([`super::feedback`] has that test), and the response is smooth up to its first lag. A controller's reaction is a single coefficient, or one that
+//! is larger than the response and against it: −(1−a)/K of a stabilising K. The side lobes of a smoothing filter are smaller than its response.
 //!
 //! A smoothing filter that runs both ways has a response with no beginning: the dead time behind it is not identifiable without the filter.
 //!
-//! How it can be wrong: a controller with the response's sign (positive feedback), at a reference that is smoother than the noise, looks alike. A smoothed inverse response is not seen. A filter over fewer than four samples is not seen. An output that moves one sample early by interpolation does too, so that resampled logs are not judged.
+//! How it can be wrong: a smooth controller at a reference that is smoother than the noise looks alike where its reaction is small, or has the response's sign (positive feedback). A filter over fewer than four samples is not seen. An output that moves one sample early by interpolation does too, so that resampled logs are not judged.
 
 use deadtime_identify::{Record, Regression};
 
@@ -49,7 +49,9 @@ fn smooth(records: &[Record<'_>], order: usize, lags: usize) -> Option<bool> {
     let h = |i: usize| solution.coefficients[i];
     let largest = (0..LATER + lags).map(|i| h(i).abs()).fold(0.0, f64::max);
     let sum = |range: std::ops::Range<usize>| range.map(h).sum::<f64>();
-    let against = sum(0..LATER) * sum(LATER..LATER + lags) < 0.0;
+    let peak = |range: std::ops::Range<usize>| range.map(|i| h(i).abs()).fold(0.0, f64::max);
+    let (before, after) = (0..LATER + 1, LATER + 1..LATER + lags);
+    let against = sum(before.clone()) * sum(after.clone()) < 0.0 && peak(before) >= peak(after);
     let bend = |i: usize| (h(i) - 0.5 * (h(i - 1) + h(i + 1))).abs();
     let power = |x: &dyn Fn(usize) -> f64| (1..LATER).map(|i| x(i).powi(2)).sum::<f64>();
     let rings = power(&|i| 0.5 * (h(i - 1) + h(i))) < LASTING * power(&h);

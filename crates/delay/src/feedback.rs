@@ -40,7 +40,7 @@ const CONTROLLER: (usize, usize) = (4, 7);
 const TIED: f64 = 1e-9;
 /// Share that the input's own past must leave, for its being explained to say anything: what is smooth enough is a function of its own past.
 const NEWS: f64 = 1e-3;
-/// Share of the samples at which the output moves and the input does not, from which the input is no linear function of the output.
+/// Share of the samples at which the output moves and the input does not, from which the input is no linear function of the output. One of four levels at random repeats as often.
 const RESTS: f64 = 0.25;
 /// Past samples of both channels from which the input is predicted before what is new in it is taken.
 const MEMORY: usize = 20;
@@ -161,14 +161,7 @@ fn autonomous(records: &[Record<'_>], na: usize) -> bool {
     if unpredictable(records, na) {
         return true;
     }
-    let (mut rests, mut moves) = (0, 0);
-    for record in records {
-        for (u, _) in record.u.windows(2).zip(record.y.windows(2)).filter(|(_, y)| y[0] != y[1]) {
-            moves += 1;
-            rests += usize::from(u[0] == u[1]);
-        }
-    }
-    if (rests as f64) < RESTS * moves as f64 {
+    if !rests(records) {
         return false;
     }
     // The output takes the input's place, a sample earlier.
@@ -180,6 +173,18 @@ fn autonomous(records: &[Record<'_>], na: usize) -> bool {
     own.zip(both).is_some_and(|((own, rows), (both, _))| {
         explained(own, both, na, rows.saturating_sub(2 * na)).1 >= BY_CHANCE
     })
+}
+
+/// The input often rests while the output moves: it is of levels, as a command is, and no sensor's signal.
+pub(super) fn rests(records: &[Record<'_>]) -> bool {
+    let (mut rests, mut moves) = (0, 0);
+    for record in records {
+        for (u, _) in record.u.windows(2).zip(record.y.windows(2)).filter(|(_, y)| y[0] != y[1]) {
+            moves += 1;
+            rests += usize::from(u[0] == u[1]);
+        }
+    }
+    rests as f64 >= RESTS * moves as f64
 }
 
 /// The probability that earlier outputs predict the input by chance as well as they do beyond its own past: small where the input reacts to them, whatever the plant.

@@ -144,6 +144,8 @@ pub enum Condition {
     InverseResponse,
     /// A plant that integrates.
     Integrating,
+    /// Two sensors of one signal: the output is a copy of the input, and no hold lies between them (a method that assumes one is undecided within a sample).
+    TwoSensors,
 }
 
 impl Condition {
@@ -159,6 +161,7 @@ impl Condition {
             Self::OtherInputs => "inputs that move together",
             Self::InverseResponse => "an inverse response",
             Self::Integrating => "a plant that integrates",
+            Self::TwoSensors => "two sensors of one signal",
         }
     }
 }

@@ -105,6 +105,9 @@ pub struct Pair {
     /// Output samples that stand alone, far off their neighbours.
     #[serde(skip)]
     pub standing_off: usize,
+    /// The channels are taken for two sensors of one signal: delays are those of relative degree 0.
+    #[serde(skip)]
+    pub two_sensors: bool,
     /// The dead time and its reasons.
     pub verdict: Verdict,
     /// A delay that changes; absent where one delay describes the records.
@@ -129,6 +132,7 @@ impl Pair {
             estimates,
             poor_std_s: None,
             standing_off: 0,
+            two_sensors: false,
             verdict,
             moving: None,
             track: None,

@@ -188,6 +188,7 @@ fn counted(pair: &Pair, report: &Report) -> String {
     let shown = shown.strip_suffix(".0").unwrap_or(&shown);
     let unit = if shown == "1" { "sample" } else { "samples" };
     let degree = match bias {
+        Bias::Assumed if pair.two_sensors => 0,
         Bias::Assumed => 1,
         Bias::Given(degree) => *degree,
         Bias::Model(_) => return format!(", {shown} {unit}"),

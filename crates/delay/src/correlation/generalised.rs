@@ -12,7 +12,8 @@ use nalgebra::Complex;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 /// What all of them withstand.
-pub(crate) const WITHSTANDS: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs];
+pub(crate) const WITHSTANDS: &[Condition] =
+    &[Condition::ColouredNoise, Condition::MissingOutputs, Condition::TwoSensors];
 
 /// What all of them need.
 pub(crate) const NEEDS: &str =

@@ -74,7 +74,7 @@ pub(crate) const METHOD: Method = Method {
     reference: ReferenceExperiment::Skewed,
     information: Information::TwoSensors,
     tolerance: 0.05,
-    withstands: &[Condition::ColouredNoise, Condition::MissingOutputs],
+    withstands: &[Condition::ColouredNoise, Condition::MissingOutputs, Condition::TwoSensors],
     needs: "a skewed input, an output that is a delayed copy of it, noise of a symmetric distribution",
     blind_to: "the plant's own lag; inputs of a symmetric distribution, random binary ones among them",
     exempt: &[(Law::Exact, LATE)],

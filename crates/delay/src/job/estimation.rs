@@ -2,12 +2,13 @@
 
 use super::asked::{Job, whole};
 use super::chosen::Ready;
-use super::pair::OnePair;
+use super::pair::{Estimated, OnePair};
 use super::seen::PairView;
 use crate::error::{DelayError, Result};
 use crate::estimator::Search;
 use crate::evidence::{Evidence, evidence, impulse_response};
 use crate::experiment::{Experiment, recordings};
+use crate::feedback::InLoop;
 use crate::method::{Method, Scope, Start};
 use crate::process::shares::Shares;
 use crate::report::{Bias, FORMAT, Pair, Report, Response, Searched};
@@ -177,14 +178,22 @@ impl Job {
         if !given {
             window = reaching(&one.pair(0, 0)?, window, &self.stop)?.min(most);
         }
+        let mut two_sensors = false;
         loop {
-            let search = Search { max_delay: window, ..of.search.clone() };
+            let mut search = Search { max_delay: window, ..of.search.clone() };
+            if two_sensors {
+                search.default_bias = 0;
+            }
             let wider = (window != of.search.max_delay)
                 .then(|| Shares::of(&of.experiment.towards(0, o)?, window, &self.stop))
                 .transpose()?
                 .flatten();
             let shares = if window == of.search.max_delay { shares } else { wider.as_ref() };
-            let seen = self.seen(of.logged, of.experiment, &search, (i, o), shares)?;
+            let mut seen = self.seen(of.logged, of.experiment, &search, (i, o), shares)?;
+            if two_sensors {
+                // A fraction of a sample begins before its command, as a loop does.
+                seen.looped = InLoop::default();
+            }
             if window == of.search.max_delay && window < most && !seen.looped.closed() {
                 let at_rest = seen.by_start(Start::Rest).pair(0, 0)?;
                 window = reaching_by_model(&at_rest, window, most);
@@ -199,11 +208,13 @@ impl Job {
                 shares,
                 names: of.names,
                 grows: window < most,
+                two_sensors,
                 far: far.clone(),
             };
             match one.estimated()? {
-                Some(pair) => return Ok((pair, window)),
-                None => window = (2 * window).min(most),
+                Estimated::Pair(pair) => return Ok((*pair, window)),
+                Estimated::Wider => window = (2 * window).min(most),
+                Estimated::TwoSensors => two_sensors = true,
             }
         }
     }

@@ -53,12 +53,19 @@ pub(super) fn at_once_in_loop_note(verdict: &Verdict, ts: SampleTime) -> String 
     )
 }
 
-/// The doubt where a response of one sample may be that of two sensors: relative degree 1 was assumed.
-pub(super) fn copy_note(delay_s: f64, ts: SampleTime) -> String {
-    format!(
-        "the response lasts one sample, and relative degree 1 is assumed; between two sensors of one signal it is 0, and the dead time {} s",
-        digits(delay_s + ts.seconds(), ts)
-    )
+/// The doubt where the response lasts one sample: the convention that was taken, and the dead time by the other one.
+pub(super) fn copy_note(delay_s: f64, two_sensors: bool, ts: SampleTime) -> String {
+    if two_sensors {
+        let held = digits((delay_s - ts.seconds()).max(0.0), ts);
+        format!(
+            "the response lasts one sample: the channels are taken for two sensors of one signal (relative degree 0); of a command behind a zero-order hold the dead time is {held} s"
+        )
+    } else {
+        let copied = digits(delay_s + ts.seconds(), ts);
+        format!(
+            "the response lasts one sample, and relative degree 1 is assumed; between two sensors of one signal it is 0, and the dead time {copied} s"
+        )
+    }
 }
 
 /// The doubt where methods that count stand at the end of the window.
