@@ -1,6 +1,6 @@
 //! Held-out errors one step ahead, over horizons and in free run, whatever the mode of the diagnosis.
 //!
-//! How it can be wrong: the observer is that of the nominal model, so a poor model starts every horizon with an error; both columns contain it.
+//! How it can be wrong: the observer is that of the nominal model. A poor model therefore starts every horizon with an error; both columns contain it.
 
 use std::num::NonZeroUsize;
 

@@ -1,4 +1,5 @@
-//! Candidate functions of a missing force (states, commands, products of two and three, waves over an angle), and the residual of a span without the responses to its initial state.
+//! Candidate functions of a missing force: states, commands, products of two and three, waves over an angle. Also the residual of a span without the responses
+//! to its initial state.
 
 use nalgebra::{DMatrix, DVector};
 

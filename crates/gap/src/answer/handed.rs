@@ -104,7 +104,8 @@ pub(crate) fn in_a_form_that_helps(
     HandedOver { effects, caveat: Some(caveat) }
 }
 
-/// Effect sets in which each alias replaces the latent sequences, fitted jointly with the other effects; each with the factor to which the training error must fall.
+/// Effect sets in which each alias replaces the latent sequences, fitted jointly with the other effects. Each set has the factor to which the training error
+/// must fall.
 fn aliases(
     likelihood: &Likelihood<'_>,
     hidden: &[Applied],

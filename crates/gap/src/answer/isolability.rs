@@ -1,8 +1,8 @@
 //! Effects that an excitation makes distinguishable, from signatures alone, before any fit.
 //!
-//! A signature is the whitened change of the predictions by an effect of a plausible size, with the initial state integrated out.
-//! Two effects with parallel signatures are indistinguishable, whatever the fit (isolability by the angle between signatures: Basseville and Nikiforov 1993,
-//! "Detection of Abrupt Changes", Prentice Hall, section 7.2).
+//! A signature is the whitened change of the predictions by an effect of a plausible size, with the initial state integrated out. Two effects with parallel
+//! signatures are indistinguishable by any fit (isolability by the angle between signatures). Source: Basseville and Nikiforov 1993, "Detection of Abrupt
+//! Changes", Prentice Hall, section 7.2.
 
 use deadtime_signal::decompositions::{singular_values, symmetric_eigen};
 use nalgebra::{DMatrix, DVector};
@@ -23,7 +23,7 @@ const ALIKE: f64 = 0.95;
 
 /// Sizes at which an effect is looked at.
 const SIZES: usize = 4;
-/// An effect that changes the outputs by more than this part of the measured motion's power is no longer small; a smaller one is taken instead.
+/// An effect that changes the outputs by more than this part of the measured motion's power is no longer small. The program then uses a smaller effect.
 const PLAUSIBLE: f64 = 0.1;
 /// How often a size is halved to become plausible.
 const HALVINGS: usize = 6;

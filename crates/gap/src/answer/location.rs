@@ -1,4 +1,4 @@
-//! Where the gap is: the shortest span of time, of frequency and of a command's range that holds most of an output's excess over the floor.
+//! The place of the gap: the shortest ranges of time, frequency and a command that hold most of an output's excess over the floor.
 
 use nalgebra::DMatrix;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -75,8 +75,8 @@ struct Noise {
     memory: f64,
 }
 
-/// What every cell holds above the noise; 0 where that may be chance, the share of false ones among those named being controlled (Benjamini and Hochberg 1995,
-/// doi:10.1111/j.2517-6161.1995.tb02031.x; positively dependent cells: Benjamini and Yekutieli 2001).
+/// The excess of every cell above the noise, and 0 where the excess may be chance. The share of false cells among the named ones is controlled (Benjamini and
+/// Hochberg 1995, doi:10.1111/j.2517-6161.1995.tb02031.x; positively dependent cells: Benjamini and Yekutieli 2001).
 fn significant(cells: &[Cell], noise: Noise) -> Vec<f64> {
     let chance = |cell: &Cell| {
         let freedom = (cell.count / noise.memory).max(1.0);

@@ -240,7 +240,7 @@ mod tests {
     use approx::assert_abs_diff_eq;
     use deadtime_model::simulate::Measured;
 
-    /// Lag by lag is the filter written out, to the bit: also where the span begins before the filter has all its past, and with an output that counts nothing.
+    /// Whitening lag by lag equals the filter to the bit. The test includes a span that begins before the filter has all its past, and an output without weight.
     #[test]
     fn whitening_lag_by_lag_is_the_filter_sample_by_sample() {
         let samples = 40;

@@ -176,9 +176,9 @@ fn misfit(
     misfit.is_finite().then_some(misfit)
 }
 
-/// The filter gain K of x ← x + K(y − ŷ) for process noise of a given size and a prescribed degree of stability (Anderson and Moore 1969, "Linear system optimization
-/// with prescribed degree of stability", Proc. IEE 116(12), 2083-2087, doi:10.1049/piee.1969.0379): poles outside the circle of radius 1/α are mirrored
-/// about it, all others stay.
+/// The filter gain K of x ← x + K(y − ŷ) for process noise of a given size and a prescribed degree of stability. Poles outside the circle of radius 1/α are
+/// mirrored about it, all others stay. Source: Anderson and Moore 1969, "Linear system optimization with prescribed degree of stability", Proc. IEE 116(12),
+/// 2083-2087, doi:10.1049/piee.1969.0379.
 ///
 /// What the model does not know moves the states as its inputs do, `unknown` times as far as the commands go.
 fn gain(system: &System, record: &LogRecord, criteria: &Criteria, unknown: f64) -> DMatrix<f64> {

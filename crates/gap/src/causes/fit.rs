@@ -120,7 +120,7 @@ impl Fit<'_, '_, '_> {
         Some(set)
     }
 
-    /// A step from the values of this set is predicted to fit better than the same set that is fitted already: that fit ended at another minimum.
+    /// A step from the values of this set is predicted to fit better than the finished fit of the same set. That fit ended at another minimum.
     pub(super) fn ended_elsewhere(&self, fitted: &CauseSet, from: &CauseSet) -> bool {
         let from = CauseSet { free: free(&from.effects), ..from.clone() };
         let predicted = || -> Option<f64> {

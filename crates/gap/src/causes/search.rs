@@ -40,8 +40,8 @@ const AS_GOOD: f64 = 6.0;
 
 /// What a search found.
 pub(crate) struct Found {
-    /// Every set that was fitted with its score, the best first; of those that no evidence separates from the best and that differ in one effect, the one with the
-    /// fewest parameters, then the first in the table of effects, leads.
+    /// Every fitted set with its score, the best first. The leader is the set with the fewest parameters, then the first in the table of effects. It is chosen
+    /// among the sets that no evidence separates from the best and that differ in one effect.
     pub(crate) sets: Vec<(f64, CauseSet)>,
     score: Score,
     /// Per output, the variance of what was measured.
@@ -72,8 +72,8 @@ impl Found {
             .collect()
     }
 
-    /// Per effect of a set, its class: the effects that replace it in a set as good as the best, or in one whose additional misfit is within what any
-    /// simulator is inexact by. The joint recalibration is one effect.
+    /// Per effect of a set, its class. Members replace the effect in a set as good as the best, or in one whose additional misfit is within the inexactness of
+    /// any simulator. The joint recalibration is one effect.
     fn classes_of(&self, best: &CauseSet) -> Vec<EffectClass> {
         let own = self.sets.iter().find(|(_, set)| set.key() == best.key());
         let score = own.map_or(f64::INFINITY, |(score, _)| *score);
@@ -111,8 +111,8 @@ impl Found {
         self.sets.iter().find(|(_, set)| set.key() == key).map(|(_, set)| set)
     }
 
-    /// Per parameter of a set, the variance of its value over the visited sets that are as good as the best and have its effect, about its value in this set; their weights are
-    /// exp(−E/2) (Hoeting, Madigan, Raftery and Volinsky 1999, doi:10.1214/ss/1009212519). An alias in the place of another effect moves what is next to it.
+    /// Per parameter of a set, the variance of its value about its value in this set. The weights are exp(−E/2) over the visited sets that are as good as the best and have its effect. Source: Hoeting, Madigan, Raftery and Volinsky 1999, doi:10.1214/ss/1009212519. An alias that replaces another effect changes the
+    /// values of the remaining effects.
     pub(crate) fn between(&self, best: &CauseSet, key: &str, parameter: usize) -> f64 {
         let value = |set: &CauseSet| {
             let applied = set.effects.iter().find(|a| a.key() == key)?;
@@ -269,8 +269,8 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         }
     }
 
-    /// Takes the effective samples of a set with a decoded sequence where that set leads under its own: what a sequence leaves is white, and what a deterministic effect
-    /// leaves of it is not.
+    /// Uses the effective samples of a set with a decoded sequence where that set leads under its own samples. The residual of a sequence is white; that of a
+    /// deterministic effect on the same data is not.
     fn under_a_sequence(&mut self) {
         let decoded: Vec<CauseSet> = self
             .ranked()
@@ -369,8 +369,8 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         self.fit_all(trials);
     }
 
-    /// Whether a set leads in which two others replace two equal effects on different channels: what is common to channels acts on each as an effect of its own does,
-    /// and no exchange of one effect leads from one to the other.
+    /// Whether a set leads in which two other effects replace two equal effects on different channels. A cause common to several channels acts on each like an
+    /// effect of its own, and no single replacement leads from one to the other.
     fn one_cause_for_two(&mut self) -> bool {
         let Some(best) = self.ranked().first().map(|(_, set)| (*set).clone()) else { return false };
         let singly: Vec<Applied> = best.singly().cloned().collect();
@@ -394,7 +394,8 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         self.ranked().first().is_some_and(|(_, set)| set.key() != best.key())
     }
 
-    /// Fits a set, and what can be added to it at the values that it has: alone, a wrong sign with a dead time is fitted by a gain of nothing, which no dead time moves.
+    /// Fits a set, and the candidates that can be added to it at its given values. Fitted alone, a wrong sign with a dead time gives a gain of 0, which makes
+    /// the dead time unobservable.
     fn begin_at(&mut self, asked: CauseSet) {
         let proposals = match self.training.residual(&asked) {
             Some(residual) => {
@@ -464,7 +465,7 @@ fn dropped(set: &CauseSet) -> impl Iterator<Item = CauseSet> {
     set.singly().map(|out| set.without(out)).chain(alone)
 }
 
-/// A set with the special case of a general effect in its place, each in turn, at the general one's values, as far as the special case is a candidate.
+/// A set with the special case of each general effect in turn, at the general form's values. The special case must be a candidate.
 fn specialised(
     set: &CauseSet,
     candidates: &[Applied],
@@ -482,8 +483,8 @@ fn specialised(
     set.singly().filter_map(special)
 }
 
-/// Of the best set, of those that lack one of its members and of those that replace one, as far as no evidence separates them: the one with the fewest
-/// parameters, then the first in the table of effects.
+/// The leader among the best set, the sets that lack one of its members and the sets that replace one, if no evidence separates them. The set with the fewest
+/// parameters leads, then the first in the table of effects.
 fn leader(sets: &[(f64, CauseSet)]) -> Option<usize> {
     let (least, best) = sets.first()?;
     let near = sets.iter().enumerate().take_while(|(_, (score, _))| *score <= least + NO_EVIDENCE);

@@ -9,7 +9,8 @@ use crate::format::diagnosis::{Check, CheckKind};
 const PURE: f64 = 0.9;
 /// The part of the residual after present and past commands that future commands must explain: no machine answers before the command.
 const AHEAD: f64 = 0.15;
-/// Lags that differ by this much beyond four times their standard deviations may be equal, samples: half a sample is a whole one for an output with a direct path.
+/// Lags that differ by this much beyond four times their standard deviations may be equal, samples. Half a sample is a whole one for an output with a direct
+/// path.
 const SAME: f64 = 0.5;
 /// The least interval of a reported offset, samples: the accuracy of the interpolation.
 const LEAST: f64 = 0.02;

@@ -213,7 +213,7 @@ fn usable(log: &Log, report: &LogReport) -> std::result::Result<Log, LogError> {
 /// The part of the work that simulating the model is.
 const SIMULATED: f64 = 0.2;
 
-/// Looks at a model and logs before anyone diagnoses: names, units, time stamps and missing samples of every log, and all checks over the whole of the logs.
+/// Inspects a model and logs before any diagnosis: names, units, time stamps and missing samples of every log, and all checks over whole logs.
 ///
 /// # Errors
 /// Those of the model, [`crate::error::Error::Stopped`]; what does not fit in a log is part of the answer.

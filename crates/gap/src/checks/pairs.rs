@@ -1,8 +1,8 @@
-//! Sensors against each other, without dynamics: a velocity and the slope of a position, a rate and the derivative of an attitude, an acceleration and the
-//! slope of a velocity. The result is the factor, the lag and the offset between the two, each with an interval. Rotated axes are no factor.
+//! Sensors against each other, without dynamics. The pairs are velocity and slope of a position, rate and derivative of an attitude, acceleration and slope of a velocity. The result is the factor, the lag and the offset between the two, each with an interval. Rotated axes are no
+//! factor.
 //!
-//! Pairs are the model's own: outputs of which its equations say that one is the derivative of another whatever the parameters, and four outputs that turn as a
-//! quaternion does by three others. A model that shows no equations has its outputs' names and units looked at instead.
+//! Pairs are the model's own: outputs of which one is the derivative of another in its equations at any parameters. Four outputs that the rates of three others
+//! rotate as a quaternion are pairs too. For a model without equations the outputs' names and units are compared instead.
 
 use deadtime_signal::decompositions::svd;
 use nalgebra::{DMatrix, DVector, Quaternion};
@@ -28,8 +28,8 @@ const OFFSET: f64 = 0.05;
 /// Wider intervals than this would not have shown a fault: of the factor, upper over lower end; of the lag, samples.
 const WIDE: f64 = 1.25;
 const VAGUE: f64 = 2.0;
-/// What is blamed lies so many times half its 95 % interval away: of intervals that rest on sixteen stretches (Student's t with 15 degrees of freedom) one in
-/// 1 400 does by chance, where one in 20 lies outside.
+/// A blamed sensor lies this many times half its 95 % interval away. With sixteen stretches (Student's t with 15 degrees of freedom) one in 1 400 intervals
+/// does by chance, where one in 20 lies outside.
 const SURE: f64 = 2.0;
 /// Another axis counts from this part of the own one, and so many standard deviations.
 const ACROSS: f64 = 0.1;
@@ -180,7 +180,8 @@ fn quaternion(q: [f64; 4]) -> Quaternion<f64> {
     Quaternion::new(q[3], q[0], q[1], q[2])
 }
 
-/// Four outputs in a row that are a quaternion, scalar last, and the three that are its body's rates: by the model's own equations at points of all kinds.
+/// Four consecutive outputs that are a quaternion, scalar last, and the three outputs that are its body's rates. The test is the model's own equations at
+/// points of all kinds.
 fn turning(view: &View<'_>) -> Option<[Pair; 3]> {
     let points = kinematics::points(view)?;
     let outputs = view.outputs();
@@ -211,8 +212,8 @@ fn turning(view: &View<'_>) -> Option<[Pair; 3]> {
     })
 }
 
-/// Samples of an output; NaN where several on end are missing, or one is at a limit. A single one that is missing is that of the cubic through its four neighbours,
-/// which favours no side: left out with all that a filter takes in around it, regular gaps would leave samples of one phase alone.
+/// Samples of an output; NaN where several consecutive samples are missing, or one is at a limit. A single missing sample is that of the cubic through its four
+/// neighbours, which favours no side. Without this value a filter loses all samples around it, and regular gaps would leave samples of one phase alone.
 fn samples(e: &Evidence<'_>, at: usize, output: usize) -> Vec<f64> {
     let record: &LogRecord = e.view.records[at];
     let limits = clipped::limits(e, at, output);

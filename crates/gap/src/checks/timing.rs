@@ -40,8 +40,8 @@ pub(super) struct Timing {
     pub(super) length: f64,
     /// What the lag alone takes off the misfit, over what any short linear filter takes off: 1 where timing is all there is.
     pub(super) pure: f64,
-    /// The part of the residual after present and past commands that future commands explain. 0 where the output does not lead, where the model is predicted (feedback has the
-    /// same signature), and where the samples are too few for all commands.
+    /// The part of the residual after present and past commands that future commands explain. 0 where the output does not lead, and where the samples are too
+    /// few for all commands. Also 0 where the model is predicted: feedback has the same signature.
     pub(super) ahead: f64,
 }
 

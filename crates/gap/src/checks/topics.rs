@@ -1,11 +1,11 @@
-//! The clocks of a recording's topics: the evenness of each topic's stamps, and the offset between the stamps of two topics that log the same motion.
+//! The clocks of a recording's topics: the evenness of each topic's stamps, and the offset between the stamps of two topics with the same motion.
 //!
-//! Two outputs of different topics are compared by their cross-spectrum S(ω) over many stretches: an offset of τ turns its phase by −ωτ, and changes nothing
+//! Two outputs of different topics are compared by their cross-spectrum S(ω) over many stretches. An offset of τ turns its phase by −ωτ, and changes nothing
 //! else. One output may be the negative, the derivative or the integral of the other, with a constant phase of 180°, 90° or −90°.
 //!
-//! How it can be wrong: two sensors of one motion, one with a filter or a slower bus, look like a clock offset; the finding names this. No offset is reported where the phase
-//! is not straight (a dynamic relation), where it fits two offsets or two relations alike (narrow band), where the coherence is low, and where
-//! the record is short. An offset that changes over the record widens the interval, which is that of the stretches.
+//! How it can be wrong: a filter or a slower bus at one of two sensors has the same signature as a clock offset. The finding names this. No
+//! offset is reported where the phase is not straight (a dynamic relation), or where two offsets or two relations fit alike (narrow band). The same holds at
+//! low coherence and for a short record. An offset that changes over the record widens the interval, which is that of the stretches.
 //!
 //! Source: Knapp and Carter (1976), "The generalized correlation method for estimation of time delay", IEEE Trans. ASSP 24(4), 320-327, doi:10.1109/TASSP.1976.1162830
 //! (weights γ²/(1 − γ²)); variance of the phase (1 − γ²)/(2γ²·K): Bendat and Piersol (2010), "Random Data", 4th ed., eq. 9.52.
@@ -247,7 +247,8 @@ fn together(sides: [&Side<'_>; 2], ts: SampleTime, moved_s: f64) -> Result<Log, 
     recording.together(&wanted, Some(ts)).map(|(log, _)| log).map_err(|e| e.to_string())
 }
 
-/// The lag is found by turns: where one signal comes later than the window sees, what leaks from line to line draws the phase towards 0. Moved onto each other it does not.
+/// The lag is found iteratively: where one signal is later than the window's range, leakage from line to line pulls the phase towards 0. After the shift by the
+/// lag the phase has no such bias.
 fn lag(sides: [&Side<'_>; 2], ts: SampleTime) -> Result<Lag, String> {
     let mut samples = 0.0;
     for turn in 0..TURNS {

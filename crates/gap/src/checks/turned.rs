@@ -29,7 +29,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     vectors(e).into_iter().filter_map(|vector| one(e, search, &vector)).collect()
 }
 
-/// Places of outputs that are the components of one vector, in the order of the axes; of the first two axes alone, or of all three.
+/// Places of outputs that are the components of one vector, in the order of the axes. The vector has the first two axes alone, or all three.
 fn vectors(e: &Evidence<'_>) -> Vec<Vec<usize>> {
     let outputs = &e.view.system.outputs;
     let mut found: Vec<Vec<usize>> = Vec::new();

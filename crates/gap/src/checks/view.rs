@@ -1,8 +1,8 @@
 //! The logs with the nominal model, in a form in which both sides are comparable whatever the model's stability.
 //!
-//! Stable models: the measured outputs are compared with a free simulation. Other models have poles that do not decay within a log.
-//! With the predictor's fixed gain their innovations are e = N·y − M·u, N and M stable, and N·y is compared with M·u. No fault is then hidden by the predictor's
-//! feedback of the measurement (a left coprime factorisation: Vidyasagar 1985, "Control System Synthesis: A Factorization Approach", MIT Press).
+//! Stable models: the measured outputs are compared with a free simulation. Other models have poles that do not decay within a log. With the predictor's fixed
+//! gain their innovations are e = N·y − M·u, N and M stable, and N·y is compared with M·u. No fault is then hidden by the predictor's feedback of the
+//! measurement. This is a left coprime factorisation (Vidyasagar 1985, "Control System Synthesis: A Factorization Approach", MIT Press).
 
 use nalgebra::DMatrix;
 

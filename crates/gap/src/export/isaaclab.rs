@@ -2,8 +2,8 @@
 //!
 //! Isaac Lab draws a delay as a whole number of physics steps, min_delay to max_delay with both ends, anew at every reset of an environment.
 //!
-//! How it can be wrong: a delay between two steps cannot be had, so both neighbours are in the range. A friction is found as an acceleration; Isaac Lab wants a
-//! joint's friction as its version has it (a torque from Isaac Sim 5 on), so it needs the joint's `inertia`.
+//! How it can be wrong: a delay between two steps is not possible, so both neighbours are in the range. The diagnosis has a friction as an acceleration. Isaac
+//! Lab needs a joint's friction in the form of its version (a torque from Isaac Sim 5 on), and therefore the joint's `inertia`.
 
 use std::collections::BTreeMap;
 

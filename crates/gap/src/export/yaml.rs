@@ -1,7 +1,7 @@
 //! YAML that every version of YAML reads alike: block maps and lists, every text in quotes, numbers with a point.
 //!
-//! How it can be wrong: YAML 1.1, which PyYAML reads, takes `1e-5` for a text and `no` for false; so numbers have a point and a signed exponent, and texts
-//! and keys stand in double quotes, in which JSON's escapes mean the same.
+//! How it can be wrong: YAML 1.1, which PyYAML reads, takes `1e-5` for a text and `no` for false. Numbers therefore have a point and a signed exponent. Texts
+//! and keys are in double quotes, in which JSON's escapes have the same meaning.
 
 use super::node::Node;
 

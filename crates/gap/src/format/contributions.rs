@@ -58,7 +58,8 @@ pub struct Contribution {
     pub probability: Option<f64>,
     /// How clearly it shows.
     pub strength: Strength,
-    /// Its share: the rise of the squared error when the effect is removed and the others stay, scaled so that the shares add up to the explained part.
+    /// Its share: the rise of the squared error when the effect is removed and the others stay. The shares are scaled so that they add up to the explained
+    /// part.
     pub share: Share,
     /// The training nrmse without it, all others refitted; missing where that cannot be simulated.
     pub without_it: Option<f64>,

@@ -1,7 +1,7 @@
 //! The diagnosis file, `deadtime/diagnosis@3`, as plain data; files of `@1` and `@2` are read too.
 //!
-//! A number that may be missing is an `Option` and `null` in the file. NaN and infinities are written as `null` too; where a number must be, such a
-//! diagnosis is refused when it is written, so that whatever was written can be read.
+//! A number that may be missing is an `Option` and `null` in the file. NaN and infinities are written as `null` too. A diagnosis without a compulsory number is
+//! refused when it is written, so that every written file can be read.
 
 use std::path::Path;
 

@@ -1,9 +1,8 @@
 //! The arrival time of each command: the latent random delays of late commands, estimated from the outputs.
 //!
-//! A command that differs by c from its predecessor and arrives δ later than expected adds −c·δ·h to the outputs, h being their impulse response. To
-//! first order the residual is G(m + δ). The shift m is common to all; δ is normal with the standard deviation s and the correlation of commands that keep their order.
-//! With A = P⁻¹ + GᵀG the delays are A⁻¹Gᵀr. The marginal likelihood of a spread is −bᵀA⁻¹b + ln det PA with b = Gᵀr (a Gaussian process; Rasmussen
-//! and Williams 2006, Gaussian Processes for Machine Learning, equations 2.27 to 2.30), and the spread minimises it. The steps repeat about the estimated
+//! A command that differs by c from its predecessor and arrives δ later than expected adds −c·δ·h to the outputs, h being their impulse response. To first
+//! order the residual is G(m + δ). The shift m is common to all; δ is normal with the standard deviation s and the correlation of commands that keep their
+//! order. With A = P⁻¹ + GᵀG the delays are A⁻¹Gᵀr. The marginal likelihood of a spread is −bᵀA⁻¹b + ln det PA with b = Gᵀr, and the spread minimises it. Source: Rasmussen and Williams 2006, Gaussian Processes for Machine Learning, equations 2.27 to 2.30. The steps repeat about the estimated
 //! delays, simulated exactly; the sequence with the lowest cost is kept.
 //!
 //! How it can be wrong: delays longer than the plant's smoothing leave the linear range, so the exact simulation decides. A response that
@@ -73,7 +72,7 @@ struct Solved {
 }
 
 impl Linear {
-    /// Delays of all samples: a command that changes nothing is there with the one before it; behind the last that is there in time all are as late as that one.
+    /// Delays of all samples. A command that changes nothing arrives with the one before it; commands after the last timely arrival have its delay.
     fn of_all(&self, delays: &[f64], time_s: &[f64]) -> Vec<f64> {
         let mut next = self.sent.iter().zip(delays).peekable();
         let last_s = delays.last().copied().unwrap_or(0.0);
@@ -187,10 +186,10 @@ struct Place {
 
 /// What the outputs tell of delays.
 struct Information {
-    /// How many numbers of the noise the delays of the training logs follow: tr S = d ln det(1 + KGᵀG)/d ln s², K being the delays' covariance, s their spread and S
-    /// what takes the outputs to what is explained of them.
+    /// The effective number of parameters of the delays in the noise of the training logs: tr S = d ln det(1 + KGᵀG)/d ln s². K is the delays' covariance, s
+    /// their spread, and S the map from the outputs to their explained part.
     noise: f64,
-    /// How many independent delays would tell as much of the spread: tr S² = tr S − d tr S/d ln s², twice Fisher's information on ln s².
+    /// The number of independent delays with the same information on the spread: tr S² = tr S − d tr S/d ln s². The number is twice Fisher's information on ln s².
     spread: f64,
 }
 
@@ -211,7 +210,7 @@ fn information(records: &[Linear], waiting: &Waiting) -> Option<Information> {
     Some(Information { noise, spread: (noise - bend).clamp(1.0, noise.max(1.0)) })
 }
 
-/// The part of the variance of all delays on the training logs that goes with time: along a straight line, or from one level to another.
+/// The part of the variance of all delays on the training logs that follows time: a straight line, or a step between two levels.
 fn with_time(likelihood: &Likelihood<'_>, input: usize, found: &Dropouts) -> f64 {
     let mut delays: Vec<(f64, f64)> = Vec::new();
     for (record, sequence) in
@@ -239,7 +238,7 @@ fn with_time(likelihood: &Likelihood<'_>, input: usize, found: &Dropouts) -> f64
     if part.is_finite() { part } else { 0.0 }
 }
 
-/// Fits every effect whose commands come late by a draw each, from the fixed delay that does best on its input; single effects as they are fitted so far.
+/// Fits every effect whose commands have random delays, from the best fixed delay on its input. Single effects have their current values.
 pub(crate) fn refit_from_fixed(likelihood: &Likelihood<'_>, singles: &mut [Hypothesis], cost: f64) {
     let fixed: Vec<(String, f64)> = (singles.iter())
         .filter(|e| e.fitted && e.gain > likelihood.criteria.selection_penalty)
@@ -487,7 +486,7 @@ fn solve(records: &[Linear], waiting: &Waiting) -> Option<Solved> {
     Some(Solved { cost: cost - shift * towards, mean_s: about + shift, precision, delays, freedom })
 }
 
-/// The delays that come closest to those found, and let no command be there before one that was sent earlier; each counts as much as is known of it.
+/// The delays closest to the found ones for which no command arrives before an earlier one. Each delay has the weight of its precision.
 fn in_order(r: &Linear, apart: &[f64], mean_s: f64, waiting: &Waiting) -> Vec<f64> {
     // Pools of commands that arrive together: the weighted mean of their times, and the weight (pool adjacent violators; Ayer et al. 1955, doi:10.1214/aoms/1177728423).
     let mut pools: Vec<(f64, f64, usize)> = Vec::with_capacity(apart.len());

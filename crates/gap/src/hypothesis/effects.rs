@@ -82,8 +82,8 @@ impl Hypothesis {
         self.effects.iter().any(|a| a.effect.loses_commands())
     }
 
-    /// The noise over what this leaves of it on the training logs. A sequence of delays that is a Gaussian process leaves N − tr S of N squares, S being what takes the
-    /// outputs to what it explains of them (Rasmussen and Williams 2006, section 2.6).
+    /// The noise over the residual that this hypothesis leaves of it on the training logs. A Gaussian process of delays leaves N − tr S of N squares (Rasmussen
+    /// and Williams 2006, section 2.6). S is the map from the outputs to their explained part.
     pub(crate) fn noise_over_left(&self, likelihood: &Likelihood<'_>) -> f64 {
         let followed = self.lost.as_ref().map_or(0.0, |l| l.followed);
         if followed <= 0.0 {

@@ -34,7 +34,7 @@ impl Hypothesis {
         )
     }
 
-    /// The same with commands lost as they are; their probability is no matter of the fit, nor is the step of a lattice, which raw values show.
+    /// The same fit with the given lost commands. Their probability is not part of the fit, and neither is the step of a lattice, which raw values determine.
     pub(crate) fn refit(
         likelihood: &Likelihood<'_>,
         from: Self,
@@ -50,7 +50,8 @@ impl Hypothesis {
             let gain = priced(likelihood.inner(&there, &there));
             return Some(Self { gain, free, fitted: true, ..from });
         }
-        // The search takes numbers below a thousandth for small ones: tiny ones, such as a coefficient in SI units, are passed to it in a unit of their own.
+        // The search has an absolute threshold of 0.001 for small numbers. Tiny parameters, such as a coefficient in SI units, are therefore scaled to their
+        // own unit.
         let unit: Vec<f64> = free.iter().map(|&(e, i)| own_unit(effects[e].values[i])).collect();
         let scaled =
             |bounds: Vec<f64>| bounds.iter().zip(&unit).map(|(b, u)| b / u).collect::<Vec<f64>>();

@@ -1,4 +1,4 @@
-//! The gain of a hypothesis over no effect, less the penalties for its parameters and for the search over the catalogue; and the leader of several.
+//! The gain of a hypothesis over no effect, less the penalties for its parameters and for the search over the catalogue. Also the leader of several hypotheses.
 
 use super::effects::Hypothesis;
 use crate::input::criteria::Criteria;

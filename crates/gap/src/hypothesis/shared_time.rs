@@ -49,7 +49,7 @@ pub(crate) fn put(effects: &mut [Applied], at: At, new: f64) {
     effects[at.0].values[at.1] = new;
 }
 
-/// The same effects with the two events that are closest in time as one, at the time of either; nothing where there is one event at most.
+/// The same effects with the two closest events merged, at the time of either. Empty where there is one event at most.
 pub(crate) fn joined(effects: &[Applied]) -> Vec<Vec<Applied>> {
     let mut events: Vec<At> =
         instants(effects).into_iter().filter(|at| leading(effects, *at) == *at).collect();

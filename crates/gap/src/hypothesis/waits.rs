@@ -1,12 +1,11 @@
 //! Lost or late: what the waits of commands, decoded from the outputs, speak for.
 //!
-//! A command that is missing for several samples may have been lost repeatedly, each time with the same probability, or in a burst; or its own delay is that long.
-//! All these hypotheses have the same trajectories, and differ in the probability of the waits. Each has the same form of score: minus twice the
-//! log-probability of all waits, plus the logarithm of their number per parameter (Schwarz 1978, doi:10.1214/aos/1176344136). A distribution of delays
-//! of any shape is coded predictively (Krichevsky and Trofimov 1981, doi:10.1109/TIT.1981.1056331).
+//! A command that is missing for several samples may have been lost repeatedly, each time with the same probability, or in a burst. Its own delay may also be
+//! that long. All these hypotheses have the same trajectories, and differ in the probability of the waits. Each has the same form of score: minus twice the
+//! log-probability of all waits, plus the logarithm of their number per parameter (Schwarz 1978, doi:10.1214/aos/1176344136). A distribution of delays of any
+//! shape is coded predictively (Krichevsky and Trofimov 1981, doi:10.1109/TIT.1981.1056331).
 //!
-//! How it can be wrong: a command that changes again before it arrives hides its wait, and a command without a visible response has no weight; neither is counted.
-//! Few waits carry little evidence: the scores then differ by less than the threshold, and the hypotheses form one class.
+//! How it can be wrong: a command that changes again before it arrives hides its wait. A command without a visible response has no weight. Neither is counted. Few waits carry little evidence: the scores then differ by less than the threshold, and the hypotheses form one class.
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
@@ -75,8 +74,8 @@ impl Bursts {
     }
 }
 
-/// Twice the negative log-probability that losses begin where they do: behind a rest of g samples a command is lost with probability p·(1 − ρ^(g+1)), ρ being the
-/// correlation from sample to sample.
+/// Twice the negative log-probability of the times at which losses begin. After g samples of rest a command is lost with probability p·(1 − ρ^(g+1)), with the
+/// correlation ρ from sample to sample.
 fn beginnings(waits: &[Wait], losses: &Losses) -> f64 {
     let [begins, goes_on] = losses.begins_and_goes_on();
     let lost = |rested: Option<usize>| {
@@ -282,7 +281,8 @@ mod tests {
         waits
     }
 
-    /// However seldom commands change: the intervals of 95 % hold the truth in 88 to 99 % of 200 links, which one in a thousand sets of good intervals would miss.
+    /// For rare and frequent changes of commands the 95 % intervals hold the truth in 88 to 99 % of 200 links. One in a thousand sets of good intervals would
+    /// miss this range.
     #[test]
     fn the_probability_and_the_length_of_bursts_are_within_their_intervals() {
         for (p, burst, every) in [(0.2, 5.0, 1), (0.2, 5.0, 10), (0.5, 4.0, 3), (0.6, 8.0, 12)] {

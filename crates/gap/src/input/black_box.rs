@@ -1,5 +1,5 @@
-//! Properties of a simulator that can only be called, found by calls: repeatability, resolution, the decay time of a perturbation,
-//! and the inputs, parameters and initial states that move an output.
+//! Properties of a simulator that can only be called, found by calls: repeatability, resolution and the decay time of a perturbation. Also the inputs,
+//! parameters and initial states that move an output.
 //!
 //! How it can be wrong: all tests run on the longest training log and from the nominal initial state. A simulator may decay there and integrate elsewhere,
 //! and a dead zone may hide an input whose perturbation is too small.
@@ -29,11 +29,12 @@ const LEFT: f64 = 0.05;
 pub(super) const GROWS: f64 = 10.0;
 /// What grows by more than this cannot be simulated freely by anyone.
 pub(super) const UNSTABLE: f64 = 1e3;
-/// A free run that misses by more than so many times the outputs' motion has left the log: what grew may have come to rest elsewhere.
+/// A free run that misses by more than this many times the outputs' motion has left the log. The growth may have ended at rest elsewhere.
 const FAR: f64 = 3.0;
 /// So far off a run need not be seen to grow: what fell within the first third of a log grows no more.
 const FAR_OFF: f64 = 10.0;
-/// A free run of which no line explains more than this part of an output's variance goes its own way: not the log's in another unit, or with another sign.
+/// A free run diverges from the log if no line through it explains more than this part of an output's variance. The run is then not the log's in another unit,
+/// or with another sign.
 const TELLS: f64 = 0.5;
 /// The relative change of the inputs that shows how fine the simulator resolves.
 const FINE: f64 = 1e-10;
@@ -368,7 +369,7 @@ fn same_twice(
     Ok(apart)
 }
 
-/// The perturbation of an initial state that moves an output as far as that moves in the log, and its response; 0 where no output moves.
+/// The perturbation of an initial state that moves an output as far as that output moves in the log, and its response. 0 where no output moves.
 fn start(probe: &Probe<'_>, state: usize) -> (f64, Option<Response>) {
     let known = probe.system.initial_std[state].filter(|s| *s > 0.0);
     let mut by = known.unwrap_or_else(|| 1e-2 * probe.system.initial[state].abs().max(0.1));

@@ -1,11 +1,11 @@
-//! The cost of a search: all counts and limits, for a model file, for one of many states, and for a simulator that can only be called.
+//! The cost of a search: all counts and limits. There are three sets: for a model file, for one of many states, and for a simulator that can only be called.
 //!
 //! No count defines an effect. Too small a budget misses one, and a larger budget takes longer.
 
 use deadtime_model::simulate::System;
 
-/// What one kind of candidate may cost. Of a simulator that can only be called, effects at outputs and clocks are applied to a run that is known; those on
-/// its inputs and parameters need calls.
+/// What one kind of candidate may cost. For a simulator that can only be called, effects at outputs and clocks are applied to a known run. Effects on its
+/// inputs and parameters need calls.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Allowance {
     /// First guesses of one effect; the others are thinned evenly.
@@ -63,7 +63,8 @@ pub(crate) struct Budget {
     pub(crate) response: usize,
     /// Leading hypotheses of each size that are compared again under other priors.
     pub(crate) rivals: usize,
-    /// The perturbation of an initial state for its response, as a part of the prior's standard deviation: rounding errors are then small relative to the prior.
+    /// The perturbation of an initial state for its response, as a part of the prior's standard deviation. At this size rounding errors are small relative to
+    /// the prior.
     pub(crate) start_push: f64,
     /// The same in an experiment that is simulated ahead, relative to the state's motion.
     pub(crate) ahead_push: f64,

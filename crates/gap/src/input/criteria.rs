@@ -7,15 +7,15 @@
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Criteria {
-    /// The margin by which the best of a catalogue must beat no effect, and the best second effect a single one; twice a log-likelihood.
-    /// Null: the best of 50 to 100 hypotheses reaches 10 to 25 on noise alone. Under known noise, a hypothesis of k parameters gains χ² of k degrees of freedom by chance.
-    /// The best of N then exceeds this value with at most N times the tail probability (Bonferroni): 300 hypotheses of three parameters in 0.04 % of logs.
-    /// A value of 20 would give 5 %. The margin above 20 is for noise whose colour is estimated.
+    /// The margin by which the best of a catalogue must beat no effect, and the best second effect a single one; twice a log-likelihood. Null: the best of 50
+    /// to 100 hypotheses reaches 10 to 25 on noise alone. Under known noise, a hypothesis of k parameters gains χ² of k degrees of freedom by chance. The best
+    /// of N then exceeds this value with at most N times the tail probability (Bonferroni). This is 300 hypotheses of three parameters in 0.04 % of logs. A
+    /// value of 20 would give 5 %. The margin above 20 is for noise whose colour is estimated.
     pub selection_penalty: f64,
     /// Hypotheses that differ by less are as good as each other; twice a log-likelihood. Formula: a likelihood ratio of 20, as between a 95 % and a certain
     /// statement (2 ln 20 = 6.0).
     pub equals: f64,
-    /// No simulator is exact: this part of the energy that an effect explains (1.4 % of its amplitude) is within what a model is off anyway; 1. Chosen.
+    /// No simulator is exact. This part of the energy that an effect explains (1.4 % of its amplitude) is within the error of any model; 1. Chosen.
     pub inexact: f64,
     /// A second effect must promise to take this part of what the first one leaves; 1. Chosen.
     pub promising: f64,
@@ -27,7 +27,7 @@ pub struct Criteria {
     pub first_matters: f64,
     /// The same of a second effect, on the training logs and the held-out data together; 1. Chosen.
     pub second_matters: f64,
-    /// The same once more for every parameter beyond a second effect's first: what can take many shapes takes that of a simulator's own errors, too; 1. Chosen.
+    /// The same factor for every parameter beyond a second effect's first. An effect of many shapes can imitate a simulator's own errors; 1. Chosen.
     pub flexible: f64,
     /// A second effect that lowers the rms by this factor is no simulator's own error, however little is known of its parameters; 1. Chosen.
     pub clear: f64,
@@ -40,8 +40,8 @@ pub struct Criteria {
     pub two_explain: f64,
     /// Whatever is explained, a residual this many times its floor has a further cause; 1. Chosen: 96 % of its energy are no noise. No drawn case depends on it.
     pub further: f64,
-    /// For a simulator that can only be called: a general form must explain this part of the gap's squared error beyond its special case, or lower the
-    /// rms by `clear`; 1. Chosen.
+    /// For a simulator that can only be called. A general form must explain this part of the gap's squared error beyond its special case, or lower the rms by
+    /// `clear`; 1. Chosen.
     pub added_matters: f64,
     /// Where nothing is named: the predicted cost reduction, in selection penalties, of an effect that becomes detectable under another prior of the initial state; 1.
     /// Chosen: a change from just below one penalty to just above it changes no verdict.
@@ -80,8 +80,7 @@ pub struct Criteria {
     pub decided: f64,
     /// So many decisions at least give a probability of losses. Chosen.
     pub decisions: f64,
-    /// An interval is doubled while the loss at its end is below this; twice a log-likelihood. Formula: a smooth cost loses 3.84 at the end of a 95 %
-    /// interval, and 25 % of 3.84 at the end of an interval of half the width.
+    /// An interval is doubled while the loss at its end is below this; twice a log-likelihood. Formula: a smooth cost rises by 3.84 at the end of a 95 % interval. At the end of an interval of half the width the rise is 25 % of 3.84.
     pub unnoticed: f64,
     /// The prior of one state's start is taken this much wider, and as much tighter, when the lead is looked at again; 1. Chosen.
     pub prior_factor: f64,

@@ -11,8 +11,8 @@ pub struct GapOptions {
     pub prediction: Option<Mode>,
     /// Samples over which [`Mode::Horizon`] predicts; `None`: predictions are of another mode. With it `prediction` is left open, or is that mode.
     pub horizon: Option<usize>,
-    /// The longest delay and lag that are looked for, seconds; `None`: 35 samples or half the time in which the model settles, at most a tenth of the
-    /// shortest log. So much of every log's start carries no weight.
+    /// The longest delay and lag of the search, seconds. `None`: 35 samples or half the settling time of the model, at most a tenth of the shortest log. This
+    /// duration at the start of every log carries no weight.
     pub longest_delay_s: Option<f64>,
     /// Rows that are looked at, of all logs together. Of longer logs that is the first part, a share of each log, and a caveat says so. Default 100 000.
     pub rows: usize,

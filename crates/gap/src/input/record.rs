@@ -44,8 +44,7 @@ impl LogRecord {
     /// A log with the model's channels.
     ///
     /// # Errors
-    /// [`GapError`] for a sample time that does not fit or too few samples; [`deadtime_log::LogError`] for channels and units that do not fit or samples that
-    /// are missing.
+    /// [`GapError`] for a wrong sample time or too few samples; [`deadtime_log::LogError`] for wrong channels and units or missing samples.
     pub(crate) fn new(log: &Log, system: &System) -> Result<Self> {
         channels_fit(log, &system.inputs, &system.outputs)?;
         if log.len() < SHORTEST {

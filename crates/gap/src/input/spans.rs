@@ -32,7 +32,8 @@ pub(crate) struct Divide {
 impl Divide {
     /// Sets the training spans and returns the held-out ones, per record. The first `training` records are the training logs.
     ///
-    /// A black box has no values after the last sample, and a clock that is ahead needs them: the last `start_s` seconds of a black box carry no weight either.
+    /// A black box has no values after the last sample, and a fast clock needs them. The last `start_s` seconds of a black box therefore carry no weight
+    /// either.
     pub(crate) fn set_spans(
         &self,
         records: &mut [LogRecord],

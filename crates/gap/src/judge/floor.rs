@@ -1,8 +1,9 @@
 //! The noise floor: the part of a residual that no deterministic model can explain.
 //!
-//! How it can be wrong: a gap that is the same everywhere and unrelated to inputs and predictions looks like noise. Coloured noise has few independent
-//! samples, so low-variance windows occur by chance. The floor is therefore the least of four: the part that commands do not predict, the low-variance windows (corrected for the
-//! noise's correlation length), noise of the longest correlation length allowed, and the least residual of any hypothesis.
+//! How it can be wrong: a gap that is the same everywhere and unrelated to inputs and predictions looks like noise. Coloured noise has few independent samples,
+//! so low-variance windows occur by chance. The floor is therefore the least of four levels. Two are the part that commands do not predict, and the
+//! low-variance windows (corrected for the noise's correlation length). The others are noise of the longest correlation length allowed, and the least residual
+//! of any hypothesis.
 
 use nalgebra::DMatrix;
 use rand::RngExt;
@@ -79,9 +80,9 @@ fn slow(
     noise.std()[output].powi(2) * (slowest + 1.0).powi(2) / (4.0 * slowest)
 }
 
-/// Mean square in the calmest quarter of the windows, over what the calmest quarter of stationary noise would have by chance; infinite where the windows
-/// differ no more than those of such noise. The noise is simulated with the autoregression of the calmest quarter: a gap that comes and goes must not
-/// pass for its colour. Windows shorter than the noise's memory tell nothing.
+/// Mean square in the 25 % of windows with the lowest variance, over its expectation for stationary noise. Infinite where the windows differ by chance only.
+/// The noise is simulated with the autoregression of these windows: a gap that comes and goes must not count as its colour. Windows shorter than the noise's
+/// correlation length carry no information.
 fn calmest(
     records: &[LogRecord],
     residuals: &[DMatrix<f64>],

@@ -48,8 +48,8 @@ impl Likelihood<'_> {
         })
     }
 
-    /// The responses about the constants that fit the nominal model best, and the difference of a run with those from a run without any plus the linear responses; `None`
-    /// without constants, and where the fit fails.
+    /// The responses about the constants that fit the nominal model best, and the linearisation error of a run with those constants. `None` without constants,
+    /// and where the fit fails.
     pub(super) fn about_own_constants(
         &self,
         record: usize,

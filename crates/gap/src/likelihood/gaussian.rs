@@ -64,7 +64,8 @@ pub(crate) struct Likelihood<'a> {
     starts: Vec<Vec<f64>>,
     /// Per record and input, what the plant receives while it rests there.
     rests: Vec<Vec<Option<f64>>>,
-    /// Per record, the responses to the way from there back to the model's own initial state, from which deviations count; nothing where the two are one.
+    /// Per record, the responses to the difference between that point and the model's own initial state, about which deviations are defined. Empty where both
+    /// are equal.
     ways_back: Vec<Option<DMatrix<f64>>>,
     /// Per record, what the constants that it has of its own do beyond their straight responses; nothing where they do nothing.
     bends: Vec<Option<DMatrix<f64>>>,
@@ -403,7 +404,7 @@ impl<'a> Likelihood<'a> {
         self.predict_samples(record, active.into(), &self.records[record].inputs, usize::MAX)
     }
 
-    /// The same with other commands than those of the log, and as far as parameters are fitted to it: samples after the training span are 0.
+    /// The same with other commands than those of the log, over the rows of the fit: samples after the training span are 0.
     pub(crate) fn predict_trained(
         &self,
         record: usize,

@@ -1,10 +1,10 @@
 //! Where a log begins: the model's initial state, conditioned on the first samples of the log.
 //!
-//! Equation: x = x0 + P·C′·(C·P·C′ + R)⁻¹·(y − ŷ), C = ∂y/∂x0 at the first sample, P the prior of the initial state, R the noise of the sensors (Kalman 1960).
-//! Outputs that commands move at once are left out. A state that no other output shows stays as the model has it: a velocity of 0 is at rest.
+//! Equation: x = x0 + P·C′·(C·P·C′ + R)⁻¹·(y − ŷ) (Kalman 1960). C = ∂y/∂x0 at the first sample, P is the prior of the initial state, and R the noise of the
+//! sensors. Outputs that commands move at once are left out. A state that no other output shows stays as the model has it: a velocity of 0 is at rest.
 //!
-//! How it can be wrong: it is only the point about which responses to the initial state are straight lines, and the state from which a law with a memory begins.
-//! Prior and posterior of the initial state do not depend on it where the model is linear. A first sample that is an outlier is outvoted by the two after it.
+//! How it can be wrong: the estimate is only the point of linearisation, and the initial state of a law with a memory. Prior and
+//! posterior of the initial state do not depend on it where the model is linear. A first sample that is an outlier is outvoted by the two after it.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -94,7 +94,8 @@ fn first_measurement(record: &LogRecord, output: usize) -> Option<f64> {
     stats::median(first.filter_map(|k| record.measured[output].get(k)).collect())
 }
 
-/// Per input, what the plant receives while it rests at the state `start`; `None` where the log does not begin at rest, or this input alone cannot hold it there.
+/// Per input, the plant's input while it rests at the state `start`. `None` where the log does not begin at rest, or this input alone cannot hold the plant
+/// there.
 pub(super) fn rests(
     system: &System,
     record: &LogRecord,

@@ -1,10 +1,9 @@
-//! The nuisances of one record, integrated out alike in all hypotheses: the initial state with a prior N(0, P) on its deviation, the declared
-//! constants of the model file (a value per log, with a prior each), and commands that react to the noise of their own sample.
+//! The nuisances of one record, integrated out alike in all hypotheses. The first is the initial state with a prior N(0, P) on its deviation. The second are the declared constants of the model file: a value per log, with a prior each. The third are commands that react to the noise of their own sample.
 //!
 //! How declared ones can be wrong:
-//! - The response to a constant is linear: that of the nominal model, between half a standard deviation to either side of the value that fits this model best.
-//!   The true response is nonlinear for a clock offset comparable to the outputs' time constants, and for a perturbation of a nonlinear model.
-//!   The linearisation error at that best value is added to every hypothesis's predictions. A cause that moves the value by much leaves the remaining error.
+//! - The response to a constant is linear. It is that of the nominal model, between half a standard deviation to either side of the value that fits this model
+//!   best. The true response is nonlinear for a clock offset comparable to the outputs' time constants, and for a perturbation of a nonlinear model. The
+//!   linearisation error at that best value is added to every hypothesis's predictions. A cause that moves the value by much leaves the remaining error.
 //!   Reported values and held-out scores come from real simulations (`constants.rs`, `best_start.rs`).
 //! - A constant absorbs a cause: with a wide prior a constant that is the same in all logs has almost no cost, log by log. A caveat reports values that are alike in
 //!   all logs beyond chance, and estimates that the prior contradicts.

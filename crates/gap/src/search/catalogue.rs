@@ -90,7 +90,7 @@ pub(crate) fn catalogue(
     Catalogue { candidates: all, left_out }
 }
 
-/// Every number of a model as it came, also where a law that acts in continuous time could not be tried; none of a simulator that can only be called.
+/// Every parameter of the nominal model, also where a law in continuous time could not be tried. Empty for a simulator that can only be called.
 pub(crate) fn numbers(system: &System) -> Vec<Applied> {
     let kinematic = &kinematic(system);
     let of = |effect: &'static dyn Effect| {

@@ -170,7 +170,7 @@ pub(crate) fn noise_in(
     likelihood.records.iter().map(|r| noise(r.sample_time_s)).collect()
 }
 
-/// Members of the best pair of a black box as hypotheses of their own, from where they stand in it: one that few calls were spent on may lead alone.
+/// Members of the best pair of a black box as separate hypotheses, from their values in the pair. A member with few calls so far may lead alone.
 fn members_alone(
     likelihood: &Likelihood<'_>,
     found: &mut SearchResult,

@@ -1,15 +1,15 @@
 //! First guesses of changes over time: delays that move, and gains and parameters that step.
 //!
-//! Delays start from fixed ones: the squared error of each delay of a grid is known at every time. Where one delay holds until a time
-//! and another from then on, the sum of the best prefix and the best suffix of squared errors is lowest at that time (a change-point scan with two segments;
-//! Hinkley 1970, doi:10.1093/biomet/57.1.1). A drift is the straight line through the grid with the lowest error. A slower loop has a period of about twice
-//! the best fixed delay.
+//! Delays start from fixed ones: the squared error of each delay of a grid is known at every time. A delay that jumps at a time minimises there the sum of the best prefix and the best suffix of squared errors. This is a change-point scan with two segments (Hinkley 1970,
+//! doi:10.1093/biomet/57.1.1). A drift is the straight line through the grid with the lowest error. A slower loop has a period of about twice the best fixed
+//! delay.
 //!
-//! Steps of other effects use the signature s: the residual e is about v·s. With separate values v before and after a time the squared error falls by (Σ s·e)²/Σ s²
-//! on each side (a generalised likelihood ratio on the cumulated score; Basseville and Nikiforov 1993, Detection of Abrupt Changes, section 2.4).
+//! Steps of other effects use the signature s: the residual e is about v·s. With separate values v before and after a time the squared error falls by (Σ
+//! s·e)²/Σ s² on each side. This is a generalised likelihood ratio on the cumulated score (Basseville and Nikiforov 1993, Detection of Abrupt Changes, section
+//! 2.4).
 //!
-//! How it can be wrong: a plant with memory smears the time over its memory length, the grid is coarse, and a signature is that of a small change. The results are
-//! therefore first guesses, which are fitted and compared like all others.
+//! How it can be wrong: a plant with memory smears the time over its memory length. The grid is coarse, and a signature is that of a small change. The results
+//! are therefore first guesses, which are fitted and compared like all others.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -244,7 +244,7 @@ fn of_step(
     Some(found(step.effect, &step.channel, vec![guess]))
 }
 
-/// The time of a jump refined by shifts of the jump itself: a plant with memory responds late, and the cost has local minima where the command is constant.
+/// The time of a jump refined by shifts of the jump itself. A plant with memory responds late, and the cost has local minima where the command is constant.
 fn sharpened(likelihood: &Likelihood<'_>, jump: &Applied, guess: Vec<f64>, bin_s: f64) -> Vec<f64> {
     let moved = |bins: i32| {
         guess

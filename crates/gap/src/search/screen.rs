@@ -78,8 +78,8 @@ fn screened(
         if has_limit(&applied) || (at > 0 && applied.parameters.len() == 1) {
             continue;
         }
-        // The signature close to nominal, scaled as it fits best: one and the same at the start where the residual moves in proportion, of
-        // whatever frequency.
+        // The signature close to nominal, scaled by least squares. One signature at the start is sufficient where the residual is proportional to the size, at
+        // any frequency.
         let whole = there.map(|there| difference(nominal, &there, 1.0));
         let signature = match &whole {
             Some(whole) if proportional && shaped => whole.clone(),

@@ -34,8 +34,8 @@ fn firsts<'h>(
     chosen
 }
 
-/// Pairs: for each leading single, the second effects with the largest predicted cost reduction, refitted together. `remedies`: effects that the checks propose, at
-/// the proposed values. Such an effect is a first effect without a fit of its own: a gain of −1 fitted alone turns to nearly 0 where a delay is also missing.
+/// Pairs: for each leading single, the second effects with the largest predicted cost reduction, refitted together. `remedies`: effects that the checks
+/// propose, at the proposed values. Such an effect is a first effect without a separate fit. A gain of −1 fitted alone tends to 0 where a delay is also missing.
 pub(crate) fn pairs(
     likelihood: &Likelihood<'_>,
     singles: &[Hypothesis],
@@ -305,7 +305,7 @@ mod tests {
     use crate::search::screen::screen;
     use crate::search::singles::fit_first;
 
-    /// The sequence of losses must outlive the last fit of a pair: with the mean of all sequences in its place, most of what the pair explains is gone.
+    /// The sequence of losses must survive the last fit of a pair. The mean of all sequences explains far less than the pair does.
     #[test]
     fn a_pair_keeps_the_lost_commands_that_were_found_for_it() {
         with_servo(
