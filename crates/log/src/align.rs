@@ -111,8 +111,8 @@ impl Recording {
         self.find(name).ok()
     }
 
-    /// The wanted channels as one log, each called as it was asked for; a file without topics gives all its channels, its held ones with
-    /// numbers in half of the rows or fewer held from row to row.
+    /// The wanted channels as one log, each under its requested name. A file without topics gives all its channels. Its held channels with numbers in half of
+    /// the rows or fewer are held from row to row.
     ///
     /// Channels of one topic keep its stamps. Where they come from several, all are resampled onto one grid: the stamps of the first held channel's topic, or an even grid of
     /// `grid`. Where held channels have under 10 % of the stamps of the densest other topic, the grid is that topic's. Held channels keep their value until the next one, and
@@ -192,7 +192,8 @@ impl Recording {
         Ok(chosen)
     }
 
-    /// The stamps of one topic, or those of an even grid, from where all topics have begun to where the first one ends that is not held.
+    /// The stamps of one topic, or those of an even grid. The range is from the time at which all topics have begun to the end of the first topic that is not
+    /// held.
     fn common_times(
         &self,
         chosen: &[Chosen<'_, '_>],
@@ -243,7 +244,8 @@ impl Recording {
     }
 }
 
-/// The topic whose stamps are the grid: that of the first held channel, where one is dense enough, else the densest of the others; and whether commands were too sparse.
+/// The topic whose stamps are the grid: that of the first held channel, where one is dense enough, else the densest of the others. Also whether commands were
+/// too sparse.
 fn base<'r>(chosen: &[Chosen<'_, 'r>]) -> Option<(&'r Topic, bool)> {
     let others = chosen
         .iter()
@@ -360,10 +362,11 @@ fn plain(name: &str) -> String {
     name.trim_start_matches('/').replace('/', ".")
 }
 
-/// Share of rows with a number up to which a command is one that is logged in some rows only, and keeps its value between them; of a denser one samples are missing.
+/// Share of rows with a number. A channel up to this share is a command that is logged in some rows only, and keeps its value between them. A denser channel
+/// has missing samples.
 const SOME_ROWS: f64 = 0.5;
 
-/// A table with its sparse commands held from row to row, from the first row on that knows them all, and what is said of it.
+/// A table with its sparse commands held from row to row, from the first row on with values of all commands, and its notes.
 fn held_between_rows(mut log: Log, wanted: &[Wanted]) -> (Log, Vec<String>) {
     let (rows, mut notes, mut from) = (log.len(), Vec::new(), 0);
     let named = |channel: &Channel| wanted.iter().any(|one| one.held && one.name == channel.name);
@@ -410,8 +413,9 @@ fn hold(stamps: &[f64], samples: Output<'_>, at_s: &[f64]) -> (Vec<f64>, Vec<boo
 
 /// Samples at other times, free of what a step of `step_s` would fold.
 ///
-/// How it can be wrong: energy above half the new rate folds into the result (a sine there must vanish); the signal below is damped or moved in time (a sine there must keep
-/// phase and size); a straight line bends at the ends (the samples are continued by odd reflection); values are made up inside a gap (missing there instead).
+/// How it can be wrong: energy above half the new rate folds into the result (a sine there must vanish). The signal below is damped or moved in time (a sine
+/// there must keep phase and size). A straight line bends at the ends (the samples are continued by odd reflection). Values are made up inside a gap (missing
+/// there instead).
 pub(super) fn band_limited(
     stamps: &[f64],
     samples: Output<'_>,

@@ -107,7 +107,7 @@ impl Budget {
         Ok(())
     }
 
-    /// Takes all that is to be had from a source of bytes, at most `most`; what is read is taken from the budget as it comes.
+    /// Reads a source of bytes to its end, at most `most`; every read is taken from the budget.
     ///
     /// # Errors
     /// What the source says; out of memory where it has more than is left.

@@ -46,7 +46,7 @@ pub(super) struct Unusable {
     pub(super) error: LogError,
 }
 
-/// The origin of a log's samples: from sample `.0` of a mark on, lines of the file (or indices of the arrays in memory) count up from the mark's `.1`.
+/// The origin of a log's samples. From sample `.0` of a mark on, lines of the file (or indices of the arrays in memory) count up from the mark's `.1`.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Rows {
     pub(super) origin: Origin,
@@ -246,8 +246,7 @@ impl Log {
     /// Errors name the sample, counted from 0.
     ///
     /// # Errors
-    /// [`LogError`] when there is no sample, time does not increase, a number is not finite, lengths differ,
-    /// or a name is taken or cannot be a header.
+    /// [`LogError`] for no sample, time that does not increase, a number that is not finite, or different lengths. Also for a name that is taken or cannot be a header.
     ///
     /// # Example
     /// ```
@@ -335,8 +334,8 @@ impl Log {
         &self.source
     }
 
-    /// By how much a response may look too early because the log was put onto another grid, s: a step of the log's own, as outputs are interpolated, and one of the grid,
-    /// as inputs are held. 0 where no sample had to be moved.
+    /// The largest time by which a response may appear too early because the log was resampled, s. It is a step of the log's own, as outputs are interpolated,
+    /// and one of the grid, as inputs are held. 0 where no sample had to be moved.
     #[must_use]
     pub fn early_s(&self) -> f64 {
         self.early_s

@@ -84,7 +84,7 @@ impl Cells {
     }
 }
 
-/// The column of time among columns with their names, and whether their type is that of stamps: by the caller's word, by its name, or by its type.
+/// The column of time among columns with their names, and whether their type is that of stamps. It is found by the caller's word, by its name, or by its type.
 pub(super) fn time_among<'a>(
     columns: impl Iterator<Item = (&'a str, bool)> + Clone,
     options: &ReadOptions,
@@ -101,7 +101,7 @@ pub(super) fn time_among<'a>(
     }
 }
 
-/// The recording of a table: its column of time by the caller's word, by its name, or by its type; every other column of numbers is a channel.
+/// The recording of a table. Its column of time is found by the caller's word, by its name, or by its type; every other column of numbers is a channel.
 pub(super) fn assemble(
     source: &str,
     format: &'static str,

@@ -1,4 +1,4 @@
-//! The one edge behind which other crates take files apart: some of them stop the program where parts of a damaged file do not fit together.
+//! The guard around other crates that decode files. Some of them stop the program where parts of a damaged file do not fit together.
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};

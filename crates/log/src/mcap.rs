@@ -1,7 +1,7 @@
 //! MCAP: channels with schemas, messages in chunks, compressed or plain.
 //!
-//! Source: the MCAP format specification, version 0. Records are read in file order up to the end of the data section. Checksums (CRC-32) are checked where the
-//! writer set them: of every chunk, of the data section, and of the summary behind it, whose counts are compared with what was found.
+//! Source: the MCAP format specification, version 0. Records are read in file order up to the end of the data section. Checksums (CRC-32) are verified where
+//! the writer set them: of every chunk, of the data section, and of the summary behind it. The counts of the summary are compared with those of the data.
 
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};

@@ -1,4 +1,4 @@
-//! Numbers as narrow as a file holds them, made wide when somebody asks for a slice of them: of a long flight few channels are ever looked at.
+//! Numbers as narrow as a file holds them, widened when a slice of them is requested. Of a long flight only few channels are read.
 
 use std::sync::OnceLock;
 

@@ -11,7 +11,7 @@ const LAGS_PER_BLOCK: usize = 16;
 /// A shorter transform is no faster per sample.
 const SHORTEST_BLOCK: usize = 4096;
 
-/// r(l) = Σₜ a(t)·b(t + l) for every lag l of `lags`, over all t at which both samples exist; a positive lag of the largest sum: b is later than a.
+/// r(l) = Σₜ a(t)·b(t + l) for every lag l of `lags`, over all t at which both samples exist. A positive lag of the largest sum: b is later than a.
 ///
 /// Few lags go in blocks that stay in the cache, all lags in one transform padded with zeros against wrapping; O(N·log(lags)).
 ///

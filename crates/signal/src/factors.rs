@@ -1,8 +1,7 @@
 //! Roots of a polynomial that reproduce it, however far apart its coefficients are and however close its roots.
 //!
-//! How it can be wrong: roots that agree with the polynomial one by one and not jointly (the product of all factors is tested); a comparison of
-//! coefficients, which cancel in narrow bands (values are compared, at points near the roots); values that rounding spoils (they are sums in
-//! double-double arithmetic).
+//! How it can be wrong: roots may agree with the polynomial one by one and not jointly (the product of all factors is tested). Coefficients cancel in narrow
+//! bands (values are compared, at points near the roots). Rounding spoils values (they are sums in double-double arithmetic).
 
 use nalgebra::Complex;
 

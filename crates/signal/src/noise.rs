@@ -87,9 +87,8 @@ impl Noise {
     /// `signal` plus noise, of the same length and unit. An infinite ratio returns the signal and draws nothing from `rng`.
     ///
     /// # Errors
-    /// [`SignalError::Option`] for a ratio that is not above 0 or a coefficient that is not finite; [`SignalError::NoSamples`];
-    /// [`SignalError::NotFinite`]; [`SignalError::Constant`] for a signal that does not vary, unless the ratio is infinite;
-    /// [`SignalError::Scale`]; [`SignalError::UnstableNoise`].
+    /// [`SignalError::Option`] for a ratio that is not above 0 or a coefficient that is not finite. [`SignalError::Constant`] for a signal that does not vary,
+    /// unless the ratio is infinite. Also [`SignalError::NoSamples`]; [`SignalError::NotFinite`]; [`SignalError::Scale`]; [`SignalError::UnstableNoise`].
     pub fn add(&self, signal: &[f64], rng: &mut ChaCha8Rng) -> Result<Vec<f64>, SignalError> {
         let snr = self.snr;
         if snr.is_nan() || snr <= 0.0 {
@@ -164,7 +163,7 @@ fn variance(x: &[f64]) -> f64 {
     stats::variance(x).unwrap_or(f64::NAN)
 }
 
-/// x⁺ = F·x + G·e, v = x₁ + e, with innovations of variance 1: F the companion matrix of A, G = c − a.
+/// x⁺ = F·x + G·e, v = x₁ + e, with innovations of variance 1. F is the companion matrix of A, G = c − a.
 struct ArmaFilter {
     a: Vec<f64>,
     c: Vec<f64>,

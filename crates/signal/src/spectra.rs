@@ -9,7 +9,7 @@ use super::fourier::RealFourier;
 /// Segments that cover every sample: with windows of Hann a quarter apart their squares add up to a constant, so that all samples count alike.
 const OVERLAP: usize = 4;
 
-/// Spectra of u and y, averaged over overlapping segments of one length M; line k stands for ω = 2πk/M rad per sample, k = 0 … M/2.
+/// Spectra of u and y, averaged over overlapping segments of one length M. Line k is at ω = 2πk/M rad per sample, k = 0 … M/2.
 ///
 /// Scaled so that the sum over the whole circle divided by M is the mean square. Source: Welch (1967), IEEE Trans. Audio Electroacoust. 15(2), 70-73,
 /// doi:10.1109/TAU.1967.1161901.

@@ -1,6 +1,6 @@
 //! A finished block on this machine's disk: rows as CSV, and a last line with what they belong to, their count and their digest.
 //!
-//! The last line is computed from the rows and compared as a whole: a block with a byte lost, changed or of another file is not done.
+//! The last line is computed from the rows and compared as a whole. A block with a lost or changed byte, or of another file, is not complete.
 
 use deadtime_signal::remedy::{Message, Remedy};
 use std::path::{Path, PathBuf};

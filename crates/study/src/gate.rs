@@ -8,10 +8,10 @@
 //!   would favour the lucky run. The standard error is the larger of two. Welch's is large where the new run has few and large outliers. That of a permutation of all
 //!   answers is large where the old run had too few. An outlier thus adds to the difference and to its standard error alike.
 //! - *Counts near 0 or all*: shares are compared by Fisher's exact test (Fisher 1922, doi:10.2307/2340521).
-//! - *A real loss below the corrected threshold*: in addition to every cell, all cells of a method in a grid are compared jointly; a loss that is too small in every cell is significant there.
-//!   Standard scores of mean squares are averaged. Counts keep to their cells, so that cells of different difficulty and numbers of intervals do not mix. Their sum is
-//!   one of independent events of unequal probabilities, which a binomial bounds (Hoeffding 1956, doi:10.1214/aoms/1177728178). Cells of one record (several outputs)
-//!   count as one.
+//! - *A real loss below the corrected threshold*: in addition to every cell, all cells of a method in a grid are compared jointly. A loss that is too small in
+//!   every cell is significant there. Standard scores of mean squares are averaged. Counts keep to their cells, so that cells of different difficulty and
+//!   numbers of intervals do not mix. Their sum is one of independent events of unequal probabilities, which a binomial bounds (Hoeffding 1956,
+//!   doi:10.1214/aoms/1177728178). Cells of one record (several outputs) count as one.
 //! - *Trivial changes in large studies*: a growth below the margins does not fail, whatever its significance.
 //! - *Equal seeds*: the same records make both runs more alike than the tests assume. The tests then lose power, and an unchanged program never fails.
 //! - *Excitations that a plan draws once*: another seed draws another one, which no interval covers; compare such plans with equal seeds.
@@ -33,7 +33,7 @@ use deadtime_signal::stats::NORMAL_95_EXACT;
 const FORMAT: &str = "deadtime/gate@1";
 /// Errors of records without noise may grow by this share of themselves …
 const ROUNDING: f64 = 1e-6;
-/// … and by as many samples: answers of continuous models move by up to 3e-5 where noise of a millionth of a millionth is added, since their iterations stop there.
+/// … and by this many samples. Iterations of continuous models end at a tolerance. Their answers move by up to 3e-5 where noise of a millionth of a millionth is added.
 const ROUNDING_SAMPLES: f64 = 1e-4;
 /// What counts as worse.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -751,8 +751,8 @@ fn hypergeometric_tail(c: &Counts) -> f64 {
     (c.bad[1]..=bad.min(c.all[1])).map(chance).sum::<f64>().min(1.0)
 }
 
-/// The same for several tables together, each keeping its margins. Their sum is one of independent events of unequal chances, whose tail beyond its mean plus 1 is below
-/// that of the binomial of the same mean; `shared` tables of one record count as one.
+/// The same for several tables together, each keeping its margins. Their sum is one of independent events of unequal probabilities. Its tail beyond its mean
+/// plus 1 is below that of the binomial of the same mean; `shared` tables of one record count as one.
 fn stratified(tables: &[Counts], shared: f64) -> [f64; 2] {
     let tail = |tables: &[Counts]| {
         // Whichever are fewer, bad or good, make the sharper bound.

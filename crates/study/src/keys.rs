@@ -8,8 +8,7 @@ use serde::{Deserialize, Serialize};
 pub enum Loop {
     /// No feedback.
     Open,
-    /// The sampled plant with state feedback u = r − K·x, K by `dlqr` with unit weights, seen as a
-    /// plant of input r: y = (C − D·K)x + D·r.
+    /// The sampled plant with state feedback u = r − K·x as a plant of input r: y = (C − D·K)x + D·r. K is that of `dlqr` with unit weights.
     Stabilised,
     /// Feedback of the noisy output through a controller of the plan's, or of the states by `dlqr`.
     Closed,

@@ -1,7 +1,7 @@
 //! How a record reaches the log: samples that are missing, and stamps off the grid.
 //!
-//! A program that commands and measures at once does so at t(k), off k·Ts by a share of the sample time; the plant holds u(k) from t(k) to t(k + 1). The log is put onto
-//! the even grid as the command line does it, inputs held and outputs interpolated; where a sample is missing, what would be made of it is missing too.
+//! A program that commands and measures at once does so at t(k), off k·Ts by a share of the sample time. The plant holds u(k) from t(k) to t(k + 1). The log is
+//! resampled to the even grid as by the command line, inputs held and outputs interpolated. Every result that needs a missing sample is missing too.
 
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
@@ -24,7 +24,7 @@ const MOST_MISSING: f64 = 0.9;
 pub struct Logging {
     /// Chance of each sample of an output to be missing; of each event, at either place, to be missed.
     pub missing: f64,
-    /// Largest share of the sample time by which a stamp is off the grid, up or down with equal chances; the command of that stamp takes effect then.
+    /// Largest share of the sample time by which a stamp is off the grid, up or down with equal probabilities. The command of that stamp takes effect then.
     pub jitter: f64,
 }
 

@@ -51,7 +51,7 @@ impl Origin {
     }
 }
 
-/// The line, from 1, that a message is about: that of the first key or word which it quotes, in the grid which it names; else that of the grid.
+/// The line, from 1, of a message. It is that of the first quoted key or word, in the named grid; else that of the grid.
 fn line_of(text: &str, detail: &str) -> usize {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let headers: Vec<usize> = lines

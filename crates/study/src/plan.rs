@@ -136,8 +136,8 @@ pub struct Controller {
 pub struct Scoring {
     /// Shares of all answers of a method, the worst left out, for which the root mean square is averaged over a grid's cells; percent.
     pub kept_percent: Vec<f64>,
-    /// A missing answer, or one that, samples of response included, is not above 0 and below this, counts as this, samples (Björklund: 20); absent: see
-    /// `missing_off_samples`.
+    /// The score of a missing answer, samples (Björklund: 20). An answer, samples of response included, that is not above 0 and below this number has the same
+    /// score. Absent: see `missing_off_samples`.
     pub invalid_samples: Option<f64>,
     /// A missing answer counts as this far off, samples; absent: only answers count.
     pub missing_off_samples: Option<f64>,
@@ -252,7 +252,7 @@ impl Default for Grid {
     }
 }
 
-/// A table of one statistic, `KEY …` or `STATISTIC: KEY …`: the values of the last key as columns, those of the others and the methods as rows.
+/// A table of one statistic, `KEY …` or `STATISTIC: KEY …`. The values of the last key are columns, those of the others and the methods are rows.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String")]
 pub struct Layout {

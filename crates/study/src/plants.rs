@@ -194,9 +194,9 @@ fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
     out
 }
 
-/// Ten poles in parallel. Björklund (2003), p. 111, calls his stable or integrating, the words of MATLAB's manual on `rss`; so they are drawn as there. One of ten systems has
-/// an integrator, about half of the other poles come in pairs, rates are log-normal around 1 rad/s, frequencies around 3 rad/s, input and output matrices
-/// normal. Ours have no direct path and no repeated poles.
+/// Ten poles in parallel. Björklund (2003), p. 111, calls his stable or integrating, the words of MATLAB's manual on `rss`; ours are therefore drawn as there.
+/// One of ten systems has an integrator, and about half of the other poles come in pairs. Rates are log-normal around 1 rad/s, frequencies around 3 rad/s,
+/// input and output matrices normal. Ours have no direct path and no repeated poles.
 fn random(rng: &mut ChaCha8Rng) -> Result<Plant, ModelError> {
     const ORDER: usize = 10;
     let (mut a, b, c) = (

@@ -137,7 +137,7 @@ fn words(text: &str) -> BTreeSet<&str> {
 const OWN: [&str; 6] =
     ["source", "statistic", "kept_percent", "value", "tolerance", "not_reproducible"];
 
-/// An entry with a list `each` of tables stands for one entry per table: the entry with the table's keys in place of its own or of its cells'.
+/// An entry with a list `each` of tables is expanded to one entry per table. The table's keys replace its own or those of its cells.
 pub(super) fn spread(entries: toml::Value) -> Result<toml::Value, String> {
     let toml::Value::Array(entries) = entries else {
         return Err("`published` is a list of tables: write [[published]]".to_owned());

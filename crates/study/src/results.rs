@@ -81,7 +81,7 @@ pub struct Cell {
     /// How its records were logged; `None`: every sample at its time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub logging: Option<String>,
-    /// Digest of what the names of this cell stand for in its plan, and of how answers are scored: cells of one key are comparable where it is the same.
+    /// Digest of the definitions behind the names of this cell in its plan, and of the scoring. Cells of one key are comparable where the digest is the same.
     #[serde(default)]
     pub definition: String,
     /// Every record is the same, whatever the seed: no noise, and nothing drawn.
@@ -271,8 +271,8 @@ impl Study {
         Ok(study)
     }
 
-    /// Writes what a repository keeps to compare later runs with: `study.json`, or the file given, without run times and shares kept, nine digits of every result (what processors
-    /// agree on), one line per cell.
+    /// Writes the baseline that a repository keeps for later comparisons: `study.json`, or the given file. It has no run times and no kept shares, nine digits
+    /// of every result (on which processors agree), and one line per cell.
     ///
     /// # Errors
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io).

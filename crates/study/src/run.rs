@@ -453,7 +453,7 @@ fn stamp(plan: &Plan, layout: &Resolved) -> String {
 
 /// Hands the numbers below `count` out to as many workers as there are threads, in order, until one fails.
 ///
-/// Each worker is a pool of one thread: what a method would do in parallel it does there one after the other, so that its run time is its own, and no other estimate's.
+/// Each worker is a pool of one thread. The parallel parts of a method run there one after the other, so that its run time is its own, and no other estimate's.
 fn shared_out(count: usize, work: impl Fn(usize) -> Result<()> + Sync) -> Result<()> {
     let next = AtomicUsize::new(0);
     let failed = AtomicBool::new(false);

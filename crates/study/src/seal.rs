@@ -1,4 +1,4 @@
-//! A digest of a whole file inside the file: its place is kept open by zeros while the rest is written, and is filled in afterwards.
+//! A digest of a whole file inside the file. Zeros keep its place open during the writing, and the digest is filled in afterwards.
 
 use sha2::{Digest, Sha256};
 

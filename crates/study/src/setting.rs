@@ -368,7 +368,7 @@ impl Setting {
             && drive(0)? == drive(1)?)
     }
 
-    /// The seed of a record: a hash of the plan's seed, of what the record is of and of its number, so that no other record of a plan moves it.
+    /// The seed of a record: a hash of the plan's seed, the content of the record and its number. No other record of a plan changes it.
     pub(super) fn seed(&self, seed: u64, trial: usize) -> u64 {
         hash(&format!("{seed}|{}|{trial}", self.key))
     }

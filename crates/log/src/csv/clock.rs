@@ -190,7 +190,7 @@ pub(super) struct StampReader {
 }
 
 impl StampReader {
-    /// A stamp as a number of the file's unit (nanoseconds for dates), from the first one where the numbers are large; `None` where the cell is no stamp.
+    /// A stamp as a number of the file's unit (nanoseconds for dates), from the first one where the numbers are large. `None` where the cell is no stamp.
     pub(super) fn read(
         &mut self,
         cell: &[u8],
@@ -266,8 +266,7 @@ impl StampReader {
         Some(ns + *midnights)
     }
 
-    /// By how much a change of the clocks moved this stamp, ns: an hour where it follows the one before it by a step and an hour, or a step less an hour, in the night of a Sunday.
-    /// An hourly log then has one stamp twice.
+    /// The shift of this stamp by a change of the clocks, ns. It is an hour where, in the night of a Sunday, the distance to the stamp before is a step and an hour, or a step less an hour. An hourly log then has one stamp twice.
     pub(super) fn clock_change(&self, before: &[f64], raw: f64) -> Option<f64> {
         const SUNDAY: i128 = 3;
         let hour = HOUR_NS as f64;
@@ -366,7 +365,8 @@ pub(super) fn is_stamp(text: &str) -> bool {
     is_date(text) || time_of_day(text.trim()).is_some()
 }
 
-/// A date with slashes or dashes and the year behind: `3/5/2024`, `03-05-2024 10:00:00`, `3/5/24`; with a time of day also one without a year, `03/05  24:00:00`.
+/// A date with slashes or dashes and the year behind: `3/5/2024`, `03-05-2024 10:00:00`, `3/5/24`. With a time of day also one without a year,
+/// `03/05 24:00:00`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Slashed {
     first: i128,
@@ -423,7 +423,7 @@ impl Slashed {
     }
 }
 
-/// Which part of dates with slashes is the day, as far as the rows show it: a part above 12 does, and so does a midnight that only one order makes the next one.
+/// The day part of dates with slashes, if the rows determine it. A part above 12 does, and so does a midnight that only one order makes the next one.
 #[derive(Debug, Clone)]
 struct Slashes {
     day_first: Option<bool>,

@@ -1,6 +1,6 @@
 //! Tables of one row an event, as building automation exports them: who, its state, and when.
 //!
-//! How it can be wrong: a table of several channels with a channel `value` and a column of names is no such table; only a table of three kinds of columns is.
+//! How it can be wrong: a table of several channels with a channel `value` and a column of names is no such table. Only a table of three kinds of columns is.
 
 use std::collections::BTreeMap;
 

@@ -67,8 +67,8 @@ fn words(header: &str) -> Vec<String> {
     parts.filter(|w| !w.is_empty()).map(str::to_lowercase).collect()
 }
 
-/// Reads a frequency response from a `.csv` or `.csv.gz` file. Columns are known by name and unit: `frequency [Hz]` or `[rad/s]`; `real` and `imag`, or `magnitude` (`[dB]`, else
-/// absolute) and `phase [deg]` or `[rad]`; `coherence` (squared) or `std` (of each part of the complex value) are optional.
+/// Reads a frequency response from a `.csv` or `.csv.gz` file. Columns are recognised by name and unit: `frequency [Hz]` or `[rad/s]`; `real` and `imag`, or
+/// `magnitude` (`[dB]`, else absolute) and `phase [deg]` or `[rad]`. Optional are `coherence` (squared) or `std` (of each part of the complex value).
 ///
 /// # Errors
 /// As [`crate::reader::read`]; [`LogError::Frequency`] where columns, units or values cannot be used.

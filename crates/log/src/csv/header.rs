@@ -79,7 +79,7 @@ fn bare(cell: &[u8]) -> String {
     inner.map_or_else(|| text.clone(), |inner| inner.trim().to_owned())
 }
 
-/// Whether a row below a header of so many names holds units: the time's is one, and no cell is a number but 1, which stands for none.
+/// Whether a row below a header of this many names holds units. The time's cell must be one, and no cell may be a number except 1, which means no unit.
 fn holds_units(names: usize, time: usize, below: &[Vec<u8>]) -> bool {
     let of_unit = |cell: &Vec<u8>| {
         matches!(parse(cell, true), Cell::Text | Cell::Missing) || bare(cell) == "1"
@@ -88,7 +88,8 @@ fn holds_units(names: usize, time: usize, below: &[Vec<u8>]) -> bool {
     timed && below.len() >= names && below.iter().all(of_unit)
 }
 
-/// Takes the first column for the time where no name is one of time and the row below holds units, a unit of time first, as oscilloscopes write it: `X,CH1` above `Second,Volt`.
+/// Uses the first column as the time where no name is one of time and the row below holds units, a unit of time first. Oscilloscopes write it: `X,CH1` above
+/// `Second,Volt`.
 fn first_by_unit(names: &mut Names, below: &[Vec<u8>], options: &ReadOptions, notes: &mut Notes) {
     let named = |(place, (name, _)): (usize, &(String, Option<String>))| {
         clock::named(name, place == 0).is_some() || clock::unknown_unit(name, place == 0).is_some()
@@ -108,7 +109,8 @@ fn first_by_unit(names: &mut Names, below: &[Vec<u8>], options: &ReadOptions, no
     }
 }
 
-/// Takes the units of a row below the header that holds nothing else: the time's is one, and no cell is a number but 1, which stands for none. Whether it was such a row.
+/// Takes the units of a row below the header with units only. The time's cell is one, and no cell is a number except 1, which means no unit. Returns whether it
+/// was such a row.
 pub(super) fn take_units(names: &mut Names, time: usize, below: &[Vec<u8>]) -> bool {
     if !holds_units(names.len(), time, below) {
         return false;
@@ -466,7 +468,7 @@ const PREAMBLE: &str = "stand above the table";
 /// Rows above a table that are looked through.
 const MOST_ABOVE: usize = 2000;
 
-/// Goes to the first row that begins a table: one of its names is that of the time, as many cells stand below, and the one below that name is a stamp.
+/// Goes to the first row that begins a table. One of its names is that of the time, the row below has as many cells, and the cell below that name is a stamp.
 fn table_below(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<bool, Error> {
     let mut unused = Notes::default();
     for _ in 0..MOST_ABOVE {
@@ -575,7 +577,8 @@ pub(super) fn time_column(
     Ok((time, unit.map(|unit| (unit, Why::Named))))
 }
 
-/// Deals with a first column without a name, as pandas writes its index: it is the time where it holds dates and no other column is the time. Whether it counts the rows.
+/// Handles a first column without a name, as pandas writes its index. The column is the time where it holds dates and no other column is the time. Returns
+/// whether it counts the rows.
 pub(super) fn unnamed_first(
     names: &mut Names,
     below: &[u8],

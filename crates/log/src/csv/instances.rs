@@ -1,6 +1,6 @@
 //! Rows of several instances that take turns in one table, as loggers write two sensors of a kind.
 //!
-//! How it can be wrong: a column that only counts whether a row is odd or even separates rows as well as a number of an instance does; the remedy names the column.
+//! How it can be wrong: a column of the parity of the row number separates rows as well as a number of an instance does. The remedy names the column.
 
 use std::collections::BTreeMap;
 

@@ -512,7 +512,8 @@ fn is_number(cell: &[u8]) -> bool {
         || std::str::from_utf8(cell).is_ok_and(|text| text.replace(',', ".").parse::<f64>().is_ok())
 }
 
-/// What separates the columns of a file with these first two rows: what stands in both equally often, then what is commonest in the header; blanks where nothing else does.
+/// The separator of a file with these first two rows. Separators with equal counts in both rows come first, then the commonest in the header; blanks where no
+/// other separator occurs.
 fn guess(header: &[u8], below: Option<&[u8]>) -> Separator {
     let found = SEPARATORS.iter().filter_map(|&byte| {
         let count = separators(header, byte);

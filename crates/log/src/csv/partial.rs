@@ -125,7 +125,7 @@ fn push_row(source: &str, lines: &Lines<'_>, header: &Header, columns: &mut [Cel
     }
 }
 
-/// Rows whose stamps were rounded, at their even rate, and the step, s: one line through all rows where each stays near its stamp, else stamp by stamp.
+/// Rows with rounded stamps, at their even rate, and the step, s. One line goes through all rows where each stays near its stamp, else stamp by stamp.
 fn evenly(raw: &[f64], second: f64) -> (Vec<f64>, f64) {
     let at = |k: usize| raw.get(k).copied().unwrap_or(0.0);
     let starts: Vec<usize> =
@@ -196,7 +196,7 @@ impl PartialLog {
         }
     }
 
-    /// Why the current line is the rest of a row whose end is lost; only the last one of a file can be, and only one below rows that are whole.
+    /// The reason why the current line is the rest of a row whose end is lost. Only the last line of a file, below whole rows, can be such a rest.
     pub(super) fn cut_off(&self, lines: &Lines<'_>, header: &Header) -> Option<String> {
         if !lines.open {
             return None;

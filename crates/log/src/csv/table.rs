@@ -18,8 +18,8 @@ use deadtime_signal::progress::HowFar;
 use std::io::Read;
 use std::path::Path;
 
-/// Reads a file of several records: a new one begins wherever the cell of `column` (numbers or text) differs from the row before, and time
-/// may start afresh in it. They are called `FILE#VALUE`; a value that comes back later begins another record of the same name.
+/// Reads a file of several records. A new record begins wherever the cell of `column` (numbers or text) differs from the row before, and time may start afresh
+/// in it. Records are called `FILE#VALUE`; a value that returns later begins another record of the same name.
 ///
 /// # Errors
 /// As [`crate::reader::read`]; [`LogError::UnknownChannel`] when there is no such column, [`LogError::EmptyRecord`].

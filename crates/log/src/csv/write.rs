@@ -11,8 +11,8 @@ use std::io::Write;
 use std::path::Path;
 
 impl Log {
-    /// Writes the log as a CSV file, compressed when the name ends in `.gz`: units in the header, missing samples as empty cells,
-    /// each number in the fewest digits that read back to the same bits. Columns without numbers are left out.
+    /// Writes the log as a CSV file, compressed when the name ends in `.gz`. Units are in the header, missing samples are empty cells, and each number has the
+    /// fewest digits that read back to the same bits. Columns without numbers are left out.
     ///
     /// # Errors
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io); an earlier file of that name is then untouched.

@@ -46,8 +46,8 @@ pub enum RegisterStart {
     Random,
 }
 
-/// A PRBS: binary, exactly periodic, with the autocorrelation of white noise: of ±1 levels, 1 at multiples of the period and
-/// −1/(2ⁿ − 1) elsewhere (at a clock of one sample).
+/// A PRBS: binary, exactly periodic, with the autocorrelation of white noise. With levels ±1 it is 1 at multiples of the period and −1/(2ⁿ − 1) elsewhere (at a
+/// clock of one sample).
 ///
 /// The record is cut where the samples end; only whole periods of (2ⁿ − 1)·`clock` samples have the autocorrelation above.
 ///

@@ -17,7 +17,7 @@ use crate::error::SignalError;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Staircase {
-    /// Pairs of a level, in the input's unit, finite, and the samples for which it is held, at least 1; default `[[0, 10], [1, 40], [-1, 40], [0, 10]]`.
+    /// Pairs of a level, in the input's unit, finite, and the number of samples at that level, at least 1. Default `[[0, 10], [1, 40], [-1, 40], [0, 10]]`.
     pub pieces: Vec<(f64, usize)>,
 }
 

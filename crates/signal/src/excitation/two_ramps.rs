@@ -1,6 +1,6 @@
 //! Two ramps: up in equal steps, down in as many, then zero.
 //!
-//! u(k) = k·d for k = 0 … n; u(n + k) = u(n) − k·d for k = 1 … n; zero after that; d = amplitude/n.
+//! d = amplitude/n. u(k) = k·d for k = 0 … n; u(n + k) = u(n) − k·d for k = 1 … n; zero after that.
 
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};

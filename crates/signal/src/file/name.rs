@@ -12,7 +12,7 @@ const DEVICES: [&str; 22] = [
     "com9", "lpt1", "lpt2", "lpt3", "lpt4", "lpt5", "lpt6", "lpt7", "lpt8", "lpt9",
 ];
 
-/// A name from a file or a person as exactly one component of a path: it never leads out of its folder, hides, or means an option or a device.
+/// A name from a file or a person as exactly one component of a path. The name never leads out of its folder, hides, or means an option or a device.
 ///
 /// Letters and digits of any script, `-`, `_`, `.` and blanks inside stay; the rest becomes `_`. A name that had to be changed ends in eight digits of its SHA-256, so that
 /// different names stay different.

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use super::write::folder_of;
 
-/// What a name stands for: equal for two names of one file, also by symbolic and hard links; of a file that is not there yet, its folder and name.
+/// The identity of the file behind a name: equal for two names of one file, also by symbolic and hard links. For a file that does not exist yet it is its
+/// folder and name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SameFile(Identity);
 

@@ -29,7 +29,7 @@ pub fn write_atomic(
     buffered.into_inner().map_err(|e| FileError::io(path, e.into_error()))?.finish()
 }
 
-/// Opens `path` for lines that are read while they are written: standard output for `-`, else the file that the name stands for; a regular file is emptied.
+/// Opens `path` for lines that are read while they are written: standard output for `-`, else the file with that name. A regular file is emptied.
 ///
 /// # Errors
 /// [`FileError::Io`] naming `path`.

@@ -189,8 +189,7 @@ impl LevenbergMarquardt {
         parameters.iter().enumerate().map(|at| !outwards(at)).collect()
     }
 
-    /// The relative change of the last step that was tried, with what it leads to where that is
-    /// better; `None` where the damping has no step.
+    /// The relative change of the last tried step, with its result where that is better. `None` where the damping has no step.
     fn improved(
         &self,
         parameters: &[f64],

@@ -387,7 +387,7 @@ fn place(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis) {
     }
 }
 
-/// Length of the intersection of a span with the union of others, over the length of the union of all; none of a span without length.
+/// Length of the intersection of a span with the union of others, over the length of the union of all. `None` for a span without length.
 fn overlap(truth: (f64, f64), mut spans: Vec<(f64, f64)>) -> Option<f64> {
     let length = truth.1 - truth.0;
     if length <= 0.0 || !length.is_finite() {
@@ -406,8 +406,8 @@ fn overlap(truth: (f64, f64), mut spans: Vec<(f64, f64)>) -> Option<f64> {
     Some(common / (union + length - common))
 }
 
-/// (1 − (after/before)²)/(1 − (oracle_after/before)²), numerator from the diagnosis, denominator from the label, each with its own `before`:
-/// the two may stand for different prediction modes, and only ratios within one mode mean anything.
+/// (1 − (after/before)²)/(1 − (oracle_after/before)²), numerator from the diagnosis, denominator from the label, each with its own `before`. The two may have
+/// different prediction modes, and only ratios within one mode have a meaning.
 fn of_oracle(label: &Label, diagnosis: &Diagnosis) -> Option<f64> {
     if !matches!(label.group, Group::Single | Group::Pair | Group::Mixture) {
         return None;

@@ -83,13 +83,13 @@ impl Summary {
 
 /// Diagnoses every case of `cases` by `diagnose` and writes `verdicts/ID/{commitment.txt, diagnosis.json, run.json}`.
 ///
-/// A case is done when its diagnosis can be read, every byte of the verdict is as written (`run.json` holds the digest), and its commitment is still the
-/// case's. A case that fails (also by a panic) is
-/// an [`Outcome::Failed`] and stops no other; it leaves no earlier diagnosis behind. `progress` is called after every case, from its thread.
+/// A case is complete when its diagnosis can be read, every byte of the verdict is as written, and its commitment is unchanged. The digest is in `run.json`. A
+/// case that fails (also by a panic) is an [`Outcome::Failed`] and stops no other; it leaves no earlier diagnosis behind. `progress` is called after every
+/// case, from its thread.
 ///
 /// # Errors
-/// Only when there are no cases to begin with: [`FileError::Io`](deadtime_signal::file::FileError::Io), [`BlindError::NoCases`], [`BlindError::BadName`]; [`FileError::Busy`](deadtime_signal::file::FileError::Busy) where another run writes to `verdicts`;
-/// [`Error::Stopped`], with the cases done so far written.
+/// An error occurs only where no case can begin: [`FileError::Io`](deadtime_signal::file::FileError::Io), [`BlindError::NoCases`], [`BlindError::BadName`].
+/// [`FileError::Busy`](deadtime_signal::file::FileError::Busy) where another run writes to `verdicts`. [`Error::Stopped`], with the finished cases written.
 pub fn run(
     cases: &Path,
     verdicts: &Path,

@@ -89,8 +89,8 @@ pub struct ParameterRow {
     pub unit: String,
     /// Per diagnosis; missing where it was not found, or has another unit.
     pub values: Vec<Option<CauseValue>>,
-    /// Whether one value describes all: Cochran's Q (1954, Biometrics 10(1), 101-129, doi:10.2307/3001666) at the level of the comparison; missing where fewer than
-    /// two have an interval.
+    /// Whether one value describes all: Cochran's Q (1954, Biometrics 10(1), 101-129, doi:10.2307/3001666) at the level of the comparison. Missing where fewer
+    /// than two have an interval.
     pub agree: Option<bool>,
     /// The chance of values as different as these where one value holds for all.
     pub p_value: Option<f64>,
@@ -353,7 +353,8 @@ mod tests {
 
     #[test]
     fn two_values_are_compared_as_their_difference_is() {
-        // Two values with standard deviations 0.3 and 0.4 that are 1 apart: (1/0.5)² = 4 on one degree of freedom, p = 0.0455 (tables of the normal distribution, 2 σ).
+        // Two values with standard deviations 0.3 and 0.4 that are 1 apart. (1/0.5)² = 4 on one degree of freedom, p = 0.0455 (tables of the normal
+        // distribution, 2 σ).
         let row = row("a:b", "p", "s", values(&[(1.0, 0.3 * NORMAL_95), (2.0, 0.4 * NORMAL_95)]));
         assert_abs_diff_eq!(row.p_value.unwrap(), 0.045_500_263_9, epsilon = 1e-9);
         // Weights 1/0.09 and 1/0.16.

@@ -1,7 +1,7 @@
 //! Studies side by side, on the cells that all of them have. Whether a difference is more than chance is asked of `study::Gate`.
 //!
-//! How this can be wrong: cells of one name but another meaning (a plant that changed) are no pair, so cells count as shared only where their definitions agree. A
-//! method that answers only easy records looks better, so the share without an answer is shown next to its error.
+//! How this can be wrong: cells of one name but another meaning (a plant that changed) are no pair. Cells therefore count as shared only where their
+//! definitions agree. A method that answers only easy records looks better, so the share without an answer is shown next to its error.
 
 use serde::Serialize;
 
