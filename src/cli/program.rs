@@ -143,8 +143,8 @@ pub(super) fn command() -> clap::Command {
 /// What a shell reports of a program that Ctrl-C ended.
 pub(super) const INTERRUPTED: i32 = 130;
 
-/// Ctrl-C, and what asks a program to end, end it at once, whatever it does: files that are half-written go, and the terminal's line is empty.
-/// Where no handler can be set they end it as ever.
+/// Ctrl-C and requests to end a program end it at once: half-written files are removed, and the terminal's line is cleared. Where no handler can be set they
+/// end it without this cleaning.
 pub fn end_when_asked() {
     let _ = ctrlc::set_handler(|| {
         simulator::end_programs();

@@ -22,7 +22,7 @@ pub struct Line {
     pub text: String,
 }
 
-/// What to fix first, the cause, the reduction on held-out data, the residual, the next experiment; then size and place of the gap and nuisances of the model.
+/// The first fix, the cause, the reduction on held-out data, the residual, and the next experiment. Then size and place of the gap and nuisances of the model.
 #[must_use]
 pub fn lines(found: &Diagnosed) -> Vec<Line> {
     let d = &found.diagnosis;

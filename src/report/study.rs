@@ -99,7 +99,7 @@ const SHORT: [&str; 10] = [
     "time",
 ];
 
-/// One row per grid, place and method: means over the cells of their root mean square errors and biases, medians of their bounds, and shares of all estimates.
+/// One row per grid, place and method. The columns are means over the cells of root mean square errors and biases, medians of bounds, and shares of all estimates.
 #[must_use]
 pub fn summary(study: &Study) -> Table {
     let headings: Vec<&str> =
@@ -231,7 +231,7 @@ fn shown(what: Shown, cells: &[&Cell]) -> String {
     }
 }
 
-/// How far the errors are from the bound; `None` where fewer than half of the records have an answer: what a method leaves out is not what it can do.
+/// The errors over the bound. `None` where fewer than half of the records have an answer: the answered records do not represent the method's accuracy.
 pub(super) fn over_bound(cells: &[&Cell]) -> Option<f64> {
     let (trials, flagged): (usize, usize) =
         cells.iter().fold((0, 0), |s, c| (s.0 + c.trials, s.1 + c.flagged));
@@ -410,7 +410,7 @@ pub fn standings(study: &Study, plan: &Plan) -> String {
 /// Columns that a study's tables keep to.
 const WIDE: usize = 100;
 
-/// What the program says of a study, for a terminal of 100 columns; without a plan, nothing of published numbers, aims and the plan's own tables.
+/// The report of a study for a terminal of 100 columns. Without a plan it lacks published numbers, aims and the plan's own tables.
 #[must_use]
 pub fn text(study: &Study, plan: Option<&Plan>) -> String {
     let about = wrapped(&format!("{}: {}", study.plan, study.about), WIDE, 2).join("\n");
@@ -535,8 +535,8 @@ pub fn layouts(study: &Study, plan: &Plan) -> Vec<(String, Table)> {
         .collect()
 }
 
-/// How the time of an estimate grows: the exponent p of its power law in the samples of a record and in the delays searched, least squares of logarithms over the cells
-/// of a grid in which one of them varies; `None` where none does.
+/// The growth of the time of an estimate: the exponent p of its power law in the samples of a record and in the delays searched. It is a least-squares fit of
+/// logarithms over the cells of a grid in which one of them varies. `None` where none does.
 #[must_use]
 pub fn growth(study: &Study) -> Option<Table> {
     let mut table = Table::new(

@@ -78,8 +78,8 @@ impl Table {
             .collect()
     }
 
-    /// The same table in lines of at most `width` columns: words are wrapped inside their columns, and columns that still find no room stand in further tables below,
-    /// with the leading columns of words repeated.
+    /// The same table in lines of at most `width` columns. Words are wrapped inside their columns; columns without room are in further tables below, with the
+    /// leading columns of words repeated.
     #[must_use]
     pub fn fit(&self, width: usize) -> String {
         let rows: Vec<Vec<String>> =
@@ -247,8 +247,8 @@ pub fn seconds(value_s: f64, step_s: f64) -> String {
     format!("{value_s:.decimals$}")
 }
 
-/// A value and the ends of its interval, all with the same decimals: half the interval keeps two digits, a value without one three; powers of ten where that is
-/// too many decimals.
+/// A value and the ends of its interval, all with the same decimals. Half of the interval keeps two digits, a value without one three; powers of ten where that
+/// is too many decimals.
 #[must_use]
 pub(super) fn estimate(value: f64, ci95: Option<[f64; 2]>) -> (String, Option<[String; 2]>) {
     let finest = ci95

@@ -27,7 +27,7 @@ use deadtime::report;
 use deadtime::simulate::{Commands, Dynamics, Face, Port, Restart, Simulator, Start, System};
 use deadtime::stop::Stop;
 
-/// Makes the exception that a call raised the one that a caller sees: whole, where it was no ordinary one; else as the cause of ours.
+/// Converts the exception of a call into that of the caller: unchanged, where it was no ordinary one; else as the cause of ours.
 #[derive(Debug, Clone, Default)]
 struct Raised(Arc<Mutex<Option<Exception>>>);
 
@@ -178,8 +178,8 @@ struct Call {
     answer: SyncSender<Result<DMatrix<f64>, String>>,
 }
 
-/// A function that is called in one thread of its own, one call at a time: whoever waits holds neither the interpreter's lock nor a place in the search's
-/// queue of work, so that the function may do as it likes.
+/// A function that is called in one thread of its own, one call at a time. A waiting caller holds neither the interpreter's lock nor a place in the search's
+/// work queue, so that the function is free in its actions.
 #[derive(Debug)]
 struct Served(Sender<Call>);
 

@@ -227,14 +227,14 @@ impl Log {
         Ok(Self(log))
     }
 
-    /// The log as a pandas frame: `time` and a column a channel, NaN where a sample is missing; units stand in `frame.attrs["units"]`, and, with `headers`, in the
+    /// The log as a pandas frame: `time` and a column a channel, NaN where a sample is missing. Units are in `frame.attrs["units"]`, and, with `headers`, in the
     /// names of the columns, as `name [unit]`.
     #[pyo3(signature = (headers = false))]
     fn to_pandas<'py>(slf: &Bound<'py, Self>, headers: bool) -> PyResult<Bound<'py, PyAny>> {
         slf.py().import("deadtime.logs")?.call_method1("_to_pandas", (slf, headers))
     }
 
-    /// The log as a polars frame: `time` and a column a channel, null where a sample is missing; with `headers` the columns are called `name [unit]`.
+    /// The log as a polars frame: `time` and a column a channel, null where a sample is missing. With `headers` the columns are called `name [unit]`.
     #[pyo3(signature = (headers = false))]
     fn to_polars<'py>(slf: &Bound<'py, Self>, headers: bool) -> PyResult<Bound<'py, PyAny>> {
         slf.py().import("deadtime.logs")?.call_method1("_to_polars", (slf, headers))

@@ -208,8 +208,8 @@ impl Model {
     /// Parameters
     /// ----------
     /// term : str
-    ///     As ``"level2 += k*(level1 - level2); k in 0 to 1"``: names that the model does not know are free parameters, 0 where the term is nothing; behind
-    ///     the semicolon their ranges and, as ``w = 0.1 in 0.01 to 1``, where a width or a power begins.
+    ///     As ``"level2 += k*(level1 - level2); k in 0 to 1"``. Names that the model does not know are free parameters, 0 where the term is nothing. Behind
+    ///     the semicolon are their ranges and, as ``w = 0.1 in 0.01 to 1``, the first value of a width or a power.
     ///
     /// Raises
     /// ------

@@ -135,7 +135,7 @@ pub(super) fn _lsim<'py>(
     Ok((array2(py, response.y)?, array2(py, response.x)?))
 }
 
-/// A model on the inputs of a log: the simulated log, and the nrmse of each output that the log has too, None where there is none.
+/// A model on the inputs of a log: the simulated log, and the nrmse of each output that the log has too. None where the log has none.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 pub(super) fn _simulate<'py>(

@@ -21,7 +21,8 @@ const STACK: usize = 8 << 20;
 /// Runs `work` in a thread of its own, without the interpreter's lock, on `threads` threads (`None`: all).
 ///
 /// # Errors
-/// What the work returns; `KeyboardInterrupt` and whatever else a signal's handler raises, at once: the work is asked to stop, and does so at its next look.
+/// The result of the work. `KeyboardInterrupt` and every other exception of a signal's handler are raised at once: the work gets a stop request, and ends at
+/// its next check.
 pub(super) fn long<T: Send + 'static>(
     py: Python<'_>,
     threads: Option<usize>,

@@ -347,7 +347,8 @@ impl Tasks {
         Ok(write_atomic(&self.path(task), |out| out.write_all(part))?)
     }
 
-    /// Reads all parts and writes `DIR/study.json`. Every cell's sums over its estimates are in the order of the blocks, as on one machine. The sums are then the same to the bit. Memory holds one part for every thread.
+    /// Reads all parts and writes `DIR/study.json`. Every cell's sums over its estimates are in the order of the blocks, as on one machine. The sums are then
+    /// the same to the bit. Memory holds one part for every thread.
     ///
     /// # Errors
     /// [`StudyError::Results`] for a part that is missing, damaged or another study's;

@@ -3,8 +3,8 @@
 //! How it can be wrong, and what is done about it:
 //!
 //! - *Noise with heavy tails*: other work on the machine makes a run several times as long, in bursts. Nothing is averaged. In the pairs of a bench the test
-//!   counts those in which the new program exceeds the margin. With equally fast programs the probability is one half at most in each pair, under any noise, if the order changes from pair to pair. The count is compared with a binomial (the sign test: Dixon and Mood 1946,
-//!   doi:10.1080/01621459.1946.10501898).
+//!   counts those in which the new program exceeds the margin. With equally fast programs the probability is one half at most in each pair, under any noise, if
+//!   the order changes from pair to pair. The count is compared with a binomial (the sign test: Dixon and Mood 1946, doi:10.1080/01621459.1946.10501898).
 //! - *False alarms over many benches*: p-values are corrected by Holm (1979), Scandinavian Journal of Statistics 6(2), 65-70. Equally fast programs fail with a probability of
 //!   `alpha` at most, all benches together.
 //! - *A burst as long as the measurement*: the fastest run of all pairs, which noise can only lengthen, must be slower by the margin too.
@@ -243,7 +243,8 @@ mod tests {
     const BENCHES: usize = 60;
     const ROUNDS: usize = 17;
 
-    /// The disturbances of a shared machine. The clock drifts over the whole measurement. Jitter is 3 %. One run in eight is longer by a Pareto share without a variance. Bursts lengthen a stretch of runs by half, of either program.
+    /// The disturbances of a shared machine. The clock drifts over the whole measurement. Jitter is 3 %. One run in eight is longer by a Pareto share without a
+    /// variance. Bursts lengthen a stretch of runs by half, of either program.
     struct Machine {
         rng: ChaCha8Rng,
         wander: f64,

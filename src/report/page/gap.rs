@@ -18,7 +18,8 @@ use deadtime_gap::{
 const LOGS: usize = 40;
 /// Rows of the ranking that stand open.
 const OPEN_ROWS: usize = 12;
-/// A prediction may leave the range of the measurement by this many of its widths before it is cut off: one that explodes must not flatten all else.
+/// A prediction may leave the range of the measurement by this many of its widths before it is cut off. A diverging prediction must not flatten the other
+/// curves.
 const LEAVES: f64 = 1.0;
 
 /// The page.

@@ -1,4 +1,4 @@
-//! A model from logs as a page: frequency responses with their bands, poles, the choice of the order, how it does on data that it has not seen.
+//! A model from logs as a page: frequency responses with their bands, poles, the choice of the order, and the fit on held-out data.
 
 use maud::{Markup, html};
 use nalgebra::{DMatrix, DVector};

@@ -382,7 +382,7 @@ fn map(t: &Trace, after: bool, step_s: f64) -> Option<Value> {
 mod tests {
     use super::*;
 
-    /// A log of a residual that is 1 while the command is 1 and nothing else, and a tone of 5 Hz in its second half; the causes take all of the first part.
+    /// A log of a residual that is 1 while the command is 1, and 0 otherwise. Its second half has a tone of 5 Hz. The causes explain all of the first part.
     fn trace() -> (Trace, CommandTrace) {
         let count = 4000_usize;
         let time_s: Vec<f64> = (0..count).map(|k| 0.01 * k as f64).collect();

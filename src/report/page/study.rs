@@ -86,7 +86,7 @@ fn parts(study: &Study) -> Vec<Part<'_>> {
     parts
 }
 
-/// A number of several cells: what it is called, the number, whether its axis is logarithmic, from where it counts as bad, whether it is a share.
+/// A number of several cells: its name, the number, a logarithmic axis or not, its limit for a bad value, a share or not.
 struct Measure {
     name: &'static str,
     of: fn(&[&Cell]) -> Option<f64>,

@@ -72,7 +72,7 @@ fn brief_lines(pair: &Pair, report: &Report, name: &str) -> Vec<String> {
     [name + &head, format!("  {methods}")].into_iter().chain(first).collect()
 }
 
-/// The answer to every pair, the methods that it uses on a common axis, how many are left out and why, and what was searched; no line is wider than 80 columns.
+/// The answer to every pair, its methods on a common axis, the number of methods left out with the reasons, and the search. No line is wider than 80 columns.
 #[must_use]
 pub fn short(report: &Report) -> Styled {
     let mut text = Styled::default();

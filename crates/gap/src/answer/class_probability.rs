@@ -29,8 +29,9 @@ pub(super) fn probability(grounds: &Grounds) -> f64 {
     1.0 / (1.0 + (-sum).exp())
 }
 
-/// How many standard deviations the worst known parameter is from its nominal value. A parameter without an interval, at a bound, is not known. Some effects have several parameters that are not 0 when nominal (a gain before and after a jump). The one farthest from nominal is used: the identity needs all of them. `effect` and
-/// `found` are the same effect.
+/// How many standard deviations the worst known parameter is from its nominal value. A parameter without an interval, at a bound, is not known. Some effects
+/// have several parameters that are not 0 when nominal (a gain before and after a jump). The one farthest from nominal is used: the identity needs all of them.
+/// `effect` and `found` are the same effect.
 pub(super) fn deviations(effect: &Applied, found: &FoundEffect) -> f64 {
     let known = |(p, found): (&Parameter, &FoundParameter)| {
         let away = |value: f64| {

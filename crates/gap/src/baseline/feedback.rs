@@ -13,7 +13,8 @@ use super::noise::autoregression_of;
 use crate::input::criteria::Criteria;
 use crate::input::record::LogRecord;
 
-/// The nuisance regressors of one record, samples × outputs each. A regressor is the unpredicted part of a command, in the output whose noise it contains. `residual` is that of the nominal model.
+/// The nuisance regressors of one record, samples × outputs each. A regressor is the unpredicted part of a command, in the output whose noise it contains.
+/// `residual` is that of the nominal model.
 pub(crate) fn regressors(
     record: &LogRecord,
     residual: &DMatrix<f64>,

@@ -111,8 +111,9 @@ impl Found {
         self.sets.iter().find(|(_, set)| set.key() == key).map(|(_, set)| set)
     }
 
-    /// Per parameter of a set, the variance of its value about its value in this set. The weights are exp(−E/2) over the visited sets that are as good as the best and have its effect. Source: Hoeting, Madigan, Raftery and Volinsky 1999, doi:10.1214/ss/1009212519. An alias that replaces another effect changes the
-    /// values of the remaining effects.
+    /// Per parameter of a set, the variance of its value about its value in this set. The weights are exp(−E/2) over the visited sets that are as good as the
+    /// best and have its effect. Source: Hoeting, Madigan, Raftery and Volinsky 1999, doi:10.1214/ss/1009212519. An alias that replaces another effect changes
+    /// the values of the remaining effects.
     pub(crate) fn between(&self, best: &CauseSet, key: &str, parameter: usize) -> f64 {
         let value = |set: &CauseSet| {
             let applied = set.effects.iter().find(|a| a.key() == key)?;

@@ -2,8 +2,8 @@
 //!
 //! A linear model holds about the point at which it was linearised. A file without that point takes zero for it, and every level of the machine becomes an error.
 //!
-//! How it can be wrong: an output that moves little about a missed offset has the same signature where the offset alone is wrong. The finding reports both levels, which are true.
-//! A predictor follows every level, and a declared nuisance takes a constant up: there the check is undecided.
+//! How it can be wrong: an output that moves little about a missed offset has the same signature where the offset alone is wrong. The finding reports both
+//! levels, which are true. A predictor follows every level, and a declared nuisance takes a constant up: there the check is undecided.
 
 use nalgebra::DMatrix;
 

@@ -1,5 +1,5 @@
-//! Sensors against each other, without dynamics. The pairs are velocity and slope of a position, rate and derivative of an attitude, acceleration and slope of a velocity. The result is the factor, the lag and the offset between the two, each with an interval. Rotated axes are no
-//! factor.
+//! Sensors against each other, without dynamics. The pairs are velocity and slope of a position, rate and derivative of an attitude, acceleration and slope of
+//! a velocity. The result is the factor, the lag and the offset between the two, each with an interval. Rotated axes are no factor.
 //!
 //! Pairs are the model's own: outputs of which one is the derivative of another in its equations at any parameters. Four outputs that the rates of three others
 //! rotate as a quaternion are pairs too. For a model without equations the outputs' names and units are compared instead.

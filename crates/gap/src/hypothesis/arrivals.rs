@@ -2,8 +2,9 @@
 //!
 //! A command that differs by c from its predecessor and arrives δ later than expected adds −c·δ·h to the outputs, h being their impulse response. To first
 //! order the residual is G(m + δ). The shift m is common to all; δ is normal with the standard deviation s and the correlation of commands that keep their
-//! order. With A = P⁻¹ + GᵀG the delays are A⁻¹Gᵀr. The marginal likelihood of a spread is −bᵀA⁻¹b + ln det PA with b = Gᵀr, and the spread minimises it. Source: Rasmussen and Williams 2006, Gaussian Processes for Machine Learning, equations 2.27 to 2.30. The steps repeat about the estimated
-//! delays, simulated exactly; the sequence with the lowest cost is kept.
+//! order. With A = P⁻¹ + GᵀG the delays are A⁻¹Gᵀr. The marginal likelihood of a spread is −bᵀA⁻¹b + ln det PA with b = Gᵀr, and the spread minimises it.
+//! Source: Rasmussen and Williams 2006, Gaussian Processes for Machine Learning, equations 2.27 to 2.30. The steps repeat about the estimated delays, simulated
+//! exactly; the sequence with the lowest cost is kept.
 //!
 //! How it can be wrong: delays longer than the plant's smoothing leave the linear range, so the exact simulation decides. A response that
 //! varies, or a misfit of another kind, is fitted in part; the misfit stays above the floor. A response that is long relative to the record is truncated.

@@ -5,7 +5,8 @@
 //! log-probability of all waits, plus the logarithm of their number per parameter (Schwarz 1978, doi:10.1214/aos/1176344136). A distribution of delays of any
 //! shape is coded predictively (Krichevsky and Trofimov 1981, doi:10.1109/TIT.1981.1056331).
 //!
-//! How it can be wrong: a command that changes again before it arrives hides its wait. A command without a visible response has no weight. Neither is counted. Few waits carry little evidence: the scores then differ by less than the threshold, and the hypotheses form one class.
+//! How it can be wrong: a command that changes again before it arrives hides its wait. A command without a visible response has no weight. Neither is counted.
+//! Few waits carry little evidence: the scores then differ by less than the threshold, and the hypotheses form one class.
 
 use statrs::distribution::{ContinuousCDF, Normal};
 

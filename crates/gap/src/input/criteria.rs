@@ -80,7 +80,8 @@ pub struct Criteria {
     pub decided: f64,
     /// So many decisions at least give a probability of losses. Chosen.
     pub decisions: f64,
-    /// An interval is doubled while the loss at its end is below this; twice a log-likelihood. Formula: a smooth cost rises by 3.84 at the end of a 95 % interval. At the end of an interval of half the width the rise is 25 % of 3.84.
+    /// An interval is doubled while the loss at its end is below this; twice a log-likelihood. Formula: a smooth cost rises by 3.84 at the end of a 95 %
+    /// interval. At the end of an interval of half the width the rise is 25 % of 3.84.
     pub unnoticed: f64,
     /// The prior of one state's start is taken this much wider, and as much tighter, when the lead is looked at again; 1. Chosen.
     pub prior_factor: f64,

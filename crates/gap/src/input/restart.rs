@@ -3,8 +3,10 @@
 //! A window is as long as possible: its length doubles as long as no perturbation of a state grows more than tenfold within one window.
 //!
 //! How it can be wrong:
-//! * *The logged states are noisy, biased or late.* Each initial state is therefore a nuisance with a prior about the logged value. Its linear response is integrated out. The prior is as wide as the state moves, unless a standard deviation is given. A narrow prior treats a sensor's bias or delay as certain.
-//! * *A window is too short for an effect to be detectable.* The initial states absorb slower effects: drifts, slow lags, small constant forces. No result reveals such an effect; the windows are therefore the longest possible ones, and their length is reported.
+//! * *The logged states are noisy, biased or late.* Each initial state is therefore a nuisance with a prior about the logged value. Its linear response is
+//!   integrated out. The prior is as wide as the state moves, unless a standard deviation is given. A narrow prior treats a sensor's bias or delay as certain.
+//! * *A window is too short for an effect to be detectable.* The initial states absorb slower effects: drifts, slow lags, small constant forces. No result
+//!   reveals such an effect; the windows are therefore the longest possible ones, and their length is reported.
 //! * *What came before the window.* Effects act on the commands of the whole log before windows are cut, so a delay's past is the log's. An output's delay or lag
 //!   reads the window before, from that window's own start: a step where they meet, as large as the starts disagree.
 //! * *Memory that is no state.* The simulator's memory outside the named states (an integrator, a filter) is reset in each window.

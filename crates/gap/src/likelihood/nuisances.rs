@@ -1,4 +1,5 @@
-//! The nuisances of one record, integrated out alike in all hypotheses. The first is the initial state with a prior N(0, P) on its deviation. The second are the declared constants of the model file: a value per log, with a prior each. The third are commands that react to the noise of their own sample.
+//! The nuisances of one record, integrated out alike in all hypotheses. The first is the initial state with a prior N(0, P) on its deviation. The second are
+//! the declared constants of the model file: a value per log, with a prior each. The third are commands that react to the noise of their own sample.
 //!
 //! How declared ones can be wrong:
 //! - The response to a constant is linear. It is that of the nominal model, between half a standard deviation to either side of the value that fits this model

@@ -1,8 +1,10 @@
-//! General forms of an effect and their special cases. Examples: jumping and fixed delays, frictions that fall with speed and constant frictions, nonlinear sensors and sensors with another gain.
+//! General forms of an effect and their special cases. Examples: jumping and fixed delays, frictions that fall with speed and constant frictions, nonlinear
+//! sensors and sensors with another gain.
 //!
 //! Failure without a separate rule: an inexact simulator leaves a structured residual, and the general form with its additional parameters absorbs a part of
-//! it. The likelihood gain then outweighs every penalty on parameters. The general form must therefore meet the rule of any further cause. It must explain a part of the gap that matters, or lower the error beyond the simulator's own error. Otherwise its gain is set to that of the special case, and both are reported
-//! as indistinguishable.
+//! it. The likelihood gain then outweighs every penalty on parameters. The general form must therefore meet the rule of any further cause. It must explain a
+//! part of the gap that matters, or lower the error beyond the simulator's own error. Otherwise its gain is set to that of the special case, and both are
+//! reported as indistinguishable.
 //!
 //! The cost of this rule: a real general form is missed if it explains less than that part and lowers the error by less. The special case is then
 //! named.

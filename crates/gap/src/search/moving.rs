@@ -1,8 +1,8 @@
 //! First guesses of changes over time: delays that move, and gains and parameters that step.
 //!
-//! Delays start from fixed ones: the squared error of each delay of a grid is known at every time. A delay that jumps at a time minimises there the sum of the best prefix and the best suffix of squared errors. This is a change-point scan with two segments (Hinkley 1970,
-//! doi:10.1093/biomet/57.1.1). A drift is the straight line through the grid with the lowest error. A slower loop has a period of about twice the best fixed
-//! delay.
+//! Delays start from fixed ones: the squared error of each delay of a grid is known at every time. A delay that jumps at a time minimises there the sum of the
+//! best prefix and the best suffix of squared errors. This is a change-point scan with two segments (Hinkley 1970, doi:10.1093/biomet/57.1.1). A drift is the
+//! straight line through the grid with the lowest error. A slower loop has a period of about twice the best fixed delay.
 //!
 //! Steps of other effects use the signature s: the residual e is about v·s. With separate values v before and after a time the squared error falls by (Σ
 //! s·e)²/Σ s² on each side. This is a generalised likelihood ratio on the cumulated score (Basseville and Nikiforov 1993, Detection of Abrupt Changes, section

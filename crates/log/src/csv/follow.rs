@@ -1,7 +1,7 @@
 //! A log of text that still grows: what was added since it was last looked at.
 //!
-//! Wrong when: a file is written anew with the same first kilobyte and at least as many bytes as were read. Such a file counts as the same file. Also wrong when the stamps
-//! of a replacing file have another origin than the column's first.
+//! Wrong when: a file is written anew with the same first kilobyte and at least as many bytes as were read. Such a file counts as the same file. Also wrong
+//! when the stamps of a replacing file have another origin than the column's first.
 
 use deadtime_signal::remedy::Message;
 use std::fs::File;

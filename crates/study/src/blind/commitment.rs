@@ -1,7 +1,9 @@
 //! Commitments: a label cannot be changed once its case was handed out.
 //!
 //! The commitment is the hex SHA-256 of the salt's bytes followed by the label file's bytes without its salt. The salt's bytes are its text as UTF-8. The label
-//! file without its salt has two readings. The first is the file with `"salt": ""` in place of `"salt": "…"`. The second is the file without the whole member: its key, its value, and the comma and white space after it. For a last member these stand before it. Every other byte of the file is unchanged, line ends included.
+//! file without its salt has two readings. The first is the file with `"salt": ""` in place of `"salt": "…"`. The second is the file without the whole member:
+//! its key, its value, and the comma and white space after it. For a last member these stand before it. Every other byte of the file is unchanged, line ends
+//! included.
 
 use std::fmt::Write as _;
 use std::ops::Range;
