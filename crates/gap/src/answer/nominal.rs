@@ -16,7 +16,8 @@ const CONSTANT: f64 = 1.0;
 /// The reported effects correct the model where they halve the error.
 const MENDED: f64 = 0.5;
 
-/// All that has to be said. `predicted`: by the model as it came, from its own start or with what is a log's own; a predictor follows every level.
+/// All caveats on the nominal model. `predicted`: by the nominal model, from its own initial state or with the log's own nuisances; a predictor follows every
+/// offset.
 pub(crate) fn nominal_caveats(
     system: &System,
     records: &[LogRecord],

@@ -87,7 +87,7 @@ fn unpredicted(
     (left.norm_squared() > 1e-9 * spread).then_some(left)
 }
 
-/// What an output's residual does not predict of itself.
+/// The part of an output's residual that its own past does not predict.
 fn innovations(
     record: &LogRecord,
     residual: &DMatrix<f64>,

@@ -29,7 +29,7 @@ const PATIENCE: usize = 3;
 const DIFFERENT: usize = 3;
 /// Sets whose predictions differ by less than this part of the residual's energy are one.
 const SAME: f64 = 0.02;
-/// The first relative size of the parameters' errors, and the range of what is estimated.
+/// The first relative size of the parameters' errors, and the range of its estimate.
 const SIZE: f64 = 0.05;
 const SIZES: (f64, f64) = (0.005, 0.3);
 /// Single parameters that may take the place of the joint recalibration.
@@ -38,13 +38,13 @@ const MOST_MOVED: usize = 3;
 const NO_EVIDENCE: f64 = 2.0;
 const AS_GOOD: f64 = 6.0;
 
-/// What a search found.
+/// The result of a search.
 pub(crate) struct Found {
     /// Every fitted set with its score, the best first. The leader is the set with the fewest parameters, then the first in the table of effects. It is chosen
     /// among the sets that no evidence separates from the best and that differ in one effect.
     pub(crate) sets: Vec<(f64, CauseSet)>,
     score: Score,
-    /// Per output, the variance of what was measured.
+    /// Per output, the variance of the measurement.
     variances: Vec<f64>,
     /// The part of the energy that an effect explains within which every simulator is inexact.
     inexact: f64,
@@ -129,12 +129,12 @@ impl Found {
         if weights > 0.0 { squares / weights } else { 0.0 }
     }
 
-    /// What one effect with so many parameters costs.
+    /// The price of one effect with the given number of parameters.
     pub(crate) fn price(&self, parameters: usize) -> f64 {
         self.score.price(parameters, 1)
     }
 
-    /// What replaces an effect of the best set: one effect, or two where no set with one of them alone does.
+    /// The replacements of an effect of the best set: one effect, or two where no set with one of them alone does.
     fn replacing(&self, best: &CauseSet, out: &Applied, least: f64) -> Vec<Vec<Applied>> {
         let energy =
             |set: &CauseSet| -> f64 { set.squares.iter().zip(&self.variances).map(relative).sum() };
@@ -199,7 +199,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         })
     }
 
-    /// Searches from no effect, from these sets, and from one whose values are asked for.
+    /// Searches from no effect, from these sets, and from one with given values.
     pub(crate) fn from(mut self, starts: Vec<CauseSet>, asked: Option<CauseSet>) -> Option<Found> {
         let nothing = CauseSet::begun(Vec::new(), None, None);
         self.fit_all(std::iter::once(nothing).chain(starts).collect());
@@ -214,7 +214,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
             self.expand(&next);
             self.renew();
             failures = if self.ranked().first()?.1.key() == best { failures + 1 } else { 0 };
-            // What could replace an effect of the best set is known once the set without it was expanded.
+            // The replacements of an effect of the best set are known only after the expansion of the set without it.
             if failures == PATIENCE && self.next_without().is_some() {
                 failures -= 1;
             }
@@ -257,7 +257,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         ranked
     }
 
-    /// Effective samples of what the best set leaves, until the best set stays.
+    /// Estimates the effective samples from the residual of the best set, until the best set is constant.
     fn renew(&mut self) {
         for _ in 0..DIFFERENT {
             let Some(best) = self.ranked().first().map(|(_, set)| (*set).clone()) else { return };
@@ -293,7 +293,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         }
     }
 
-    /// The next set to expand: the best one; then what it is without one of its effects; then different near-best sets of each size.
+    /// The next set to expand: the best one; then the best set without one of its effects; then different near-best sets of each size.
     fn next(&self) -> Option<SetKey> {
         let ranked = self.ranked();
         let open = |set: &CauseSet| !self.expanded.contains(&set.key());
@@ -340,7 +340,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
             .find(|key| without.contains(key) && !self.expanded.contains(key))
     }
 
-    /// Fits what a set leads to.
+    /// Fits the neighbours of a set.
     fn expand(&mut self, at: &SetKey) {
         self.expanded.push(at.clone());
         let Some(set) = self.sets.get(at).cloned() else { return };
@@ -565,9 +565,9 @@ mod tests {
             led(vec![best(), (2.1, set(&["deadband", "input_delay"], 2))]),
             "deadband:u + delay_drift:u"
         );
-        // So does the best set without a member that no evidence asks for.
+        // So does the best set without a member that has no evidence.
         assert_eq!(led(vec![best(), (1.5, set(&["deadband"], 1))]), "deadband:u");
-        // A set that shares nothing with the best is another answer, however plain.
+        // A set that shares no effect with the best is another answer, even with fewer parameters.
         assert_eq!(
             led(vec![best(), (0.5, set(&["input_gain", "rate_limit"], 2))]),
             "deadband:u + delay_drift:u"
