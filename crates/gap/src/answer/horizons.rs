@@ -18,7 +18,7 @@ pub(super) fn horizon_errors(
 ) -> Vec<HorizonError> {
     let Some(horizon) = likelihood.predictor.horizon else { return Vec::new() };
     let deviations = held.errors(likelihood.records, before);
-    // The variance of every measured output; `None` where it is constant.
+    // The variance of every measured output; 0 where it is constant.
     let variances: Vec<f64> = deviations
         .relative(&vec![1.0; deviations.deviations.len()])
         .iter()

@@ -1,9 +1,9 @@
 //! How a measured rate relates to the slope of another measured output: factor, lag and offset, with intervals.
 //!
-//! How this can be wrong, and what is done about it:
+//! Possible errors, and their countermeasures:
 //! - A difference of two samples is mostly noise. Slope and rate pass the same symmetric filter, and the one of twelve through which they agree best is taken.
-//! - Noise of the slope makes a factor too small, noise of the rate too large, whatever its colour. Both regressions are made; the factor lies between the two
-//!   (Frisch 1934, "Statistical Confluence Analysis", Oslo) if the two noises are independent. Two estimates of one observer may be dependent.
+//! - Noise of the slope makes a factor too small, noise of the rate too large, for noise of any colour. Both regressions are made; the factor lies between the
+//!   two (Frisch 1934, "Statistical Confluence Analysis", Oslo) if the two noises are independent. Two estimates of one observer may be dependent.
 //! - Rates that the logger held, or a slow filter, look late; the lag is a lag, not its cause.
 //! - The stretches of a log need not agree. Sixteen are left out in turn (delete-a-group jackknife; Künsch 1989, doi:10.1214/aos/1176347265). The noise may be neither
 //!   white nor Gaussian; only its correlation length must be shorter than a stretch.
@@ -22,7 +22,7 @@ const FEWEST: usize = 200;
 const MOST: usize = 10_000;
 /// A filter needs a log of so many times its width.
 const WIDTHS: usize = 5;
-/// Only filters through which the two agree this well say whether the factor changes with frequency.
+/// Only filters with this correlation of the two signals decide whether the factor changes with frequency.
 const CLEAR: f64 = 0.95;
 /// A change of the factor with frequency that counts, beyond the intervals.
 const CHANGE: f64 = 0.03;
@@ -50,7 +50,7 @@ pub(super) struct Alike {
     pub(super) factor: [f64; 2],
     /// By how many samples the rate comes later.
     pub(super) lag: Known,
-    /// What the rate has beyond factor times slope, in its unit.
+    /// The part of the rate beyond factor times slope, in its unit.
     pub(super) offset: Known,
     /// Standard deviation of the rate.
     pub(super) size: f64,
@@ -262,7 +262,7 @@ fn through(parts: &[Part], filter: Filter, lags: usize) -> Option<Alike> {
     (factor.iter().all(|f| f.is_finite()) && found.lag.half.is_finite()).then_some(found)
 }
 
-/// What the rate has beyond factor times slope: the mean over stretches, and half its interval with that of the factor.
+/// The part of the rate beyond factor times slope: the mean over stretches, and half its interval with that of the factor.
 fn offset(
     parts: &[Part],
     ratio: f64,

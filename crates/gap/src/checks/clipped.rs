@@ -13,7 +13,7 @@ const FEWEST: usize = 5;
 const PART: f64 = 0.003;
 /// A channel that repeats more often than this elsewhere is coarse or settles: then the model must go on moving, beyond the limit.
 const RARELY: f64 = 0.2;
-/// How far beyond, and how much it must move there, as a part of the output's standard deviation.
+/// The distance beyond the limit, and the required motion there, as a part of the output's standard deviation.
 const BEYOND: f64 = 0.1;
 /// The last step before a limit is reached, as a part of the median step: what settles arrives with smaller and smaller ones.
 const ARRIVES: f64 = 0.2;

@@ -19,7 +19,7 @@ use crate::format::diagnosis::{Check, CheckKind};
 use crate::input::record::LogRecord;
 use deadtime_model::simulate::Dynamics;
 
-/// A factor that differs from 1 by less is none that anyone would look for.
+/// A factor that differs from 1 by less is ignored.
 const FACTOR: f64 = 0.03;
 /// A lag below this, samples, is none: half a sample lies between an integrator's old speed and its new one.
 const LATE: f64 = 0.6;
@@ -34,10 +34,10 @@ const SURE: f64 = 2.0;
 /// Another axis counts from this part of the own one, and so many standard deviations.
 const ACROSS: f64 = 0.1;
 const CERTAIN: f64 = 5.0;
-/// Half the width of the moving means through which axes are compared, samples, and the stretches that say how sure they are.
+/// Half the width of the moving means of the comparison of axes, samples, and the number of stretches for their intervals.
 const AXES: usize = 8;
 const STRETCHES: usize = 16;
-/// Turned back by the attitude, the part of what did not agree that must be gone.
+/// The part of the disagreement that must vanish after the rotation by the attitude.
 const GAINED: f64 = 0.75;
 /// Less than this does not go together as logged: nothing to turn.
 const APART: f64 = 0.01;
@@ -49,7 +49,7 @@ const ROUNDING: f64 = 1e-6;
 /// Where a slope comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Source {
-    /// Of an output, over this factor.
+    /// One output, over this factor.
     Output(usize, f64),
     /// The turning of a quaternion, scalar last, about one of its body's axes.
     Turning([usize; 4], usize),
@@ -60,7 +60,7 @@ enum Source {
 struct Pair {
     source: Source,
     rate: usize,
-    /// The model's equations say so, not names.
+    /// The source is the model's equations, not names.
     stated: bool,
 }
 
@@ -93,7 +93,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     said.all()
 }
 
-/// What is to be said.
+/// The findings.
 #[derive(Default)]
 struct Said {
     found: Vec<Check>,
@@ -129,7 +129,7 @@ fn same_kind(view: &View<'_>, a: &Pair, b: &Pair) -> bool {
         }
 }
 
-/// Names of rates: what stands before and after the name of what changes.
+/// Names of rates: the parts before and after the name of the changing quantity.
 const NAMES: [(&str, &str); 8] = [
     ("v", ""),
     ("v_", ""),
@@ -291,7 +291,7 @@ impl Pair {
     }
 }
 
-/// What is said of sensors that may be axes of one vector: turned axes first, each by itself where they are not.
+/// The findings on sensors that may be axes of one vector: rotated axes first, otherwise each axis alone.
 fn axes(e: &Evidence<'_>, group: &[Pair], turning: &Option<[Pair; 3]>, said: &mut Said) {
     let all: Vec<Vec<Part>> = group.iter().map(|p| parts(e, p)).collect();
     let lags = e.view.lags();
@@ -449,7 +449,7 @@ fn range(known: Known) -> String {
     format!("{} (± {})", short(known.value.abs()), short(known.half))
 }
 
-/// What is said of one pair.
+/// The findings on one pair.
 fn one(e: &Evidence<'_>, pair: &Pair, fit: Option<Alike>, alone: bool, said: &mut Said) {
     let (rate, words) = (e.output(pair.rate), pair.words(e));
     let Some(fit) = fit else {

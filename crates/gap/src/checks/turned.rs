@@ -1,6 +1,7 @@
 //! A sensor whose axes are turned against the model's: two or three outputs of one vector that agree with the model after a rotation.
 //!
-//! The rotation is the one of least squares (Kabsch 1976, doi:10.1107/S0567739476001873). It must explain at least `OF_ANY` of what a general matrix between the outputs explains.
+//! The rotation is the one of least squares (Kabsch 1976, doi:10.1107/S0567739476001873). It must explain at least `OF_ANY` of the part that a general matrix
+//! between the outputs explains.
 //!
 //! How it can be wrong: gains that differ by axis or a cross coupling look like a small rotation. Motion about one axis alone determines no rotation about it.
 //! A predicted model contains the measured outputs, so this check is silent there.
@@ -40,7 +41,7 @@ fn vectors(e: &Evidence<'_>) -> Vec<Vec<usize>> {
                 let name = format!("{before}{axis}{after}");
                 outputs.iter().position(|o| o.name == name && o.unit == first.unit)
             };
-            // Names of one letter say nothing where the third is missing.
+            // Names of one letter are ambiguous where the third is missing.
             let least = if before.is_empty() && after.is_empty() && axes[0] != "x" { 3 } else { 2 };
             let vector: Vec<usize> = axes.iter().map_while(|axis| of(axis)).collect();
             if vector.len() >= least {

@@ -28,7 +28,7 @@ pub struct IsaacLab {
 /// A delay in whole steps: the neighbours below and above, where it is none.
 fn steps(seconds: f64, dt: f64, up: bool) -> i64 {
     let steps = seconds / dt;
-    // What is whole but for rounding stays whole.
+    // Numbers that are whole except for rounding stay whole.
     let whole = steps.round();
     let near = (steps - whole).abs() < 1e-6 * steps.abs().max(1.0);
     let steps = if near {
@@ -41,7 +41,7 @@ fn steps(seconds: f64, dt: f64, up: bool) -> i64 {
     steps.clamp(0.0, 1e9) as i64
 }
 
-/// The smallest and largest of what is drawn.
+/// The smallest and largest value of the draws.
 fn span<'a>(ranges: impl Iterator<Item = &'a Range>) -> Option<[f64; 2]> {
     ranges.map(|r| [r.low, r.high]).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
 }

@@ -15,7 +15,7 @@ pub(super) fn text(node: &Node) -> String {
     out
 }
 
-/// A value that takes no line of its own.
+/// A value without a separate line.
 fn scalar(node: &Node) -> Option<String> {
     Some(match node {
         Node::Null => "null".to_owned(),
@@ -42,7 +42,7 @@ fn quoted(text: &str) -> String {
     serde_json::to_string(text).unwrap_or_default()
 }
 
-/// A key: plain where no reader can take it for anything else.
+/// A key: unquoted where every reader takes it for a text.
 fn key(text: &str) -> String {
     const WORDS: [&str; 9] = ["true", "false", "yes", "no", "on", "off", "null", "y", "n"];
     let plain = text.starts_with(|c: char| c.is_ascii_alphabetic())

@@ -32,7 +32,7 @@ const PARTS: [f64; 5] = [1.0, 0.5, 0.25, 0.1, 0.03];
 const SPREADS: (f64, f64, usize) = (0.03, 1.5, 9);
 /// Around the last one: neighbours by this factor.
 const NEIGHBOUR: f64 = 1.3;
-/// The tail of a response that holds no more than this part of its energy is cut off.
+/// The tail of a response with at most this part of its energy is cut off.
 const TAIL: f64 = 1e-5;
 /// Multiplications in one factorisation of all records; a longer response is cut off, but not below so many samples.
 const WORK: f64 = 1.5e8;
@@ -59,7 +59,7 @@ struct Linear {
     trained: bool,
 }
 
-/// What a spread makes of the equations.
+/// The solution of the equations for one spread.
 struct Solved {
     /// Twice the negative log of the marginal likelihood, but for a constant.
     cost: f64,
@@ -68,7 +68,7 @@ struct Solved {
     precision: f64,
     /// Per record the delays, seconds.
     delays: Vec<Vec<f64>>,
-    /// What the freedom of the delays costs, twice a negative log-probability.
+    /// The price of the freedom of the delays, twice a negative log-probability.
     freedom: f64,
 }
 
@@ -107,10 +107,10 @@ pub(super) fn decode(
         }
     }
     let responses = responses(likelihood, others, input)?;
-    // Of what was found before, the mean wait; else the delay that all have.
+    // The mean wait of a sequence decoded before; else the common delay.
     let known_before = lost.sequences.iter().any(|s| s[input].is_some());
     let mut wait_s = if known_before { waits(late, step_s)?.mean_s } else { late.values[0] };
-    // Where the search stands, and the best of where it stood; costs are those by the equations there.
+    // The current place of the search, and the best so far; costs are those by the equations there.
     let mut here = Place { late: late.clone(), known: present.clone(), cost: f64::INFINITY };
     let mut best: Option<Place> = None;
     for pass in 0..PASSES {
@@ -178,14 +178,14 @@ pub(super) fn decode(
     Some(late)
 }
 
-/// Where a search for delays stands.
+/// A place in the search for delays.
 struct Place {
     late: Applied,
     known: Dropouts,
     cost: f64,
 }
 
-/// What the outputs tell of delays.
+/// The information of the outputs on delays.
 struct Information {
     /// The effective number of parameters of the delays in the noise of the training logs: tr S = d ln det(1 + KGᵀG)/d ln s². K is the delays' covariance, s
     /// their spread, and S the map from the outputs to their explained part.
@@ -325,7 +325,7 @@ fn linear(
     let largest = changes.iter().fold(0.0, |most: f64, c| most.max(c.abs()));
     let (samples, outputs) = e.shape();
     let (step_s, length) = (record.sample_time_s, g.nrows());
-    // Rows without a measurement, or outside what is looked at, are exactly 0.
+    // Rows without a measurement, or outside the span, are exactly 0.
     let there: Vec<bool> = (0..samples).map(|k| e.row(k).iter().any(|v| *v != 0.0)).collect();
     let (mut sent, mut known, mut starts, mut columns) =
         (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -505,7 +505,7 @@ fn in_order(r: &Linear, apart: &[f64], mean_s: f64, waiting: &Waiting) -> Vec<f6
     times.zip(&r.sent_s).map(|(time_s, sent_s)| (time_s - sent_s).max(0.0)).collect()
 }
 
-/// Correlation and variance of what is new in each delay, given the one before.
+/// Correlation and variance of the innovation of each delay, given the one before.
 fn steps<'r>(r: &'r Linear, waiting: &Waiting) -> impl Iterator<Item = (f64, f64)> + 'r {
     let Waiting { std_s, alike, .. } = *waiting;
     (0..r.sent.len()).map(move |i| {
@@ -529,7 +529,7 @@ fn add_prior(equations: &mut Skyline, r: &Linear, waiting: &Waiting) -> f64 {
     logs
 }
 
-/// How far delays are apart from what is expected, in twice a log-probability.
+/// The distance of delays from their expectation, in twice a log-probability.
 fn improbable(apart: &[f64], r: &Linear, waiting: &Waiting) -> f64 {
     let before = std::iter::once(&0.0).chain(apart);
     apart

@@ -13,7 +13,7 @@ pub(crate) struct Hypothesis {
     pub(crate) effects: Vec<Applied>,
     /// Parameters that were fitted, as effect and place; limits that do not act are not among them.
     pub(crate) free: Vec<(usize, usize)>,
-    /// How far the whitened cost falls against no effect.
+    /// The reduction of the whitened cost against no effect.
     pub(crate) gain: f64,
     /// Fitted in full, not only screened.
     pub(crate) fitted: bool,
@@ -65,7 +65,7 @@ impl Hypothesis {
         Self { effects: vec![applied], free: Vec::new(), gain, fitted: false, lost: None }
     }
 
-    /// `effect:channel`, of several joined by " + ", whatever their order.
+    /// `effect:channel`, of several joined by " + ", in any order.
     pub(crate) fn key(&self) -> String {
         let mut keys: Vec<String> = self.effects.iter().map(Applied::key).collect();
         keys.sort();
@@ -98,7 +98,7 @@ impl Hypothesis {
             .flat_map(|r| (0..r.measured.len()).map(move |i| there(r, i)))
             .sum();
         let samples = samples.max(1) as f64;
-        // No more than half of what is there can be followed and anything be said of the rest.
+        // At most half of the samples can be followed, so that the remainder still has information.
         (samples / (samples - followed.min(0.5 * samples))).sqrt()
     }
 

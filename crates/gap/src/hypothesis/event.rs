@@ -46,9 +46,9 @@ const HELD: f64 = 1e-4;
 pub(crate) struct Event {
     /// The first stretch behind it.
     pub(crate) stretch: usize,
-    /// By how much the squared error falls with one set of changes throughout.
+    /// The reduction of the squared error by one set of changes throughout.
     pub(crate) one: f64,
-    /// By how much it falls further with two.
+    /// The further reduction by two sets.
     pub(crate) fall: f64,
     /// The shares of the signatures before it and from it on.
     pub(crate) shares: [DVector<f64>; 2],

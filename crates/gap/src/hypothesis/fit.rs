@@ -77,7 +77,7 @@ impl Hypothesis {
             let residual = likelihood.whitened(active)?;
             let cost =
                 likelihood.inner(&residual, &residual) + prior_cost(likelihood, &there, &free);
-            // Where the cost does not fall, nobody asks which way it falls.
+            // Without a fall of the cost the gradient is not needed.
             if cost >= lowest {
                 let k = free.len();
                 return Some(Normal {
@@ -106,7 +106,7 @@ impl Hypothesis {
         Some(Self { effects: best, free: kept, gain: priced(cost), fitted: true, lost: from.lost })
     }
 
-    /// What a fit is free to change.
+    /// The free parameters of a fit.
     pub(crate) fn parameters_to_fit(&self) -> Vec<(usize, usize)> {
         (self.effects.iter().enumerate())
             .filter(|(_, a)| {
@@ -130,7 +130,7 @@ impl Hypothesis {
             .map_or(f64::NEG_INFINITY, |e| nominal_cost - likelihood.inner(&e, &e) - price);
     }
 
-    /// A parameter stands at the edge of what was searched.
+    /// A parameter is at the edge of its search range.
     pub(crate) fn at_bound(&self, (e, i): (usize, usize), scales: &Scales) -> bool {
         let (lower, upper) = self.effects[e].range(i, scales);
         let value = self.effects[e].values[i];
@@ -166,7 +166,7 @@ fn without_unreached(
 }
 
 impl Hypothesis {
-    /// Per free parameter the precision of its prior, and how far it stands from the prior's mean; 0 where it is free.
+    /// Per free parameter the precision of its prior, and its distance from the prior's mean; 0 where it is free.
     pub(crate) fn prior(&self, likelihood: &Likelihood<'_>) -> Vec<(f64, f64)> {
         priors(likelihood, &self.effects, &self.free)
             .map(|known| known.map_or((0.0, 0.0), |(off, std)| (std.powi(-2), off)))
@@ -174,7 +174,7 @@ impl Hypothesis {
     }
 }
 
-/// Per free parameter how far it stands from its prior's mean, and the prior's standard deviation.
+/// Per free parameter its distance from its prior's mean, and the prior's standard deviation.
 fn priors<'p>(
     likelihood: &'p Likelihood<'_>,
     effects: &'p [Applied],

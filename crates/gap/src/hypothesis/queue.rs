@@ -55,7 +55,7 @@ impl Waiting {
     }
 }
 
-/// Halvings of the range in which a mean is looked for.
+/// Halvings of the search range of a mean.
 const HALVINGS: usize = 14;
 
 /// The law with this spread and the given mean wait of its commands, and the wait. `None` where commands of that spread wait longer at any mean.

@@ -107,7 +107,7 @@ D = [[0.0, 0.0, 0.0]]
         let mut effects = jumps([5.0, 3.0, 5.0]);
         assert_eq!(leading(&effects, (2, 1)), (0, 1));
         assert_eq!(leading(&effects, (1, 1)), (1, 1));
-        // Equal values of what is no instant are a coincidence.
+        // Equal values of parameters that are no times are a coincidence.
         assert_eq!(leading(&effects, (2, 0)), (2, 0));
         put(&mut effects, (0, 1), 4.0);
         put(&mut effects, (2, 0), 7.0);

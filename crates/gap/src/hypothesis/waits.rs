@@ -1,4 +1,4 @@
-//! Lost or late: what the waits of commands, decoded from the outputs, speak for.
+//! Lost or late: the evidence of the waits of commands, decoded from the outputs.
 //!
 //! A command that is missing for several samples may have been lost repeatedly, each time with the same probability, or in a burst. Its own delay may also be
 //! that long. All these hypotheses have the same trajectories, and differ in the probability of the waits. Each has the same form of score: minus twice the
@@ -19,7 +19,7 @@ pub(crate) struct Wait {
     pub(crate) sent_s: f64,
     /// For so many samples it was not there.
     pub(crate) samples: usize,
-    /// So many samples before it nothing showed whether commands arrive; `None`: since the log began.
+    /// The number of samples before it without evidence of arrivals; `None`: since the log began.
     pub(crate) rested: Option<usize>,
     /// The log's sample time, seconds.
     pub(crate) sample_time_s: f64,
@@ -37,7 +37,7 @@ pub(crate) fn as_lost(waits: &[Wait]) -> f64 {
     as_lost_alone(waits).min(in_bursts(waits))
 }
 
-/// Losses with a memory, where they are what the waits speak for.
+/// Losses with a memory, where the waits support them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Bursts {
     pub(crate) losses: Losses,
@@ -103,7 +103,7 @@ fn lowest(f: impl Fn(f64) -> f64, [mut low, mut high]: [f64; 2]) -> f64 {
     0.5 * (low + high)
 }
 
-/// The same where every command has a delay of its own: of a normal distribution, or of any.
+/// The same with a separate delay of every command: of a normal distribution, or of any.
 pub(crate) fn as_late(waits: &[Wait]) -> f64 {
     normal(waits).min(any(waits))
 }
@@ -166,7 +166,7 @@ fn normal(waits: &[Wait]) -> f64 {
     -2.0 * waits.iter().map(|w| probability(w).ln()).sum::<f64>() + parameters(2, waits)
 }
 
-/// Each wait as often as those before it say.
+/// Each wait with the frequency of the earlier ones.
 fn any(waits: &[Wait]) -> f64 {
     let kinds = waits.iter().map(|w| w.samples).max().map_or(1, |most| most + 1);
     let mut seen = vec![0.5; kinds];
@@ -261,7 +261,7 @@ mod tests {
         assert_eq!(delay_and_spread(&[]), [0.0, 0.0]);
     }
 
-    /// What shows of a link whose losses come in runs, where commands change once in so many samples.
+    /// The observable waits of a link whose losses come in runs, with one change of commands in `every` samples.
     fn behind_bursts(p: f64, burst: f64, every: usize, seed: u64) -> Vec<Wait> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let [begins, goes_on] = Losses { probability: p, burst: Some(burst) }.begins_and_goes_on();
