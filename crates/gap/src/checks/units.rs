@@ -73,7 +73,7 @@ fn plain(unit: &str) -> String {
     SPELLINGS.iter().find(|(from, _)| *from == spelt).map_or(spelt, |(_, to)| (*to).to_owned())
 }
 
-/// The possible units of the numbers where the model has `unit`.
+/// The possible units of the samples where the model has `unit`.
 pub(super) fn alternatives(unit: Option<&str>) -> Vec<Factor> {
     let Some(unit) = unit.map(plain) else { return COMMON.to_vec() };
     let family = FAMILIES

@@ -157,7 +157,7 @@ pub enum Metric {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gap {
-    /// The metric of the numbers.
+    /// The metric of the errors.
     pub metric: Metric,
     /// Over all outputs; missing when every output is constant.
     pub before: Option<f64>,

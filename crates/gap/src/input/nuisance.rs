@@ -1,4 +1,4 @@
-//! What is unknown anew in every log and no cause of the gap, as the model file declares it.
+//! Constants with a separate value in every log that are no cause of the gap, as the model file declares them.
 
 use super::subject::Subject;
 use crate::format::error::GapError;

@@ -49,7 +49,7 @@ impl Restarted {
     }
 }
 
-/// Sets where the simulator starts on every log, and says every how many seconds and why; `None` where it is started once.
+/// Sets the initial states of the simulator on every log, and returns the period in seconds and the reason; `None` where it is started once.
 ///
 /// # Errors
 /// [`GapError`]: the simulator fails, a perturbation grows without bounds even in the shortest windows, or the initial states are too many for a fit.
@@ -117,7 +117,7 @@ fn longest(system: &System, record: &mut LogRecord) -> Result<(usize, f64)> {
     Ok((length, growth))
 }
 
-/// The largest growth of a perturbation of any state from the first third of a window to its last tenth.
+/// The largest growth of a perturbation of any state from the first third of a window to its last 10 %.
 fn grown(system: &System, record: &mut LogRecord, length: usize) -> Result<f64> {
     record.restart_after(length, system);
     let plan = Plan::new(system);

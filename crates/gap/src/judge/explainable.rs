@@ -223,7 +223,7 @@ fn solved(matrix: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
     Some(DVector::from_fn(size, |i, _| solution[(i, 0)]))
 }
 
-/// By ridge, the square of what is missed of the blocks that are left out in turn; `None` where it cannot be computed.
+/// By ridge, the squared error of the blocks that are left out in turn; `None` where it cannot be computed.
 fn missed_by_columns(
     left: &DVector<f64>,
     regressors: &DMatrix<f64>,

@@ -22,15 +22,15 @@ use deadtime_signal::stats;
 /// Samples of simulated noise for the variance of its low-variance windows.
 const SIMULATED: usize = 200_000;
 
-/// What of each output's residual is noise: its standard deviation.
+/// The noise in each output's residual: its standard deviation.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Floor {
     /// Per output.
     pub(crate) floor: Vec<f64>,
 }
 
-/// From the residuals of the best hypothesis, one matrix per record (samples × outputs). `reached` are errors and residuals of all leading hypotheses,
-/// no effect included: no floor is above what a model reaches. `related` is the share of every output's residual that hangs together with the commands.
+/// From the residuals of the best hypothesis, one matrix per record (samples × outputs). `reached` are errors and residuals of all leading hypotheses, no
+/// effect included: no floor is above the error of a model. `related` is the share of every output's residual that depends on the commands.
 pub(crate) fn estimate(
     likelihood: &Likelihood<'_>,
     residuals: &[DMatrix<f64>],
@@ -47,7 +47,7 @@ pub(crate) fn estimate(
         let square = mean_square(samples);
         let calm = calmest(records, residuals, i, criteria) / square.max(f64::MIN_POSITIVE);
         let slow = slow(records, residuals, i, criteria) / square.max(f64::MIN_POSITIVE);
-        // Noise is in every residual: the calmest of any hypothesis holds no less.
+        // Noise is in every residual: the low-variance windows of any hypothesis are no lower.
         let lowest = reached
             .iter()
             .map(|(e, other)| e.rms()[i].min(calmest(records, other, i, criteria).sqrt()))
@@ -104,7 +104,7 @@ fn calmest(
         .reduce(|| f64::INFINITY, f64::min)
 }
 
-/// As [`calmest`], with so many windows per record.
+/// As [`calmest`], with the given number of windows per record.
 fn calmest_of(series: &[Vec<Option<f64>>], count: usize, criteria: &Criteria) -> f64 {
     let mut windows: Vec<Vec<Option<f64>>> = Vec::new();
     for inside in series {
@@ -159,7 +159,7 @@ fn power(window: &[Option<f64>]) -> f64 {
     mean_square(window.iter().flatten().copied())
 }
 
-/// Means of the calmest part and of all, of sorted powers.
+/// Means of the part with the lowest powers and of all, of sorted powers.
 fn calm_and_all(powers: &[f64], part: f64) -> (f64, f64) {
     let mean = |p: &[f64]| stats::mean(p.iter().copied()).unwrap_or(0.0);
     (mean(&powers[..((part * powers.len() as f64) as usize).min(powers.len())]), mean(powers))

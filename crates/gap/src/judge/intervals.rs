@@ -1,10 +1,11 @@
 //! Parameters with intervals that account for two errors: the nominal model's own parameters are inexact, and residuals are coloured.
 //!
-//! How it can be wrong: with a perfect nominal model a plain fit has the smallest variance, and nothing is gained. With a nominal model that is 1 % off, a
-//! plain fit absorbs the error and its interval is many times too narrow. The relative errors of all nominal parameters therefore join the fit, with a common
-//! normal prior of estimated variance (type-II maximum likelihood; `MacKay` 1992, doi:10.1162/neco.1992.4.3.415). The value stays that of the plain fit, as in
-//! the model with its effects. The variance is the larger of the posterior's and that of the scores of separate blocks of time (Liang and Zeger 1986,
-//! doi:10.1093/biomet/73.1.13). The squared distance to the joint estimate is added.
+//! How it can be wrong: with a perfect nominal model a fit without recalibration has the smallest variance, and the joint fit gains nothing. With a nominal
+//! model that is 1 % off, a fit without recalibration absorbs the error and its interval is many times too narrow. The relative errors of all nominal
+//! parameters therefore join the fit, with a common normal prior of estimated variance (type-II maximum likelihood; `MacKay` 1992,
+//! doi:10.1162/neco.1992.4.3.415). The value is that of the fit without recalibration, as in the model with its effects. The variance is the larger of the
+//! posterior's and that of the scores of separate blocks of time (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13). The squared distance to the joint estimate
+//! is added.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -22,7 +23,7 @@ const SIZES: [f64; 7] = [0.0, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.1];
 const BLOCKS: usize = 12;
 /// The relative step of central differences by the nominal parameters, as of `Parameter::central_step`.
 const CENTRAL: f64 = 1e-2;
-/// How often an interval is doubled.
+/// The largest number of doublings of an interval.
 const DOUBLINGS: usize = 20;
 
 /// Standard deviations of a hypothesis's free parameters.
@@ -67,7 +68,7 @@ fn nominal_columns(
     }
 }
 
-/// The standard deviations of a plain fit whose nominal parameters may be off: from one Gauss-Newton step of all together.
+/// The standard deviations of a fit without recalibration whose nominal parameters may be off: from one Gauss-Newton step of all together.
 pub(crate) fn estimate(
     likelihood: &Likelihood<'_>,
     hypothesis: &Hypothesis,
@@ -144,7 +145,7 @@ pub(crate) fn estimate(
     let spread = &covariance * &blocks * &covariance;
     let cost = likelihood.inner(&slopes.residual, &slopes.residual);
     let std = hypothesis.free.iter().enumerate().map(|(at, &parameter)| {
-        // How far the parameter would move if the nominal ones were free counts as uncertainty of the plain fit.
+        // The shift of the parameter with free nominal parameters is part of the uncertainty.
         let variance = covariance[(at, at)].max(spread[(at, at)]) + step[at] * step[at];
         let std = Some(variance.sqrt() / length[at])
             .filter(|s| s.is_finite() && !hypothesis.at_bound(parameter, scales))?;
@@ -193,7 +194,7 @@ impl Estimate {
         (0..hypothesis.effects.len()).all(|e| self.one_apart(hypothesis, e, deviations))
     }
 
-    /// One effect is so far away, a limit where its interval has an end. What has no interval counts as it is.
+    /// One effect is so far away, a limit where its interval has an end. An effect without an interval is accepted.
     pub(crate) fn one_apart(&self, hypothesis: &Hypothesis, e: usize, deviations: f64) -> bool {
         let applied = &hypothesis.effects[e];
         let own = hypothesis.free.iter().zip(&self.std).filter(|((of, _), _)| *of == e);
@@ -238,7 +239,7 @@ fn as_far_as_unnoticed(
     f64::INFINITY
 }
 
-/// The step lowers the cost in fact: where the likelihood bends too much for one step, it says nothing.
+/// The step lowers the cost in fact: a strongly nonlinear likelihood makes one step meaningless.
 fn holds(
     likelihood: &Likelihood<'_>,
     hypothesis: &Hypothesis,

@@ -53,7 +53,7 @@ pub(super) fn log_start(
         let off = DVector::from_fn(prior.len(), |j, _| {
             if prior[j] > 0.0 { (start[j] - model[j]) / prior[j] } else { 0.0 }
         });
-        // Of the measurement, what the model's own state leaves.
+        // The part of the measurement that the model's own state does not explain.
         let left = DVector::from_fn(first.len(), |i, _| first[i].1 - y[(0, first[i].0)]) + &c * off;
         let noise = DVector::from_fn(first.len(), |i, _| {
             noise_std[first[i].0].powi(2).max(f64::MIN_POSITIVE)
@@ -69,7 +69,7 @@ pub(super) fn log_start(
     start
 }
 
-/// States alone move an output. What a command moves at once shows the gap of that command too, above all a delay.
+/// States alone move an output. A direct response to a command also has the gap of that command, above all a delay.
 fn shows_states(system: &System, record: &LogRecord, output: usize) -> bool {
     let direct = match &system.dynamics {
         Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => matrices.d.clone(),
@@ -118,7 +118,7 @@ pub(super) fn rests(
     (0..inputs).map(alone).collect()
 }
 
-/// Of what moves the state, so much may remain.
+/// The allowed remainder of the sum that moves the state.
 const STILL: f64 = 0.05;
 /// Samples before the first change of a command that show whether outputs rest.
 const RESTING: usize = 5;
@@ -209,7 +209,7 @@ angle = "2*q"
         let there = record(&system, |k| if k == 0 { 7.0 } else { 0.9 });
         let found = start(&system, &there, &[0.3, 0.1]);
         assert!((found[0] - 0.45).abs() < 1e-4 && found[1] == 0.0, "{found:?}");
-        // What is known exactly stays.
+        // An exactly known state stays.
         assert_eq!(start(&system, &there, &[0.0, 0.1]), [0.0, 0.0]);
         // As far as the noise: half way where prior and noise of the state are one.
         let found = start(&system, &there, &[0.5e-3, 0.0]);

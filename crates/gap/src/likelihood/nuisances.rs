@@ -33,7 +33,7 @@ pub(super) struct Nuisances {
 pub(super) struct Responses {
     /// ∂y/∂x0, of each free state.
     pub(super) starts: Vec<DMatrix<f64>>,
-    /// Per unit of what the model file declares.
+    /// Per unit of the declared constants of the model file.
     pub(super) declared: Vec<DMatrix<f64>>,
     /// Standard deviations of the priors of those.
     pub(super) declared_std: Vec<f64>,
@@ -72,7 +72,7 @@ impl Responses {
 
     /// P⁻¹; regressors without a prior get next to none, so that the sum can be factored. `prior`: standard deviations of the start.
     pub(super) fn precision(&self, prior: &[f64]) -> DMatrix<f64> {
-        // Of several starts each has the same prior.
+        // Several initial states have the same prior each.
         let starts = prior.iter().copied().filter(|s| *s > 0.0).cycle().take(self.starts.len());
         let known = starts.chain(self.declared_std.iter().copied()).map(|s| 1.0 / (s * s));
         let all: Vec<f64> = known.chain(std::iter::repeat_n(1e-9, self.feedback.len())).collect();
@@ -80,7 +80,7 @@ impl Responses {
     }
 }
 
-/// What a whitened residual a has in common with the nuisances: Wᵀa and (P⁻¹ + WᵀW)⁻¹Wᵀa.
+/// The projection of a whitened residual a on the nuisances: Wᵀa and (P⁻¹ + WᵀW)⁻¹Wᵀa.
 pub(super) type Common = (DVector<f64>, DVector<f64>);
 
 impl Nuisances {
@@ -117,7 +117,7 @@ impl Nuisances {
         self.factor.as_ref().filter(|_| !a.is_empty() && self.whitened.ncols() > 0)
     }
 
-    /// What a whitened residual has in common with the nuisances; `None` without any.
+    /// The projection of a whitened residual on the nuisances; `None` without any.
     pub(super) fn projected(&self, a: &DVector<f64>) -> Option<Common> {
         let factor = self.factor_for(a)?;
         let by_start = self.whitened.tr_mul(a);
@@ -152,7 +152,7 @@ impl Nuisances {
         Some(information.cholesky()?.solve(&w.tr_mul(e)))
     }
 
-    /// Moves predictions by the deviations of what is no noise; feedback moves a residual but is no part of what a model predicts.
+    /// Moves predictions by the deviations of the nuisances; feedback moves a residual but is no part of a prediction.
     pub(super) fn add_to(&self, y: &mut DMatrix<f64>, deviation: &DVector<f64>) {
         for (raw, by) in self.raw.known().zip(deviation.iter()) {
             *y += raw * *by;

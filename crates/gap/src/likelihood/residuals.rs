@@ -1,4 +1,4 @@
-//! Residuals of whatever is at work, from the posterior start of each record.
+//! Residuals of any active effects, from the posterior initial state of each record.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;

@@ -6,7 +6,7 @@ use crate::input::nuisance::Nuisance;
 use deadtime_model::effect::{Applied, EFFECTS, Effect, OnChannel, Scales, Site, find};
 use deadtime_model::simulate::{Dynamics, System};
 
-/// What is tried, in the order of the effects' table, and what cannot act.
+/// The tried candidates, in the order of the effects' table, and those that cannot act.
 pub(crate) struct Catalogue {
     pub(crate) candidates: Vec<Applied>,
     pub(crate) left_out: Vec<NotTried>,

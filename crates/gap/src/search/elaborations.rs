@@ -80,7 +80,7 @@ fn plainer_keys(hypothesis: &Hypothesis) -> Vec<String> {
     elaborate.filter_map(forms).flatten().map(instead).collect()
 }
 
-/// What a further cause must do: take a part of the gap that matters, or lower the error of an output by the factor `clear`.
+/// The rule of a further cause: explain a part of the gap that matters, or lower the error of an output by the factor `clear`.
 fn is_more(likelihood: &Likelihood<'_>, original: &Level, before: &Level, after: &Level) -> bool {
     let criteria = &likelihood.criteria;
     let taken = before.train.over(&original.train) - after.train.over(&original.train);

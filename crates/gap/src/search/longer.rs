@@ -102,15 +102,15 @@ fn unlike(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize, shif
 }
 
 impl SearchResult {
-    /// A delay that explains a good part of the gap stands at the longest that was looked for. Under noise of the gap's colour half a delay gains little, whatever
-    /// it takes from the error.
+    /// Whether a delay that explains much of the gap is at the limit of the search. Under noise of the gap's colour half a delay gains little, also where it
+    /// reduces the error by much.
     pub(crate) fn wants_longer_delays(
         &self,
         likelihood: &Likelihood<'_>,
         scales: &Scales,
         criteria: &Criteria,
     ) -> bool {
-        // A hidden sequence gains much by what it is free to do.
+        // A latent sequence gains much by its freedom.
         let best = self
             .singles
             .iter()

@@ -6,10 +6,10 @@ use crate::hypothesis::direction::{NEAR, between, difference, has_limit, with};
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, Parameter, Scales};
 
-/// How often the way along a signature is halved before it is given up.
+/// The number of halvings of a step along a signature before it is given up.
 const HALVINGS: i32 = 5;
 
-/// The residual moves in proportion where a signature found near nominal and one found at the start differ by no more than this part.
+/// The residual is proportional to the size where a signature near nominal and one at the first guess differ by at most this part.
 const PROPORTIONAL: f64 = 1e-9;
 
 /// A candidate with its starts, best first.

@@ -79,7 +79,7 @@ pub(crate) fn pairs(
     pairs
 }
 
-/// Something of the catalogue promises to take a part of what a single leaves.
+/// Some candidate has a predicted reduction of the required part of a single effect's residual.
 fn has_second_candidate(
     likelihood: &Likelihood<'_>,
     single: &Hypothesis,
@@ -160,7 +160,7 @@ fn reductions(
                 };
                 let signature = difference(nominal, &there, 1.0);
                 for (best, given) in best.iter_mut().zip(given) {
-                    // What a remedy turns round, it turns round in the others' signatures, too.
+                    // A remedy of a wrong sign reverses the others' signatures, too.
                     let together = || {
                         let effects: Vec<Applied> =
                             given.first.effects.iter().cloned().chain([moved.clone()]).collect();
@@ -206,7 +206,7 @@ fn wanted(
             .into_iter()
             .filter(|(_, s)| given.first.effects.iter().all(|f| f.key() != s.key()))
             .partition(|(_, s)| s.effect.loses_commands());
-        // A lattice in the raw values is there whatever it promises.
+        // A lattice in the raw values is a fact without a predicted reduction.
         let traced = reductions
             .iter()
             .map(|p| &p[at])
@@ -216,7 +216,7 @@ fn wanted(
         } else {
             0
         });
-        // Each kind has places of its own: what costs calls starts from coarser guesses, and promises less than it keeps.
+        // Each kind has a quota: candidates that cost calls start from coarser guesses, and their predicted reductions are too small.
         let (mut called, mut others) = (0, 0);
         let seconds = seconds.into_iter().filter(|(_, second)| {
             let count = if likelihood.calls(second) { &mut called } else { &mut others };

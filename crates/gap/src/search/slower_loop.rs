@@ -1,7 +1,7 @@
 //! A slower loop from the arrivals of commands: whether decoded as lost or as randomly late, all arrivals lie on one lattice of times.
 //!
-//! The coherence of the arrivals at a frequency, |Σ exp(2πift)|/n, is 1 where they are whole periods apart. The coherence falls to sinc(f·sample time) where their
-//! times are known to a sample (Rayleigh's test; Mardia and Jupp 2000, "Directional Statistics", section 6.3).
+//! The coherence of the arrivals at a frequency, |Σ exp(2πift)|/n, is 1 where their distances are whole periods. The coherence falls to sinc(f·sample time)
+//! where their times are known to a sample (Rayleigh's test; Mardia and Jupp 2000, "Directional Statistics", section 6.3).
 //!
 //! How it can be wrong: a lattice is contained in every finer one that divides it, so the longest of nearly equal periods is taken. Few arrivals are coherent by chance, so the fit decides.
 
@@ -22,7 +22,7 @@ const FEWEST: usize = 10;
 /// smeared. By chance n arrivals are more coherent than c with probability exp(−n·c²), and the fit has the last word.
 const COHERENT: f64 = 0.6;
 const SMEARED: f64 = 0.15;
-/// What is nearly as coherent as the best may be the true one.
+/// A frequency with nearly the best coherence may be the true one.
 const NEARLY: f64 = 0.9;
 /// Frequencies per reciprocal of the logs' length, and so many at most.
 const FINE: f64 = 6.0;
