@@ -35,7 +35,7 @@ impl Default for Budget {
     }
 }
 
-/// What a study is estimated to need.
+/// The estimated need of a study.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Needs {
     /// Combinations of the plan's lists that make records of their own.

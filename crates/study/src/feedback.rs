@@ -8,7 +8,7 @@ use deadtime_model::simulate::SimulateError;
 use deadtime_model::{Sampled, StateSpace, dlqr};
 use deadtime_signal::time::SampleTime;
 
-/// What a loop does: by channel, then by sample.
+/// The signals of a loop: by channel, then by sample.
 pub(super) struct Closed {
     /// The plant's inputs.
     pub(super) u: Vec<Vec<f64>>,

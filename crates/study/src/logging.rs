@@ -15,10 +15,10 @@ use deadtime_signal::time::SampleTime;
 pub(super) const STEPS: usize = 50;
 /// Stamps further off could change places.
 const MOST_JITTER: f64 = 0.45;
-/// Of a log with fewer samples nothing could be estimated.
+/// A log with fewer samples gives no estimate.
 const MOST_MISSING: f64 = 0.9;
 
-/// What a log lacks; nothing by default.
+/// The defects of a log; none by default.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Logging {
@@ -64,7 +64,7 @@ impl Logging {
         })
     }
 
-    /// What is read from the log of a record: inputs, and outputs with what is missing of them.
+    /// The log of a record: inputs, and outputs with their missing samples.
     pub(super) fn read(
         &self,
         names: (&[String], &[String]),

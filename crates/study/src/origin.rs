@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::error::{Error, StudyError};
 use deadtime_signal::registry::RegistryError;
 
-/// The name and text of what a plan was read from; nothing for one that was put together. It is no part of what a plan is: all are equal.
+/// The name and text of a plan's source; empty for a plan without a file. The origin is no part of a plan: all are equal.
 #[derive(Debug, Clone, Default)]
 pub struct Origin(Option<Arc<(String, String)>>);
 
@@ -20,7 +20,7 @@ impl Origin {
         Self(Some(Arc::new((name.to_owned(), text.to_owned()))))
     }
 
-    /// File and line of what a message is about.
+    /// File and line of a message.
     fn line(&self, detail: &str) -> Option<String> {
         let (name, text) = &**self.0.as_ref()?;
         Some(format!("{name}, line {}", line_of(text, detail)))

@@ -98,7 +98,7 @@ impl Runner {
             .collect()
     }
 
-    /// What a record of this setting costs with all its estimates, s of wall-clock time on this thread.
+    /// The cost of a record of this setting with all its estimates, s of wall-clock time on this thread.
     ///
     /// # Errors
     /// [`StudyError::Record`]; [`Error::Stopped`].
@@ -115,8 +115,8 @@ impl Runner {
         Ok(least)
     }
 
-    /// Blocks put together to tasks of about `task_s`, if a record of kind k costs `cost_s[k]`: one block at least, 400 000 estimates at most. A task holds whole settings, or a
-    /// share of one. What is returned is one past the last block of every task.
+    /// Blocks combined to tasks of about `task_s`, if a record of kind k costs `cost_s[k]`: one block at least, 400 000 estimates at most. A task holds whole
+    /// settings, or a share of one. The result is one past the last block of every task.
     #[must_use]
     pub fn tasks(&self, cost_s: &[f64], task_s: f64) -> Vec<usize> {
         let kind = self.kind_of();
@@ -260,7 +260,7 @@ impl Tasks {
         &self.folder
     }
 
-    /// How many tasks there are.
+    /// The number of tasks.
     #[must_use]
     pub fn len(&self) -> usize {
         self.ends.len()

@@ -24,7 +24,7 @@ pub struct Plant {
 pub struct PlantEntry {
     /// The name that plans use.
     pub name: &'static str,
-    /// What it is.
+    /// Its summary.
     pub summary: &'static str,
     /// Another one for every trial.
     pub random: bool,
@@ -35,7 +35,7 @@ impl PlantEntry {
     /// The plant; `rng` is used by random ones alone.
     ///
     /// # Errors
-    /// What keeps its matrices from being a model.
+    /// The error of matrices that are no model.
     pub fn build(&self, rng: &mut ChaCha8Rng) -> Result<Plant, ModelError> {
         (self.build)(rng)
     }
@@ -167,7 +167,7 @@ fn silent() -> Result<Plant, ModelError> {
     single(StateSpace::continuous(one(-1.0), one(1.0), one(0.0), one(0.0)))
 }
 
-/// A lag of 2 s and a pole that stands at `z` when sampled every second.
+/// A lag of 2 s and a pole at `z` when sampled every second.
 fn pole(z: f64) -> Result<Plant, ModelError> {
     rational(&[1.0], &[[-z.ln(), 0.0], [0.5, 0.0]])
 }

@@ -7,7 +7,7 @@ use super::plan::Scoring;
 use deadtime_signal::stats::NORMAL_95_EXACT;
 use deadtime_signal::time::SampleTime;
 
-/// What is kept of a cell's answers.
+/// The kept sums of a cell's answers.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Tally {
     pub(super) trials: usize,
@@ -162,7 +162,7 @@ pub(super) fn kept(tallies: &[&Tally], percent: f64) -> Vec<Option<f64>> {
         }
         left -= count;
     }
-    // Equal errors of all cells are left out in equal shares, whatever the order of the cells.
+    // Equal errors of all cells are left out in equal shares, for any order of the cells.
     let of = |tally: &&Tally| {
         let (mut count, mut square) = (0.0, 0.0);
         for (bin, [n, s]) in &tally.bins {

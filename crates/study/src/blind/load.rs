@@ -19,9 +19,9 @@ pub(super) const RUN_TIME: &str = "run.json";
 /// One case, its truth and its verdict.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scored {
-    /// What it was.
+    /// The truth.
     pub label: Label,
-    /// What was said.
+    /// The diagnosis.
     pub diagnosis: Diagnosis,
     /// The run time, s; missing where the verdict has no `run.json`.
     pub time_s: Option<f64>,
