@@ -34,7 +34,7 @@ pub(super) const MAGIC: &[u8] = b"ARROW1";
 pub(super) const CONTINUES: &[u8] = &[0xff; 4];
 /// The magic word and its padding.
 const HEAD: usize = 8;
-/// A buffer that says of itself that it unpacks to more than this many times its size is damaged.
+/// A buffer that declares to unpack to more than this many times its size is damaged.
 const PACKED: u64 = 4096;
 /// Structs within structs deeper than this are left out.
 const DEEPEST: usize = 16;
@@ -215,7 +215,7 @@ fn of_array(
         return;
     }
     let (mut none, mut unused) = (Vec::new(), Notes::default());
-    // What has no column was left out when the schema was looked at.
+    // An array without a column was left out with the schema.
     empty("", array.data_type(), depth, &mut none, &mut unused);
     if none.is_empty() {
         return;

@@ -39,7 +39,7 @@ pub struct Output<'a> {
     pub present: Option<&'a [bool]>,
 }
 
-/// A column that holds something else than numbers, and what to say when somebody asks for it.
+/// A column without numbers, and the message for its request.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Unusable {
     pub(super) name: String,
@@ -53,20 +53,20 @@ pub(super) struct Rows {
     marks: Vec<(usize, usize)>,
 }
 
-/// Logs of the same samples are equal wherever these stood.
+/// Logs of the same samples are equal, independent of their place in a file.
 impl PartialEq for Rows {
     fn eq(&self, _: &Self) -> bool {
         true
     }
 }
 
-/// What a log was made of.
+/// The source of a log.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) enum Origin {
     /// Numbers in memory: without a mark sample 0 is the first.
     #[default]
     Memory,
-    /// A file: without a mark the first sample stands in line 2, below a header.
+    /// A file: without a mark the first sample is in line 2, below a header.
     File,
 }
 
@@ -119,7 +119,7 @@ impl<'a> Output<'a> {
         if there { self.values.get(index).copied() } else { None }
     }
 
-    /// How many samples are there.
+    /// The number of existing samples.
     #[must_use]
     pub fn present_count(&self) -> usize {
         self.present
@@ -241,7 +241,7 @@ impl Channel {
 }
 
 impl Log {
-    /// A log from numbers in memory. `source` names it in errors and results (a file's name, say), `time_s` in seconds.
+    /// A log from numbers in memory. `source` names it in errors and results (a file's name, for example), `time_s` in seconds.
     ///
     /// Errors name the sample, counted from 0.
     ///

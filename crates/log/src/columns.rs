@@ -15,7 +15,7 @@ pub(super) struct Column {
     pub(super) cells: Cells,
 }
 
-/// What stands in a column.
+/// The content of a column.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Cells {
     /// Numbers; NaN where none is.
@@ -35,7 +35,7 @@ impl Cells {
         }
     }
 
-    /// Bytes that a row takes; of text, what it refers to is counted apart.
+    /// Bytes of a row; the referenced text is counted separately.
     pub(super) fn cost(&self) -> u64 {
         let bytes = match self {
             Self::Numbers(_) => size_of::<f64>(),

@@ -129,7 +129,7 @@ impl Log {
     /// The log on an even grid from its first sample to its last. The channels named in `held` keep their previous value (as a held input does), the others are
     /// interpolated linearly between neighbours. A sample is missing where a neighbour that it needs is missing.
     ///
-    /// Nothing is filtered: a sample time well above the logged one folds what is faster than half its rate into the result.
+    /// Nothing is filtered: a sample time well above the logged one folds frequencies above half its rate into the result.
     ///
     /// # Errors
     /// As [`Log::channel`] for the names in `held`. [`LogError::TooFine`] beyond 200 million samples. [`LogError::TimeStandsStill`] when the time stamps are

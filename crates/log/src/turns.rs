@@ -60,7 +60,7 @@ impl Log {
         self.with_values(&values)
     }
 
-    /// How often a channel jumps by a whole turn, where it moves little otherwise: an angle that is logged within one turn.
+    /// The number of jumps of a channel by a whole turn, where it moves little otherwise: an angle that is logged within one turn.
     #[must_use]
     pub fn whole_turns(&self, name: &str, turn: f64) -> usize {
         let Ok(channel) = self.channel(name) else { return 0 };

@@ -40,7 +40,7 @@ pub fn fractional_delay(x: &[f64], samples: f64) -> Vec<f64> {
             .collect();
     }
     let circle = turned(x, fraction);
-    // From n before the record to n behind it, each sample has a place of its own on the circle.
+    // From n before the record to n behind it, each sample has a separate place on the circle.
     let place =
         |t: usize| (t + circle.len()).checked_add_signed(-whole).map_or(0, |i| i % circle.len());
     (0..n).map(|t| circle.get(place(t)).copied().unwrap_or(0.0)).collect()

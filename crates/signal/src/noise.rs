@@ -259,7 +259,7 @@ fn is_stable(a: &[f64]) -> bool {
 /// P = Σ Fᵏ·G·Gᵀ·(Fᵏ)ᵀ, the number of terms doubled in each round; `None` when the sum does not end.
 fn stationary_covariance(mut f: DMatrix<f64>, g: &DVector<f64>) -> Option<DMatrix<f64>> {
     let mut p = g * g.transpose();
-    // 2⁶⁰ terms: more than any pole that a double tells from the unit circle needs.
+    // 2⁶⁰ terms: more than any pole needs that a double distinguishes from the unit circle.
     for _ in 0..60 {
         let more = &f * &p * f.transpose();
         p += &more;

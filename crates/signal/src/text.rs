@@ -64,7 +64,7 @@ pub fn message(text: &str) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// What is printed: line breaks and blank lines stay, other control characters are shown as their escapes.
+/// Text for a terminal: line breaks and blank lines stay, other control characters are shown as their escapes.
 #[must_use]
 pub fn printed(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());

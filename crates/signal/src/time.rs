@@ -9,13 +9,13 @@ pub enum TimeError {
         "sample time {seconds} s: give a finite number of seconds above 0, {LEAST_S} or more (is time in another unit?)"
     )]
     SampleTime {
-        /// What was given, in seconds.
+        /// The given value, in seconds.
         seconds: f64,
     },
     /// A delay is finite and not negative.
     #[error("delay {seconds} s: give a finite number of seconds, 0 or more")]
     Delay {
-        /// What was given, in seconds.
+        /// The given value, in seconds.
         seconds: f64,
     },
     /// Two systems or signals of different sample times met.
@@ -114,7 +114,7 @@ impl SampleTime {
 }
 
 impl Samples {
-    /// A number of samples below 10¹⁵; what is this near a whole number is one.
+    /// A number of samples below 10¹⁵; a number this near a whole number is whole.
     fn split(samples: f64, near: f64) -> Self {
         let nearest = samples.round();
         if (samples - nearest).abs() < near {

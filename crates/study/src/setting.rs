@@ -806,7 +806,7 @@ mod tests {
     #[test]
     fn the_unrelated_output_is_its_noise_whatever_the_input() {
         let mut plan = Plan::open("unrelated").unwrap();
-        // Inputs of size 1 leave nothing; a constant output would be refused.
+        // The output holds nothing of inputs of size 1. Noise of 1e-9 avoids a constant output, which would be refused.
         plan.noises.values_mut().for_each(|n| n.innovation_std = Some(1e-9));
         let quiet = outputs(&mut plan, "unrelated");
         assert_eq!(quiet.len(), 9);

@@ -14,7 +14,7 @@ use crate::frequency::{FrequencyError, FrequencyResponse, Quality};
 use crate::place::Place;
 use deadtime_signal::progress::HowFar;
 
-/// What a column is.
+/// The role of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Role {
     Frequency,
@@ -151,7 +151,7 @@ struct Form<'a> {
 }
 
 impl<'a> Form<'a> {
-    /// The two that stand among these columns; the inner error is what is missing.
+    /// The two roles among these columns; the inner error is the missing one.
     fn among(columns: &'a [RoleColumn]) -> Result<Result<Self, &'static str>, FrequencyError> {
         let found = |role: Role| of_role(columns, role);
         Ok(
@@ -227,7 +227,7 @@ fn columns(lines: &Lines<'_>) -> Result<Vec<RoleColumn>, LogError> {
     (0..lines.len()).map(column).collect::<Result<_, _>>().map_err(|_| lines.not_text())
 }
 
-/// What a column is: the first role that one of its words names.
+/// The role of a column: the first one in its words.
 fn role(column: &RoleColumn) -> Option<Role> {
     WORDS.iter().find(|(_, _, words)| column.has(words)).map(|(role, ..)| *role)
 }

@@ -10,7 +10,7 @@ use super::header::Header;
 use super::lines::Lines;
 use crate::error::LogError;
 
-/// Rows that are looked at.
+/// Rows of the test.
 const ROWS: usize = 500;
 /// Values that the column of an instance has at most.
 const MOST: usize = 16;

@@ -54,7 +54,7 @@ impl Log {
         Ok(())
     }
 
-    /// A reader takes these stamps for seconds though no unit is stated: whole numbers far apart look like thousandths of something.
+    /// A reader takes these stamps for seconds without a stated unit: whole numbers far apart would look like thousandths.
     fn reads_as_seconds(&self) -> bool {
         let cells = self.time_s.iter().map(|time_s| {
             let mut cell = String::new();

@@ -55,7 +55,7 @@ pub enum RegisterStart {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Prbs {
-    /// Order n of the register, 2 to 18; default 0: the largest whose whole period fits into the samples asked for (2 when none does).
+    /// Order n of the register, 2 to 18; default 0: the largest whose whole period fits into the requested samples (2 when none does).
     pub order: usize,
     /// Samples for which each bit is held, at least 1; default 1.
     pub clock: usize,

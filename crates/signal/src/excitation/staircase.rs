@@ -11,7 +11,7 @@ use crate::error::SignalError;
 
 /// Set points as an operator gives them, and the step inputs of published benchmarks.
 ///
-/// Fails when: all but the last piece do not fit into the samples asked for.
+/// Fails when: all but the last piece do not fit into the requested samples.
 ///
 /// Source: the steps of S. Björklund, 2003, LiU-TEK-LIC-2003:60, p. 70, are `[[0, 50], [1, 150], [-1, 150], [0, 150]]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,4 +1,4 @@
-//! Whether two names stand for one file.
+//! Whether two names mean one file.
 
 use std::path::{Path, PathBuf};
 
@@ -19,7 +19,7 @@ enum Identity {
 }
 
 impl SameFile {
-    /// What `path` stands for; `None` where nothing can be found out about it.
+    /// The file of `path`; `None` where it cannot be found out.
     #[must_use]
     pub fn of(path: &Path) -> Option<Self> {
         #[cfg(unix)]
