@@ -83,7 +83,7 @@ impl Compare {
         Ok(())
     }
 
-    /// The names that were given, else those of the folders where they tell the results apart, else the paths.
+    /// The given names, else those of the folders where they differ, else the paths.
     fn names(&self) -> anyhow::Result<Vec<String>> {
         if !self.name.is_empty() {
             if self.name.len() != self.results.len() {
@@ -127,7 +127,7 @@ impl Compare {
     }
 }
 
-/// What a path holds, and the file of it.
+/// The kind of a path, and its file.
 fn kind(path: &Path) -> anyhow::Result<(Kind, PathBuf)> {
     if path.is_dir() {
         let held: Vec<Kind> =

@@ -132,7 +132,7 @@ impl Estimate {
                 (job.run()?.worded(option), Some(job))
             }
         };
-        // The files first: whoever closes the pipe still gets them.
+        // The files first: they are written even if the pipe is closed.
         to.json(&report)?;
         if let (Some(path), Some(job)) = (&self.svg, &job) {
             draw(job, &report, path)?;
@@ -172,7 +172,7 @@ impl Estimate {
             .context("LOG is missing: the log to read")
     }
 
-    /// The methods by the names that they have here; of another tool's name it is said which method stands for it.
+    /// The methods by their names here; for another tool's name a message gives its counterpart.
     fn methods(&self) -> Vec<String> {
         let one = |name: &String| match estimator(name) {
             Some(here) => {

@@ -185,7 +185,8 @@ impl Gap {
         }
         Ok(())
     }
-    /// The command that fits what was found; `None` where other effects than values of parameters act. It reads logs as this one does; uneven ones are resampled.
+    /// The command that fits the found effects; `None` where other effects than values of parameters act. It reads logs as this one does; uneven ones are
+    /// resampled.
     fn identify_command(&self, d: &Diagnosis, logs: &[Log]) -> Option<String> {
         let (model, names) = (self.model.as_ref()?, parameters_to_fit(d)?);
         let word = |text: &str| {
@@ -206,7 +207,7 @@ impl Gap {
         Some(words.join(" "))
     }
 
-    /// An error with the file that it stands in.
+    /// An error with its file.
     fn in_file(&self, error: deadtime_gap::Error) -> anyhow::Error {
         let error = Error::from(error);
         match (&error, &self.model) {

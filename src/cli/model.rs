@@ -126,7 +126,7 @@ fn renamed(text: &str, own: &str, name: &str) -> String {
         };
         lines.push(match section {
             "" => of_channel(line),
-            // Commands stand in expressions; their names are no parts of others.
+            // Commands occur in expressions; their names are no parts of others.
             "[definitions]" if own.ends_with("_rads") => line.replace(own, name),
             "[output_equations]" => match line.strip_prefix(&format!("{own} = ")) {
                 Some(rest) => format!("{} = {rest}", quoted(name)),
@@ -146,7 +146,7 @@ fn quoted(text: &str) -> String {
 
 impl New {
     fn write(&self, text: &str) -> anyhow::Result<()> {
-        // What is written must be read again.
+        // The written file must be readable.
         ModelDocument::from_toml(text, &self.out).context(
             "these channel names cannot stand in such a file; rename them (--map when it is used)",
         )?;

@@ -1,4 +1,4 @@
-//! `deadtime simulate`: what a model says to the inputs of a log.
+//! `deadtime simulate`: the response of a model to the inputs of a log.
 
 use std::path::PathBuf;
 

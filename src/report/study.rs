@@ -15,7 +15,7 @@ pub(super) fn number(value: Option<f64>) -> String {
     value.map_or_else(|| "–".to_owned(), |v| significant(v, 3))
 }
 
-/// So many significant digits, without an exponent between a thousandth and a million.
+/// The given number of significant digits, without an exponent between a thousandth and a million.
 fn significant(value: f64, digits: i32) -> String {
     if value == 0.0 {
         return "0".to_owned();
@@ -85,7 +85,7 @@ const HEADINGS: [&str; 11] = [
     "total",
 ];
 
-/// Columns of the summary that a reader looks at first.
+/// The most important columns of the summary.
 const SHORT: [&str; 10] = [
     "grid",
     "from",
@@ -143,7 +143,7 @@ pub fn summary(study: &Study) -> Table {
     table
 }
 
-/// A table that a plan asks for with `by`.
+/// A table of the `by` of a plan.
 #[must_use]
 pub fn by(study: &Study, grid: &str, layout: &Layout) -> Table {
     let of = |key: &str, cell: &Cell| match KEYS
@@ -172,7 +172,7 @@ pub fn by(study: &Study, grid: &str, layout: &Layout) -> Table {
         .chain(columns.iter().map(String::as_str))
         .collect();
     let mut table = Table::new(&headings, &(0..=keys.len()).collect::<Vec<_>>());
-    // Rows with equal leading keys stand together.
+    // Rows with equal leading keys are next to each other.
     let mut order: Vec<usize> = (0..rows.len()).collect();
     let first =
         |r: usize| rows.iter().position(|other| other[..keys.len()] == rows[r][..keys.len()]);
@@ -183,7 +183,7 @@ pub fn by(study: &Study, grid: &str, layout: &Layout) -> Table {
                 groups.get(&(at, c)).map_or_else(|| "–".to_owned(), |g| shown(layout.shown, g))
             })
             .collect();
-        // What no method of this name has, such as a bound, makes no row.
+        // A number that no method of this name has, such as a bound, makes no row.
         if layout.shown == Shown::Rms || texts.iter().any(|t| t != "–") {
             table.row(rows[at].iter().cloned().chain(texts).collect());
         }
@@ -284,7 +284,7 @@ pub fn overview(study: &Study, rows: usize) -> Table {
     table
 }
 
-/// One row per cell of a grid; keys that are the same in all of them stand in the sentence before.
+/// One row per cell of a grid; keys with one value in all of them are in the sentence before.
 #[must_use]
 pub fn cells(study: &Study, grid: &str) -> (String, Table) {
     let members: Vec<&Cell> = study.cells.iter().filter(|c| c.grid == grid).collect();
@@ -379,7 +379,7 @@ pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
                 format!("not reproducible: {}", p.not_reproducible.as_deref().unwrap_or(""))
             }
         };
-        // A grid that is named as the source says nothing more.
+        // A grid with the name of the source adds no information.
         let grid = p.cells.grid.clone().filter(|g| *g != p.source);
         table.row(vec![
             p.source.clone(),
@@ -393,7 +393,7 @@ pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
     any.then_some(table)
 }
 
-/// How many of a plan's published numbers agree with ours.
+/// The number of a plan's published numbers that agree with ours.
 #[must_use]
 pub fn standings(study: &Study, plan: &Plan) -> String {
     let all: Vec<Standing> =
@@ -452,13 +452,13 @@ fn with_tables(
     text
 }
 
-/// What was run, and the summary.
+/// The run, and the summary.
 #[must_use]
 pub fn headline(study: &Study) -> String {
     format!("{}: {}\n\n{}", study.plan, study.about, summary(study))
 }
 
-/// The page `tables.md`: what was run, the summary, the published numbers, the scores, every cell.
+/// The page `tables.md`: the run, the summary, the published numbers, the scores, every cell.
 #[must_use]
 pub fn page(study: &Study, plan: &Plan) -> String {
     let mut text = format!("# {}\n\n{}\n\n", markdown(&plan.name), markdown(&plan.about));
@@ -504,7 +504,7 @@ pub fn page(study: &Study, plan: &Plan) -> String {
     text
 }
 
-/// Every table that the plan's grids ask for with `by`, and what its numbers are.
+/// Every table of the `by` of the plan's grids, and the meaning of its numbers.
 #[must_use]
 pub fn layouts(study: &Study, plan: &Plan) -> Vec<(String, Table)> {
     let told = |grid: &Grid, layout: &Layout| {

@@ -26,7 +26,7 @@ use deadtime::time::SampleTime;
 /// A report as Python gets it: the text of `deadtime/estimate@1`, and the remarks that only readers are shown.
 type Told<'py> = (String, Bound<'py, PyAny>);
 
-/// What was asked for, of samples: the keyword arguments of `deadtime.estimate`.
+/// The arguments, of samples: the keyword arguments of `deadtime.estimate`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(super) struct Asked {
@@ -258,7 +258,7 @@ fn by_method(options: &Bound<'_, PyAny>) -> PyResult<BTreeMap<String, Value>> {
     })
 }
 
-/// The linear model that estimation knows how to use.
+/// The linear model in the form of the estimators.
 fn linear(py: Python<'_>, model: &Model) -> PyResult<ModelFile> {
     match &model.0 {
         ModelDocument::Lti(file) => Ok(file.clone()),

@@ -13,7 +13,7 @@ use deadtime::model::ModelDocument;
 use deadtime::progress::HowFar;
 use deadtime::report::identify::Report;
 
-/// What was asked for: the keyword arguments of `deadtime.identify`.
+/// The arguments: the keyword arguments of `deadtime.identify`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(super) struct Asked {

@@ -17,7 +17,7 @@ use deadtime::model::{
 use deadtime::registry::RegistryError;
 use deadtime::simulate::System;
 
-/// What error messages call a model that comes from no file.
+/// The name of a model without a file in error messages.
 const NO_FILE: &str = "model";
 
 /// A simulator: a model with the names, units, start and effects that a model file gives it (`deadtime/model@1`).

@@ -115,7 +115,7 @@ pub(super) fn _lsim<'py>(
     let system = system.0.clone();
     let response = long(py, None, move |_| {
         Ok(match (&system, &time_s) {
-            // A stamp for every sample is asked for before stamps are looked at as a grid.
+            // A stamp for every sample is required before stamps are read as a grid.
             (Either::Continuous(sys), Some(time_s)) if time_s.len() == u.nrows() => {
                 lsim(sys, &u, Grid::of(time_s), &options)?
             }

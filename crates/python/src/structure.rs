@@ -16,7 +16,7 @@ use deadtime::identify::structured::{Balance, Structured};
 use deadtime::model::{EquationsFile, ModelDocument};
 use deadtime::report;
 
-/// What was asked for: the keyword arguments of `deadtime.identify_structure`.
+/// The arguments: the keyword arguments of `deadtime.identify_structure`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(super) struct ByTime {
@@ -31,7 +31,7 @@ pub(super) struct ByTime {
     one_step: bool,
 }
 
-/// What was asked for: the keyword arguments of `deadtime.match_structure`.
+/// The arguments: the keyword arguments of `deadtime.match_structure`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(super) struct ByFrequency {

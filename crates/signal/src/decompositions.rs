@@ -1,6 +1,7 @@
 //! Singular values and eigenvalues by iterations that end.
 //!
-//! nalgebra's come first. Where they do not converge or do not rebuild the matrix, faer's are used. Causes are entries that underflow, and two equal columns at the end of the iteration.
+//! nalgebra's come first. Where they do not converge or do not rebuild the matrix, faer's are used. Causes are entries that underflow, and two equal columns at
+//! the end of the iteration.
 //!
 //! How it can be wrong: entries that are no numbers have no decomposition.
 

@@ -29,7 +29,7 @@ use deadtime_signal::stop::Stop;
 
 /// The folder of finished blocks.
 const PARTS: &str = "parts";
-/// The study of the blocks.
+/// The file with the digest of the study of the blocks.
 const STAMP: &str = "plan.sha256";
 /// The folder of blocks that are no longer needed, on its way out.
 const SPENT: &str = ".deadtime-parts.tmp";

@@ -109,7 +109,7 @@ fn range(d: &Diagnosed, c: &Contribution) -> Option<(f64, f64, Option<String>)> 
     (ends[0] < ends[1]).then(|| (ends[0], ends[1], all.first().and_then(|(_, unit)| unit.clone())))
 }
 
-/// The effect on a model that passes a command on, and has one state that stands still.
+/// The effect on a model that passes a command on, and has one constant state.
 fn alone(c: &Contribution) -> Option<(System, Plan)> {
     let name = |of: &str| json!([{ "name": of, "unit": "1" }]);
     let file = json!({

@@ -34,7 +34,7 @@ pub enum ExportError {
         target: &'static str,
         /// The option.
         option: &'static str,
-        /// The kind of the source.
+        /// The meaning of the option.
         why: &'static str,
     },
     /// A number that must be larger than 0.

@@ -217,7 +217,7 @@ pub enum Caveat {
         /// The option that names the log's channels of its states.
         states: Message,
     },
-    /// A simulator that answers next to nothing with something.
+    /// A simulator with a visible response to a negligible change of its inputs.
     #[error(
         "a change of the inputs by 1e-10 moves `{output}` by {percent} % of its motion: the simulator is rough or chaotic, and no effect smaller than that is detectable"
     )]

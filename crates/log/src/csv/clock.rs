@@ -266,7 +266,8 @@ impl StampReader {
         Some(ns + *midnights)
     }
 
-    /// The shift of this stamp by a change of the clocks, ns. It is an hour in the night of a Sunday where the distance to the stamp before is a step plus or minus an hour. An hourly log then has one stamp twice.
+    /// The shift of this stamp by a change of the clocks, ns. It is an hour in the night of a Sunday where the distance to the stamp before is a step plus or
+    /// minus an hour. An hourly log then has one stamp twice.
     pub(super) fn clock_change(&self, before: &[f64], raw: f64) -> Option<f64> {
         const SUNDAY: i128 = 3;
         let hour = HOUR_NS as f64;

@@ -172,7 +172,7 @@ struct Only {
     number: Option<f64>,
     /// A row had it.
     found: bool,
-    /// Some other names in the header.
+    /// Some other values of the column.
     others: Vec<String>,
 }
 
