@@ -10,7 +10,7 @@ use deadtime_gap::Diagnosis;
 use deadtime_study::Study;
 use deadtime_study::compare::{diagnoses, studies};
 
-/// Put diagnoses side by side (before and after a repair, the machines of a fleet), or studies: which causes, which numbers differ by more than chance
+/// Compare diagnoses (before and after a repair, the machines of a fleet), or studies: their causes, and the numbers that differ significantly
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   deadtime compare before after

@@ -78,7 +78,7 @@ pub(super) struct Estimate {
     /// Method, or `all`; may be repeated; `deadtime list methods` shows them
     #[arg(long, value_name = "NAME", default_value = "all")]
     method: Vec<String>,
-    /// Longest delay to search, seconds; default 35 samples, at most 25 % of the longest record, doubled up to 33 % of it while the response begins later
+    /// Longest delay to search, seconds. Default: 35 samples, at most 25 % of the longest record, doubled up to 33 % of it while the response begins later
     #[arg(long, value_name = "S")]
     max_delay: Option<f64>,
     /// Model of the plant: adds `state_least_squares` and the model's own relative degree

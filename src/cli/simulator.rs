@@ -48,8 +48,8 @@ pub(super) struct SimulatorArgs {
         hide_short_help = true
     )]
     start: Vec<String>,
-    /// The log's channels of the program's states, for a program whose free run diverges, as that of an unstable machine: it is restarted from
-    /// there, STD being the standard deviation of that channel (left out: that of the state's motion)
+    /// The log's channels of the program's states, for a program whose free run diverges, as that of an unstable machine. The program restarts from these
+    /// states. STD is the standard deviation of the channel (left out: that of the state's motion)
     #[arg(
         long,
         value_name = "STATE=CHANNEL[:STD],…",
