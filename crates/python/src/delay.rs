@@ -107,7 +107,7 @@ pub(super) fn _estimate_events<'py>(
     told(py, &report)
 }
 
-/// The delay in a frequency response: of a file, or of angular frequencies (rad/s), real and imaginary parts, and what is known of their noise.
+/// The delay in a frequency response: of a file, or of angular frequencies (rad/s), real and imaginary parts, and the known facts of their noise.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 pub(super) fn _estimate_response<'py>(
@@ -165,7 +165,7 @@ pub(super) fn _of_step(
     deadtime::log::Log::of_step(&table.0, response.as_deref(), size, time).map(Log).or_raise(py)
 }
 
-/// What is to be expected of each method, for each pair: (input, output, dict of method to dict or None).
+/// The expected precision of each method, for each pair: (input, output, dict of method to dict or None).
 #[pyfunction]
 pub(super) fn _expected<'py>(
     py: Python<'py>,

@@ -495,7 +495,7 @@ pub(super) fn _gap(
     Ok(PyDiagnosed { found, simulator })
 }
 
-/// The checks of a model or simulator and logs that need no diagnosis: deadtime/check@1 as text, and what the command line prints.
+/// The checks of a model or simulator and logs without a diagnosis: deadtime/check@1 as text, and the output of the command line.
 #[pyfunction]
 pub(super) fn _check(
     py: Python<'_>,
@@ -520,7 +520,7 @@ pub(super) fn _check(
     Ok((text(&found)?, report::checks::text(&found)))
 }
 
-/// Distinguishable effects of logs: deadtime/isolability@1 as text, and what the command line prints.
+/// Distinguishable effects of logs: deadtime/isolability@1 as text, and the output of the command line.
 #[pyfunction]
 pub(super) fn _isolability(
     py: Python<'_>,
@@ -576,13 +576,13 @@ impl PyDiagnosed {
         self.found.calls
     }
 
-    /// The model with what was found.
+    /// The model with the found effects.
     #[getter]
     fn model(&self) -> Option<Model> {
         self.found.model.clone().map(Model)
     }
 
-    /// The simulator with what was found.
+    /// The simulator with the found effects.
     #[getter]
     fn simulator(&self, py: Python<'_>) -> Option<Py<PySimulator>> {
         self.simulator.as_ref().map(|s| s.clone_ref(py))
@@ -593,7 +593,7 @@ impl PyDiagnosed {
         report::page::gap(&self.found)
     }
 
-    /// Writes what the command line writes; the names of the files.
+    /// Writes the files of the command line; returns their names.
     fn save(&self, py: Python<'_>, folder: PathBuf) -> PyResult<Vec<&'static str>> {
         py.detach(|| report::save(&self.found, &folder)).map_err(|e| raise(py, e))
     }

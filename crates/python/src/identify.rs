@@ -31,7 +31,7 @@ pub(super) struct Asked {
     learnt: f64,
 }
 
-/// The model, the text of `deadtime/identify@1`, and what the command line prints.
+/// The model, the text of `deadtime/identify@1`, and the output of the command line.
 #[pyfunction]
 pub(super) fn _identify(
     py: Python<'_>,

@@ -348,7 +348,7 @@ pub(super) fn copies(logs: &[PyRef<'_, Log>]) -> Vec<Inner> {
     logs.iter().map(|log| log.0.clone()).collect()
 }
 
-/// What error messages call logs.
+/// The names of logs in error messages.
 pub(super) fn sources(logs: &[Inner]) -> Vec<String> {
     logs.iter().map(|log| log.source().to_owned()).collect()
 }

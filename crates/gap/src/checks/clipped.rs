@@ -7,7 +7,7 @@ use super::moments::mean;
 use super::runs::Trace;
 use crate::format::diagnosis::{Check, CheckKind};
 
-/// So many samples at the limit at least,
+/// The least number of samples at the limit,
 const FEWEST: usize = 5;
 /// and this part of all.
 const PART: f64 = 0.003;
@@ -82,7 +82,7 @@ fn limit(
     steps.sort_by(f64::total_cmp);
     let median = steps.get(steps.len() / 2)?;
     let coarse = trace.is_coarse() || trace.repeats(|k| trace.values[k] != value) > RARELY;
-    // Of a coarse channel the last steps may be single ones by chance.
+    // In a coarse channel the last steps may be single ones by chance.
     let least =
         if coarse { (ARRIVES * median).max(ROWS * steps.first()?) } else { ARRIVES * median };
     let entries: Vec<f64> = there

@@ -13,7 +13,7 @@ use deadtime_model::effect::{Applied, Chance};
 use deadtime_model::iterated_eigenvalues;
 use deadtime_model::simulate::{Commands, Correction, Dynamics, Matrices, Measured, Plan, System};
 
-/// Lags that are looked at: so many samples to either side,
+/// The lags of the search: this many samples to either side,
 const LAGS: usize = 35;
 /// but at most this part of a log.
 const LAGS_OF_LOG: usize = 10;

@@ -17,7 +17,7 @@ pub struct Criteria {
     pub equals: f64,
     /// No simulator is exact. This part of the energy that an effect explains (1.4 % of its amplitude) is within the error of any model; 1. Chosen.
     pub inexact: f64,
-    /// A second effect must promise to take this part of what the first one leaves; 1. Chosen.
+    /// The required predicted reduction by a second effect, as a part of the first one's residual; 1. Chosen.
     pub promising: f64,
     /// A residual this many times its floor has something left in it; 1. Chosen.
     pub above_floor: f64,

@@ -4,8 +4,8 @@
 //! and Kennard 1970, doi:10.1080/00401706.1970.10488634) is no explanation. Its prediction of a block of time outside the fit (Stone 1974,
 //! doi:10.1111/j.2517-6161.1974.tb00994.x) is no noise either.
 //!
-//! An active effect may hide all others. Given an output clipped to a constant, or a friction that sticks, no effect has a signature, and the whole residual
-//! would count as noise. The signatures on the nominal model are therefore regressors as well, together with its prediction and delayed copies of it.
+//! An active effect may hide all others. Given an output clipped to a constant, or a friction that sticks, no effect has a signature. The whole residual would
+//! then be taken for noise. The signatures on the nominal model are therefore regressors as well, together with its prediction and delayed copies of it.
 //!
 //! A simulator that can only be called lacks the signatures of friction and of all other effects on equations. Perturbations of its inputs are their
 //! substitutes. Active effects may have absorbed a part of those effects, so the directions of their parameters are regressors as well.

@@ -81,7 +81,7 @@ fn slow(
 }
 
 /// Mean square in the 25 % of windows with the lowest variance, over its expectation for stationary noise. Infinite where the windows differ by chance only.
-/// The noise is simulated with the autoregression of these windows: a gap that comes and goes must not count as its colour. Windows shorter than the noise's
+/// The noise is simulated with the autoregression of these windows: an intermittent gap must not be taken for its colour. Windows shorter than the noise's
 /// correlation length carry no information.
 fn calmest(
     records: &[LogRecord],

@@ -23,7 +23,7 @@ const ROUNDING: f64 = 1e-12;
 /// The effect that a delay which moves is taken for, and the probability above which it is.
 const LOST: &str = "dropped_commands:";
 const PROBABLE: f64 = 0.5;
-/// The number of answers of the ranking that count as its first ones.
+/// The number of first answers of the ranking.
 const FIRST: usize = 3;
 
 /// One case with what its scores need.
