@@ -75,7 +75,7 @@ pub enum Error {
     /// A study that cannot be planned, run or read.
     #[error(transparent)]
     Study(#[from] StudyError),
-    /// A name or option that a registry does not know.
+    /// A name or option outside a registry.
     #[error(transparent)]
     Registry(#[from] RegistryError),
     /// A file that the operating system refuses, or that is no such file.

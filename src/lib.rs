@@ -19,5 +19,5 @@ pub use deadtime_study as study;
 pub use deadtime_study::{blind, compare};
 
 pub use error::{Error, Result};
-// Matrices and random numbers stand in the library's own signatures: whoever calls it needs these versions.
+// Matrices and random numbers are in the library's own signatures: every caller needs these versions.
 pub use {nalgebra, rand};

@@ -1,8 +1,8 @@
-//! Names of methods in other tools: what stands for them here.
+//! Names of methods in other tools, and their counterparts here.
 
 use anyhow::bail;
 
-/// What another tool's name of an identification method means here: a method of `deadtime identify`, or the command that answers instead.
+/// The counterpart of another tool's name of an identification method: a method of `deadtime identify`, or the command with the answer.
 const IDENTIFICATION: [(&str, Meaning); 15] = [
     ("arx", Meaning::Method("pbsidopt", "a high-order ARX model reduced to states")),
     ("armax", Meaning::Method("pbsidopt", "an innovations model, which holds ARMAX")),
@@ -42,7 +42,7 @@ const IDENTIFICATION: [(&str, Meaning); 15] = [
     ("auto", Meaning::Command("leave out --method: all are compared")),
 ];
 
-/// What another tool's name of a delay estimator means here.
+/// The counterpart of another tool's name of a delay estimator.
 const ESTIMATORS: [(&str, &str); 14] = [
     ("arx", "arxstruc"),
     ("armax", "armaxstruc"),
@@ -60,12 +60,12 @@ const ESTIMATORS: [(&str, &str); 14] = [
     ("states", "state_least_squares"),
 ];
 
-/// What a name means.
+/// The meaning of a name.
 #[derive(Debug, Clone, Copy)]
 enum Meaning {
-    /// A method here, and what it is.
+    /// A method here, and its summary.
     Method(&'static str, &'static str),
-    /// What to type instead.
+    /// The command to type instead.
     Command(&'static str),
 }
 

@@ -123,7 +123,7 @@ impl C2d {
     }
 }
 
-/// The channel asked for; without a name, the only one there is.
+/// The requested channel; without a name, the only one.
 fn position(what: &str, channels: &[Channel], name: Option<&str>) -> anyhow::Result<usize> {
     let names = || channels.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
     match name {

@@ -42,7 +42,7 @@ pub(super) struct Check {
 }
 
 impl Check {
-    /// Prints what was found; as JSON it is deadtime/check@1.
+    /// Prints the findings; as JSON they are deadtime/check@1.
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let subject = Simulated::new(self.model.as_deref(), &self.simulator)?;
         let mut logs: Vec<Log> = Vec::new();
@@ -71,7 +71,7 @@ impl Check {
 /// Outputs that are drawn where the finding is of no single one.
 const OUTPUTS: usize = 4;
 
-/// The outputs with a finding, or the first ones where it is of another channel, and what the model makes of them. A model that cannot be simulated has none.
+/// The outputs with a finding, or the first ones where it is of another channel, and the model's response. A model that cannot be simulated has none.
 fn curves(subject: &Simulated, logs: &[Log], found: &Inspection) -> Vec<Measured> {
     let Simulated::Model(document) = subject else { return Vec::new() };
     let failed: Vec<&str> =

@@ -10,7 +10,7 @@ use deadtime_gap::Diagnosis;
 use deadtime_study::Study;
 use deadtime_study::compare::{diagnoses, studies};
 
-/// Put diagnoses side by side (before and after a repair, the machines of a fleet), or studies: which causes, which numbers differ by more than chance
+/// Compare diagnoses (before and after a repair, the machines of a fleet), or studies: their causes, and the numbers that differ significantly
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   deadtime compare before after
@@ -83,7 +83,7 @@ impl Compare {
         Ok(())
     }
 
-    /// The names that were given, else those of the folders where they tell the results apart, else the paths.
+    /// The given names, else those of the folders where they differ, else the paths.
     fn names(&self) -> anyhow::Result<Vec<String>> {
         if !self.name.is_empty() {
             if self.name.len() != self.results.len() {
@@ -127,7 +127,7 @@ impl Compare {
     }
 }
 
-/// What a path holds, and the file of it.
+/// The kind of a path, and its file.
 fn kind(path: &Path) -> anyhow::Result<(Kind, PathBuf)> {
     if path.is_dir() {
         let held: Vec<Kind> =

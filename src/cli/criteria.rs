@@ -1,4 +1,4 @@
-//! Other thresholds of a diagnosis than the program's own, for `lab/criteria`, which asks how much each of them matters.
+//! Other thresholds of a diagnosis than the program's own, for `lab/criteria`, which measures the sensitivity to each of them.
 
 use std::path::PathBuf;
 

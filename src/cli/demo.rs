@@ -38,7 +38,7 @@ const FLIGHT: &str = include_str!("../../examples/uav_flight.csv");
 const MODEL: &str = include_str!("../../examples/uav_lateral_stabilised.toml");
 /// The dead time that the flight was simulated with, s.
 const TRUTH_S: f64 = 0.13;
-/// What the accuracy study is of; the model file stands in the folder that is written to.
+/// The plan of the accuracy study; the model file is in the output folder.
 const PLAN: &str = include_str!("../../crates/study/src/plans/demo.toml");
 /// Records per injected delay in the accuracy study.
 const TRIALS: usize = 40;
@@ -125,7 +125,7 @@ impl Demo {
 /// Methods of the study that are shown.
 const BEST: usize = 4;
 
-/// The most trusted method of every class that looks at commands and responses.
+/// The most trusted method of every class of methods for commands and responses.
 fn most_trusted() -> impl Iterator<Item = &'static Method> {
     Class::ALL
         .iter()

@@ -78,7 +78,7 @@ pub(super) struct Estimate {
     /// Method, or `all`; may be repeated; `deadtime list methods` shows them
     #[arg(long, value_name = "NAME", default_value = "all")]
     method: Vec<String>,
-    /// Longest delay to search, seconds; default 35 samples, at most 25 % of the longest record, doubled up to 33 % of it while the response begins later
+    /// Longest delay to search, seconds. Default: 35 samples, at most 25 % of the longest record, doubled up to 33 % of it while the response begins later
     #[arg(long, value_name = "S")]
     max_delay: Option<f64>,
     /// Model of the plant: adds `state_least_squares` and the model's own relative degree
@@ -132,7 +132,7 @@ impl Estimate {
                 (job.run()?.worded(option), Some(job))
             }
         };
-        // The files first: whoever closes the pipe still gets them.
+        // The files first: they are written even if the pipe is closed.
         to.json(&report)?;
         if let (Some(path), Some(job)) = (&self.svg, &job) {
             draw(job, &report, path)?;
@@ -172,7 +172,7 @@ impl Estimate {
             .context("LOG is missing: the log to read")
     }
 
-    /// The methods by the names that they have here; of another tool's name it is said which method stands for it.
+    /// The methods by their names here; for another tool's name a message gives its counterpart.
     fn methods(&self) -> Vec<String> {
         let one = |name: &String| match estimator(name) {
             Some(here) => {

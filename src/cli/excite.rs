@@ -80,7 +80,7 @@ impl Excite {
     }
 }
 
-/// The defaults, overridden by what was given.
+/// The defaults, overridden by the given options.
 fn in_force(mut defaults: Value, given: Value) -> Value {
     if let (Value::Object(all), Value::Object(given)) = (&mut defaults, given) {
         all.extend(given);

@@ -1,4 +1,4 @@
-//! The files that a command is given: which it reads, which it writes, and that the two are apart.
+//! The files of a command: its inputs, its outputs, and the check that they differ.
 
 use std::path::{Path, PathBuf};
 
@@ -9,9 +9,9 @@ use deadtime_signal::file::{STANDARD_OUTPUT, SameFile};
 
 /// Options that write, by their names in the code; `baseline` does where `--update` does with `--update`. Every other path is read.
 const WRITTEN: [&str; 7] = ["folder", "html", "json", "junit", "markdown", "out", "svg"];
-/// What commands read from a folder that they are given; bags are found by their extension.
+/// The files that commands read from a given folder; bags are found by their extension.
 const READ_FROM_FOLDERS: [&str; 3] = ["diagnosis.json", "model_with_effects.toml", "study.json"];
-/// What commands write into a folder that they are given.
+/// The files that commands write into a given folder.
 const WRITTEN_TO_FOLDERS: [&str; 10] = [
     "accuracy",
     "diagnosis.json",

@@ -45,8 +45,8 @@ pub(super) struct Gap {
     /// A held-out log, on which the reduction is measured; may be repeated. Without one, the last 30 % of each log are held out
     #[arg(long, value_name = "LOG")]
     holdout: Vec<PathBuf>,
-    /// A term that the model may lack, as 'state += expression': names that the model does not know are free parameters, 0 where it is nothing. After a
-    /// semicolon their ranges, as 'k in 0 to 2, width = 0.1 in 0.01 to 1'. May be repeated
+    /// A term that the model may lack, as 'state += expression'. Names that the model does not know are free parameters, 0 where the term is nothing. After a
+    /// semicolon follow their ranges, as 'k in 0 to 2, width = 0.1 in 0.01 to 1'. May be repeated
     #[arg(long, value_name = "TERM", conflicts_with = "simulator")]
     candidate: Vec<String>,
     /// Try the five terms that best describe what remains as candidates, in a second diagnosis
@@ -55,8 +55,8 @@ pub(super) struct Gap {
     /// What "predicted" means; default: simulation, or the predictor where the model has poles that do not decay within a log
     #[arg(long, value_enum, hide_short_help = true)]
     prediction: Option<ModeName>,
-    /// Predict over so many samples at a time, each time from the state that an observer has estimated from the log: what a planner or a policy feels. The
-    /// answer then has the error by horizon
+    /// Predict over this number of samples at a time, each time from the state that an observer has estimated from the log. A planner or a policy uses such
+    /// predictions. The answer then has the error by horizon
     #[arg(long, value_name = "SAMPLES", conflicts_with_all = ["prediction", "simulator"], hide_short_help = true)]
     horizon: Option<usize>,
     /// Longest delay and lag to look for, seconds; default: 35 samples, at most a tenth of the shortest log
@@ -185,7 +185,8 @@ impl Gap {
         }
         Ok(())
     }
-    /// The command that fits what was found; `None` where other effects than values of parameters act. It reads logs as this one does; uneven ones are resampled.
+    /// The command that fits the found effects; `None` where other effects than values of parameters act. It reads logs as this one does; uneven ones are
+    /// resampled.
     fn identify_command(&self, d: &Diagnosis, logs: &[Log]) -> Option<String> {
         let (model, names) = (self.model.as_ref()?, parameters_to_fit(d)?);
         let word = |text: &str| {
@@ -206,7 +207,7 @@ impl Gap {
         Some(words.join(" "))
     }
 
-    /// An error with the file that it stands in.
+    /// An error with its file.
     fn in_file(&self, error: deadtime_gap::Error) -> anyhow::Error {
         let error = Error::from(error);
         match (&error, &self.model) {

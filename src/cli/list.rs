@@ -85,7 +85,7 @@ impl List {
         })
     }
 
-    /// What there is, as data.
+    /// The entries, as data.
     fn entries(&self) -> anyhow::Result<Vec<Value>> {
         let brief = |name: &str, summary: &str| json!({ "name": name, "summary": summary });
         Ok(match self.what {

@@ -1,4 +1,4 @@
-//! `deadtime log`: what a log file holds.
+//! `deadtime log`: the content of a log file.
 
 use super::words::option;
 use std::path::PathBuf;

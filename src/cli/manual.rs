@@ -1,4 +1,4 @@
-//! `deadtime completions` and `deadtime man`: what shells and `man` know of the program, from the definition of its command line.
+//! `deadtime completions` and `deadtime man`: shell completions and man pages, from the definition of the command line.
 
 use std::path::PathBuf;
 
@@ -53,7 +53,7 @@ impl Man {
     }
 }
 
-/// The page of a command and those of its own commands; each is named with its parents' names before its own.
+/// The page of a command and those of its subcommands; each is named with its parents' names before its own.
 fn collect(
     command: &clap::Command,
     name: &str,

@@ -63,5 +63,5 @@ impl Methods {
     }
 }
 
-/// Samples below which most methods have nothing to say.
+/// Samples below which most methods have no answer.
 const LEAST: usize = 200;

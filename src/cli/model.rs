@@ -96,7 +96,7 @@ const CHANNELS: [(&str, &[&str]); 17] = [
     ("wz", &["r", "omegaz", "ratez", "gyroz", "angularvelocityz"]),
 ];
 
-/// A log's column for a channel: of its own name, else the only one with a known other name, of the whole or of what follows the topic.
+/// A log's column for a channel: of its own name, else the only one with a known other name. The other name is the whole, or the part after the topic.
 fn column(log: &Log, own: &str, also: &[&str]) -> Option<String> {
     if log.names().any(|name| name == own) {
         return Some(own.to_owned());
@@ -126,7 +126,7 @@ fn renamed(text: &str, own: &str, name: &str) -> String {
         };
         lines.push(match section {
             "" => of_channel(line),
-            // Commands stand in expressions; their names are no parts of others.
+            // Commands occur in expressions; their names are no parts of others.
             "[definitions]" if own.ends_with("_rads") => line.replace(own, name),
             "[output_equations]" => match line.strip_prefix(&format!("{own} = ")) {
                 Some(rest) => format!("{} = {rest}", quoted(name)),
@@ -146,7 +146,7 @@ fn quoted(text: &str) -> String {
 
 impl New {
     fn write(&self, text: &str) -> anyhow::Result<()> {
-        // What is written must be read again.
+        // The written file must be readable.
         ModelDocument::from_toml(text, &self.out).context(
             "these channel names cannot stand in such a file; rename them (--map when it is used)",
         )?;
@@ -282,7 +282,8 @@ impl New {
     }
 }
 
-/// The mean of a channel to three digits, where it is farther from zero than the standard deviation: nearer, zero is as likely the point about which the channel moves.
+/// The mean of a channel to three digits, where it is farther from zero than the standard deviation. Nearer, zero is as likely the point about which the
+/// channel moves.
 fn level(log: &Log, name: &str) -> Option<f64> {
     let samples = log.channel(name).ok()?.samples();
     let values: Vec<f64> = (0..log.len()).filter_map(|k| samples.get(k)).collect();

@@ -71,7 +71,7 @@ impl Cli {
     /// Runs the command that was typed.
     ///
     /// # Errors
-    /// Whatever stopped it, with the file it is about.
+    /// The error that stopped it, with its file.
     pub fn run(&self, matches: &clap::ArgMatches) -> anyhow::Result<()> {
         let taken = files::apart(&command(), matches)?;
         if let Some(threads) = self.threads {
@@ -140,11 +140,11 @@ pub(super) fn command() -> clap::Command {
     plain.before_help(first_screen()).before_long_help(long).help_template("{before-help}")
 }
 
-/// What a shell reports of a program that Ctrl-C ended.
+/// The exit code of a shell for a program that Ctrl-C ended.
 pub(super) const INTERRUPTED: i32 = 130;
 
-/// Ctrl-C, and what asks a program to end, end it at once, whatever it does: files that are half-written go, and the terminal's line is empty.
-/// Where no handler can be set they end it as ever.
+/// Ctrl-C and requests to end a program end it at once: half-written files are removed, and the terminal's line is cleared. Where no handler can be set they
+/// end it without this cleaning.
 pub fn end_when_asked() {
     let _ = ctrlc::set_handler(|| {
         simulator::end_programs();
@@ -190,7 +190,7 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> u8 {
     }
 }
 
-/// The error and its causes, each said once: some messages already end with their cause.
+/// The error and its causes, each once: some messages already end with their cause.
 pub(super) fn said(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain().map(words::worded).filter(|c| !c.is_empty()) {
@@ -298,7 +298,7 @@ mod tests {
                 command.get_name()
             );
             for example in examples {
-                // What stands between quotes is one word, as a shell has it.
+                // Text between quotes is one word, as in a shell.
                 let parts = example.split(" > ").next().unwrap_or_default().split('\'').enumerate();
                 let words = parts.flat_map(|(at, part)| {
                     if at % 2 == 1 { vec![part] } else { part.split_whitespace().collect() }

@@ -1,4 +1,4 @@
-//! What is being done and how far it is, on standard error: a bar on a terminal, a line a minute elsewhere.
+//! The current step and its progress, on standard error: a bar on a terminal, a line a minute elsewhere.
 
 use std::io::{IsTerminal, Write, stderr};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -12,13 +12,13 @@ use deadtime_signal::text::shown;
 /// Cells of the bar.
 const CELLS: f64 = 24.0;
 
-/// How often a bar is drawn anew; work that is done sooner draws none.
+/// The period of the bar; shorter work draws none.
 const EVERY: Duration = Duration::from_secs(1);
-/// How often a line is printed where standard error is no terminal.
+/// The period of a line where standard error is no terminal.
 const LINE: Duration = Duration::from_secs(60);
 
-/// A bar: how far a command is, what it does, and for how long it has worked. A thread draws it anew each second, and it goes when it is dropped.
-/// Where standard error is no terminal, the thread prints a line a minute with the time that is left.
+/// A bar: the progress of a command, its current step, and the elapsed time. A thread draws it anew each second, and it is removed when it is dropped. Where
+/// standard error is no terminal, the thread prints a line a minute with the remaining time.
 #[derive(Debug)]
 pub(super) struct Bar {
     far: HowFar,
@@ -59,7 +59,7 @@ impl Bar {
         }
     }
 
-    /// A line that stays, in the place of the bar until it is drawn anew; nothing where nothing is to be said.
+    /// A line that stays, in the place of the bar until it is drawn anew; none for an empty message.
     pub(super) fn say(&self, line: &str) {
         if self.quiet {
             return;
@@ -68,7 +68,7 @@ impl Bar {
         eprintln!("{clear}{line}");
     }
 
-    /// Where the work says how far it is. A terminal that cannot be written to stops nothing.
+    /// The progress report of the work. A terminal without write access stops no work.
     pub(super) fn far(&self) -> &HowFar {
         &self.far
     }

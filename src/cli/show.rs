@@ -1,4 +1,4 @@
-//! What a command prints, and how: everything or nothing, with colour or without; and its JSON.
+//! The output of a command: all or none, with colour or without; and its JSON.
 
 use std::io::{IsTerminal, Write, stderr, stdout};
 use std::path::{Path, PathBuf};
@@ -37,7 +37,7 @@ impl Color {
     }
 }
 
-/// `println!` of what a command has to say: see [`Out::line`].
+/// `println!` of a command's output: see [`Out::line`].
 macro_rules! say {
     ($to:expr, $($text:tt)*) => {
         $to.line(&format!($($text)*))?
@@ -69,12 +69,12 @@ impl<'a> Out<'a> {
         }
     }
 
-    /// What is listed: words, also where nothing else is to be said.
+    /// A listing: text that is printed also in quiet mode.
     pub(super) fn listing(&self, text: &str) -> anyhow::Result<()> {
         Self { quiet: false, ..*self }.words(text)
     }
 
-    /// What a command makes, on standard output for want of a file.
+    /// The output of a command without a file, on standard output.
     ///
     /// # Errors
     /// Where another output is there already.
@@ -85,7 +85,7 @@ impl<'a> Out<'a> {
         stdout().lock().write_all(text).context("standard output")
     }
 
-    /// A line on standard output, unless nothing is to be said; a closed pipe is an error, control characters are shown instead of sent.
+    /// A line on standard output, unless in quiet mode; a closed pipe is an error, control characters are shown instead of sent.
     pub(super) fn line(&self, text: &str) -> anyhow::Result<()> {
         self.words(&(printed(text) + "\n"))
     }
@@ -109,13 +109,13 @@ impl<'a> Out<'a> {
         self.json.is_some()
     }
 
-    /// Writes `what` as JSON where a file was asked for.
+    /// Writes `what` as JSON to the requested file, if any.
     pub(super) fn json(&self, what: &impl serde::Serialize) -> anyhow::Result<()> {
         self.json.map_or(Ok(()), |path| write_json(path, what))
     }
 }
 
-/// Writes a text as a file, where one was asked for.
+/// Writes a text as the requested file, if any.
 pub(super) fn write(path: Option<&PathBuf>, text: impl FnOnce() -> String) -> anyhow::Result<()> {
     let Some(path) = path else { return Ok(()) };
     let text = text();

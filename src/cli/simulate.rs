@@ -1,4 +1,4 @@
-//! `deadtime simulate`: what a model says to the inputs of a log.
+//! `deadtime simulate`: the response of a model to the inputs of a log.
 
 use std::path::PathBuf;
 
@@ -12,7 +12,7 @@ use deadtime_model::ModelDocument;
 use deadtime_model::effect::{OnLog, Still, check_units};
 use deadtime_model::simulate::Hold;
 
-/// Simulate a model with its effects on the inputs of a log and write the response as a log; outputs that the log has are compared
+/// Simulate a model with its effects on the inputs of a log and write the response as a log. Outputs that the log has are compared
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   deadtime simulate model.toml flight.csv --out simulated.csv

@@ -15,7 +15,7 @@ use deadtime_model::simulate::process::{Children, Program, Talk};
 use deadtime_model::simulate::{Face, Port, Restart, Start, System};
 use deadtime_model::{CandidateEntry, ModelDocument};
 
-/// The programs that run, for whoever ends this process: they are in process groups of their own.
+/// The running programs, for the code that ends this process: they are in separate process groups.
 static RUNNING: LazyLock<Children> = LazyLock::new(Children::default);
 
 /// Ends every program that runs as a simulator.
@@ -48,8 +48,8 @@ pub(super) struct SimulatorArgs {
         hide_short_help = true
     )]
     start: Vec<String>,
-    /// The log's channels of the program's states, for a program whose free run diverges, as that of an unstable machine: it is restarted from
-    /// there, STD being the standard deviation of that channel (left out: that of the state's motion)
+    /// The log's channels of the program's states, for a program whose free run diverges, as that of an unstable machine. The program restarts from these
+    /// states. STD is the standard deviation of the channel (left out: that of the state's motion)
     #[arg(
         long,
         value_name = "STATE=CHANNEL[:STD],…",
@@ -114,7 +114,7 @@ fn start(text: &str) -> anyhow::Result<Start> {
 /// `state=channel:std`: a start that a channel of the log gives.
 fn state(text: &str) -> anyhow::Result<(Start, Option<String>)> {
     let (name, channel) = pair("states", text, "STATE=CHANNEL")?;
-    // Names of topics may hold a colon; what stands behind the last one is a number or belongs to the name.
+    // Names of topics may hold a colon; the part behind the last one is a number or belongs to the name.
     let std = channel.rsplit_once(':').map(|(channel, std)| (channel, std.trim().parse::<f64>()));
     let (channel, std) = match std {
         Some((channel, Ok(std))) => (channel, Some(std)),
@@ -188,7 +188,7 @@ fn called(command: &str) -> String {
         .map_or(first, stem)
 }
 
-/// What is held against the logs: a model file, or a program.
+/// The counterpart of the logs: a model file, or a program.
 #[derive(Debug)]
 pub(super) enum Simulated {
     Model(Box<ModelDocument>),

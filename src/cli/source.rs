@@ -1,4 +1,4 @@
-//! The options that say which log to read and which part of it.
+//! The options for the log to read and its part.
 
 use std::path::{Path, PathBuf};
 
@@ -52,7 +52,7 @@ pub(super) struct Reading {
     clock: Clock,
 }
 
-/// The words of a command line that say how logs are read, with their values.
+/// The words of a command line for the reading of logs, with their values.
 pub(super) fn reading_words(arguments: impl Iterator<Item = String>) -> Vec<String> {
     let options = Reading::augment_args(clap::Command::new(""));
     let takes_value = |word: &str| {
@@ -131,14 +131,14 @@ enum StampsName {
     Header,
 }
 
-/// A column and what stands in it.
+/// A column and its value.
 fn one_of_rows(text: &str) -> Result<(String, String), String> {
     let (column, value) = text.split_once('=').ok_or("write it as COLUMN=VALUE")?;
     Ok((column.to_owned(), value.to_owned()))
 }
 
 impl Clock {
-    /// What the library calls it.
+    /// The options in the form of the library.
     pub(super) fn options(&self, far: &HowFar) -> ReadOptions {
         ReadOptions {
             time: self.time.clone(),
@@ -202,7 +202,7 @@ impl Needed<'_> {
 /// Looks at a file that was read.
 pub(super) type See<'a> = &'a mut dyn FnMut(&Recording, &[Wanted]);
 
-/// What of the file a wanted channel is made of: itself, or the sources of one that is calculated.
+/// The channels of the file behind a wanted channel: itself, or the sources of a calculated one.
 fn of_the_file(wanted: Wanted, derived: &[Derived]) -> Vec<Wanted> {
     let Some((last, before)) = derived.split_last() else { return vec![wanted] };
     if last.name() != wanted.name {
@@ -213,7 +213,7 @@ fn of_the_file(wanted: Wanted, derived: &[Derived]) -> Vec<Wanted> {
     sources.flat_map(|source| of_the_file(source, before)).collect()
 }
 
-/// A check goes on without channels that are not there; everything else says which one is missing.
+/// A check continues without missing channels; every other command reports the missing one.
 fn sources_there(derived: &Derived, log: &Log, needed: &Needed<'_>) -> bool {
     needed.required || derived.sources().iter().all(|s| log.names().any(|n| n == s))
 }
@@ -284,7 +284,8 @@ impl Reading {
         self.read_seeing(to, log, needed, &mut |_, _| {})
     }
 
-    /// The same; what the file holds, and what of it is wanted, is shown before channels of several topics come onto one grid. Records of a file are of one topic.
+    /// The same; content of the file and wanted channels are shown before channels of several topics are resampled to one grid. Records of a file are of one
+    /// topic.
     pub(super) fn read_seeing(
         &self,
         to: &Out<'_>,
@@ -314,7 +315,7 @@ impl Reading {
                 let wanted = needed.of_the_file(&map, &derived);
                 see(&recording, &wanted);
                 even = recording.topics.iter().any(|topic| !topic.name.is_empty());
-                // A file without topics is used as it is: a long one is not held twice.
+                // A file without topics is used unchanged: a long one is not held twice.
                 let (log, more) = if even {
                     recording.together(&wanted, grid)?
                 } else {

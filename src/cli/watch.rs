@@ -80,7 +80,7 @@ enum Line<'a> {
     Ended { rows: u64, skipped: u64, between: u64, unfinished_row: Option<usize>, learnt: bool },
 }
 
-/// Where lines go, and what was counted.
+/// The output of lines, and the counts.
 struct Said<'a> {
     to: &'a Out<'a>,
     json: Option<Box<dyn Write>>,
@@ -89,7 +89,7 @@ struct Said<'a> {
     skipped: u64,
 }
 
-/// What watches the rows: the dead time, and the gap where there is a model, with the places of its channels in a row.
+/// The watch over the rows: the dead time, and the gap where there is a model, with the places of its channels in a row.
 struct Watched {
     live: Live,
     gap: Option<GapWatch>,
@@ -286,7 +286,7 @@ impl Said<'_> {
     }
 }
 
-/// What is new of the gap, in words; `None` where nothing is.
+/// The news of the gap, in words; `None` without news.
 fn gap_said(told: &GapTold) -> Option<String> {
     match told {
         GapTold::Gap { changed: false, .. } => None,
@@ -316,7 +316,7 @@ fn gap_said(told: &GapTold) -> Option<String> {
     }
 }
 
-/// What is new, in words.
+/// The news, in words.
 fn said(told: &Told) -> String {
     let since = |since_s: &Option<f64>| {
         since_s.map_or_else(|| "long ago".to_owned(), |s| format!("{s:.3} s"))

@@ -1,10 +1,10 @@
-//! What the library's messages name, as options of the command line.
+//! The names in the library's messages, as options of the command line.
 
 use std::error::Error;
 
 use crate::remedy::{Message, Remedied, Remedy};
 
-/// The option of a remedy, as it is typed.
+/// The option of a remedy, in the typed form.
 pub(super) fn option(remedy: &Remedy) -> String {
     let option = match remedy {
         Remedy::MaxDelay => "--max-delay",

@@ -17,7 +17,7 @@ const COLUMNS: [&str; 9] = [
     "coverage",
     "of_oracle",
 ];
-/// What parts are called in a heading.
+/// The names of the parts in a heading.
 const PARTS: [(&str, &str); 4] =
     [("effect", "true effect"), ("plant", "plant"), ("strength", "strength"), ("loop", "loop")];
 

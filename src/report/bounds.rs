@@ -116,7 +116,7 @@ fn scales(column: &Column<'_>, rows: &[(Class, Vec<String>)]) -> [Scale; 2] {
     })
 }
 
-/// The drawing; `None` where no grid asks for a table `over_bound: snr` or `over_bound: samples`.
+/// The drawing; `None` where no grid has a table `over_bound: snr` or `over_bound: samples`.
 #[must_use]
 pub fn svg(study: &Study, plan: &Plan) -> Option<String> {
     let columns = columns(study, plan);

@@ -1,11 +1,11 @@
-//! The checks in plain sentences.
+//! The checks in sentences.
 
 use std::fmt::Write as _;
 
 use super::log::number;
 use deadtime_gap::{Check, Inspection};
 
-/// What `deadtime check` says: the logs and what is wrong with them, then every check, what needs a look first.
+/// The output of `deadtime check`: the logs and their faults, then every check, failed ones first.
 #[must_use]
 pub fn text(found: &Inspection) -> String {
     let mut text = String::new();
@@ -66,7 +66,7 @@ pub fn text(found: &Inspection) -> String {
     text + &lines(&found.checks)
 }
 
-/// One line per check: what failed, what is undecided, what passed.
+/// One line per check: failed, undecided, passed.
 #[must_use]
 pub fn lines(checks: &[Check]) -> String {
     let mut text = String::new();

@@ -12,7 +12,7 @@ use deadtime_study::compare::{
 /// Names that a sentence lists.
 const NAMED: usize = 6;
 
-/// What diagnoses share and in what they differ, a sentence each.
+/// The common parts and the differences of diagnoses, a sentence each.
 #[must_use]
 pub fn findings(found: &Diagnoses) -> Vec<String> {
     let mut said = Vec::new();
@@ -94,7 +94,7 @@ pub(super) fn chance(p: Option<f64>) -> String {
     }
 }
 
-/// For a terminal: the sentences, how each stands, the shares of the causes, the numbers.
+/// For a terminal: the sentences, the results of each, the shares of the causes, the numbers.
 #[must_use]
 pub fn diagnoses(found: &Diagnoses) -> String {
     let mut text: String =
@@ -166,7 +166,7 @@ pub(super) fn part_text(part: &CausePart) -> String {
     format!("{share}{weak}{other}")
 }
 
-/// The numbers, a row for each and one for what they have in common; `None` without any.
+/// The numbers, a row for each and one for the common ones; `None` without any.
 #[must_use]
 pub fn values(found: &Diagnoses) -> Option<Table> {
     let mut headings = vec!["number", "unit"];
@@ -207,7 +207,7 @@ pub(super) fn mean_text(row: &ParameterRow) -> String {
     )
 }
 
-/// What studies are compared on, a sentence.
+/// The cells of the comparison of studies, a sentence.
 #[must_use]
 pub fn shared_cells(found: &Studies) -> String {
     let left = match found.left_out {
@@ -221,7 +221,7 @@ pub fn shared_cells(found: &Studies) -> String {
     }
 }
 
-/// For a terminal: what is compared, and every method.
+/// For a terminal: the compared cells, and every method.
 #[must_use]
 pub fn studies(found: &Studies) -> String {
     let mut text = wrapped(&shared_cells(found), WIDTH, 0).join("\n") + "\n";
@@ -240,7 +240,7 @@ pub(super) struct Measure {
     pub(super) text: fn(Option<f64>) -> String,
     /// Its axis is logarithmic.
     pub(super) log: bool,
-    /// What is neither good nor bad.
+    /// The value that is neither good nor bad.
     pub(super) from: Option<f64>,
 }
 

@@ -1,4 +1,4 @@
-//! The answer of a diagnosis in sentences, in the order in which a person asks. Every face prints these.
+//! The answer of a diagnosis in sentences, in the order of a reader's questions. Every face prints these.
 
 use super::facts::{Cause, Label, Place, Ranked, Shrink, caveats, described, first, probability};
 use super::text::{Table, estimate, unit};
@@ -16,13 +16,13 @@ const NOISE: f64 = 1.5;
 /// A line of the summary.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Line {
-    /// What it is about.
+    /// Its subject.
     pub label: Label,
     /// Its sentence.
     pub text: String,
 }
 
-/// What to fix first, the cause, the reduction on held-out data, the residual, the next experiment; then size and place of the gap and nuisances of the model.
+/// The first fix, the cause, the reduction on held-out data, the residual, and the next experiment. Then size and place of the gap and nuisances of the model.
 #[must_use]
 pub fn lines(found: &Diagnosed) -> Vec<Line> {
     let d = &found.diagnosis;
@@ -176,12 +176,12 @@ fn member(member: &Member) -> String {
     }
 }
 
-/// What else a class holds, in words.
+/// The other members of a class, in words.
 pub(super) fn others(class: &CauseClass) -> Vec<String> {
     class.members.iter().skip(1).map(member).collect()
 }
 
-/// What else a class holds, as a list with a few names; `None` for a class of one.
+/// The other members of a class, as a list with a few names; `None` for a class of one.
 pub(super) fn aliases(class: &CauseClass) -> Option<String> {
     let others = others(class);
     let more = others.len().saturating_sub(NAMED);
@@ -263,7 +263,7 @@ fn several_causes(d: &Diagnosis, several: &[FoundEffect]) -> String {
     }
 }
 
-/// What changes at one time, an event a sentence.
+/// The changes at one time, a sentence per event.
 fn events(effects: &[FoundEffect]) -> String {
     let changes = effects.iter().filter_map(|e| match e.parameters.as_slice() {
         [before, time, later] if time.name == "time" => Some((e, before, time, later)),
@@ -378,7 +378,7 @@ fn shrink(d: &Diagnosis) -> String {
     }
 }
 
-/// What every log has of its own, as `input_offset:u = 1.30 ± 0.21 V in a.csv, …`; `None` without nuisances.
+/// The nuisances of every log, as `input_offset:u = 1.30 ± 0.21 V in a.csv, …`; `None` without nuisances.
 fn nuisances(d: &Diagnosis) -> Option<String> {
     let one = |(at, n): (usize, &NuisanceEstimate)| {
         let same =

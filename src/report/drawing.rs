@@ -78,7 +78,7 @@ impl Panel {
     }
 }
 
-/// A coordinate, to a tenth of a pixel.
+/// A coordinate, to 0.1 pixel.
 pub(super) fn px(value: f64) -> String {
     let text = format!("{value:.1}");
     text.strip_suffix(".0").map(str::to_owned).unwrap_or(text)
@@ -89,7 +89,7 @@ pub(super) fn text((x, y): (f64, f64), anchor: &str, class: &str, content: &str)
     html! { text class=[Some(class).filter(|c| !c.is_empty())] x=(px(x)) y=(px(y)) text-anchor=(anchor) { (PreEscaped(escape(content))) } }
 }
 
-/// A drawing that stands alone, with its colours in it.
+/// A separate drawing, with its colours in it.
 pub(super) fn document([width, height]: [f64; 2], style: &str, body: &Markup) -> String {
     let drawn = html! {
         svg xmlns="http://www.w3.org/2000/svg" width=(width) height=(height) viewBox={ "0 0 " (width) " " (height) } {
@@ -123,7 +123,7 @@ pub(super) fn ticks(lowest: f64, highest: f64, about: f64) -> Vec<(f64, String)>
             return "0".to_owned();
         }
         if !(1e-4..1e6).contains(&most) {
-            // The same digits for all: those that tell neighbours apart.
+            // The same digits for all: enough to distinguish neighbours.
             let digits = (most.log10().floor() - step.log10().floor()).clamp(0.0, 6.0) as usize;
             return format!("{value:.digits$e}").replace('-', "−");
         }

@@ -1,6 +1,6 @@
 //! Text of others inside a page.
 
-/// Text as it may stand in a page.
+/// Text escaped for a page.
 #[must_use]
 pub(super) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
@@ -11,7 +11,7 @@ pub(super) fn escape(text: &str) -> String {
             '>' => out.push_str("&gt;"),
             '"' => out.push_str("&quot;"),
             '\'' => out.push_str("&#39;"),
-            // What may not stand in a page at all.
+            // Characters that are not allowed in a page.
             c if c.is_control() && !c.is_whitespace() => out.push('\u{fffd}'),
             c => out.push(c),
         }

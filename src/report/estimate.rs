@@ -9,7 +9,7 @@ use deadtime_delay::report::{Bias, Estimate, Pair, Report, Searched};
 use deadtime_delay::track::Tracked;
 use deadtime_delay::{DelayQuantile, Jitter};
 
-/// How long single events take: `Of 400 events 50 % take 0.128 s or less (0.124 to 0.132 s), …`.
+/// The durations of single events: `Of 400 events 50 % take 0.128 s or less (0.124 to 0.132 s), …`.
 pub(super) fn single_events(jitter: &Jitter, step_s: f64) -> String {
     let one = |q: &DelayQuantile| {
         let percent = (100.0 * q.share).round();
@@ -44,7 +44,7 @@ pub(super) fn single_events(jitter: &Jitter, step_s: f64) -> String {
     format!("Of {} events {}{seen}", jitter.events, quantiles.join(", "))
 }
 
-/// A sentence on what was searched and assumed.
+/// A sentence on the search and its assumptions.
 #[must_use]
 pub fn preamble(report: &Report) -> String {
     let (name, until) = (&report.log, report.max_delay_s);
@@ -242,7 +242,7 @@ pub fn warning(pair: &Pair, sample_time_s: f64) -> Option<String> {
 /// As many methods as a person reads at a glance.
 pub(super) const A_HANDFUL: usize = 8;
 
-/// What a table shows of a pair.
+/// The content of a table of a pair.
 struct Shown<'a> {
     pair: &'a Pair,
     rows: Vec<&'a Estimate>,

@@ -1,4 +1,4 @@
-//! What a diagnosis states, line by line, as values. Each face writes its own words from them.
+//! The facts of a diagnosis, line by line, as values. Each output format writes its own words from them.
 
 use deadtime_gap::{
     Band, CheckKind, Diagnosed, Diagnosis, Explained, FoundEffect, RankedPair, RankingRow,
@@ -8,7 +8,7 @@ use deadtime_gap::{
 /// A label of the summary.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Label {
-    /// What has to be fixed first.
+    /// The first fix.
     First,
     /// The size of the gap.
     Gap,
@@ -20,7 +20,7 @@ pub enum Label {
     Shrink,
     /// The residual.
     Left,
-    /// What every log has of its own.
+    /// The nuisances of every log.
     Nuisances,
     /// A caveat.
     Caveat,
@@ -153,7 +153,7 @@ impl<'a> Ranked<'a> {
     }
 }
 
-/// What has to be settled before the rest: the findings of checks that have a remedy, and what speaks against the model as it came.
+/// The first fixes: the findings of checks with a remedy, and the evidence against the nominal model.
 pub(super) fn first(found: &Diagnosed) -> Vec<String> {
     use CheckKind::{Axes, ClockOffset, ClockSkew, Sign, Unit};
     let failed = found.diagnosis.checks.iter().filter(|c| {
@@ -168,7 +168,7 @@ pub(super) fn caveats(found: &Diagnosed) -> impl Iterator<Item = String> {
     found.caveats.iter().filter(|c| !c.comes_first()).map(ToString::to_string)
 }
 
-/// Whether a row of the ranking is what was found, in either order.
+/// Whether a row of the ranking is the found pair, in either order.
 fn same_pair(row: &RankedPair, found: &[FoundEffect]) -> bool {
     let holds = |e: &FoundEffect| {
         row.effects.iter().any(|[effect, channel]| *effect == e.effect && *channel == e.channel)

@@ -9,7 +9,7 @@ use deadtime_gap::Diagnosed;
 use deadtime_signal::file::write_atomic;
 use deadtime_study::{Plan, Study};
 
-/// Writes diagnosis.json, report.html and, where there is a model file, `model_with_effects.toml` into a folder; the names of what was written.
+/// Writes diagnosis.json, report.html and, where there is a model file, `model_with_effects.toml` into a folder; the names of the written files.
 ///
 /// # Errors
 /// Of files that cannot be written.

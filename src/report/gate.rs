@@ -1,4 +1,4 @@
-//! What a gate found, as text and as Markdown.
+//! The result of a gate, as text and as Markdown.
 
 use super::study::{number, share};
 use super::styled::wrapped;
@@ -8,7 +8,7 @@ use deadtime_study::{Finding, GateGroup, GateReport, Measured};
 /// Columns that the text keeps to.
 const WIDE: usize = 100;
 
-/// One sentence: what was compared, and whether anything is worse.
+/// One sentence: the comparison, and whether anything is worse.
 #[must_use]
 pub fn headline(report: &GateReport) -> String {
     let GateReport {
@@ -46,7 +46,7 @@ pub fn headline(report: &GateReport) -> String {
     )
 }
 
-/// Where a finding stands: method, and cell.
+/// The place of a finding: method, and cell.
 fn place(finding: &Finding) -> String {
     let Finding { grid, place, method, cell, .. } = finding;
     cell.clone().unwrap_or_else(|| format!("{grid}, from {}: {method}, all cells", place.name()))
@@ -67,7 +67,7 @@ fn with_interval(measured: Measured, of: Option<f64>, ci95: Option<[f64; 2]>) ->
     value(measured, of) + &interval
 }
 
-/// What changed, in a line.
+/// The change, in a line.
 #[must_use]
 pub fn line(finding: &Finding) -> String {
     let Finding { measured, before, after, before_count, after_count, p_value, .. } = finding;
@@ -88,7 +88,7 @@ fn chance(p: f64) -> String {
     if p < 1e-12 { "below 1e-12".to_owned() } else { number(Some(p)) }
 }
 
-/// For a terminal of 100 columns: the sentence, and what is worse and better as tables.
+/// For a terminal of 100 columns: the sentence, and the changes for the worse and the better as tables.
 #[must_use]
 pub fn text(report: &GateReport) -> String {
     let list = |word: &str, findings: &[Finding]| match findings {

@@ -11,7 +11,7 @@ use deadtime_identify::subspace::{Fit, Identified, OutputCheck, Recordings, Resp
 /// Frequencies of every response.
 pub(super) const FREQUENCIES: usize = 40;
 
-/// What was identified, from which logs, and how it does on data that it has not seen.
+/// The identified model, its logs, and its fit on held-out data.
 pub struct Report<'a> {
     /// The logs.
     pub logs: Vec<String>,
@@ -21,7 +21,7 @@ pub struct Report<'a> {
     pub delays: &'a [usize],
     /// Where the delays come from, a sentence each.
     pub delay_notes: Vec<String>,
-    /// What the checks were made on.
+    /// The data of the checks.
     pub held_out: String,
     /// Samples that the checks were made on.
     pub held_out_samples: usize,
@@ -209,7 +209,7 @@ impl Report<'_> {
         table
     }
 
-    /// What the numbers of the table of fits mean.
+    /// The meaning of the columns of the table of fits.
     pub(super) fn about_fits(&self) -> String {
         let still: Vec<String> = self
             .checks
@@ -237,7 +237,7 @@ impl Report<'_> {
     }
 }
 
-/// Every model that was tried: dead time, order, parameters, fit, and where it stands.
+/// Every tried model: dead time, order, parameters, fit, and its place.
 pub(super) fn candidates(compared: &Comparison, longest: usize) -> Table {
     let headings = ["model", "dead time (s)", "order", "parameters", "fit %", ""];
     let mut table = Table::new(&headings, &[0, 5]);

@@ -44,7 +44,7 @@ pub fn text(found: &Isolability) -> String {
     text
 }
 
-/// A size as it is read: the change of a parameter that is not 0 by nature, the limit itself.
+/// A size for a reader: the change of a parameter that is not 0 by nature, the limit itself.
 fn size(s: &Size) -> String {
     let unit = unit(&s.unit);
     match s.nominal {

@@ -1,4 +1,4 @@
-//! What a gate found, as JUnit XML: one test suite per grid and place, one test case per method.
+//! The result of a gate, as JUnit XML: one test suite per grid and place, one test case per method.
 
 use super::gate::{headline, line};
 use deadtime_study::{Finding, GateGroup, GateReport};
@@ -68,7 +68,7 @@ fn outcome(new: bool, worse: &[&Finding]) -> String {
     }
 }
 
-/// Text as it may stand in XML 1.0, in an attribute too; what may not stand there at all becomes U+FFFD.
+/// Text escaped for XML 1.0, in an attribute too; forbidden characters become U+FFFD.
 pub(super) fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {

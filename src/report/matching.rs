@@ -5,7 +5,7 @@ use super::text::Table;
 use deadtime_identify::matching::{Gain, Matched};
 use deadtime_identify::structured::Standing;
 
-/// Parameters with intervals, the distance of the responses, and what is not identifiable.
+/// Parameters with intervals, the distance of the responses, and the combinations that are not identifiable.
 #[must_use]
 pub fn text(found: &Matched) -> String {
     let mut text = format!("{} to {} {}.\n\n", found.structure, found.identified, how(found));
@@ -58,7 +58,7 @@ pub(super) fn how(found: &Matched) -> String {
     )
 }
 
-/// What standings mean that some parameter has and that a reader must know.
+/// The meanings of the standings that some parameter has and that a reader must know.
 pub(super) fn meanings(found: &Matched) -> Vec<&'static str> {
     let all = [
         (

@@ -67,7 +67,7 @@ fn made_for(reference: ReferenceExperiment) -> &'static str {
     }
 }
 
-/// What each method is, needs, cannot see and withstands.
+/// The summary, the needs, the limits and the robustness of each method.
 fn needs(class: Class) -> Table {
     let mut table = Table::new(
         &["method", "what it does", "needs", "cannot see", "withstands", "does not promise"],

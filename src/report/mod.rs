@@ -1,4 +1,4 @@
-//! What people and machines read. Nothing is computed here.
+//! The outputs for people and machines. Nothing is computed here.
 
 pub mod blind;
 pub mod bounds;

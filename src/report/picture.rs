@@ -27,7 +27,7 @@ const ROW: f64 = 24.0;
 const RESPONSE: f64 = 150.0;
 /// Standard deviations that the band around the response shows, as `threshold` has by default.
 const BAND: f64 = 5.0;
-/// The picture stands alone, so that its colours are in it.
+/// The picture is used alone, so that its colours are in it.
 const STYLE: &str = "text{font:14px sans-serif;fill:#222}text.caption{font-size:16px}text.aside{fill:#6e6e6e}\
     .frame{fill:none;stroke:#999}.grid{stroke:#ddd}.tick{stroke:#999}.verdict{fill:#e1ecf7}.band{stroke:#5a8cbe}\
     .bar{stroke:#282828;stroke-width:3}.dot{fill:#c83c28}.bar.aside{stroke:#bebebe}.dot.aside{fill:#969696}\
@@ -57,7 +57,7 @@ pub fn svg(pairs: &[Shown<'_>], sample_time_s: f64) -> String {
     document([WIDTH, top.max(1.0)], STYLE, &html! { @for part in &parts { (part) } })
 }
 
-/// The time axis that both parts of a pair share, so that a delay stands above the sample where the response begins.
+/// The time axis of both parts of a pair, so that a delay is above the sample where the response begins.
 fn time_axis(rows: &[&Estimate], sample_time_s: f64) -> Scale {
     let reach = |e: &&Estimate| Some(e.ci95_s?[1].max(e.raw_delay_s?));
     let counting = rows.iter().filter(|e| e.counts());

@@ -1,11 +1,11 @@
-//! What a gate on speed found: as text, as Markdown, as JUnit XML.
+//! The result of a gate on speed: as text, as Markdown, as JUnit XML.
 
 use super::junit::escaped;
 use super::study::{number, time};
 use super::text::Table;
 use deadtime_study::{Speed, SpeedReport, Timed};
 
-/// One sentence: what was compared, and whether anything is slower.
+/// One sentence: the comparison, and whether anything is slower.
 #[must_use]
 pub fn headline(report: &SpeedReport) -> String {
     let (slower, faster) = (report.of(Speed::Slower).count(), report.of(Speed::Faster).count());

@@ -1,10 +1,10 @@
-//! Where an answer stands in the verdict: agreeing, differing, or left out, and why.
+//! The standing of an answer in the verdict: agreeing, differing, or left out, and why.
 
 use deadtime_delay::report::{Estimate, Pair};
 use deadtime_delay::{Condition, Outcome};
 use deadtime_gap::listed;
 
-/// Where a method's answer stands in the verdict.
+/// The standing of a method's answer in the verdict.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Standing {
     /// Its interval holds the verdict's delay.
@@ -54,7 +54,7 @@ pub fn trusted(pair: &Pair) -> bool {
     pair.verdict.delay_s.is_some() && pair.estimates.iter().any(supports)
 }
 
-/// Why an answer is left out: what its method assumes, and what the record shows instead. `None` where it has no answer.
+/// The reason of an omission: the method's assumption, and its violation by the record. `None` where it has no answer.
 pub(super) fn reason(e: &Estimate) -> Option<String> {
     if e.outcome != Outcome::Found {
         return None;
@@ -80,7 +80,7 @@ pub(super) fn counted(count: usize, reason: &str) -> String {
     }
 }
 
-/// What a method assumes that does not withstand this condition, and what the record shows instead.
+/// The assumption of a method that does not withstand this condition, and its violation by the record.
 fn assumption(of: Condition) -> [&'static str; 2] {
     match of {
         Condition::UnstablePlant => ["a stable plant", "this one is unstable"],

@@ -12,7 +12,7 @@ fn shown(horizon: usize) -> Vec<usize> {
     list
 }
 
-/// Mean absolute errors by group and horizon; several lists of the same groups stand side by side as "from → to".
+/// Mean absolute errors by group and horizon; several lists of the same groups are next to each other as "from → to".
 #[must_use]
 pub fn scores(name: &str, lists: &[&[GroupScore]]) -> String {
     let horizon = lists.first().and_then(|l| l.first()).map_or(0, |g| g.mean_absolute.len());
@@ -49,7 +49,7 @@ fn number(value: f64) -> String {
     }
 }
 
-/// Four digits, whatever the size.
+/// Four digits, at any size.
 pub(super) fn digits(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();
@@ -70,7 +70,7 @@ pub(super) fn fitted(value: f64, interval: Option<[f64; 2]>) -> (String, Option<
     }
 }
 
-/// What a standing means that some parameter has and that a reader must know.
+/// The meaning of a standing that some parameter has and that a reader must know.
 pub(super) fn meaning(found: &StructuredFit, standing: Standing) -> Option<&'static str> {
     let said = match standing {
         Standing::Surrogate => {
@@ -98,7 +98,7 @@ pub(super) fn standing(of: Standing) -> &'static str {
     }
 }
 
-/// Parameters with intervals, what is not identifiable, and the errors before and after.
+/// Parameters with intervals, the combinations that are not identifiable, and the errors before and after.
 #[must_use]
 pub fn text(found: &StructuredFit) -> String {
     let mut text = format!(
@@ -155,7 +155,7 @@ pub fn text(found: &StructuredFit) -> String {
     }
     text
 }
-/// What is not identifiable and what is correlated, a line each.
+/// The combinations that are not identifiable and the correlated ones, a line each.
 pub(super) fn not_identifiable(unseen: &[Unseen], trades: &[String]) -> String {
     let mut text = String::new();
     for unseen in unseen {
@@ -174,7 +174,7 @@ pub(super) fn not_identifiable(unseen: &[Unseen], trades: &[String]) -> String {
     text
 }
 
-/// A standard deviation in sizes of what is not seen: beyond a thousand its digits are rounding.
+/// A standard deviation in sizes of the unidentifiable combination: beyond a thousand its digits are rounding.
 pub(super) fn how_unseen(std: f64) -> String {
     if std < 1e3 { format!("{std:.1} of its size") } else { "over 1000 times its size".to_owned() }
 }

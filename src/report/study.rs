@@ -15,7 +15,7 @@ pub(super) fn number(value: Option<f64>) -> String {
     value.map_or_else(|| "–".to_owned(), |v| significant(v, 3))
 }
 
-/// So many significant digits, without an exponent between a thousandth and a million.
+/// The given number of significant digits, without an exponent between a thousandth and a million.
 fn significant(value: f64, digits: i32) -> String {
     if value == 0.0 {
         return "0".to_owned();
@@ -85,7 +85,7 @@ const HEADINGS: [&str; 11] = [
     "total",
 ];
 
-/// Columns of the summary that a reader looks at first.
+/// The most important columns of the summary.
 const SHORT: [&str; 10] = [
     "grid",
     "from",
@@ -99,7 +99,7 @@ const SHORT: [&str; 10] = [
     "time",
 ];
 
-/// One row per grid, place and method: means over the cells of their root mean square errors and biases, medians of their bounds, and shares of all estimates.
+/// One row per grid, place and method. The columns are means over the cells of root mean square errors and biases, medians of bounds, and shares of all estimates.
 #[must_use]
 pub fn summary(study: &Study) -> Table {
     let headings: Vec<&str> =
@@ -143,7 +143,7 @@ pub fn summary(study: &Study) -> Table {
     table
 }
 
-/// A table that a plan asks for with `by`.
+/// A table of the `by` of a plan.
 #[must_use]
 pub fn by(study: &Study, grid: &str, layout: &Layout) -> Table {
     let of = |key: &str, cell: &Cell| match KEYS
@@ -172,7 +172,7 @@ pub fn by(study: &Study, grid: &str, layout: &Layout) -> Table {
         .chain(columns.iter().map(String::as_str))
         .collect();
     let mut table = Table::new(&headings, &(0..=keys.len()).collect::<Vec<_>>());
-    // Rows with equal leading keys stand together.
+    // Rows with equal leading keys are next to each other.
     let mut order: Vec<usize> = (0..rows.len()).collect();
     let first =
         |r: usize| rows.iter().position(|other| other[..keys.len()] == rows[r][..keys.len()]);
@@ -183,7 +183,7 @@ pub fn by(study: &Study, grid: &str, layout: &Layout) -> Table {
                 groups.get(&(at, c)).map_or_else(|| "–".to_owned(), |g| shown(layout.shown, g))
             })
             .collect();
-        // What no method of this name has, such as a bound, makes no row.
+        // A number that no method of this name has, such as a bound, makes no row.
         if layout.shown == Shown::Rms || texts.iter().any(|t| t != "–") {
             table.row(rows[at].iter().cloned().chain(texts).collect());
         }
@@ -231,7 +231,7 @@ fn shown(what: Shown, cells: &[&Cell]) -> String {
     }
 }
 
-/// How far the errors are from the bound; `None` where fewer than half of the records have an answer: what a method leaves out is not what it can do.
+/// The errors over the bound. `None` where fewer than half of the records have an answer: the answered records do not represent the method's accuracy.
 pub(super) fn over_bound(cells: &[&Cell]) -> Option<f64> {
     let (trials, flagged): (usize, usize) =
         cells.iter().fold((0, 0), |s, c| (s.0 + c.trials, s.1 + c.flagged));
@@ -284,7 +284,7 @@ pub fn overview(study: &Study, rows: usize) -> Table {
     table
 }
 
-/// One row per cell of a grid; keys that are the same in all of them stand in the sentence before.
+/// One row per cell of a grid; keys with one value in all of them are in the sentence before.
 #[must_use]
 pub fn cells(study: &Study, grid: &str) -> (String, Table) {
     let members: Vec<&Cell> = study.cells.iter().filter(|c| c.grid == grid).collect();
@@ -379,7 +379,7 @@ pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
                 format!("not reproducible: {}", p.not_reproducible.as_deref().unwrap_or(""))
             }
         };
-        // A grid that is named as the source says nothing more.
+        // A grid with the name of the source adds no information.
         let grid = p.cells.grid.clone().filter(|g| *g != p.source);
         table.row(vec![
             p.source.clone(),
@@ -393,7 +393,7 @@ pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
     any.then_some(table)
 }
 
-/// How many of a plan's published numbers agree with ours.
+/// The number of a plan's published numbers that agree with ours.
 #[must_use]
 pub fn standings(study: &Study, plan: &Plan) -> String {
     let all: Vec<Standing> =
@@ -410,7 +410,7 @@ pub fn standings(study: &Study, plan: &Plan) -> String {
 /// Columns that a study's tables keep to.
 const WIDE: usize = 100;
 
-/// What the program says of a study, for a terminal of 100 columns; without a plan, nothing of published numbers, aims and the plan's own tables.
+/// The report of a study for a terminal of 100 columns. Without a plan it lacks published numbers, aims and the plan's own tables.
 #[must_use]
 pub fn text(study: &Study, plan: Option<&Plan>) -> String {
     let about = wrapped(&format!("{}: {}", study.plan, study.about), WIDE, 2).join("\n");
@@ -452,13 +452,13 @@ fn with_tables(
     text
 }
 
-/// What was run, and the summary.
+/// The run, and the summary.
 #[must_use]
 pub fn headline(study: &Study) -> String {
     format!("{}: {}\n\n{}", study.plan, study.about, summary(study))
 }
 
-/// The page `tables.md`: what was run, the summary, the published numbers, the scores, every cell.
+/// The page `tables.md`: the run, the summary, the published numbers, the scores, every cell.
 #[must_use]
 pub fn page(study: &Study, plan: &Plan) -> String {
     let mut text = format!("# {}\n\n{}\n\n", markdown(&plan.name), markdown(&plan.about));
@@ -504,7 +504,7 @@ pub fn page(study: &Study, plan: &Plan) -> String {
     text
 }
 
-/// Every table that the plan's grids ask for with `by`, and what its numbers are.
+/// Every table of the `by` of the plan's grids, and the meaning of its numbers.
 #[must_use]
 pub fn layouts(study: &Study, plan: &Plan) -> Vec<(String, Table)> {
     let told = |grid: &Grid, layout: &Layout| {
@@ -535,8 +535,8 @@ pub fn layouts(study: &Study, plan: &Plan) -> Vec<(String, Table)> {
         .collect()
 }
 
-/// How the time of an estimate grows: the exponent p of its power law in the samples of a record and in the delays searched, least squares of logarithms over the cells
-/// of a grid in which one of them varies; `None` where none does.
+/// The growth of the time of an estimate: the exponent p of its power law in the samples of a record and in the delays searched. It is a least-squares fit of
+/// logarithms over the cells of a grid in which one of them varies. `None` where none does.
 #[must_use]
 pub fn growth(study: &Study) -> Option<Table> {
     let mut table = Table::new(

@@ -7,7 +7,7 @@ use deadtime_signal::text::printed;
 /// Columns that fit every terminal.
 pub const WIDTH: usize = 80;
 
-/// What a stretch of text is, which decides its colour.
+/// The role of a stretch of text, which decides its colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// As it comes.
@@ -16,11 +16,11 @@ pub enum Role {
     Strong,
     /// A label before a sentence.
     Label,
-    /// What counts.
+    /// The important part.
     Counts,
-    /// What to beware of.
+    /// A warning.
     Doubt,
-    /// What may be skipped.
+    /// A minor part.
     Faint,
 }
 
@@ -38,7 +38,7 @@ impl Role {
     }
 }
 
-/// A text whose stretches have roles. What comes from a file commands nothing: control characters in it are shown.
+/// A text whose stretches have roles. Text from a file has no control over the terminal: control characters in it are shown.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Styled {
     stretches: Vec<(Role, String)>,
@@ -51,7 +51,7 @@ impl Styled {
         self
     }
 
-    /// Adds a sentence of at most `width` columns a line behind its label; further lines stand `indent` columns in.
+    /// Adds a sentence of at most `width` columns a line behind its label; further lines are indented by `indent` columns.
     pub fn sentence(
         &mut self,
         label: (Role, &str),
@@ -139,7 +139,7 @@ fn words(text: &str) -> Vec<String> {
     words
 }
 
-/// A paragraph as lines of at most `width` columns; all but the first stand `indent` columns in. A word that is longer than a line is broken.
+/// A paragraph as lines of at most `width` columns; all but the first are indented by `indent` columns. A word that is longer than a line is broken.
 pub(in crate::report) fn wrapped(text: &str, width: usize, indent: usize) -> Vec<String> {
     // Blanks at the beginning are meant.
     let lead = &text[..text.len() - text.trim_start().len()];

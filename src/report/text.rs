@@ -78,8 +78,8 @@ impl Table {
             .collect()
     }
 
-    /// The same table in lines of at most `width` columns: words are wrapped inside their columns, and columns that still find no room stand in further tables below,
-    /// with the leading columns of words repeated.
+    /// The same table in lines of at most `width` columns. Words are wrapped inside their columns; columns without room are in further tables below, with the
+    /// leading columns of words repeated.
     #[must_use]
     pub fn fit(&self, width: usize) -> String {
         let rows: Vec<Vec<String>> =
@@ -105,7 +105,7 @@ impl Table {
         blocks.iter().map(block).collect::<Vec<_>>().join("\n")
     }
 
-    /// What every column must have (its numbers, and the longest word of what is wrapped), and what it would like.
+    /// The least width of every column (its numbers, and the longest word of wrapped text), and its preferred width.
     fn room(&self, rows: &[Vec<String>], width: usize) -> Vec<Room> {
         let longest = |text: &str| text.split_whitespace().map(columns).max().unwrap_or(0);
         let of = |c: usize| {
@@ -136,7 +136,7 @@ impl Table {
         (0..high).map(line).collect()
     }
 
-    /// The same table in HTML, without style of its own.
+    /// The same table in HTML, without its own style.
     #[must_use]
     pub fn html(&self) -> String {
         let mut html = "<table>".to_owned();
@@ -186,7 +186,7 @@ struct Room {
     whole: usize,
 }
 
-/// The widths of a block's columns: what is spare goes to the first that want more.
+/// The widths of a block's columns: spare width goes to the first columns that need more.
 fn widths(block: &[usize], room: &[Room], width: usize) -> Vec<usize> {
     let mut spare = width.saturating_sub(block.iter().map(|&c| 2 + room[c].least).sum::<usize>());
     let mut widths: Vec<usize> = block
@@ -247,8 +247,8 @@ pub fn seconds(value_s: f64, step_s: f64) -> String {
     format!("{value_s:.decimals$}")
 }
 
-/// A value and the ends of its interval, all with the same decimals: half the interval keeps two digits, a value without one three; powers of ten where that is
-/// too many decimals.
+/// A value and the ends of its interval, all with the same decimals. Half of the interval keeps two digits, a value without one three; powers of ten where that
+/// is too many decimals.
 #[must_use]
 pub(super) fn estimate(value: f64, ci95: Option<[f64; 2]>) -> (String, Option<[String; 2]>) {
     let finest = ci95
@@ -264,7 +264,7 @@ pub(super) fn estimate(value: f64, ci95: Option<[f64; 2]>) -> (String, Option<[S
     (text(value), ci95.map(|ends| ends.map(text)))
 }
 
-/// Finest part of a sample time that digits of a delay tell: an exact fit knows more only of its own model.
+/// Finest part of a sample time in the digits of a delay: an exact fit knows more only of its own model.
 const FINEST: f64 = 1e-3;
 
 /// A delay and the ends of its interval, s, with the digits that the interval allows; without an interval those that the sample time deserves.
@@ -281,7 +281,7 @@ pub(super) fn delay(
     (text(value_s), Some([text(from), text(to)]))
 }
 
-/// The same as it stands in the columns of a table: value and interval, `–` where there is none.
+/// The same in the columns of a table: value and interval, `–` where there is none.
 #[must_use]
 pub(super) fn delay_cells(
     value_s: Option<f64>,

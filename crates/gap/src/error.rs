@@ -1,4 +1,4 @@
-//! Whatever keeps a gap from being diagnosed.
+//! The errors of a diagnosis.
 
 use crate::export::source::ExportError;
 use crate::format::diagnosis::DiagnosisError;
@@ -16,7 +16,7 @@ use deadtime_signal::remedied;
 use deadtime_signal::stop::Stopped;
 use deadtime_signal::time::TimeError;
 
-/// Whatever keeps a gap from being diagnosed, compared or handed over.
+/// The errors of a diagnosis, a comparison or an export.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A gap that cannot be diagnosed.
@@ -52,7 +52,7 @@ pub enum Error {
     /// A sample time or delay that cannot be.
     #[error(transparent)]
     Time(#[from] TimeError),
-    /// A name or option that a registry does not know.
+    /// A name or option outside a registry.
     #[error(transparent)]
     Registry(#[from] RegistryError),
     /// Nobody waits for the answer any more.

@@ -1,4 +1,4 @@
-//! The stages of a diagnosis in a row. Each takes what the ones before it found, as a type of its own.
+//! The stages of a diagnosis in a row. Each takes the result of the ones before it, as a type of its own.
 //!
 //! ```text
 //! Simulator, Inputs ─► Baseline ─► Likelihood ─► SearchResult ─► Judgement ─► Diagnosed
@@ -191,7 +191,7 @@ pub fn isolability<'a>(
     found
 }
 
-/// The model as it is on the logs.
+/// The nominal model on the logs.
 struct Baseline {
     predictor: Predictor,
     motion: Motion,
@@ -249,7 +249,7 @@ impl Baseline {
     }
 }
 
-/// The verdict with all that it rests on.
+/// The verdict with all its inputs.
 struct Judgement {
     composed: ActiveCauses,
     sensitivities: Vec<PriorSensitivity>,

@@ -52,7 +52,7 @@ pub enum GapTold {
         from_s: f64,
         /// Time of its last row, s.
         to_s: f64,
-        /// The nrmse of the model as it is; missing where every output stands still.
+        /// The nrmse of the nominal model; missing where every output is constant.
         error: Option<f64>,
         /// The part of it that no model can explain.
         floor: Option<f64>,
@@ -75,7 +75,7 @@ pub enum GapTold {
 }
 
 impl GapWatch {
-    /// A watch over stretches of `length_s` seconds. The state at the start of each is unknown, whatever the model says of the start of a log.
+    /// A watch over stretches of `length_s` seconds. The state at the start of each is unknown, for any initial state of the model.
     #[must_use]
     pub fn new(model: &ModelDocument, length_s: f64, options: GapOptions) -> Self {
         let mut model = model.clone();
@@ -125,7 +125,7 @@ impl GapWatch {
         if self.time_s.len() < FEWEST { Ok(None) } else { self.stretch().map(Some) }
     }
 
-    /// The recorder began anew: what was not diagnosed yet is let go.
+    /// The recorder began anew: the undiagnosed samples are dropped.
     pub fn restart(&mut self) {
         self.time_s.clear();
         self.values.iter_mut().for_each(Vec::clear);

@@ -18,12 +18,12 @@ const KAISER_BETA: f64 = 8.0;
 const EDGE: f64 = 0.85;
 /// Points of the kernel's table per zero crossing.
 const TABLE: usize = 1024;
-/// A command of fewer stamps than this part of those of the densest output is sparse: its stamps would say little of the output.
+/// A command with fewer stamps than this part of those of the densest output is sparse: its stamps would hold little of the output.
 const SPARSE: f64 = 0.1;
 /// A common grid may have at most this many samples.
 const MOST_SAMPLES: f64 = 2e8;
 
-/// A channel that somebody asks a recording for.
+/// A requested channel of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Wanted {
     /// Its name: `topic.field`, or the end of it where only one channel ends so.
@@ -45,7 +45,7 @@ impl Recording {
             .flat_map(|topic| topic.log.names().map(|channel| full(&topic.name, channel)))
     }
 
-    /// How many channels end in a name, for every end there is.
+    /// The number of channels with a given end of their name, for every end.
     pub(super) fn ends(&self) -> HashMap<String, usize> {
         let mut count = HashMap::new();
         for name in self.names() {
@@ -111,14 +111,14 @@ impl Recording {
         self.find(name).ok()
     }
 
-    /// The wanted channels as one log, each called as it was asked for; a file without topics gives all its channels, its held ones with
-    /// numbers in half of the rows or fewer held from row to row.
+    /// The wanted channels as one log, each under its requested name. A file without topics gives all its channels. Its held channels with numbers in half of
+    /// the rows or fewer are held from row to row.
     ///
-    /// Channels of one topic keep its stamps. Where they come from several, all are resampled onto one grid: the stamps of the first held channel's topic, or an even grid of
-    /// `grid`. Where held channels have under 10 % of the stamps of the densest other topic, the grid is that topic's. Held channels keep their value until the next one, and
-    /// the last one to the log's end. The others are interpolated with a Kaiser-windowed sinc of 16 zero crossings a side. Its band passes what both rates can carry and
-    /// stops what the slower one would alias. The kernel reaches both ways, so an edge is blurred, not moved. Nothing is interpolated across a gap. The second value reports
-    /// what was done.
+    /// Channels of one topic keep its stamps. Channels of several topics are resampled onto one grid: the stamps of the first held channel's topic, or an even
+    /// grid of `grid`. Where held channels have under 10 % of the stamps of the densest other topic, the grid is that topic's. Held channels keep their value
+    /// until the next one, and the last one to the log's end. The others are interpolated with a Kaiser-windowed sinc of 16 zero crossings a side. Its band
+    /// passes the frequencies of both rates and stops those that the slower one would alias. The kernel reaches both ways, so an edge is blurred, not moved.
+    /// Nothing is interpolated across a gap. The second value reports the resampling.
     ///
     /// # Errors
     /// [`LogError::UnknownChannel`], [`LogError::AmbiguousChannel`]; [`LogError::NoCommonTime`] for topics that do not overlap; [`LogError::TooFine`].
@@ -166,12 +166,12 @@ impl Recording {
         });
         let channels = channels.collect();
         let note = note(&chosen, base, grid, sparse, &time_s);
-        // A command that is put onto other stamps looks later than it was, by up to a step.
+        // A command that is resampled to other stamps appears later than it was, by up to a step.
         let log = Log::new(self.source.clone(), time_s, channels)?;
         Ok((Log { early_s: early_s + step_s, ..log }, vec![note]))
     }
 
-    /// As [`Recording::into_log`], with commands that have numbers in some rows only held between them, as [`Recording::together`] has it, and what is said of it.
+    /// As [`Recording::into_log`], with sparse commands held between their rows, as in [`Recording::together`], and the notes on it.
     ///
     /// # Errors
     /// As [`Recording::into_log`].
@@ -192,7 +192,8 @@ impl Recording {
         Ok(chosen)
     }
 
-    /// The stamps of one topic, or those of an even grid, from where all topics have begun to where the first one ends that is not held.
+    /// The stamps of one topic, or those of an even grid. The range is from the time at which all topics have begun to the end of the first topic that is not
+    /// held.
     fn common_times(
         &self,
         chosen: &[Chosen<'_, '_>],
@@ -243,7 +244,8 @@ impl Recording {
     }
 }
 
-/// The topic whose stamps are the grid: that of the first held channel, where one is dense enough, else the densest of the others; and whether commands were too sparse.
+/// The topic whose stamps are the grid: that of the first held channel, where one is dense enough, else the densest of the others. Also whether commands were
+/// too sparse.
 fn base<'r>(chosen: &[Chosen<'_, 'r>]) -> Option<(&'r Topic, bool)> {
     let others = chosen
         .iter()
@@ -270,7 +272,7 @@ fn base<'r>(chosen: &[Chosen<'_, 'r>]) -> Option<(&'r Topic, bool)> {
     }
 }
 
-/// What was done to channels that are put together.
+/// The note on the resampled channels.
 fn note(
     chosen: &[Chosen<'_, '_>],
     base: &Topic,
@@ -296,7 +298,7 @@ fn note(
     note
 }
 
-/// Channels that are interpolated: those that are not held and stand on other stamps.
+/// Interpolated channels: those that are not held and have other stamps.
 fn moved<'c, 'w, 'r>(
     chosen: &'c [Chosen<'w, 'r>],
     base: &'c Topic,
@@ -348,7 +350,7 @@ pub(super) fn shortest_name(topic: &str, channel: &str, count: &HashMap<String, 
     unique.unwrap_or(name)
 }
 
-/// A plain name and what stands behind each of its dots.
+/// A plain name and the part after each of its dots.
 fn ends(name: &str) -> Vec<&str> {
     let behind =
         name.char_indices().filter(|(_, c)| *c == '.').filter_map(|(at, _)| name.get(at + 1..));
@@ -360,10 +362,11 @@ fn plain(name: &str) -> String {
     name.trim_start_matches('/').replace('/', ".")
 }
 
-/// Share of rows with a number up to which a command is one that is logged in some rows only, and keeps its value between them; of a denser one samples are missing.
+/// Share of rows with a number. A channel up to this share is a command that is logged in some rows only, and keeps its value between them. A denser channel
+/// has missing samples.
 const SOME_ROWS: f64 = 0.5;
 
-/// A table with its sparse commands held from row to row, from the first row on that knows them all, and what is said of it.
+/// A table with its sparse commands held from row to row, from the first row on with values of all commands, and its notes.
 fn held_between_rows(mut log: Log, wanted: &[Wanted]) -> (Log, Vec<String>) {
     let (rows, mut notes, mut from) = (log.len(), Vec::new(), 0);
     let named = |channel: &Channel| wanted.iter().any(|one| one.held && one.name == channel.name);
@@ -408,10 +411,11 @@ fn hold(stamps: &[f64], samples: Output<'_>, at_s: &[f64]) -> (Vec<f64>, Vec<boo
     held.map(|value| (value.unwrap_or(0.0), value.is_some())).unzip()
 }
 
-/// Samples at other times, free of what a step of `step_s` would fold.
+/// Samples at other times, without the frequencies that a step of `step_s` would fold.
 ///
-/// How it can be wrong: energy above half the new rate folds into the result (a sine there must vanish); the signal below is damped or moved in time (a sine there must keep
-/// phase and size); a straight line bends at the ends (the samples are continued by odd reflection); values are made up inside a gap (missing there instead).
+/// How it can be wrong: energy above half the new rate folds into the result (a sine there must vanish). The signal below is damped or moved in time (a sine
+/// there must keep phase and size). A straight line bends at the ends (the samples are continued by odd reflection). Values are made up inside a gap (missing
+/// there instead).
 pub(super) fn band_limited(
     stamps: &[f64],
     samples: Output<'_>,

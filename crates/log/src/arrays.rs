@@ -8,7 +8,7 @@ use crate::csv::clock::{Times, named_time, seconds};
 use crate::notes::Notes;
 use deadtime_signal::remedy::{Message, Remedy};
 
-/// What a variable holds; arrays run column by column.
+/// The content of a variable; arrays run column by column.
 #[derive(Debug, Clone)]
 pub(super) enum Array {
     Numbers {
@@ -24,12 +24,12 @@ pub(super) enum Array {
         values: Vec<f64>,
         unit: TimeUnit,
     },
-    /// What refers to an object of MATLAB.
+    /// A reference to an object of MATLAB.
     Object(Vec<f64>),
     Other,
 }
 
-/// Clocks that are further apart than this have different epochs, s: ten years.
+/// Clocks with a larger difference than this have different epochs, s: ten years.
 const ANOTHER_CLOCK_S: f64 = 3.2e8;
 
 /// A vector of time with its channels.
@@ -50,7 +50,7 @@ pub(super) fn assemble(
 ) -> Result<Recording, Error> {
     let mut found = Vec::new();
     collect("", &variables, &mut found, &mut notes, options);
-    // What one topic counts from the others count from, too.
+    // The origin of one topic is that of the others, too.
     let origin_ns = found.iter().find_map(|found| found.times.origin_ns);
     let mut topics = Vec::new();
     for found in found {
@@ -81,7 +81,7 @@ impl Found<'_> {
         table.rows(|times| times.extend(self.times.time_s.iter().map(|stamp| stamp + later_s)));
         let rows = table.len();
         for (place, (_, values)) in places.iter().zip(&self.columns) {
-            // What has no number is missing.
+            // A row without a number is missing.
             let values = values.iter().copied().chain(std::iter::repeat(f64::NAN)).take(rows);
             table.extend(*place, |column| *column = Numbers::F64(values.collect()));
         }

@@ -1,7 +1,7 @@
 //! Arrow IPC, files (which Feather is) and streams: every column that has one value a row.
 //!
-//! Source: the Arrow columnar format, "IPC File Format", by the crates of Arrow. A file is a stream between a magic word and an index; the index is not
-//! needed, so that a file that was cut off is read up to there. Lists have several values a row; they are named and left out.
+//! Source: the Arrow columnar format, "IPC File Format", by the crates of Arrow. A file is a stream between a magic word and an index. The index is not needed,
+//! so that a truncated file is read up to its end. Lists have several values a row; their columns are named and left out.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -34,7 +34,7 @@ pub(super) const MAGIC: &[u8] = b"ARROW1";
 pub(super) const CONTINUES: &[u8] = &[0xff; 4];
 /// The magic word and its padding.
 const HEAD: usize = 8;
-/// A buffer that says of itself that it unpacks to more than this many times its size is damaged.
+/// A buffer that declares to unpack to more than this many times its size is damaged.
 const PACKED: u64 = 4096;
 /// Structs within structs deeper than this are left out.
 const DEEPEST: usize = 16;
@@ -78,7 +78,7 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
     assemble(source, "arrow", NAME, columns, notes, options)
 }
 
-/// Where the messages end that are whole, and that do not ask for more memory than their size allows; why not all are, as a note.
+/// The end of the whole messages that need no more memory than their size allows, and a note on the reason for the rest.
 fn sound(bytes: &[u8], begin: usize, budget: &Budget, notes: &mut Notes) -> usize {
     let mut at = begin;
     loop {
@@ -123,7 +123,7 @@ fn sound(bytes: &[u8], begin: usize, budget: &Budget, notes: &mut Notes) -> usiz
     }
 }
 
-/// The bytes that a message says it unpacks to; `None` where a buffer does not lie in it, or unpacks to more than it may hold.
+/// The bytes to which a message unpacks by its own header. `None` where a buffer is outside of it, or unpacks to more than its limit.
 fn unpacks_to(message: &Message<'_>, body: &[u8]) -> Option<u64> {
     let batch = match message.header_type() {
         MessageHeader::RecordBatch => message.header_as_record_batch(),
@@ -215,7 +215,7 @@ fn of_array(
         return;
     }
     let (mut none, mut unused) = (Vec::new(), Notes::default());
-    // What has no column was left out when the schema was looked at.
+    // An array without a column was left out with the schema.
     empty("", array.data_type(), depth, &mut none, &mut unused);
     if none.is_empty() {
         return;

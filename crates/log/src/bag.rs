@@ -50,7 +50,7 @@ struct Stream {
     how: How,
     messages: usize,
     broken: usize,
-    /// The sender's stamp: what it is called, and its columns.
+    /// The sender's stamp: its name, and its columns.
     header: Option<(&'static str, usize, usize)>,
     /// Recorder's stamp minus sender's, s.
     late_s: Vec<f64>,

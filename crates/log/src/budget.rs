@@ -8,12 +8,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::error::LogError;
 use super::options::ReadOptions;
 
-/// What may be taken of any file, however small, bytes.
+/// The least budget of any file, bytes.
 const LEAST: u64 = 64 << 20;
 /// As many times the size of its file a log may take: numbers of one byte become numbers of eight.
 const TIMES: u64 = 4;
 
-/// A limit of memory, asked before memory is taken; copies share it. It stays exceeded once it is.
+/// A limit of memory, checked before memory is taken; copies share it. It stays exceeded once it is.
 #[derive(Debug, Clone)]
 pub(super) struct Budget(Arc<Account>);
 
@@ -38,7 +38,7 @@ impl Budget {
         Self(Arc::new(Account { limit, left: AtomicU64::new(limit) }))
     }
 
-    /// Of a file with so many bytes, unless the caller gives another limit.
+    /// The budget of a file with this number of bytes, unless the caller gives another limit.
     pub(super) fn of(length: u64, options: &ReadOptions) -> Self {
         Self::new(
             options.memory.unwrap_or_else(|| length.saturating_mul(TIMES).saturating_add(LEAST)),
@@ -83,7 +83,7 @@ impl Budget {
         self.0.left.store(EXCEEDED, Ordering::Relaxed);
     }
 
-    /// What is said of a part that takes more than is left.
+    /// The message on a part that needs more than the remainder.
     pub(super) fn left_out(&self, what: &str) -> Message {
         let limit = self.0.limit.div_ceil(1 << 20);
         Message::from(format!("{what} takes more memory than is left of {limit} MiB, the limit for a file of its size; left out: "))
@@ -107,10 +107,10 @@ impl Budget {
         Ok(())
     }
 
-    /// Takes all that is to be had from a source of bytes, at most `most`; what is read is taken from the budget as it comes.
+    /// Reads a source of bytes to its end, at most `most`; every read is taken from the budget.
     ///
     /// # Errors
-    /// What the source says; out of memory where it has more than is left.
+    /// The error of the source; out of memory where it has more than the remainder.
     pub(super) fn read(
         &self,
         source: impl Read,

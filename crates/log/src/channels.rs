@@ -39,34 +39,34 @@ pub struct Output<'a> {
     pub present: Option<&'a [bool]>,
 }
 
-/// A column that holds something else than numbers, and what to say when somebody asks for it.
+/// A column without numbers, and the message for its request.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Unusable {
     pub(super) name: String,
     pub(super) error: LogError,
 }
 
-/// The origin of a log's samples: from sample `.0` of a mark on, lines of the file (or indices of the arrays in memory) count up from the mark's `.1`.
+/// The origin of a log's samples. From sample `.0` of a mark on, lines of the file (or indices of the arrays in memory) count up from the mark's `.1`.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Rows {
     pub(super) origin: Origin,
     marks: Vec<(usize, usize)>,
 }
 
-/// Logs of the same samples are equal wherever these stood.
+/// Logs of the same samples are equal, independent of their place in a file.
 impl PartialEq for Rows {
     fn eq(&self, _: &Self) -> bool {
         true
     }
 }
 
-/// What a log was made of.
+/// The source of a log.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) enum Origin {
     /// Numbers in memory: without a mark sample 0 is the first.
     #[default]
     Memory,
-    /// A file: without a mark the first sample stands in line 2, below a header.
+    /// A file: without a mark the first sample is in line 2, below a header.
     File,
 }
 
@@ -119,7 +119,7 @@ impl<'a> Output<'a> {
         if there { self.values.get(index).copied() } else { None }
     }
 
-    /// How many samples are there.
+    /// The number of existing samples.
     #[must_use]
     pub fn present_count(&self) -> usize {
         self.present
@@ -241,13 +241,12 @@ impl Channel {
 }
 
 impl Log {
-    /// A log from numbers in memory. `source` names it in errors and results (a file's name, say), `time_s` in seconds.
+    /// A log from numbers in memory. `source` names it in errors and results (a file's name, for example), `time_s` in seconds.
     ///
     /// Errors name the sample, counted from 0.
     ///
     /// # Errors
-    /// [`LogError`] when there is no sample, time does not increase, a number is not finite, lengths differ,
-    /// or a name is taken or cannot be a header.
+    /// [`LogError`] for no sample, time that does not increase, a number that is not finite, or different lengths. Also for a name that is taken or cannot be a header.
     ///
     /// # Example
     /// ```
@@ -335,8 +334,8 @@ impl Log {
         &self.source
     }
 
-    /// By how much a response may look too early because the log was put onto another grid, s: a step of the log's own, as outputs are interpolated, and one of the grid,
-    /// as inputs are held. 0 where no sample had to be moved.
+    /// The largest time by which a response may appear too early because the log was resampled, s. It is a step of the log's own, as outputs are interpolated,
+    /// and one of the grid, as inputs are held. 0 where no sample had to be moved.
     #[must_use]
     pub fn early_s(&self) -> f64 {
         self.early_s

@@ -15,7 +15,7 @@ pub(super) struct Column {
     pub(super) cells: Cells,
 }
 
-/// What stands in a column.
+/// The content of a column.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Cells {
     /// Numbers; NaN where none is.
@@ -35,7 +35,7 @@ impl Cells {
         }
     }
 
-    /// Bytes that a row takes; of text, what it refers to is counted apart.
+    /// Bytes of a row; the referenced text is counted separately.
     pub(super) fn cost(&self) -> u64 {
         let bytes = match self {
             Self::Numbers(_) => size_of::<f64>(),
@@ -84,7 +84,7 @@ impl Cells {
     }
 }
 
-/// The column of time among columns with their names, and whether their type is that of stamps: by the caller's word, by its name, or by its type.
+/// The column of time among columns with their names, and whether their type is that of stamps. It is found by the caller's word, by its name, or by its type.
 pub(super) fn time_among<'a>(
     columns: impl Iterator<Item = (&'a str, bool)> + Clone,
     options: &ReadOptions,
@@ -101,7 +101,7 @@ pub(super) fn time_among<'a>(
     }
 }
 
-/// The recording of a table: its column of time by the caller's word, by its name, or by its type; every other column of numbers is a channel.
+/// The recording of a table. Its column of time is found by the caller's word, by its name, or by its type; every other column of numbers is a channel.
 pub(super) fn assemble(
     source: &str,
     format: &'static str,

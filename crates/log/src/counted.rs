@@ -1,4 +1,4 @@
-//! A file that says how much of it is read.
+//! A file that reports the progress of its reading.
 
 use std::fs::File;
 use std::io::{Read, Result, Seek, SeekFrom};
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use deadtime_signal::progress::HowFar;
 
-/// A file, and where it is said how much of it is read. What is read twice counts twice, up to the whole.
+/// A file, and the report of its reading. A part that is read twice counts twice, up to the whole.
 pub(super) struct Counted {
     file: File,
     length: u64,
@@ -39,7 +39,7 @@ impl Counted {
     }
 }
 
-/// The part of the work that reading is where a file is read as a whole and then taken apart.
+/// The share of reading in the work where a file is read as a whole and then decoded.
 pub(super) const READING: f64 = 0.3;
 
 /// All bytes of a file.

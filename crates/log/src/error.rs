@@ -1,4 +1,4 @@
-//! What can be wrong with a log; every variant holds the facts, every message says what, where and what to do.
+//! The errors of a log; every variant holds the facts, every message has the fault, the place and the remedy.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use super::frequency::FrequencyError;
 use super::place::Place;
 use crate::notes::Notes;
 
-/// Whatever keeps a log from being read or used.
+/// The errors of reading and using a log.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A log that cannot be read or used.
@@ -83,7 +83,7 @@ pub enum LogError {
         file: String,
         /// The last line that could be read; 0 when there was none.
         row: usize,
-        /// What the decoder said.
+        /// The message of the decoder.
         reason: String,
     },
     /// No column can be the time.
@@ -106,7 +106,7 @@ pub enum LogError {
         /// Its cells.
         cells: usize,
     },
-    /// No row has the value that was asked for.
+    /// No row has the requested value.
     #[error("{file}: no row has `{value}` in the column `{column}`; there are {}", listing(there))]
     NoSuchRows {
         /// The log.
@@ -175,14 +175,14 @@ pub enum LogError {
         /// The topics.
         topics: Vec<String>,
     },
-    /// A file of a known format that does not begin as the format says, or asks for what is not supported.
+    /// A file of a known format with a wrong beginning or an unsupported feature.
     #[error("{file}: {format}: {what}")]
     Format {
         /// The log.
         file: String,
-        /// What the file is.
+        /// The name of the format.
         format: &'static str,
-        /// What is wrong with it and what to do.
+        /// The fault and the remedy.
         what: String,
     },
     /// Samples closer to each other than any recorder takes them.
@@ -203,7 +203,7 @@ pub enum LogError {
         /// The limit, MiB.
         limit_mb: u64,
     },
-    /// What is neither a file nor a folder.
+    /// A path that is neither a file nor a folder.
     #[error(
         "{file}: a pipe or a device, which has no beginning to come back to; write it to a file first"
     )]
@@ -216,9 +216,9 @@ pub enum LogError {
     NoTopics {
         /// The log.
         file: String,
-        /// What the file is.
+        /// The name of the format.
         format: &'static str,
-        /// What was said while it was read.
+        /// The notes of the reading.
         notes: Notes,
     },
     /// A channel in another unit than the model's.
@@ -417,7 +417,7 @@ pub enum LogError {
     Frequency {
         /// The file.
         file: String,
-        /// What is wrong with it.
+        /// Its fault.
         error: FrequencyError,
     },
     /// A step that a table of its response cannot have.
@@ -425,7 +425,7 @@ pub enum LogError {
     StepTime {
         /// The table.
         file: String,
-        /// Where the step is said to be, s.
+        /// The declared time of the step, s.
         at_s: f64,
         /// The first row, s.
         first_s: f64,
@@ -443,7 +443,7 @@ pub enum LogError {
         file: String,
         /// The line.
         row: usize,
-        /// The column that tells the records apart.
+        /// The column that separates the records.
         channel: String,
     },
     /// No such channel.
@@ -451,19 +451,19 @@ pub enum LogError {
     UnknownChannel {
         /// The log.
         file: String,
-        /// The name asked for.
+        /// The requested name.
         channel: String,
         /// The name nearest to it by edit distance, if any is near.
         closest: Option<String>,
         /// The log's channels.
         existing: Vec<String>,
     },
-    /// Several channels end in the name asked for.
+    /// Several channels end in the requested name.
     #[error("{file}: several channels are called `{channel}`; say which: {}", listing(matches))]
     AmbiguousChannel {
         /// The log.
         file: String,
-        /// The name asked for.
+        /// The requested name.
         channel: String,
         /// Their full names.
         matches: Vec<String>,
@@ -539,7 +539,7 @@ pub enum LogError {
     TooFine {
         /// The log.
         file: String,
-        /// The sample time asked for, in seconds.
+        /// The requested sample time, in seconds.
         sample_time_s: f64,
         /// The samples that it would make.
         samples: f64,
@@ -557,7 +557,7 @@ pub enum LogError {
         row: usize,
         /// The numbers of all rows that are read.
         most: f64,
-        /// What they take, 10⁹ bytes.
+        /// Their need, 10⁹ bytes.
         gb: f64,
     },
     /// A column is given two names.
@@ -585,7 +585,7 @@ pub enum LogError {
 remedied!(Error { Log });
 
 impl LogError {
-    /// A file that is not as its format says.
+    /// A file that violates its format.
     pub(super) fn format(file: &str, format: &'static str, what: impl Into<String>) -> Self {
         Self::Format { file: file.to_owned(), format, what: what.into() }
     }

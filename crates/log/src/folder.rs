@@ -12,7 +12,7 @@ use super::recording::Recording;
 use super::{mcap, rosbag2};
 
 const NAME: &str = "a bag of ROS 2";
-/// What names the files.
+/// The file with the names of the others.
 const METADATA: &str = "metadata.yaml";
 
 /// Reads a folder: its files one after the other, as one recording.
@@ -61,7 +61,7 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
     bag.finish(&source, "rosbag2", NAME)
 }
 
-/// Its files in order: as `metadata.yaml` says, else by their names, `bag_10` behind `bag_9`.
+/// Its files in order: that of `metadata.yaml`, else by their names, `bag_10` behind `bag_9`.
 fn parts(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let text = std::fs::read_to_string(folder.join(METADATA)).unwrap_or_default();
     let mut named =

@@ -1,10 +1,10 @@
-//! Measured frequency responses: complex numbers over frequency, with what is known of their noise.
+//! Measured frequency responses: complex numbers over frequency, with the known facts of their noise.
 
 use nalgebra::Complex;
 
 use super::place::Place;
 
-/// What a frequency response says of its own noise.
+/// The noise information of a frequency response.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Quality {
     /// Nothing.
@@ -29,13 +29,13 @@ pub struct FrequencyResponse {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FrequencyError {
-    /// No column has what is needed.
+    /// No column has the required quantity.
     #[error(
         "no column with the {needed}; there are {}; name them `frequency [Hz]` (or `[rad/s]`) and `real`, `imag`, or `magnitude [dB]` (or `magnitude`) and `phase [deg]` (or `[rad]`); `coherence` or `std` are optional",
         existing.join(", ")
     )]
     NoColumn {
-        /// What is missing.
+        /// The missing quantity.
         needed: &'static str,
         /// The columns there are.
         existing: Vec<String>,
@@ -45,7 +45,7 @@ pub enum FrequencyError {
         "the columns `{first}` and `{second}` both look like the {role}; keep one response from one input to one output, and delete the other columns"
     )]
     Twice {
-        /// What both are.
+        /// The common role.
         role: &'static str,
         /// One of them.
         first: String,
@@ -68,7 +68,7 @@ pub enum FrequencyError {
         /// The column.
         column: String,
     },
-    /// A value beyond what it may be.
+    /// A value outside its range.
     #[error("{place}: `{column}` is {value}; {remedy}")]
     OutOfRange {
         /// Where.
@@ -77,7 +77,7 @@ pub enum FrequencyError {
         column: String,
         /// The value.
         value: f64,
-        /// What to do.
+        /// The remedy.
         remedy: &'static str,
     },
     /// Frequencies that do not increase.
@@ -116,7 +116,7 @@ pub enum FrequencyError {
 pub(super) const NEEDED: usize = 8;
 
 impl Quality {
-    /// What it is called; nothing where it is unknown.
+    /// Its name; empty where it is unknown.
     fn name(&self) -> &'static str {
         match self {
             Self::Unknown => "",
@@ -183,7 +183,8 @@ fn kept<T>(values: Vec<T>, keep: &[bool]) -> Vec<T> {
 }
 
 impl FrequencyResponse {
-    /// A response from arrays: angular frequencies, rad/s; complex values; what is known of their noise. The frequency 0, whose phase knows of no delay, is left out.
+    /// A response from arrays: angular frequencies, rad/s; complex values; the known facts of their noise. The frequency 0, whose phase has no information on
+    /// the delay, is left out.
     ///
     /// # Errors
     /// [`FrequencyError`] with the place of what cannot be used.
@@ -238,7 +239,7 @@ impl FrequencyResponse {
         Ok(Self { source, omega_rad_s, values, quality, notes })
     }
 
-    /// What it is called.
+    /// Its name.
     #[must_use]
     pub fn source(&self) -> &str {
         &self.source
@@ -256,13 +257,13 @@ impl FrequencyResponse {
         &self.values
     }
 
-    /// What is known of the noise.
+    /// The known facts of the noise.
     #[must_use]
     pub fn quality(&self) -> &Quality {
         &self.quality
     }
 
-    /// What a reader must know of how it was read, a sentence each.
+    /// Notes on the reading, a sentence each.
     #[must_use]
     pub fn notes(&self) -> &[String] {
         &self.notes
@@ -275,7 +276,7 @@ impl FrequencyResponse {
         self
     }
 
-    /// The time beyond which delays look alike because the frequencies stand apart, s: a turn over the smallest distance of neighbours.
+    /// The delay from which on delays are aliases because of the spacing of the frequencies, s: a turn over the smallest distance of neighbours.
     #[must_use]
     pub fn unambiguous_s(&self) -> f64 {
         let mut gaps: Vec<f64> =

@@ -1,6 +1,6 @@
 //! `DEADTIME_FUZZ_ROUNDS` mutants of each file are drawn with `DEADTIME_FUZZ_SEED`; `scripts/fuzz` goes on for minutes.
 //!
-//! Files that are damaged, or made to take memory or time without end: an error, or values that are right, or something that is said.
+//! Damaged files, or files that would take memory or time without end. The result is an error, correct values, or a note.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -64,7 +64,7 @@ fn drawing(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(number("DEADTIME_FUZZ_SEED", 0).wrapping_mul(1000) + seed)
 }
 
-/// What lengths, counts and pointers break on.
+/// The sizes at which lengths, counts and pointers fail.
 fn size(length: usize, rng: &mut impl Rng) -> u64 {
     let sizes =
         [0, 1, 0x7f, 0xff, 0x7fff_ffff, 0xffff_ffff, u64::MAX >> 1, u64::MAX, length as u64];
@@ -100,7 +100,7 @@ fn mutant(bytes: &[u8], rng: &mut impl Rng) -> Vec<u8> {
     bytes
 }
 
-/// What notes call damage.
+/// The words of notes on damage.
 const DAMAGE: [&str; 8] = [
     "cut off",
     "damaged",
@@ -570,7 +570,7 @@ mod tables {
         [vec![delta << 4 | 5], varint(((value << 1) ^ (value >> 63)).cast_unsigned())].concat()
     }
 
-    /// A plain page of numbers with its checksum, as other writers make it.
+    /// An uncompressed page of numbers with its checksum, as other writers make it.
     fn page(values: &[f64]) -> Vec<u8> {
         let body: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         let size = body.len() as i64;

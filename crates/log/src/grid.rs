@@ -65,7 +65,7 @@ impl Log {
         }
     }
 
-    /// The log with one more channel, the slope of another from its sample before, in units of that one per second; 0 at the first sample.
+    /// The log with one more channel: the slope of another channel from the sample before, in its units per second; 0 at the first sample.
     ///
     /// # Errors
     /// [`LogError`] for a channel that is not there or misses samples, and for a name that is taken.
@@ -126,14 +126,14 @@ impl Log {
         Ok(Self { early_s: self.early_s, ..part })
     }
 
-    /// The log on an even grid from its first sample to its last: the channels named in `held` keep their previous value (as a held input
-    /// does), the others are interpolated linearly between neighbours. A sample is missing where a neighbour that it needs is missing.
+    /// The log on an even grid from its first sample to its last. The channels named in `held` keep their previous value (as a held input does), the others are
+    /// interpolated linearly between neighbours. A sample is missing where a neighbour that it needs is missing.
     ///
-    /// Nothing is filtered: a sample time well above the logged one folds what is faster than half its rate into the result.
+    /// Nothing is filtered: a sample time well above the logged one folds frequencies above half its rate into the result.
     ///
     /// # Errors
-    /// As [`Log::channel`] for the names in `held`; [`LogError::TooFine`] beyond 200 million samples;
-    /// [`LogError::TimeStandsStill`] when the time stamps are too large to carry so small a step.
+    /// As [`Log::channel`] for the names in `held`. [`LogError::TooFine`] beyond 200 million samples. [`LogError::TimeStandsStill`] when the time stamps are
+    /// too large for so small a step.
     pub fn resample(&self, sample_time: SampleTime, held: &[&str]) -> Result<Self, LogError> {
         for name in held {
             self.channel(name)?;

@@ -1,4 +1,4 @@
-//! The one edge behind which other crates take files apart: some of them stop the program where parts of a damaged file do not fit together.
+//! The guard around other crates that decode files. Some of them stop the program where parts of a damaged file do not fit together.
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
@@ -13,10 +13,10 @@ thread_local! {
 
 static SILENCE: Once = Once::new();
 
-/// Reads behind the guard: a panic is the reader's error, and nothing of it is printed. Nothing that `read` changes is looked at again after a panic.
+/// Reads behind the guard: a panic is the reader's error, and nothing of it is printed. Data that `read` changes are not used after a panic.
 ///
 /// # Errors
-/// What the reader says; [`LogError::Format`] where it gave up in the middle.
+/// The reader's result; [`LogError::Format`] where it panicked.
 pub(super) fn guarded<T>(
     source: &str,
     format: &'static str,
@@ -33,7 +33,7 @@ pub(super) fn attempted<T>(read: impl FnOnce() -> T) -> Option<T> {
     SILENCE.call_once(|| {
         let before = take_hook();
         set_hook(Box::new(move |panic| {
-            // While a thread ends its local values may be gone.
+            // At the end of a thread its local values may not exist.
             if !GUARDED.try_with(Cell::get).unwrap_or(false) {
                 before(panic);
             }

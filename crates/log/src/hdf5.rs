@@ -1,6 +1,6 @@
 //! HDF5 files, and MAT 7.3, which is HDF5: vectors and matrices with a vector of time, groups (structs) as topics.
 //!
-//! Source: the HDF5 format, by the crate `hdf5-reader`. MATLAB writes its arrays column by column, so that the dimensions stand the other way round; other programs do not.
+//! Source: the HDF5 format, by the crate `hdf5-reader`. MATLAB writes its arrays column by column, so that the dimensions are reversed; other programs do not.
 //! MATLAB's cells, arrays of structs and objects refer to arrays in the group `#refs#`.
 
 use std::collections::{HashMap, HashSet};
@@ -29,9 +29,9 @@ const NAME: &str = "HDF5";
 const DEEPEST: usize = 16;
 /// No array holds more bytes than this many times the file's: deflate packs no better.
 const MOST_PACKED: usize = 1032;
-/// MATLAB's word for what an array was.
+/// MATLAB's name of the class of an array.
 const CLASS: &str = "MATLAB_class";
-/// Of an array that has no elements, and holds its dimensions instead.
+/// The mark of an array without elements, which holds its dimensions instead.
 const EMPTY: &str = "MATLAB_empty";
 /// Of numbers that refer to an object: 3.
 const DECODE: &str = "MATLAB_object_decode";
@@ -74,7 +74,7 @@ fn unchecked() -> FilterRegistry {
     filters
 }
 
-/// What cells refer to.
+/// The target of a cell.
 enum Referred {
     Group(Group),
     Array(Box<Dataset>),
@@ -88,7 +88,7 @@ struct Parts {
     budget: Budget,
     /// Groups that were read: a file may hold itself.
     groups: HashSet<u64>,
-    /// What was not read yet of what cells refer to, by its place: each is read once, so that no file holds itself.
+    /// The unread targets of cells, by their place: each is read once, so that no file holds itself.
     referred: HashMap<u64, Referred>,
     read: HashSet<u64>,
     notes: Notes,
@@ -176,13 +176,13 @@ impl Parts {
         Array::List(elements.into_iter().map(Array::Struct).collect())
     }
 
-    /// An array; what it is not is said.
+    /// An array; an unusable array gets a note.
     fn array(&mut self, array: &Dataset, path: &str, depth: usize) -> Option<Array> {
         let matlab = !(self.referred.is_empty() && self.read.is_empty());
         let read = match is_reference(array) && matlab {
             true => self.cells(array, path, depth).map(|cells| Some(Array::List(cells))),
             false => self.fits(array).and_then(|()| {
-                // Once as they stand, once as numbers.
+                // Once in the file's type, once as numbers.
                 let count = array.shape().iter().fold(1_u64, |n, length| n.saturating_mul(*length));
                 let bytes = (array.raw_byte_len()? as u64).saturating_add(count.saturating_mul(8));
                 if scalar(array.dtype()).is_some() && !self.budget.spare(bytes) {
@@ -200,7 +200,7 @@ impl Parts {
         None
     }
 
-    /// What is not packed is in the file.
+    /// Unpacked data are in the file.
     fn fits(&self, array: &Dataset) -> Result<(), Damage> {
         if array.chunks().is_none() && array.raw_byte_len()? > self.length {
             return Err(Damage::Other("it is larger than the file".into()));
@@ -208,7 +208,7 @@ impl Parts {
         Ok(())
     }
 
-    /// What an array of references refers to.
+    /// The targets of an array of references.
     fn cells(&mut self, array: &Dataset, path: &str, depth: usize) -> Result<Vec<Array>, Damage> {
         if depth >= DEEPEST {
             return Ok(Vec::new());
@@ -292,8 +292,7 @@ fn numbers(array: &Dataset) -> Result<Option<Array>, Damage> {
     Ok(Some(Array::Numbers { shape, values: turned }))
 }
 
-/// What one number is, and from how many bytes on the next one stands: of complex numbers the real
-/// part is read.
+/// The type of one number, and its distance in bytes to the next: of complex numbers the real part is read.
 fn scalar(kind: &Datatype) -> Option<(Scalar, usize)> {
     let plain = match kind {
         Datatype::FixedPoint { size: 1, signed: true, .. } => Scalar::I8,

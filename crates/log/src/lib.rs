@@ -2,7 +2,7 @@
 //!
 //! NaN and infinities never leave this module: a flag marks a missing sample, and only outputs may have one.
 
-// What a file holds decides where these read: no place is taken for granted.
+// The content of a file decides the places of the reads: no index is taken for granted.
 #![deny(clippy::indexing_slicing)]
 
 mod align;

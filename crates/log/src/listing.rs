@@ -1,4 +1,4 @@
-//! What a recording holds, in numbers: rates, gaps, ranges and the course of every channel.
+//! The content of a recording in numbers: rates, gaps, ranges and the course of every channel.
 
 use std::collections::HashMap;
 
@@ -25,7 +25,7 @@ pub struct Listing {
     pub file: String,
     /// The reader that read it.
     pub reader: &'static str,
-    /// What was guessed, left out or cut off.
+    /// Guesses, omissions and truncations.
     pub notes: Notes,
     /// Its topics.
     pub topics: Vec<TopicListing>,
@@ -72,7 +72,7 @@ pub struct GapListing {
 pub struct ChannelListing {
     /// Its name within the topic.
     pub name: String,
-    /// The shortest name by which this file knows it.
+    /// The shortest unique name in this file.
     pub short: String,
     /// Its unit.
     pub unit: Option<String>,
@@ -89,7 +89,7 @@ pub struct ChannelListing {
 }
 
 impl Recording {
-    /// What the file holds.
+    /// The content of the file.
     #[must_use]
     pub fn listing(&self) -> Listing {
         let ends = self.ends();

@@ -1,6 +1,6 @@
 //! MAT files of version 5 (and 6, 7): arrays, structs of arrays, Simulink's "structure with time".
 //!
-//! Source: MathWorks, "MAT-File Format", level 5. What objects (timeseries, tables) hold stands in a part of the file that its header points to: see [`mcos`].
+//! Source: MathWorks, "MAT-File Format", level 5. The content of objects (timeseries, tables) is in a part of the file that its header points to: see [`mcos`].
 
 use std::path::Path;
 
@@ -94,13 +94,13 @@ pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<
     assemble(source, "mat", NAME, variables, notes, options)
 }
 
-/// Where the element stands that holds what objects refer to.
+/// The place of the element with the content of objects.
 fn subsystem_at(bytes: &[u8], big: bool) -> Option<u64> {
     let at = bytes.get(116..124)?.try_into().ok()?;
     Some(if big { u64::from_be_bytes(at) } else { u64::from_le_bytes(at) })
 }
 
-/// The cells of the `FileWrapper__`: they stand in a file within an array of bytes, in the field `MCOS` of a struct.
+/// The cells of the `FileWrapper__`: they are in a file within an array of bytes, in the field `MCOS` of a struct.
 fn wrapper(content: &[u8], how: How<'_>) -> Option<Vec<Array>> {
     let mut parts = Elements { bytes: content, how };
     // Flags, dimensions, name.
@@ -115,7 +115,7 @@ fn wrapper(content: &[u8], how: How<'_>) -> Option<Vec<Array>> {
     }
 }
 
-/// A compressed element; empty where it does not unpack, or not to what its checksum says.
+/// A compressed element; empty where it does not unpack, or its checksum does not match.
 fn unpacked(
     data: &[u8],
     budget: &Budget,
@@ -141,7 +141,7 @@ fn unpacked(
     Vec::new()
 }
 
-/// How numbers stand in a file, and the memory that they may take.
+/// The number format of a file, and its memory limit.
 #[derive(Clone, Copy)]
 struct How<'b> {
     big: bool,
@@ -163,7 +163,7 @@ impl<'a> Elements<'a, '_> {
     /// Type and content of the next element, and whether it is whole.
     fn next(&mut self) -> Option<(u32, &'a [u8], bool)> {
         let word = self.u32(0)?;
-        // Up to four bytes stand in the tag itself.
+        // Up to four bytes are in the tag itself.
         if word >> 16 != 0 {
             let content = self.bytes.get(4..8)?.get(..(word >> 16) as usize)?;
             self.bytes = self.bytes.get(8..)?;
@@ -212,7 +212,7 @@ fn numbers(kind: u32, content: &[u8], how: How<'_>) -> Option<Vec<f64>> {
     Some(values)
 }
 
-/// So many structs of the same fields.
+/// The given number of structs of the same fields.
 fn structs(parts: &mut Elements<'_, '_>, count: usize, depth: usize) -> Option<Array> {
     let length = parts.numbers()?.first().copied()? as usize;
     let (_, names, _) = parts.next()?;
@@ -238,7 +238,7 @@ fn structs(parts: &mut Elements<'_, '_>, count: usize, depth: usize) -> Option<A
     }
 }
 
-/// A variable: its name and what it holds.
+/// A variable: its name and its content.
 fn matrix(content: &[u8], how: How<'_>, depth: usize) -> Option<(String, Array)> {
     let mut parts = Elements { bytes: content, how };
     if content.is_empty() || depth > DEEPEST {

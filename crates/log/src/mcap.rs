@@ -1,7 +1,7 @@
-//! MCAP: channels with schemas, messages in chunks, compressed or plain.
+//! MCAP: channels with schemas, messages in chunks, compressed or not.
 //!
-//! Source: the MCAP format specification, version 0. Records are read in file order up to the end of the data section. Checksums (CRC-32) are checked where the
-//! writer set them: of every chunk, of the data section, and of the summary behind it, whose counts are compared with what was found.
+//! Source: the MCAP format specification, version 0. Records are read in file order up to the end of the data section. Checksums (CRC-32) are verified where
+//! the writer set them: of every chunk, of the data section, and of the summary behind it. The counts of the summary are compared with those of the data.
 
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};
@@ -26,7 +26,7 @@ const MESSAGE: u8 = 5;
 const CHUNK: u8 = 6;
 const STATISTICS: u8 = 11;
 const DATA_END: u8 = 15;
-/// Bytes of a record before its content: what it is, and how long.
+/// Bytes of a record before its content: its type and its length.
 const HEAD: usize = 9;
 /// Bytes of a footer before its checksum.
 const FOOTER_CHECKED: usize = 16;
@@ -69,7 +69,7 @@ impl<R: BufRead> Checked<R> {
         Ok(Some((head, opcode, u64::from_le_bytes(length))))
     }
 
-    /// The content of a record, as far as it is there and may be read.
+    /// The content of a record, if it is complete and within the budget.
     fn content(&mut self, length: u64, budget: &Budget, into: &mut Vec<u8>) -> std::io::Result<()> {
         into.clear();
         match budget.read(self.bytes.by_ref(), length, into) {
@@ -180,7 +180,7 @@ impl Mcap<'_> {
                 }
                 return Ok(whole && opcode == DATA_END);
             }
-            // Of a chunk that is cut off, what is there can be read.
+            // The existing part of a truncated chunk is readable.
             if whole || opcode == CHUNK {
                 self.take(opcode, &content, (at, whole));
             }
@@ -192,7 +192,7 @@ impl Mcap<'_> {
         }
     }
 
-    /// Compares the checksum of the data with what was read.
+    /// Compares the checksum of the data with that of the read bytes.
     fn data_end(&mut self, content: &[u8], sum: &Hasher) {
         if let Some(wanted) = Fields(content).u32().filter(|wanted| *wanted != 0)
             && wanted != sum.clone().finalize()
@@ -321,7 +321,7 @@ impl Mcap<'_> {
             }
             return Some(());
         };
-        // Of a chunk that is cut off, nothing can be checked.
+        // A truncated chunk cannot be verified.
         let sound = crc == 0 || !whole || crc32fast::hash(&records) == crc;
         if !sound {
             self.chunks.damaged.push(at);
@@ -333,7 +333,7 @@ impl Mcap<'_> {
         Some(())
     }
 
-    /// Takes the records of a chunk; says what of it is lost.
+    /// Reads the records of a chunk; a note reports the lost part.
     fn records(
         &mut self,
         records: &[u8],

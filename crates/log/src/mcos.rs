@@ -1,4 +1,4 @@
-//! MATLAB's objects: MAT files of version 5 to 7.3 keep their properties apart, in the cells of a `FileWrapper__`, and refer to them by numbers.
+//! MATLAB's objects: MAT files of version 5 to 7.3 keep their properties in the cells of a `FileWrapper__`, and refer to them by numbers.
 //!
 //! Source: "Subsystem Data Format" of the project matio (foreverallama/matio), which found out what MathWorks does not document. The objects that hold signals are read:
 //! `timeseries`, `timetable`, `table`, `Simulink.SimulationOutput`, `Simulink.SimulationData.Dataset`; of others the properties, as a struct.
@@ -9,11 +9,11 @@ use super::arrays::Array;
 use super::options::TimeUnit;
 use crate::notes::Notes;
 
-/// What numbers begin with that refer to an object.
+/// The first number of a reference to an object.
 const MARK: f64 = 3_707_764_736.0;
 /// Objects within objects deeper than this are left out: an object may hold itself.
 const DEEPEST: usize = 16;
-/// Several objects may share the contents of the wrapper: the limit of what is read, as a multiple of the wrapper's size.
+/// Several objects may share the contents of the wrapper: the limit of the reading, as a multiple of the wrapper's size.
 const SHARED: usize = 4;
 
 /// Whether numbers refer to an object.
@@ -36,7 +36,7 @@ pub(super) fn resolve(
     }
 }
 
-/// The last part of a path: a name without what it stands in.
+/// The last part of a path: a name without its parents.
 fn last(path: &str) -> &str {
     path.rsplit('.').next().unwrap_or(path)
 }
@@ -117,7 +117,7 @@ impl Wrapper {
         let (saved, plain) = (records(region(1)?), records(region(3)?));
         let defaults =
             if let Some(Array::List(defaults)) = cells.pop() { defaults } else { Vec::new() };
-        // Behind the values stand aliases of classes, and something unknown.
+        // Behind the values are aliases of classes, and an undocumented part.
         cells.truncate(cells.len().saturating_sub(version - 2));
         let values = cells.into_iter().skip(2).collect();
         Some(Self { names, classes, objects, saved, plain, values, defaults })
@@ -137,7 +137,7 @@ impl Wrapper {
             };
             found.push((name(*property)?, array));
         }
-        // What a class's `saveobj` gave is one struct instead of properties.
+        // The result of a class's `saveobj` is one struct instead of properties.
         if let [("any", Cow::Borrowed(Array::Struct(fields)))] = found.as_slice() {
             found =
                 fields.iter().map(|(name, array)| (name.as_str(), Cow::Borrowed(array))).collect();
@@ -177,7 +177,7 @@ fn records(words: &[usize]) -> Vec<Vec<[usize; 3]>> {
     found
 }
 
-/// The numbers of objects that an array refers to: they stand behind its dimensions, and before the number of its class.
+/// The numbers of objects that an array refers to: they are behind its dimensions, and before the number of its class.
 fn ids(array: &Array) -> Option<&[f64]> {
     let (Array::Numbers { values, .. } | Array::Object(values)) = array else { return None };
     if !refers(values) {
@@ -187,7 +187,7 @@ fn ids(array: &Array) -> Option<&[f64]> {
     values.get(dimensions.checked_add(2)?..values.len() - 1)
 }
 
-/// What an object has.
+/// The properties of an object.
 struct Properties<'a>(Vec<(&'a str, Cow<'a, Array>)>);
 
 impl Properties<'_> {
@@ -226,7 +226,7 @@ struct Objects<'a, 'n> {
 }
 
 impl<'a> Objects<'a, '_> {
-    /// Puts objects into an array; within the wrapper plain numbers refer to them as well.
+    /// Fills an array with objects; within the wrapper plain numbers refer to them as well.
     fn fill(&mut self, path: &str, array: &mut Array, within: bool, depth: usize) {
         match array {
             Array::Object(_) => *array = self.objects(path, array, depth),
@@ -320,7 +320,7 @@ impl<'a> Objects<'a, '_> {
             )?)),
             "Simulink.SimulationOutput" => self.taken(path, properties.get("Data")?, depth),
             "Simulink.SimulationData.Dataset" => self.dataset(path, properties, depth),
-            // What a function refers to; texts.
+            // The targets of a function; texts.
             "function_handle_workspace" | "string" => Some(Array::Other),
             _ => match properties.get("Values") {
                 Some(values) if class.starts_with("Simulink.SimulationData.") => {
@@ -348,7 +348,7 @@ impl<'a> Objects<'a, '_> {
                 .and_then(|part| self.wrapper?.only(part))
                 .map(|(_, properties)| properties)
         };
-        // What Simulink wrote while it ran stands in a storage of its own.
+        // Data that Simulink wrote while it ran are in a separate storage.
         let storage = own("Storage");
         let info = own("TimeInfo").unwrap_or(Properties(Vec::new()));
         let data = properties.get("Data").or_else(|| storage.as_ref()?.get("Data"));
@@ -377,7 +377,7 @@ impl<'a> Objects<'a, '_> {
             (TimeUnit::S, 1.0)
         });
         times.iter_mut().for_each(|time| *time *= scale);
-        // What has more than two dimensions has time in the last one, unless it says otherwise.
+        // Arrays of more than two dimensions have time in the last one, unless another is named.
         let rows = times.len();
         let first = shape.first() == Some(&rows)
             && (shape.len() < 3
@@ -450,11 +450,11 @@ impl<'a> Objects<'a, '_> {
         Some(columns)
     }
 
-    /// The elements of a Dataset by their names; signals have what they recorded in `Values`.
+    /// The elements of a Dataset by their names; signals have their records in `Values`.
     fn dataset(&mut self, path: &str, properties: &Properties<'a>, depth: usize) -> Option<Array> {
         let wrapper = self.wrapper?;
         let storage = properties.get("Storage").and_then(|storage| wrapper.only(storage));
-        // What Simulink streamed into the file stands in no arrays.
+        // Data that Simulink streamed into the file are not in arrays.
         if storage.as_ref().is_some_and(|(class, _)| class.ends_with("MatFileDatasetStorage")) {
             return None;
         }

@@ -1,4 +1,4 @@
-//! What a reader guessed or left out, a sentence each.
+//! The guesses and omissions of a reader, a sentence each.
 
 use std::ops::{Deref, DerefMut};
 

@@ -1,8 +1,8 @@
-//! Numbers as narrow as a file holds them, made wide when somebody asks for a slice of them: of a long flight few channels are ever looked at.
+//! Numbers as narrow as a file holds them, widened when a slice of them is requested. Only few channels of a long flight are read.
 
 use std::sync::OnceLock;
 
-/// So many numbers are made wide at once where one after the other is asked for.
+/// The number of values that are widened at once in sequential access.
 const FEW: usize = 1024;
 
 /// Numbers of one type, each of which is exactly a number of double precision.
@@ -101,7 +101,7 @@ impl Numbers {
         }
     }
 
-    /// Cuts off what is too much, or puts zeros behind.
+    /// Removes the excess, or appends zeros.
     pub(super) fn resize(&mut self, len: usize) {
         of_each!(self, list => list.resize(len, Default::default()));
     }
@@ -188,7 +188,7 @@ impl From<Vec<f64>> for Values {
     }
 }
 
-/// The same numbers, whatever types hold them.
+/// The same numbers, in any types.
 impl PartialEq for Values {
     fn eq(&self, other: &Self) -> bool {
         self.numbers.len() == other.numbers.len()

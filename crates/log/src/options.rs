@@ -29,7 +29,7 @@ pub enum TimeUnit {
 }
 
 impl TimeUnit {
-    /// How many of them a second has, a part of one where they are longer; dates are counted in nanoseconds.
+    /// Their number in a second, below 1 where they are longer; dates are counted in nanoseconds.
     #[must_use]
     pub fn per_second(self) -> f64 {
         match self {
@@ -70,7 +70,7 @@ pub enum Stamps {
     /// When the recorder got them: the same clock for all topics.
     #[default]
     Arrival,
-    /// What the sender wrote into `header.stamp` or `timestamp`, of the topics that have it.
+    /// The sender's stamp in `header.stamp` or `timestamp`, for the topics that have it.
     Header,
 }
 
@@ -89,10 +89,10 @@ pub struct ReadOptions {
     pub columns: Vec<String>,
     /// The rows of a text file that are read: those whose cell in this column has this text or number; `None`: all.
     pub only: Option<(String, String)>,
-    /// Numbers that stand for a missing sample.
+    /// Numbers that mean a missing sample.
     pub missing: Vec<i64>,
     /// Memory that reading may take, bytes; `None`: 4 times the file and 64 MiB.
     pub memory: Option<u64>,
-    /// Where it is said how much of the file is read.
+    /// The progress report of the reading.
     pub far: HowFar,
 }

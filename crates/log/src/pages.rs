@@ -1,7 +1,7 @@
 //! The pages of a column of a Parquet file: headers, checksums, unpacking within a budget.
 //!
 //! Source: the Apache Parquet format, `parquet.thrift` and "Thrift compact protocol". A page whose checksum (CRC-32) does not match is left out; its rows are
-//! remembered. No page unpacks to more than its header says and the budget has.
+//! remembered. No page unpacks to more than its header and the budget allow.
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom, Take};
@@ -32,7 +32,7 @@ pub(super) struct Lost {
     pub(super) pages: usize,
 }
 
-/// What all pages of a column have in common.
+/// The common properties of all pages of a column.
 #[derive(Debug, Clone)]
 pub(super) struct Chunk {
     pub(super) kind: Type,
@@ -46,7 +46,7 @@ pub(super) struct Chunk {
 pub(super) struct Pages {
     bytes: Take<BufReader<File>>,
     chunk: Chunk,
-    /// What the page at hand, and the dictionary, take of the budget.
+    /// The budget of the current page and of the dictionary.
     held: [u64; 2],
 }
 
@@ -54,7 +54,7 @@ fn wrong(what: impl Into<String>) -> ParquetError {
     ParquetError::General(what.into())
 }
 
-/// A number that stands for a size or a count.
+/// A number that is a size or a count.
 fn size<T: TryFrom<i64>>(value: i64) -> Result<T> {
     T::try_from(value).map_err(|_| wrong(format!("a size of {value}")))
 }
@@ -75,7 +75,7 @@ impl Pages {
         Ok(Some(Header(thrift.fields(0)?)))
     }
 
-    /// The bytes of a page as they stand in the file.
+    /// The bytes of a page in the file.
     fn packed(&mut self, header: &Header) -> Result<Vec<u8>> {
         let length: u64 = size(header.number(&[3])?)?;
         if length > self.bytes.limit() {
@@ -104,7 +104,7 @@ impl Pages {
         }
     }
 
-    /// Unpacks what stands behind the levels of a page; `plain` holds the levels.
+    /// Unpacks the part behind the levels of a page; `plain` holds the levels.
     fn unpack(
         &mut self,
         packed: &[u8],
@@ -321,7 +321,7 @@ fn unpacked(
     }
 }
 
-/// LZ4 as Hadoop writes it: blocks behind their sizes, plain and packed.
+/// LZ4 in Hadoop's form: blocks behind their sizes, unpacked and packed.
 fn hadoop(mut packed: &[u8], mut to: &mut [u8]) -> std::io::Result<usize> {
     let damaged = || std::io::Error::other("no blocks of LZ4");
     let mut all = 0;
@@ -361,7 +361,7 @@ fn encoding(number: i64) -> Result<Encoding> {
 /// The fields of a page's header by their numbers.
 struct Header(Vec<(i16, Value)>);
 
-/// What of a field is used.
+/// The used part of a field.
 enum Value {
     Number(i64),
     Fields(Vec<(i16, Value)>),

@@ -25,7 +25,7 @@ use crate::notes::Notes;
 use deadtime_signal::remedy::{Message, Remedy};
 
 const NAME: &str = "Parquet";
-/// So many rows at a time.
+/// The number of rows at a time.
 const BATCH: usize = 65_536;
 
 pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
@@ -91,7 +91,7 @@ fn read(
                 let Some(chunk) = metadata.columns().get(at) else { break };
                 let rows = usize::try_from(metadata.num_rows()).unwrap_or(0);
                 if let Err(error) = of.group(group, chunk, rows, &mut cells, &mut notes) {
-                    // What was whole stays; the rest of the column counts as missing.
+                    // The whole pages stay; the rest of the column is missing.
                     notes.push(format!("{name}: damaged in row group {group} ({error})"));
                     break;
                 }
@@ -173,7 +173,7 @@ fn unread(how: Compression) -> Option<&'static str> {
     }
 }
 
-/// The cells of a column before any is read; `None` of what is neither number nor text.
+/// The cells of a column before any is read; `None` for a column of neither numbers nor text.
 fn empty(leaf: &ColumnDescriptor) -> Option<Cells> {
     let unit = match leaf.logical_type_ref() {
         Some(LogicalType::Timestamp(kind) | LogicalType::Time(kind)) => Some(match kind.unit {
@@ -238,7 +238,7 @@ fn column(
     }
 }
 
-/// Appends one value a row up to the last page, `none` where the definition level says that there is none.
+/// Appends one value a row up to the last page, `none` where the definition level means a missing value.
 fn values<T: DataType, V: Clone>(
     mut reader: ColumnReaderImpl<T>,
     deepest: i16,

@@ -1,6 +1,6 @@
-//! Where a sample stands, and what stands behind it.
+//! The place of a sample, and its neighbours.
 
-/// Where a sample stands, for messages.
+/// The place of a sample, for messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
     /// The line of a file, as an editor counts it: the header is row 1.
@@ -19,7 +19,7 @@ impl std::fmt::Display for Place {
 }
 
 impl Place {
-    /// What is to be said of a file, or of numbers in memory.
+    /// The message for a file, or for numbers in memory.
     pub(super) fn either(self, file: &'static str, memory: &'static str) -> &'static str {
         match self {
             Self::Row(_) => file,

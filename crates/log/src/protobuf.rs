@@ -25,13 +25,13 @@ enum Node {
     Unseen,
     Number(usize),
     Parts(Vec<Node>),
-    /// Of a map: what its keys are, and their columns.
+    /// For a map: the type of its keys, and their columns.
     Keys(Vec<(MapKey, Node)>),
     Skipped,
 }
 
 impl Messages {
-    /// The messages `name` of a set of descriptors. `Err` says what is wrong with it, and what to do.
+    /// The messages `name` of a set of descriptors. `Err` has the fault, and the remedy.
     pub(super) fn new(name: &str, descriptors: &[u8]) -> Result<Self, String> {
         let pool = DescriptorPool::decode(descriptors)
             .map_err(|e| format!("its schema is no complete set of descriptors ({e}); record it with every file that it imports"))?;
@@ -66,7 +66,7 @@ impl MessageWalk<'_> {
         let Some(parts) = parts(node) else { return };
         for (i, field) in message.descriptor().fields().enumerate() {
             let Some(part) = part(parts, i) else { continue };
-            // A number that was not sent is 0, unless the definition tells the two apart.
+            // A number that was not sent is 0, unless the schema distinguishes the two.
             if matches!(part, Node::Skipped)
                 || field.supports_presence() && !message.has_field(&field)
             {
@@ -174,7 +174,7 @@ impl MessageWalk<'_> {
     }
 }
 
-/// Whether a field can hold numbers at all: what it need not be asked for, need not be copied.
+/// Whether a field can hold numbers: other fields are not copied.
 fn numeric(field: &FieldDescriptor) -> bool {
     let kind = match field.kind() {
         Kind::Message(entry) if field.is_map() => entry.map_entry_value_field().kind(),

@@ -16,7 +16,7 @@ const HEAD: usize = 520;
 pub struct Reader {
     /// Its name.
     pub name: &'static str,
-    /// What it is, in one line.
+    /// Its summary, in one line.
     pub summary: &'static str,
     /// How its files' names end, without the dot.
     pub extensions: &'static [&'static str],
@@ -26,7 +26,7 @@ pub struct Reader {
     pub open: fn(&Path, &ReadOptions) -> Result<Recording, Error>,
 }
 
-/// What a program without those readers says.
+/// The answer of a program without those readers.
 #[cfg(not(feature = "tables"))]
 const WITHOUT: &str = "this program was built without the feature `tables`; write it as CSV";
 
@@ -36,7 +36,7 @@ fn unread(path: &Path, format: &'static str, remedy: &str) -> Error {
     LogError::format(&path.display().to_string(), format, what).into()
 }
 
-/// Every format there is; the last one takes what no other knows.
+/// Every format; the last one takes all unrecognised files.
 pub const READERS: &[Reader] = &[
     Reader {
         name: "ulog",
@@ -111,13 +111,13 @@ pub const READERS: &[Reader] = &[
 
 /// A format that is known and not read.
 struct Foreign {
-    /// What it is.
+    /// The name of the format.
     name: &'static str,
     /// How such a file begins.
     head: &'static [u8],
     /// How its name ends; empty: its first bytes are enough.
     extensions: &'static [&'static str],
-    /// What to do.
+    /// The remedy.
     remedy: &'static str,
 }
 
@@ -181,10 +181,11 @@ const FOLDER: Reader = Reader {
     open: folder::open,
 };
 
-/// The format of a file: by its first bytes, then by its name; text where neither tells.
+/// The format of a file: by its first bytes, then by its name; otherwise text.
 ///
 /// # Errors
-/// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`LogError::Format`] for a format that is known and not read; [`LogError::NoFile`] of what is neither file nor folder.
+/// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`LogError::Format`] for a known format without a reader; [`LogError::NoFile`] for a path that is
+/// neither file nor folder.
 pub fn reader(path: &Path) -> Result<&'static Reader, Error> {
     let io = |e| Error::io(path, e);
     if path.is_dir() {
@@ -226,7 +227,7 @@ pub(super) fn regular(path: &Path) -> Result<(), Error> {
 /// Reads a file of any format.
 ///
 /// # Errors
-/// [`FileError::Io`](deadtime_signal::file::FileError::Io) when the operating system refuses the file; [`super::error::LogError`] naming what is wrong, and where.
+/// [`FileError::Io`](deadtime_signal::file::FileError::Io) when the operating system refuses the file; [`super::error::LogError`] with the fault and its place.
 pub fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
     let mut recording = (reader(path)?.open)(path, options)?;
     let Recording { topics, notes, .. } = &mut recording;
@@ -234,7 +235,7 @@ pub fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
     Ok(recording)
 }
 
-/// Reads a file that holds one log: what [`open`] guessed is not said.
+/// Reads a file that holds one log: the guesses of [`open`] are not reported.
 ///
 /// A column of text that holds no number, NaN or an infinity somewhere loads as unusable: only asking for it is an error. Time is always checked.
 ///

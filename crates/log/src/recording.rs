@@ -1,4 +1,4 @@
-//! What a file holds before anyone chooses channels: topics, each with stamps of its own.
+//! The content of a file before any choice of channels: topics, each with its own stamps.
 
 use std::collections::HashSet;
 
@@ -9,16 +9,16 @@ use super::numbers::Numbers;
 use super::place::neighbours;
 use crate::notes::Notes;
 
-/// A file that was read: its topics and what has to be said about the reading.
+/// A file after reading: its topics and the notes of the reading.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
     /// The file as it was given.
     pub source: String,
     /// The name of its format.
     pub format: &'static str,
-    /// What it holds, in the file's order.
+    /// Its topics, in the file's order.
     pub topics: Vec<Topic>,
-    /// What was guessed, left out, or cut off, a sentence each.
+    /// Guesses, omissions and truncations, a sentence each.
     pub notes: Notes,
 }
 
@@ -74,7 +74,7 @@ impl Recording {
 /// Bytes that a number of a table takes, with whether it is there.
 const CELL: u64 = 9;
 
-/// A topic while it is read: rows of numbers, whatever order their stamps have.
+/// A topic during the reading: rows of numbers, in any order of their stamps.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Table {
     name: String,
@@ -202,7 +202,7 @@ impl Table {
         times(&mut self.time_s);
     }
 
-    /// Puts numbers into all rows that were begun and in which the column has none yet; what is not finite counts as missing.
+    /// Writes numbers into all begun rows in which the column has none yet; a number that is not finite is missing.
     pub(super) fn extend(&mut self, column: usize, numbers: impl FnOnce(&mut Numbers)) {
         let rows = self.time_s.len();
         let Some(column) = self.columns.get_mut(column) else { return };
@@ -236,7 +236,7 @@ impl Table {
         self.time_s.len()
     }
 
-    /// Puts a number into the row that was begun last. What is not finite counts as missing: autopilots log NaN for what is not set.
+    /// Writes a number into the latest row. A number that is not finite is missing: autopilots log NaN for unset values.
     pub(super) fn set(&mut self, column: usize, value: f64) {
         let Some(row) = self.time_s.len().checked_sub(1) else { return };
         if value.is_infinite() {
@@ -247,7 +247,8 @@ impl Table {
         }
     }
 
-    /// The topic: rows in order of time, of rows with the same stamp the first, columns without a number left out; notes say what went. `None` when nothing is left.
+    /// The topic: rows in order of time, the first of rows with the same stamp, columns without a number left out; notes report the omissions. `None` when no
+    /// row remains.
     pub(super) fn finish(
         mut self,
         source: &str,

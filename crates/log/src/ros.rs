@@ -13,7 +13,7 @@ pub(super) const MOST_ELEMENTS: usize = 64;
 /// Messages within messages deeper than this are refused.
 const DEEPEST: usize = 32;
 
-/// How numbers stand in bytes.
+/// The byte order of numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Encoding {
     /// ROS 1: little-endian, without alignment.
@@ -29,7 +29,7 @@ pub(super) struct Definitions {
     messages: Vec<Vec<Field>>,
 }
 
-/// A definition while what it uses is read.
+/// The state of a definition during the reading of its parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Known {
     Begun,
@@ -82,7 +82,8 @@ impl FieldKind {
 }
 
 impl Definitions {
-    /// Reads a definition as bags hold it: the message `name`, then every message that it uses, behind lines of `=`. `Err` names what is missing, or holds itself.
+    /// Reads a definition as bags hold it: the message `name`, then every message that it uses, behind lines of `=`. `Err` names the missing definition, or one
+    /// that holds itself.
     pub(super) fn parse(name: &str, text: &str) -> Result<Self, String> {
         let mut texts: HashMap<String, &str> = HashMap::new();
         let mut current = (plain(name), 0);

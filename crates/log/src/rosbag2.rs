@@ -24,7 +24,7 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
     bag.finish(&source, "rosbag2", NAME)
 }
 
-/// What has to be said where the database was not closed.
+/// The note where the database was not closed.
 pub(super) fn journal(path: &Path) -> Option<String> {
     let mut journal = path.as_os_str().to_owned();
     journal.push("-wal");

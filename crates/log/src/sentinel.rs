@@ -1,4 +1,4 @@
-//! Numbers that stand for a missing sample: −9999, 65535 and the like.
+//! Numbers that mean a missing sample: −9999, 65535 and the like.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use deadtime_signal::remedy::{Message, Remedy};
 use super::channels::{Channel, Log};
 use crate::notes::Notes;
 
-/// What recorders write where they have no number.
+/// The numbers that recorders write where they have none.
 const KNOWN: [i64; 18] = [
     -999_999,
     -99_999,
@@ -28,7 +28,7 @@ const KNOWN: [i64; 18] = [
     4_294_967_295,
     -1_000_000,
 ];
-/// As often a number must stand in a channel to be one of them.
+/// The least count of a number in a channel for such a meaning.
 const OFTEN: usize = 3;
 /// As many times the spread of all others it must be away from them.
 const FAR: f64 = 5.0;
@@ -53,7 +53,7 @@ pub(super) fn missing(log: &mut Log, given: &[i64], notes: &mut Notes) {
     }
 }
 
-/// Takes one number for missing; how often it stood there.
+/// Makes the samples with one number missing; their count.
 fn taken(channel: &mut Channel, number: f64) -> usize {
     let places: Vec<usize> =
         channel.iter().enumerate().filter(|(_, v)| *v == Some(number)).map(|(at, _)| at).collect();
@@ -71,7 +71,7 @@ fn taken(channel: &mut Channel, number: f64) -> usize {
     places.len()
 }
 
-/// The known number that stands far from all others of a channel, and how often.
+/// The known number that is far from all others of a channel, and its count.
 fn suspected(channel: &Channel) -> Option<(i64, usize)> {
     let (mut low, mut high, mut counts) = (f64::INFINITY, f64::NEG_INFINITY, BTreeMap::new());
     for value in channel.iter().flatten() {
@@ -80,7 +80,7 @@ fn suspected(channel: &Channel) -> Option<(i64, usize)> {
             None => (low, high) = (low.min(value), high.max(value)),
         }
     }
-    // Of one value there is no spread.
+    // One value has no spread.
     let spread = Some(high - low).filter(|spread| *spread > 0.0)?;
     let far = |known: f64| known < low - FAR * spread || known > high + FAR * spread;
     counts

@@ -44,7 +44,7 @@ pub(super) struct Database<R> {
     page_size: u64,
     usable: u64,
     pages: u64,
-    /// Pages that may still be read for the table at hand: each belongs to one place of it.
+    /// The remaining pages of the current table: each belongs to one place of it.
     left: u64,
     /// Pages that could not be read.
     pub(super) lost: usize,
@@ -54,7 +54,7 @@ pub(super) struct Database<R> {
 pub(super) struct SqlTable {
     root: u64,
     columns: Vec<String>,
-    /// The column that stands for the row's number.
+    /// The column of the row's number.
     key: Option<usize>,
 }
 
@@ -185,7 +185,7 @@ impl<R: Read + Seek> Database<R> {
         }
     }
 
-    /// The row of a leaf's cell, with what of it stands on further pages.
+    /// The row of a leaf's cell, with its part on further pages.
     fn cell(&mut self, page: &[u8], at: usize, table: &SqlTable) -> Option<Vec<SqlValue>> {
         let mut rest = page.get(at..)?;
         let (size, number) = (varint(&mut rest)?, varint(&mut rest)? as i64);

@@ -56,7 +56,7 @@ impl Log {
         let values =
             std::iter::repeat_n(start, more).chain(output.values.iter().copied()).collect();
         let unit = even.unit(&name).map(str::to_owned);
-        // Rest is taken to have stood at the first value.
+        // The rest is at the first value.
         let there = |k: usize| {
             k < more || output.present.is_none_or(|p| p.get(k - more).copied().unwrap_or(false))
         };

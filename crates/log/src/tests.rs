@@ -46,7 +46,7 @@ fn jittered(samples: usize, jitter: f64) -> Log {
     Log::new("a.csv", time_s, vec![]).unwrap()
 }
 
-// What is read.
+// Accepted files.
 
 #[test]
 fn csv_reads_names_units_and_numbers() {
@@ -102,7 +102,7 @@ fn context_columns_of_text_load_and_are_refused_only_when_asked_for() {
     says(&nan, &["a.csv", "row 3", "`v`", "`inf`", "leave the cell empty"]);
 }
 
-// What is refused.
+// Refused files.
 
 #[test]
 fn missing_file_says_what_the_system_said() {
@@ -412,13 +412,13 @@ fn squares(rows: i32) -> String {
 #[test]
 fn damaged_gzip_is_refused() {
     let whole = gzip(squares(20_000).as_bytes());
-    // The checksum: whole, and something in it is not what was written.
+    // The checksum: the file is whole, and a part differs from the written one.
     let mut damaged = whole.clone();
     let checksum = whole.len() - 8;
     damaged[checksum] ^= 1;
     let error = refusal(&damaged);
     assert!(matches!(error, LogError::Gzip { row, .. } if row > 1000), "{error:?}");
-    // What unpacks to nonsense is refused, whatever is noticed first.
+    // Nonsense after unpacking is refused, by any of the checks.
     let mut damaged = whole.clone();
     let middle = whole.len() / 2;
     damaged[middle..middle + 40].iter_mut().for_each(|byte| *byte ^= 0x5a);
@@ -526,7 +526,7 @@ fn zero_bytes_at_the_end_are_left_out_and_named() {
     }
 }
 
-// What other programs write.
+// Files of other programs.
 
 #[test]
 fn tables_of_pandas_loggers_and_spreadsheets_are_read() {

@@ -1,17 +1,17 @@
 //! Angles without their whole turns, quaternions of one sign: what jumps in a log and not in the machine.
 //!
-//! How it can be wrong: where the machine turns by more than half a turn between two samples, or while samples are missing, it is taken for the shorter way.
+//! How it can be wrong: a rotation by more than half a turn between two measured samples is read as the shorter way.
 
 use std::collections::VecDeque;
 
 use super::channels::{Channel, Log, Output};
 use super::error::LogError;
 
-/// Jumps that miss a whole turn by less than this share of it are taken for one,
+/// Jumps that miss a whole turn by less than this share of it are taken for one.
 const NEARLY: f64 = 0.1;
-/// where all other steps are below this share of it,
+/// All other steps must be below this share of a whole turn.
 const SMALL: f64 = 0.25;
-/// and so many steps before half of the jumps or more lead the other way: a command that steps by a whole turn stands still before.
+/// The number of steps before a jump whose sum must have the opposite sign, at half of the jumps or more. A command that steps by a whole turn is constant before.
 const BEFORE: usize = 5;
 
 impl Log {
@@ -60,7 +60,7 @@ impl Log {
         self.with_values(&values)
     }
 
-    /// How often a channel jumps by a whole turn, where it moves little otherwise: an angle that is logged within one turn.
+    /// The number of jumps of a channel by a whole turn, where it moves little otherwise: an angle that is logged within one turn.
     #[must_use]
     pub fn whole_turns(&self, name: &str, turn: f64) -> usize {
         let Ok(channel) = self.channel(name) else { return 0 };

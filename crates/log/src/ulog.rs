@@ -24,7 +24,7 @@ const TYPES: &[u8] = b"BFIMPQARDLCSO";
 const DEEPEST: usize = 8;
 /// Bytes that are read at once; a message has 2¹⁶ + 3 at most.
 const PIECE: usize = 1 << 18;
-/// Bytes of a topic's messages that are kept before they are taken apart, number by number: what a processor's nearest memory holds.
+/// Bytes of a topic's messages that are kept before decoding, number by number: the size of a processor's nearest cache.
 const BLOCK: usize = 1 << 14;
 /// No sample of a topic is larger, as its message's length has 16 bits.
 const LARGEST: usize = 1 << 16;
@@ -85,7 +85,7 @@ pub(super) fn read(
     log.finish(source)
 }
 
-/// What comes next in a file.
+/// The next part of a file.
 enum Next {
     Message(u8),
     Section(u64),
@@ -94,14 +94,14 @@ enum Next {
     End,
 }
 
-/// A file in pieces: a message is looked at where it lies, and moved only where it reaches over the end of a piece.
+/// A file in pieces: a message is read in place, and moved only where it crosses the end of a piece.
 struct Input<R> {
     bytes: R,
     /// Where the next message begins.
     at: u64,
     length: u64,
     buffer: Vec<u8>,
-    /// What of the buffer is not used up yet.
+    /// The unused part of the buffer.
     rest: Range<usize>,
     payload: Range<usize>,
 }
@@ -216,7 +216,7 @@ fn scalar(name: &str) -> Option<Scalar> {
     })
 }
 
-/// What holds letters and no numbers.
+/// The type of letters, without numbers.
 const LETTER: &str = "char";
 
 /// A number of a topic: where in a message, and in which column.
@@ -241,7 +241,7 @@ struct Ulog {
     sections: Vec<u64>,
     /// By their numbers.
     subscriptions: Vec<Option<Subscription>>,
-    /// Per topic, the messages that are not taken apart yet, one behind the other, and the subscription that they are of.
+    /// Per topic, the undecoded messages, one behind the other, and their subscription.
     blocks: Vec<(u16, Vec<u8>)>,
     tables: Vec<Table>,
     places: BTreeMap<(String, u8), usize>,
@@ -273,7 +273,7 @@ impl Ulog {
 
     fn flags(&mut self, payload: &[u8]) {
         let incompatible = payload.get(8..16).unwrap_or_default();
-        // The lowest bit says that data are appended; others this reader does not know.
+        // The lowest bit means appended data; this reader knows no others.
         if incompatible.iter().enumerate().any(|(i, byte)| byte & !u8::from(i == 0) != 0) {
             self.refused =
                 Some("it uses a newer version of the format than 1; convert it with pyulog".into());
@@ -335,7 +335,7 @@ impl Ulog {
             .map(|(column, (_, kind, at))| NumberField { kind: *kind, at: *at, column })
             .collect();
         let id = id.first_chunk().map_or(0, |id| u16::from_le_bytes(*id));
-        // What the number stood for before is taken apart by what it was.
+        // Messages of the former subscription are decoded by it.
         self.flush(topic);
         if let Some(before) =
             self.subscriptions.get(usize::from(id)).and_then(Option::as_ref).map(|s| s.topic)
@@ -395,7 +395,7 @@ impl Ulog {
         self.short += usize::from(!whole);
     }
 
-    /// Takes a topic's messages apart, one number of all of them after the other.
+    /// Decodes a topic's messages, one number of all of them after the other.
     fn flush(&mut self, topic: usize) {
         let (Some((id, block)), Some(table)) =
             (self.blocks.get_mut(topic), self.tables.get_mut(topic))

@@ -133,7 +133,7 @@ impl BlindScore {
         blind::markdown(&self.0)
     }
 
-    /// What is to be said of the limits, `NAME>=VALUE` or `NAME<=VALUE`, that are not kept.
+    /// The messages on the limits, `NAME>=VALUE` or `NAME<=VALUE`, that are violated.
     fn unmet(&self, py: Python<'_>, require: Vec<String>) -> PyResult<Vec<String>> {
         let limits: Vec<Limit> =
             require.iter().map(|text| text.parse()).collect::<Result<_, _>>().or_raise(py)?;

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use super::convert::{Numbers, vector};
 use deadtime::delay::bound;
 
-/// Runs a bound over a Python function of one number; what the function raises is raised.
+/// Runs a bound over a Python function of one number; exceptions of the function are raised.
 fn over(
     function: &Bound<'_, PyAny>,
     bound: impl FnOnce(&dyn Fn(f64) -> f64) -> f64,

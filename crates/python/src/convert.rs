@@ -10,7 +10,7 @@ use deadtime::model::c2d::{CONVERSIONS, Conversion};
 use deadtime::registry::find;
 use deadtime::time::SampleTime;
 
-/// Anything that serde writes as JSON, as dicts, lists, numbers, strings and None; what is not a finite number is None.
+/// Anything that serde writes as JSON, as dicts, lists, numbers, strings and None; a number that is not finite is None.
 pub(super) fn object<'py>(
     py: Python<'py>,
     value: &impl serde::Serialize,

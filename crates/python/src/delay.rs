@@ -26,7 +26,7 @@ use deadtime::time::SampleTime;
 /// A report as Python gets it: the text of `deadtime/estimate@1`, and the remarks that only readers are shown.
 type Told<'py> = (String, Bound<'py, PyAny>);
 
-/// What was asked for, of samples: the keyword arguments of `deadtime.estimate`.
+/// The arguments, of samples: the keyword arguments of `deadtime.estimate`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(super) struct Asked {
@@ -107,7 +107,7 @@ pub(super) fn _estimate_events<'py>(
     told(py, &report)
 }
 
-/// The delay in a frequency response: of a file, or of angular frequencies (rad/s), real and imaginary parts, and what is known of their noise.
+/// The delay in a frequency response: of a file, or of angular frequencies (rad/s), real and imaginary parts, and the known facts of their noise.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 pub(super) fn _estimate_response<'py>(
@@ -165,7 +165,7 @@ pub(super) fn _of_step(
     deadtime::log::Log::of_step(&table.0, response.as_deref(), size, time).map(Log).or_raise(py)
 }
 
-/// What is to be expected of each method, for each pair: (input, output, dict of method to dict or None).
+/// The expected precision of each method, for each pair: (input, output, dict of method to dict or None).
 #[pyfunction]
 pub(super) fn _expected<'py>(
     py: Python<'py>,
@@ -258,7 +258,7 @@ fn by_method(options: &Bound<'_, PyAny>) -> PyResult<BTreeMap<String, Value>> {
     })
 }
 
-/// The linear model that estimation knows how to use.
+/// The linear model in the form of the estimators.
 fn linear(py: Python<'_>, model: &Model) -> PyResult<ModelFile> {
     match &model.0 {
         ModelDocument::Lti(file) => Ok(file.clone()),

@@ -27,7 +27,7 @@ use deadtime::report;
 use deadtime::simulate::{Commands, Dynamics, Face, Port, Restart, Simulator, Start, System};
 use deadtime::stop::Stop;
 
-/// Makes the exception that a call raised the one that a caller sees: whole, where it was no ordinary one; else as the cause of ours.
+/// Converts the exception of a call into that of the caller: unchanged, where it was no ordinary one; else as the cause of ours.
 #[derive(Debug, Clone, Default)]
 struct Raised(Arc<Mutex<Option<Exception>>>);
 
@@ -36,7 +36,7 @@ struct Exception {
     error: PyErr,
     /// `KeyError: 'ctrl'`.
     words: String,
-    /// No `Exception`: somebody wants to end everything.
+    /// No `Exception`: the caller ends everything.
     ends: bool,
 }
 
@@ -54,13 +54,13 @@ impl Raised {
         words
     }
 
-    /// An exception that ends everything, whatever it is.
+    /// An exception that ends everything, of any class.
     fn end(&self, error: PyErr) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) =
             Some(Exception { error, words: String::new(), ends: true });
     }
 
-    /// Whoever waits wants to know of an exception that ends everything rather than of what came of it.
+    /// The caller gets an exception that ends everything before its consequences.
     fn over<T>(&self, py: Python<'_>, result: PyResult<T>) -> PyResult<T> {
         let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
         let Some(kept) = kept else { return result };
@@ -128,7 +128,7 @@ impl Function {
     }
 }
 
-/// What a function returned, as samples × outputs.
+/// The returned value of a function, as samples × outputs.
 fn numbers(y: &Bound<'_, PyAny>, samples: usize, outputs: usize) -> PyResult<DMatrix<f64>> {
     let py = y.py();
     let numpy = py.import("numpy")?;
@@ -178,8 +178,8 @@ struct Call {
     answer: SyncSender<Result<DMatrix<f64>, String>>,
 }
 
-/// A function that is called in one thread of its own, one call at a time: whoever waits holds neither the interpreter's lock nor a place in the search's
-/// queue of work, so that the function may do as it likes.
+/// A function that is called in one thread of its own, one call at a time. A waiting caller holds neither the interpreter's lock nor a place in the search's
+/// work queue, so that the function is free in its actions.
 #[derive(Debug)]
 struct Served(Sender<Call>);
 
@@ -192,7 +192,7 @@ impl Served {
                     let answer = Python::try_attach(|py| {
                         function.call(py, &call.u, &call.time_s, &call.x0, &call.parameters)
                     });
-                    // Whoever asked may have gone.
+                    // The caller may have gone.
                     let _ = call.answer.send(
                         answer.unwrap_or_else(|| Err("the interpreter has ended".to_owned())),
                     );
@@ -234,7 +234,7 @@ impl Simulator for Served {
     }
 }
 
-/// The same function called where one stands.
+/// The same function called in the current thread.
 #[derive(Debug)]
 struct Direct(Arc<Function>);
 
@@ -317,7 +317,7 @@ impl PySimulator {
         let raised = Raised::default();
         let mut system = self.direct(py, raised.clone()).or_raise(py)?;
         let mut plan = Applied::plan(&system, &self.effects, Chance::Mean).or_raise(py)?;
-        // A wrong parameter is wrong by as much, whatever the one that is asked for.
+        // A parameter error is the same at every requested value.
         let asked =
             self.face.parameters.iter().map(|(port, _)| match parameters.get_item(&port.name)? {
                 Some(value) => value.extract::<f64>(),
@@ -385,7 +385,7 @@ impl PySimulator {
     }
 }
 
-/// What is diagnosed.
+/// The subject of a diagnosis.
 enum What {
     Model(Box<ModelDocument>),
     Simulator(Box<System>),
@@ -495,7 +495,7 @@ pub(super) fn _gap(
     Ok(PyDiagnosed { found, simulator })
 }
 
-/// The checks of a model or simulator and logs that need no diagnosis: deadtime/check@1 as text, and what the command line prints.
+/// The checks of a model or simulator and logs without a diagnosis: deadtime/check@1 as text, and the output of the command line.
 #[pyfunction]
 pub(super) fn _check(
     py: Python<'_>,
@@ -520,7 +520,7 @@ pub(super) fn _check(
     Ok((text(&found)?, report::checks::text(&found)))
 }
 
-/// Distinguishable effects of logs: deadtime/isolability@1 as text, and what the command line prints.
+/// Distinguishable effects of logs: deadtime/isolability@1 as text, and the output of the command line.
 #[pyfunction]
 pub(super) fn _isolability(
     py: Python<'_>,
@@ -546,7 +546,7 @@ pub(super) fn _isolability(
     Ok((text(&found)?, report::isolability::text(&found)))
 }
 
-/// A diagnosis with what stands behind it.
+/// A diagnosis with its inputs.
 #[pyclass(frozen, module = "deadtime._native", name = "_Diagnosed")]
 pub(super) struct PyDiagnosed {
     found: Diagnosed,
@@ -576,13 +576,13 @@ impl PyDiagnosed {
         self.found.calls
     }
 
-    /// The model with what was found.
+    /// The model with the found effects.
     #[getter]
     fn model(&self) -> Option<Model> {
         self.found.model.clone().map(Model)
     }
 
-    /// The simulator with what was found.
+    /// The simulator with the found effects.
     #[getter]
     fn simulator(&self, py: Python<'_>) -> Option<Py<PySimulator>> {
         self.simulator.as_ref().map(|s| s.clone_ref(py))
@@ -593,7 +593,7 @@ impl PyDiagnosed {
         report::page::gap(&self.found)
     }
 
-    /// Writes what the command line writes; the names of the files.
+    /// Writes the files of the command line; returns their names.
     fn save(&self, py: Python<'_>, folder: PathBuf) -> PyResult<Vec<&'static str>> {
         py.detach(|| report::save(&self.found, &folder)).map_err(|e| raise(py, e))
     }

@@ -24,7 +24,7 @@ pub(super) const CLASSES: [&str; 13] = [
     "FileError",
 ];
 
-/// The class that stands for an error; `None` where nobody waits for the answer any more.
+/// The class of an error; `None` where no caller waits for the answer any more.
 fn class(error: &Error) -> Option<&'static str> {
     Some(match error {
         // Whoever met the sample time or delay first.

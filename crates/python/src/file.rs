@@ -14,7 +14,7 @@ pub(super) fn _write_whole(py: Python<'_>, path: PathBuf, bytes: &[u8]) -> PyRes
     py.detach(|| write_atomic(&path, |out| out.write_all(bytes))).or_raise(py)
 }
 
-/// The text of a file that says what to do.
+/// The text of a file with instructions.
 #[pyfunction]
 pub(super) fn _read_text(py: Python<'_>, path: PathBuf) -> PyResult<String> {
     py.detach(|| read_text(&path)).or_raise(py)

@@ -13,7 +13,7 @@ use deadtime::model::ModelDocument;
 use deadtime::progress::HowFar;
 use deadtime::report::identify::Report;
 
-/// What was asked for: the keyword arguments of `deadtime.identify`.
+/// The arguments: the keyword arguments of `deadtime.identify`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(super) struct Asked {
@@ -31,7 +31,7 @@ pub(super) struct Asked {
     learnt: f64,
 }
 
-/// The model, the text of `deadtime/identify@1`, and what the command line prints.
+/// The model, the text of `deadtime/identify@1`, and the output of the command line.
 #[pyfunction]
 pub(super) fn _identify(
     py: Python<'_>,

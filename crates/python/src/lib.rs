@@ -1,5 +1,5 @@
-//! The native half of the Python package: faces of the crate's types and functions, one file per mirrored module. They only delegate; what a person
-//! calls, with its defaults and its neighbours' types, stands in `python/deadtime`.
+//! The native half of the Python package: faces of the crate's types and functions, one file per mirrored module. They only delegate; the public functions,
+//! with their defaults and the types of other packages, are in `python/deadtime`.
 
 mod blind;
 mod bound;
@@ -26,7 +26,7 @@ mod study;
 mod track;
 mod work;
 
-/// What `deadtime._native` holds.
+/// The content of `deadtime._native`.
 #[pyo3::pymodule(name = "_native")]
 mod native {
     use pyo3::prelude::*;
@@ -90,7 +90,7 @@ mod native {
     fn init(m: &Bound<'_, PyModule>) -> PyResult<()> {
         m.add("__version__", env!("CARGO_PKG_VERSION"))?;
         m.add("ERROR_CLASSES", super::error::CLASSES)?;
-        // The list of names that a module keeps is for `import *`, which nobody does here.
+        // The list of names that a module keeps is for `import *`, which is not used here.
         m.delattr("__all__")
     }
 }

@@ -128,7 +128,7 @@ pub(super) fn _norm_h2(system: &StateSpace) -> f64 {
     }
 }
 
-/// The largest gain over a band, rad/s, whatever the poles, and where it is.
+/// The largest gain over a band, rad/s, for any poles, and its frequency.
 #[pyfunction]
 pub(super) fn _norm_linf(system: &StateSpace, band: [f64; 2]) -> Option<(f64, f64)> {
     let peak = match &system.0 {

@@ -15,7 +15,7 @@ use deadtime::log::{
 use deadtime::model::Derived;
 use deadtime::time::SampleTime;
 
-/// Inputs and outputs as a file is asked for them: what is not there is left out, and missed by whoever needs it.
+/// Inputs and outputs as arguments of a file: missing ones are left out, and their user reports them.
 pub(super) fn channels(inputs: Vec<String>, outputs: Vec<String>) -> Vec<Wanted> {
     let held = inputs.into_iter().map(|name| Wanted { name, held: true, required: false });
     held.chain(outputs.into_iter().map(|name| Wanted { name, held: false, required: false }))
@@ -56,7 +56,7 @@ fn read_options(
     Ok(ReadOptions { time, time_unit, stamps, ..ReadOptions::default() })
 }
 
-/// With what is read of damaged files, the memory that it may take, and the numbers that stand for missing samples.
+/// With the readable part of damaged files, the memory limit, and the numbers that mean missing samples.
 fn limited(
     options: ReadOptions,
     (unchecked, max_memory_gb, missing): (bool, Option<f64>, Vec<i64>),
@@ -161,7 +161,7 @@ impl Log {
             }
         };
         let (logs, notes) = py.detach(read).or_raise(py)?;
-        // What was guessed is said.
+        // Guesses are reported.
         for note in notes {
             py.import("warnings")?
                 .call_method1("warn", (format!("{}: {}", path.display(), note.worded(call)),))?;
@@ -227,14 +227,14 @@ impl Log {
         Ok(Self(log))
     }
 
-    /// The log as a pandas frame: `time` and a column a channel, NaN where a sample is missing; units stand in `frame.attrs["units"]`, and, with `headers`, in the
+    /// The log as a pandas frame: `time` and a column a channel, NaN where a sample is missing. Units are in `frame.attrs["units"]`, and, with `headers`, in the
     /// names of the columns, as `name [unit]`.
     #[pyo3(signature = (headers = false))]
     fn to_pandas<'py>(slf: &Bound<'py, Self>, headers: bool) -> PyResult<Bound<'py, PyAny>> {
         slf.py().import("deadtime.logs")?.call_method1("_to_pandas", (slf, headers))
     }
 
-    /// The log as a polars frame: `time` and a column a channel, null where a sample is missing; with `headers` the columns are called `name [unit]`.
+    /// The log as a polars frame: `time` and a column a channel, null where a sample is missing. With `headers` the columns are called `name [unit]`.
     #[pyo3(signature = (headers = false))]
     fn to_polars<'py>(slf: &Bound<'py, Self>, headers: bool) -> PyResult<Bound<'py, PyAny>> {
         slf.py().import("deadtime.logs")?.call_method1("_to_polars", (slf, headers))
@@ -348,7 +348,7 @@ pub(super) fn copies(logs: &[PyRef<'_, Log>]) -> Vec<Inner> {
     logs.iter().map(|log| log.0.clone()).collect()
 }
 
-/// What error messages call logs.
+/// The names of logs in error messages.
 pub(super) fn sources(logs: &[Inner]) -> Vec<String> {
     logs.iter().map(|log| log.source().to_owned()).collect()
 }

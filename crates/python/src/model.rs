@@ -17,7 +17,7 @@ use deadtime::model::{
 use deadtime::registry::RegistryError;
 use deadtime::simulate::System;
 
-/// What error messages call a model that comes from no file.
+/// The name of a model without a file in error messages.
 const NO_FILE: &str = "model";
 
 /// A simulator: a model with the names, units, start and effects that a model file gives it (`deadtime/model@1`).
@@ -208,8 +208,8 @@ impl Model {
     /// Parameters
     /// ----------
     /// term : str
-    ///     As ``"level2 += k*(level1 - level2); k in 0 to 1"``: names that the model does not know are free parameters, 0 where the term is nothing; behind
-    ///     the semicolon their ranges and, as ``w = 0.1 in 0.01 to 1``, where a width or a power begins.
+    ///     As ``"level2 += k*(level1 - level2); k in 0 to 1"``. Names that the model does not know are free parameters, 0 where the term is nothing. Behind
+    ///     the semicolon are their ranges and, as ``w = 0.1 in 0.01 to 1``, the first value of a width or a power.
     ///
     /// Raises
     /// ------

@@ -9,7 +9,7 @@ use super::work::long;
 use deadtime::identify::response::frequency_responses;
 use deadtime::report::response::Report;
 
-/// The text of `deadtime/response@1`, and what the command line prints.
+/// The text of `deadtime/response@1`, and the output of the command line.
 #[pyfunction]
 pub(super) fn _frequency_response(
     py: Python<'_>,

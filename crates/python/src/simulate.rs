@@ -115,7 +115,7 @@ pub(super) fn _lsim<'py>(
     let system = system.0.clone();
     let response = long(py, None, move |_| {
         Ok(match (&system, &time_s) {
-            // A stamp for every sample is asked for before stamps are looked at as a grid.
+            // A stamp for every sample is required before stamps are read as a grid.
             (Either::Continuous(sys), Some(time_s)) if time_s.len() == u.nrows() => {
                 lsim(sys, &u, Grid::of(time_s), &options)?
             }
@@ -135,7 +135,7 @@ pub(super) fn _lsim<'py>(
     Ok((array2(py, response.y)?, array2(py, response.x)?))
 }
 
-/// A model on the inputs of a log: the simulated log, and the nrmse of each output that the log has too, None where there is none.
+/// A model on the inputs of a log: the simulated log, and the nrmse of each output that the log has too. None where the log has none.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 pub(super) fn _simulate<'py>(

@@ -690,7 +690,7 @@ pub(super) fn _transfer_function(
     TransferFunction::from_zeros_poles_gain(py, zeros, poles, gain, sample_time, delay)
 }
 
-/// A function of `deadtime.models`, which knows the neighbours' types.
+/// A function of `deadtime.models`, which handles the types of other packages.
 fn models<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
     py.import("deadtime.models")?.getattr(name)
 }
@@ -698,7 +698,7 @@ fn models<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
 /// Models of at most so many states and inputs or outputs show their matrices.
 const SMALL: usize = 7;
 
-/// Rows and columns; a number stands for one of each.
+/// Rows and columns; a number is one of each.
 pub(super) fn table(name: &str, value: &Bound<'_, PyAny>) -> PyResult<DMatrix<f64>> {
     let array = value.py().import("numpy")?.call_method1("asarray", (value,))?;
     let dimensions: usize = array.getattr("ndim")?.extract()?;
@@ -784,7 +784,7 @@ fn count(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
-/// Five significant digits, and no more than are there.
+/// Five significant digits, or fewer if there are no more.
 fn short(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");

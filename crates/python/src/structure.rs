@@ -16,7 +16,7 @@ use deadtime::identify::structured::{Balance, Structured};
 use deadtime::model::{EquationsFile, ModelDocument};
 use deadtime::report;
 
-/// What was asked for: the keyword arguments of `deadtime.identify_structure`.
+/// The arguments: the keyword arguments of `deadtime.identify_structure`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(super) struct ByTime {
@@ -31,7 +31,7 @@ pub(super) struct ByTime {
     one_step: bool,
 }
 
-/// What was asked for: the keyword arguments of `deadtime.match_structure`.
+/// The arguments: the keyword arguments of `deadtime.match_structure`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(super) struct ByFrequency {
@@ -59,7 +59,7 @@ fn found(model: Option<EquationsFile>, data: &impl Serialize, text: &str) -> PyR
     Ok((Model(ModelDocument::Equations(model)), compact(data)?, text.trim_end().to_owned()))
 }
 
-/// The fitted model, the text of `deadtime/structure@1`, and what the command line prints.
+/// The fitted model, the text of `deadtime/structure@1`, and the output of the command line.
 #[pyfunction]
 pub(super) fn _identify_structure(
     py: Python<'_>,
@@ -94,7 +94,7 @@ pub(super) fn _identify_structure(
     found(model, &answer, &report::structured::text(&answer))
 }
 
-/// The matched model, the text of `deadtime/match@1`, and what the command line prints.
+/// The matched model, the text of `deadtime/match@1`, and the output of the command line.
 #[pyfunction]
 pub(super) fn _match_structure(
     py: Python<'_>,

@@ -129,7 +129,7 @@ impl Plan {
             .or_raise(py)
     }
 
-    /// The plan with these `grids` and `methods` only (none given: all); a method is named with the options that the plan gives it, or without: then with any.
+    /// The plan with these `grids` and `methods` only (none given: all). A method is named with its options in the plan, or without: then with any.
     #[pyo3(signature = (grids = Vec::new(), methods = Vec::new()))]
     fn only(&self, py: Python<'_>, grids: Vec<String>, methods: Vec<String>) -> PyResult<Self> {
         let mut plan = self.0.clone();
@@ -350,7 +350,8 @@ pub(super) fn _study(
     Ok(StudyResult(study))
 }
 
-/// The columns of files of estimates, one file after the other: an array, or for words a list of the different ones and an array of which one of them every line has.
+/// The columns of files of estimates, one file after the other. A column is an array, or for words a list of the different ones and an array with the word of
+/// every line.
 #[pyfunction]
 pub(super) fn _estimates(py: Python<'_>, paths: Vec<PathBuf>) -> PyResult<Bound<'_, PyDict>> {
     let columns = long(py, None, move |stop| Ok(study::columns(&paths, stop)?))?;

@@ -6,7 +6,7 @@ use super::error::OrRaise;
 use deadtime::delay::track::{Alarm, Tracker, TrackerOptions};
 use deadtime::time::SampleTime;
 
-/// Time, dead time, its band, and the alarm: what it is of, the dead time before and now, and since when.
+/// Time, dead time, its band, and the alarm: its kind, the dead time before and now, and its beginning.
 type Told =
     (f64, Option<f64>, Option<[f64; 2]>, Option<(&'static str, Option<f64>, Option<f64>, f64)>);
 

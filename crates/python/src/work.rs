@@ -11,9 +11,9 @@ use super::error::raise;
 use deadtime::stop::Stop;
 use deadtime::threads::at_most;
 
-/// How often signals are looked at: an eighth of the 0.2 s in which Ctrl-C is to be honoured.
+/// The period of the checks for signals: an eighth of the 0.2 s in which Ctrl-C acts.
 const LOOK: Duration = Duration::from_millis(25);
-/// How long work that is no longer wanted is waited for, so that it seldom goes on behind its caller's back.
+/// The longest wait for cancelled work, so that it rarely continues after its caller.
 const PATIENCE: Duration = Duration::from_millis(100);
 /// Stack of the working thread, as a program's first one has it.
 const STACK: usize = 8 << 20;
@@ -21,7 +21,8 @@ const STACK: usize = 8 << 20;
 /// Runs `work` in a thread of its own, without the interpreter's lock, on `threads` threads (`None`: all).
 ///
 /// # Errors
-/// What the work returns; `KeyboardInterrupt` and whatever else a signal's handler raises, at once: the work is asked to stop, and does so at its next look.
+/// The result of the work. `KeyboardInterrupt` and every other exception of a signal's handler are raised at once: the work gets a stop request, and ends at
+/// its next check.
 pub(super) fn long<T: Send + 'static>(
     py: Python<'_>,
     threads: Option<usize>,
@@ -48,7 +49,7 @@ pub(super) fn long_told<T: Send + 'static>(
                 .build()
                 .map(|pool| pool.install(|| work(&wish))),
         };
-        // Whoever waited may have gone.
+        // The caller may have gone.
         let _ = answer.send(done);
     };
     thread::Builder::new().name("deadtime".to_owned()).stack_size(STACK).spawn(body)?;

@@ -1,7 +1,7 @@
 //! Butterworth filters of order 8, as cascaded second-order sections.
 //!
 //! |H|² = 1 / (1 + Ω¹⁶), with Ω = w/w_c (low-pass), w_c/w (high-pass) or (w² − w₀²)/(b·w) (band-pass: w₀² = w₁·w₂, b = w₂ − w₁) and
-//! w = tan(π·f/2), f in fractions of the Nyquist frequency: the bilinear transform, prewarped so that the band's edges lie where asked.
+//! w = tan(π·f/2), f in fractions of the Nyquist frequency: the bilinear transform, prewarped to place the band's edges exactly.
 //!
 //! Source: S. Butterworth, 1930, "On the theory of filter amplifiers"; the transforms as in A. V. Oppenheim and R. W. Schafer,
 //! "Discrete-Time Signal Processing", chapter on filter design.

@@ -11,7 +11,7 @@ const LAGS_PER_BLOCK: usize = 16;
 /// A shorter transform is no faster per sample.
 const SHORTEST_BLOCK: usize = 4096;
 
-/// r(l) = Σₜ a(t)·b(t + l) for every lag l of `lags`, over all t at which both samples exist; a positive lag of the largest sum: b is later than a.
+/// r(l) = Σₜ a(t)·b(t + l) for every lag l of `lags`, over all t at which both samples exist. A positive lag of the largest sum: b is later than a.
 ///
 /// Few lags go in blocks that stay in the cache, all lags in one transform padded with zeros against wrapping; O(N·log(lags)).
 ///
@@ -30,7 +30,7 @@ pub fn correlation(a: &[f64], b: &[f64], lags: RangeInclusive<isize>) -> Vec<f64
 
 /// [`correlation`] of many pairs of signals of the same lengths: the transform is planned once, which takes about as long as using it.
 pub struct Correlator {
-    /// First lag asked for, and how many.
+    /// First requested lag, and the number of lags.
     first: isize,
     count: usize,
     /// The same of the lags at which samples meet.
@@ -75,7 +75,7 @@ impl Correlator {
         }
     }
 
-    /// The sums at every lag; samples beyond the lengths planned for are not looked at.
+    /// The sums at every lag; samples beyond the planned lengths are ignored.
     #[must_use]
     pub fn correlate(&self, a: &[f64], b: &[f64]) -> Vec<f64> {
         if self.wanted == 0 {
@@ -110,7 +110,7 @@ impl Correlator {
             *x = x.conj() * y * share;
         }
         self.fourier.inverse(&mut product, &mut samples, &mut scratch);
-        // Negative lags stand at the end of the circle.
+        // Negative lags are at the end of the circle.
         let negative = self.from.min(0).unsigned_abs().min(length);
         let ends = negative.saturating_sub(self.wanted);
         let mut sums = Vec::with_capacity(self.wanted);

@@ -1,6 +1,7 @@
 //! Singular values and eigenvalues by iterations that end.
 //!
-//! nalgebra's come first. Where they stand still, or do not rebuild the matrix (entries that underflow, two equal columns at the end of the iteration), faer's take over.
+//! nalgebra's come first. Where they do not converge or do not rebuild the matrix, faer's are used. Causes are entries that underflow, and two equal columns at
+//! the end of the iteration.
 //!
 //! How it can be wrong: entries that are no numbers have no decomposition.
 
@@ -13,7 +14,7 @@ const STEPS: usize = 10_000;
 /// Steps for each value, about 50 times what one takes.
 const STEPS_EACH: usize = 100;
 
-/// How far from the matrix its decomposition may be, by entry, over the largest.
+/// The allowed distance of a decomposition from the matrix, by entry, over the largest.
 const REBUILT: f64 = 1e-12;
 
 /// An entry of this size next to 1 is lost in the rounding of any norm.
@@ -32,7 +33,8 @@ fn decomposable<T: Scalar>(m: &DMatrix<T>) -> bool {
     !m.is_empty() && m.iter().all(|v| ComplexField::is_finite(v))
 }
 
-/// The matrix over the power of two near its largest entry, and that power. Squares of its entries neither overflow nor underflow: what is below [`VANISHING`] is 0.
+/// The matrix over the power of two near its largest entry, and that power. Squares of its entries neither overflow nor underflow: entries below [`VANISHING`]
+/// are 0.
 fn other<T: Scalar>(m: &DMatrix<T>) -> (Mat<T>, f64) {
     let largest = m.iter().map(|v| v.clone().modulus()).fold(0.0, f64::max);
     let unit = if largest > 0.0 { largest.log2().floor().exp2() } else { 1.0 };
@@ -67,7 +69,7 @@ fn rebuilds<T: Scalar>(
     let (_, unit) = other(m);
     let sigma = DMatrix::from_diagonal(&values.map(|s| T::from_real(s / unit)));
     let off = u * sigma * v_t - m.map(|v| v.unscale(unit));
-    // The largest entry over the unit is below 2; what is no number is far off.
+    // The largest entry over the unit is below 2; NaN fails the test.
     off.iter().all(|v| v.clone().modulus() <= 2.0 * REBUILT)
 }
 

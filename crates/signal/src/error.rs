@@ -9,7 +9,7 @@ pub enum SignalError {
     Noise {
         /// The signal.
         channel: String,
-        /// What is wrong with it.
+        /// Its fault.
         cause: Box<SignalError>,
     },
     /// A signal has at least one sample.
@@ -18,12 +18,12 @@ pub enum SignalError {
     /// More samples than one call makes.
     #[error("{asked} samples asked for; ask for at most {most}")]
     TooManySamples {
-        /// The number asked for.
+        /// The requested number.
         asked: usize,
         /// The largest number there may be.
         most: usize,
     },
-    /// The signal with these options does not fit into the samples asked for.
+    /// The signal with these options does not fit into the requested samples.
     #[error(
         "{signal} with these options needs {needed} samples, {got} asked for; ask for more samples or shorten it by its options"
     )]
@@ -32,19 +32,19 @@ pub enum SignalError {
         signal: &'static str,
         /// The least number of samples.
         needed: usize,
-        /// The number asked for.
+        /// The requested number.
         got: usize,
     },
-    /// An option's value lies outside what it may be.
+    /// An option's value is outside its range.
     #[error("{signal}: option {option} is {value}; it must be {allowed}")]
     Option {
         /// The signal's registry name.
         signal: &'static str,
         /// The option's name.
         option: &'static str,
-        /// What was given.
+        /// The given value.
         value: f64,
-        /// What it may be.
+        /// Its range.
         allowed: Allowed,
     },
     /// A pair of values (a band, two levels) is not in ascending order.
@@ -74,12 +74,12 @@ pub enum SignalError {
         /// Upper edge of the band, as a fraction of the Nyquist frequency.
         high: f64,
     },
-    /// More lines were asked for than the band holds.
+    /// The band holds fewer lines than requested.
     #[error(
         "multisine: {asked} lines asked for and {available} lie in the band; ask for fewer, widen the band or lengthen the period"
     )]
     TooFewLines {
-        /// The number asked for.
+        /// The requested number.
         asked: usize,
         /// The number that the band holds.
         available: usize,
@@ -99,7 +99,7 @@ pub enum SignalError {
     Constant {
         /// The signal's length.
         samples: usize,
-        /// The ratio asked for.
+        /// The requested ratio.
         snr: f64,
     },
     /// The signal's variance is no finite number above zero although its values are finite.
@@ -109,7 +109,7 @@ pub enum SignalError {
     Scale {
         /// The signal's variance.
         variance: f64,
-        /// The ratio asked for.
+        /// The requested ratio.
         snr: f64,
     },
     /// The noise filter's autoregressive part does not decay.
@@ -122,7 +122,7 @@ pub enum SignalError {
     },
 }
 
-/// What an option's value may be.
+/// The range of an option's value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Allowed {
     /// Any finite number.

@@ -1,8 +1,7 @@
-//! Roots of a polynomial that reproduce it, however far apart its coefficients are and however close its roots.
+//! Roots of a polynomial that reproduce it, for any spread of its coefficients and any distance of its roots.
 //!
-//! How it can be wrong: roots that agree with the polynomial one by one and not jointly (the product of all factors is tested); a comparison of
-//! coefficients, which cancel in narrow bands (values are compared, at points near the roots); values that rounding spoils (they are sums in
-//! double-double arithmetic).
+//! How it can be wrong: roots may agree with the polynomial one by one and not jointly (the product of all factors is tested). Coefficients cancel in narrow
+//! bands (values are compared, at points near the roots). Rounding spoils values (they are sums in double-double arithmetic).
 
 use nalgebra::Complex;
 
@@ -10,7 +9,7 @@ use super::polynomial::roots;
 
 /// Sweeps over all roots; some ten are usual.
 const SWEEPS: usize = 60;
-/// A root that moves less than this, relatively, stands.
+/// A root that moves less than this, relatively, has converged.
 const STANDS: f64 = 4.0 * f64::EPSILON;
 /// An imaginary part below this, relatively, is none, and conjugates agree to this.
 const CONJUGATE: f64 = 1e-11;
@@ -63,7 +62,7 @@ fn product(lead: f64, roots: &[Complex<f64>], x: Complex<f64>) -> Complex<f64> {
     roots.iter().fold(Complex::from(lead), |product, root| product * (x - root))
 }
 
-/// How far lead·Π(x − root) is from c₀ + c₁x + … + cₙxⁿ, relatively, at the worst of the points.
+/// The relative distance of lead·Π(x − root) from c₀ + c₁x + … + cₙxⁿ, at the worst of the points.
 ///
 /// Infinite where a value is no number.
 pub fn unlike(c: &[f64], roots: &[Complex<f64>], points: &[Complex<f64>]) -> f64 {

@@ -15,8 +15,7 @@ macro_rules! flatten {
     };
 }
 
-/// The sum of a layer's errors, with the words for each: `sum!(/// … Error { Log(LogError), … })`;
-/// what is behind `by hand` gets no `From`.
+/// The sum of a layer's errors, with the message of each: `sum!(/// … Error { Log(LogError), … })`. Variants after `by hand` get no `From`.
 #[macro_export]
 macro_rules! sum {
     (

@@ -63,7 +63,7 @@ impl RealFourier {
         x: &mut [f64],
         scratch: &mut [Complex<f64>],
     ) {
-        // What is imaginary at 0 and at the Nyquist frequency has no counterpart in a real signal.
+        // The imaginary parts at 0 and at the Nyquist frequency have no counterpart in a real signal.
         if let Some(first) = spectrum.first_mut() {
             first.im = 0.0;
         }

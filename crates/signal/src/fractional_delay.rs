@@ -9,10 +9,12 @@ use super::fourier::{RealFourier, fast_length};
 /// Zero samples around a signal that is delayed by a fraction: the ringing of its ends decays there and does not wrap around.
 const REST: usize = 64;
 
-/// `x` later by `samples` (earlier where negative), as long as `x`: x(t − d) of the band-limited signal through the samples, which is zero outside them.
+/// `x` later by `samples` (earlier where negative), as long as `x`. The result is x(t − d) of the band-limited signal through the samples, which is zero
+/// outside them.
 ///
-/// Whole samples are moved to the bit. For a fraction the spectrum is turned by exp(−iωd) between zeros on both sides; at the Nyquist frequency, where a delay has no
-/// phase of its own, by cos(πd). An end that does not fade out rings, as every band-limited signal must. A delay that is no finite number gives zeros. O(N·log N).
+/// Whole samples are moved to the bit. For a fraction the spectrum is multiplied by exp(−iωd) between zeros on both sides. At the Nyquist frequency, where a
+/// delay has no phase of its own, the factor is cos(πd). An end that does not fade out rings, as every band-limited signal must. A delay that is no finite
+/// number gives zeros. O(N·log N).
 ///
 /// # Example
 /// ```
@@ -38,13 +40,13 @@ pub fn fractional_delay(x: &[f64], samples: f64) -> Vec<f64> {
             .collect();
     }
     let circle = turned(x, fraction);
-    // From n before the record to n behind it, each sample has a place of its own on the circle.
+    // From n before the record to n behind it, each sample has a separate place on the circle.
     let place =
         |t: usize| (t + circle.len()).checked_add_signed(-whole).map_or(0, |i| i % circle.len());
     (0..n).map(|t| circle.get(place(t)).copied().unwrap_or(0.0)).collect()
 }
 
-/// x later by a fraction of a sample, on a circle three times as long: first the record, then what rings behind it, last what rings before it.
+/// x later by a fraction of a sample, on a circle three times as long. First comes the record, then the ringing after it, last the ringing before it.
 fn turned(x: &[f64], fraction: f64) -> Vec<f64> {
     let fourier = RealFourier::new(fast_length(3 * x.len() + 2 * REST));
     let mut spectrum = fourier.spectrum(x.iter().copied());

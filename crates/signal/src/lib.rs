@@ -1,4 +1,4 @@
-//! The ground that every other layer of `deadtime` stands on: time, signals and their noise, spectra, statistics, least squares, text, progress, files.
+//! The lowest layer of `deadtime`: time, signals and their noise, spectra, statistics, least squares, text, progress, files.
 
 mod butterworth;
 mod correlation;

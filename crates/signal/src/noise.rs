@@ -87,9 +87,8 @@ impl Noise {
     /// `signal` plus noise, of the same length and unit. An infinite ratio returns the signal and draws nothing from `rng`.
     ///
     /// # Errors
-    /// [`SignalError::Option`] for a ratio that is not above 0 or a coefficient that is not finite; [`SignalError::NoSamples`];
-    /// [`SignalError::NotFinite`]; [`SignalError::Constant`] for a signal that does not vary, unless the ratio is infinite;
-    /// [`SignalError::Scale`]; [`SignalError::UnstableNoise`].
+    /// [`SignalError::Option`] for a ratio that is not above 0 or a coefficient that is not finite. [`SignalError::Constant`] for a signal that does not vary,
+    /// unless the ratio is infinite. Also [`SignalError::NoSamples`]; [`SignalError::NotFinite`]; [`SignalError::Scale`]; [`SignalError::UnstableNoise`].
     pub fn add(&self, signal: &[f64], rng: &mut ChaCha8Rng) -> Result<Vec<f64>, SignalError> {
         let snr = self.snr;
         if snr.is_nan() || snr <= 0.0 {
@@ -164,7 +163,7 @@ fn variance(x: &[f64]) -> f64 {
     stats::variance(x).unwrap_or(f64::NAN)
 }
 
-/// x⁺ = F·x + G·e, v = x₁ + e, with innovations of variance 1: F the companion matrix of A, G = c − a.
+/// x⁺ = F·x + G·e, v = x₁ + e, with innovations of variance 1. F is the companion matrix of A, G = c − a.
 struct ArmaFilter {
     a: Vec<f64>,
     c: Vec<f64>,
@@ -260,7 +259,7 @@ fn is_stable(a: &[f64]) -> bool {
 /// P = Σ Fᵏ·G·Gᵀ·(Fᵏ)ᵀ, the number of terms doubled in each round; `None` when the sum does not end.
 fn stationary_covariance(mut f: DMatrix<f64>, g: &DVector<f64>) -> Option<DMatrix<f64>> {
     let mut p = g * g.transpose();
-    // 2⁶⁰ terms: more than any pole that a double tells from the unit circle needs.
+    // 2⁶⁰ terms: more than any pole needs that a double distinguishes from the unit circle.
     for _ in 0..60 {
         let more = &f * &p * f.transpose();
         p += &more;

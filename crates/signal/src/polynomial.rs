@@ -31,8 +31,8 @@ fn newton(c: &[f64], reversed: &[f64], x: Complex<f64>) -> Complex<f64> {
 
 /// The roots of c₀ + c₁x + … + cₙxⁿ, c₀ and cₙ not zero; fewer than two coefficients have none.
 ///
-/// Aberth's simultaneous iteration from circles of the radii that Newton's polygon gives; O(n²) a sweep, and each root is as accurate as the coefficients
-/// let it be, whatever the spread of their sizes.
+/// Aberth's simultaneous iteration from circles of the radii of Newton's polygon. A sweep is O(n²), and each root is as accurate as the coefficients permit, at
+/// any spread of their sizes.
 ///
 /// Source: Aberth (1973), Math. Comp. 27(122), 339-344, doi:10.1090/S0025-5718-1973-0329236-7; Bini (1996), Numer. Algorithms 13, 179-200,
 /// doi:10.1007/BF02207694, for the start.

@@ -1,12 +1,12 @@
-//! How far long work is: the work says so, and whoever waits looks.
+//! The progress of long work: the work reports it, and the caller reads it.
 
 use std::fmt::Display;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The part of the work that is done, 0 to 1, and what is being done.
+/// The finished part of the work, 0 to 1, and its current step.
 type Told = Arc<Mutex<Option<(f64, String)>>>;
 
-/// How far work is; copies share one state. Where nobody looks, as by default, saying it costs nothing.
+/// The progress of work; copies share one state. Without a reader, as by default, a report costs nothing.
 #[derive(Debug, Clone, Default)]
 pub struct HowFar(Option<Stretch>);
 
@@ -19,7 +19,7 @@ struct Stretch {
 }
 
 impl HowFar {
-    /// Of work that somebody looks at.
+    /// For work with a reader.
     #[must_use]
     pub fn watched() -> Self {
         Self(Some(Stretch { told: Told::default(), from: 0.0, to: 1.0 }))
@@ -36,7 +36,7 @@ impl HowFar {
         }))
     }
 
-    /// So much is done, 0 to 1, and this is what is being done.
+    /// Reports the finished part, 0 to 1, and the current step.
     pub fn at(&self, share: f64, what: &dyn Display) {
         if let Some(part) = &self.0 {
             let share = part.from + (part.to - part.from) * share.clamp(0.0, 1.0);
@@ -45,7 +45,7 @@ impl HowFar {
         }
     }
 
-    /// What was said last: the part that is done, 0 to 1, and what is being done.
+    /// The last report: the finished part, 0 to 1, and the current step.
     #[must_use]
     pub fn told(&self) -> Option<(f64, String)> {
         self.0
@@ -62,7 +62,7 @@ impl HowFar {
     }
 }
 
-/// How far work is that consists of equal steps.
+/// The progress of work that consists of equal steps.
 #[derive(Debug)]
 pub struct Steps<'a> {
     far: &'a HowFar,
@@ -76,7 +76,7 @@ impl Steps<'_> {
     pub fn one_more(&self) {
         let mut done = self.done.lock().unwrap_or_else(PoisonError::into_inner);
         *done += 1;
-        // Under the lock: what is said last is the highest count.
+        // Under the lock: the last report is the highest count.
         self.tell(*done);
     }
 
@@ -88,7 +88,7 @@ impl Steps<'_> {
     }
 }
 
-/// Options are equal whoever looks at the work.
+/// Options are equal with any reader.
 impl PartialEq for HowFar {
     fn eq(&self, _: &Self) -> bool {
         true

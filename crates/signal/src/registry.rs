@@ -1,4 +1,4 @@
-//! What excitations, conversions and estimators have in common: a name, a summary, and options that a person can set by name.
+//! The common part of excitations, conversions and estimators: a name, a summary, and options by name.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -10,7 +10,7 @@ use super::text::{did_you_mean, shown};
 pub struct Entry<T: ?Sized + 'static> {
     /// The name that the command line uses.
     pub name: &'static str,
-    /// What it is for, in one line.
+    /// Its purpose, in one line.
     pub summary: &'static str,
     /// All options with their default values, as a JSON object.
     pub defaults: fn() -> Value,
@@ -18,14 +18,14 @@ pub struct Entry<T: ?Sized + 'static> {
     pub build: fn(Value) -> Result<Box<T>, serde_json::Error>,
 }
 
-/// A name or option that a registry does not know.
+/// A name or option outside a registry.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RegistryError {
     /// No entry has this name.
     #[error("there is no {kind} `{name}`{}; there are: {known}", did_you_mean(name, known.iter().copied()), name = shown(name), known = known.join(", "))]
     Unknown {
-        /// What was looked for: method, excitation, conversion.
+        /// The kind of the name: method, excitation, conversion.
         kind: &'static str,
         /// The name given.
         name: String,
@@ -39,7 +39,7 @@ pub enum RegistryError {
         name: &'static str,
         /// All its options.
         defaults: Value,
-        /// What serde found wrong.
+        /// The error of serde.
         source: serde_json::Error,
     },
     /// The same with the place of a file that names it.
@@ -47,7 +47,7 @@ pub enum RegistryError {
     At {
         /// The file and its line.
         place: String,
-        /// What is wrong there.
+        /// The fault there.
         source: Box<RegistryError>,
     },
     /// An option is written `key=value`.
@@ -118,13 +118,12 @@ pub fn defaults<S: Default + Serialize>() -> Value {
 /// The implementor with the given options, for [`Entry::build`].
 ///
 /// # Errors
-/// What serde finds wrong.
+/// The error of serde.
 pub fn parse<S: DeserializeOwned>(options: Value) -> Result<S, serde_json::Error> {
     serde_json::from_value(options)
 }
 
-/// One registry line: `entry!("name", "summary", OptionStruct)`; the list says what it is made
-/// into, or a fourth argument: `dyn Trait`.
+/// One registry line: `entry!("name", "summary", OptionStruct)`; the list determines its type, or a fourth argument: `dyn Trait`.
 #[macro_export]
 macro_rules! entry {
     ($name:literal, $summary:literal, $options:ty $(, $object:ty)? $(,)?) => {

@@ -58,7 +58,7 @@ pub enum Remedy {
         /// The value of the rows to read.
         value: Box<str>,
     },
-    /// A number that stands for a missing sample.
+    /// A number that means a missing sample.
     Missing {
         /// The number.
         number: i64,
@@ -80,9 +80,9 @@ pub enum Remedy {
     Identify,
     /// The time between two starts of a simulator.
     RestartEvery,
-    /// The rows that are looked at.
+    /// The number of used rows.
     LookAt,
-    /// The effects that are looked for, and the longest time that a diagnosis may take.
+    /// The tried effects, and the longest time that a diagnosis may take.
     Effects,
     /// An option of the target of an export.
     ExportOption {

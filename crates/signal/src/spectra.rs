@@ -6,10 +6,10 @@ use nalgebra::Complex;
 
 use super::fourier::RealFourier;
 
-/// Segments that cover every sample: with windows of Hann a quarter apart their squares add up to a constant, so that all samples count alike.
+/// Segments that cover every sample: the squares of Hann windows 25 % apart add up to a constant, so that all samples have equal weight.
 const OVERLAP: usize = 4;
 
-/// Spectra of u and y, averaged over overlapping segments of one length M; line k stands for ω = 2πk/M rad per sample, k = 0 … M/2.
+/// Spectra of u and y, averaged over overlapping segments of one length M. Line k is at ω = 2πk/M rad per sample, k = 0 … M/2.
 ///
 /// Scaled so that the sum over the whole circle divided by M is the mean square. Source: Welch (1967), IEEE Trans. Audio Electroacoust. 15(2), 70-73,
 /// doi:10.1109/TAU.1967.1161901.
@@ -17,7 +17,7 @@ const OVERLAP: usize = 4;
 pub struct CrossSpectra {
     /// Length of a segment, samples.
     pub segment: usize,
-    /// Samples over the length of a segment: independent looks at the signals as a whole.
+    /// Samples over the length of a segment: the number of independent segments.
     pub looks: f64,
     /// Spectrum of u.
     pub uu: Vec<f64>,
@@ -27,13 +27,13 @@ pub struct CrossSpectra {
     pub uy: Vec<Complex<f64>>,
 }
 
-/// Variance of a line of an average over `looks` segments of Hann's window, times `looks`: neighbouring lines share what they see, M·Σw⁴/(Σw²)² = 35/18.
+/// Variance of a line of an average over `looks` segments of Hann's window, times `looks`: neighbouring lines are correlated, M·Σw⁴/(Σw²)² = 35/18.
 ///
 /// Overlapping segments make a single line as certain as 35/18 independent looks each.
 pub const HANN_LINES: f64 = 35.0 / 18.0;
 
 impl CrossSpectra {
-    /// Averages over all pairs (u, y); a pair shorter than a segment counts with one window of its own length.
+    /// Averages over all pairs (u, y); a pair shorter than a segment has one window of its own length.
     #[must_use]
     pub fn welch<'a>(
         pairs: impl IntoIterator<Item = (&'a [f64], &'a [f64])>,

@@ -4,7 +4,7 @@ use nalgebra::{Complex, DMatrix};
 
 use super::fourier::RealFourier;
 
-/// S(k) = mean of X(k)·X(k)ᴴ over overlapping segments of M samples, means removed, with Hann's window; line k is at ω = 2πk/M rad per sample.
+/// S(k) = mean of X(k)·X(k)ᴴ over overlapping segments of M samples, means removed, with Hann's window. Line k is at ω = 2πk/M rad per sample.
 ///
 /// Scaled by Σw²: of white noise of variance σ² it is σ². Source: Welch (1967), doi:10.1109/TAU.1967.1161901.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,7 +20,7 @@ pub struct SpectralMatrix {
 impl SpectralMatrix {
     /// Averages over all records, each a list of channels of one length; a record shorter than a segment is left out.
     ///
-    /// With K segments D apart in a record the variance is (1 + 2·Σⱼ(1 − j/K)·ρⱼ)/K of one segment's, ρⱼ = (Σw(t)·w(t + jD))²/(Σw²)² (Welch, 1967).
+    /// The variance with K segments D apart in a record is (1 + 2·Σⱼ(1 − j/K)·ρⱼ)/K of one segment's (Welch, 1967). Here ρⱼ = (Σw(t)·w(t + jD))²/(Σw²)².
     #[must_use]
     pub fn welch(records: &[Vec<Vec<f64>>], segment: usize, overlap: f64) -> Self {
         let segment = segment.max(1);

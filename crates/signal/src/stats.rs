@@ -102,7 +102,8 @@ mod tests {
     use super::*;
     use approx::assert_relative_eq;
 
-    /// Points of Student's table (Abramowitz and Stegun 1964, table 26.10), to its three digits; of all degrees of freedom they end, and fall towards the normal one.
+    /// Points of Student's table (Abramowitz and Stegun 1964, table 26.10), to its three digits. The iteration ends for all degrees of freedom, and the points
+    /// fall towards the normal one.
     #[test]
     fn points_of_students_table_are_found_at_all_degrees_of_freedom() {
         for (freedom, point) in [

@@ -1,4 +1,4 @@
-//! A wish to stop, that long work looks at from time to time.
+//! A stop request, which long work checks from time to time.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 #[error("stopped before it was done")]
 pub struct Stopped;
 
-/// Set by whoever waits for an answer and no longer wants it; copies share one wish. A fresh one never stops anything.
+/// Set by a caller who no longer waits for the answer; copies share one request. A fresh one never stops anything.
 #[derive(Debug, Clone, Default)]
 pub struct Stop(Arc<AtomicBool>);
 
@@ -33,7 +33,7 @@ impl Stop {
     }
 }
 
-/// Options are equal whatever is wished for besides.
+/// Options are equal with any request.
 impl PartialEq for Stop {
     fn eq(&self, _: &Self) -> bool {
         true

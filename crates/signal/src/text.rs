@@ -64,7 +64,7 @@ pub fn message(text: &str) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// What is printed: line breaks and blank lines stay, other control characters are shown as their escapes.
+/// Text for a terminal: line breaks and blank lines stay, other control characters are shown as their escapes.
 #[must_use]
 pub fn printed(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
@@ -116,7 +116,8 @@ pub fn did_you_mean<'a>(wanted: &str, names: impl Iterator<Item = &'a str> + Clo
 /// Letters from which a word may be the beginning of a name.
 const BEGINS: usize = 2;
 
-/// The name that a mistyped one may mean, capitals ignored: the shortest that begins with it, else the nearest by edit distance, unless more than half of the letters differ.
+/// The name that a mistyped name may mean, capitals ignored. It is the shortest that begins with it, else the nearest by edit distance, unless more than half
+/// of the letters differ.
 pub fn closest<'a>(wanted: &str, names: impl Iterator<Item = &'a str> + Clone) -> Option<&'a str> {
     let lower = wanted.to_lowercase();
     let wanted: Vec<char> = lower.chars().collect();

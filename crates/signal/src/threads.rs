@@ -1,9 +1,9 @@
-//! How many threads may be asked for.
+//! The allowed number of threads.
 
 /// Threads for each core at most: more only wait for each other, and some tens of thousands are not even made.
 const EACH: usize = 4;
 
-/// So many threads as were asked for, up to four for each core; 0 stays 0.
+/// The requested number of threads, up to four for each core; 0 stays 0.
 #[must_use]
 pub fn at_most(asked: usize) -> usize {
     asked.min(EACH * std::thread::available_parallelism().map_or(1, usize::from))

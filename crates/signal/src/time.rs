@@ -9,13 +9,13 @@ pub enum TimeError {
         "sample time {seconds} s: give a finite number of seconds above 0, {LEAST_S} or more (is time in another unit?)"
     )]
     SampleTime {
-        /// What was given, in seconds.
+        /// The given value, in seconds.
         seconds: f64,
     },
     /// A delay is finite and not negative.
     #[error("delay {seconds} s: give a finite number of seconds, 0 or more")]
     Delay {
-        /// What was given, in seconds.
+        /// The given value, in seconds.
         seconds: f64,
     },
     /// Two systems or signals of different sample times met.
@@ -44,7 +44,7 @@ pub struct Samples {
 /// The shortest sample time, s: no recorder is faster, and a model's response to one sample is lost in rounding long before.
 pub const LEAST_S: f64 = 1e-12;
 
-/// A delay this close to a whole number of samples (in samples) is one: seconds such as 0.3 are no exact multiples of 0.1 in binary.
+/// A delay this close to a whole number of samples (in samples) is one. Seconds such as 0.3 are no exact multiples of 0.1 in binary.
 const WHOLE: f64 = 1e-9;
 
 impl SampleTime {
@@ -84,7 +84,7 @@ impl SampleTime {
         Ok(Samples::split(samples, WHOLE))
     }
 
-    /// A delay in seconds as samples of which no more than the rounding of the division is taken off: for responses that are continuous in the delay.
+    /// A delay in seconds as samples, without more correction than the rounding of the division. It is for responses that are continuous in the delay.
     ///
     /// # Errors
     /// As [`Self::samples`].
@@ -114,7 +114,7 @@ impl SampleTime {
 }
 
 impl Samples {
-    /// A number of samples below 10¹⁵; what is this near a whole number is one.
+    /// A number of samples below 10¹⁵; a number this near a whole number is whole.
     fn split(samples: f64, near: f64) -> Self {
         let nearest = samples.round();
         if (samples - nearest).abs() < near {

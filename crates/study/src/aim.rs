@@ -10,7 +10,7 @@ use deadtime_signal::stats;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Aim {
-    /// What is to be reached, in words.
+    /// The aim, in words.
     pub aim: String,
     /// The cells.
     pub cells: Which,
@@ -19,7 +19,7 @@ pub struct Aim {
     /// The best of the methods is to reach it, rather than each.
     #[serde(default)]
     pub best: bool,
-    /// What is measured.
+    /// The measure.
     pub measure: Measure,
     /// With `rms_samples`: the share of answers that is kept, percent; default 100.
     #[serde(default = "super::published::whole")]
@@ -35,7 +35,7 @@ pub struct Aim {
     pub at_least: Option<f64>,
 }
 
-/// What an aim is about.
+/// The statistic of an aim.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Measure {
@@ -63,7 +63,7 @@ pub struct Reached<'a> {
 }
 
 impl Aim {
-    /// What each method reached, or the best one; none where the study has none of the cells.
+    /// The value that each method, or the best one, reached; none where the study has none of the cells.
     #[must_use]
     pub fn reached<'a>(&'a self, study: &'a Study) -> Vec<Reached<'a>> {
         let mut all: Vec<Reached> = self.method.iter().filter_map(|m| self.by(m, study)).collect();
@@ -92,7 +92,7 @@ impl Aim {
         Some(Reached { method, value, cell, met: self.excess(value) <= 0.0 })
     }
 
-    /// By how much a value misses the limits.
+    /// The distance of a value beyond the limits.
     fn excess(&self, value: f64) -> f64 {
         let above = self.at_most.map(|most| value - most);
         let below = self.at_least.map(|least| least - value);

@@ -1,6 +1,6 @@
-//! A finished block on this machine's disk: rows as CSV, and a last line with what they belong to, their count and their digest.
+//! A finished block on this machine's disk: rows as CSV, and a last line with their study and block, their count and their digest.
 //!
-//! The last line is computed from the rows and compared as a whole: a block with a byte lost, changed or of another file is not done.
+//! The last line is computed from the rows and compared as a whole. A block with a lost or changed byte, or of another file, is not complete.
 
 use deadtime_signal::remedy::{Message, Remedy};
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use super::error::{Error, Result, StudyError};
 use super::estimates::Row;
 use deadtime_signal::file::write_atomic;
 
-/// What begins the last line.
+/// The beginning of the last line.
 const MARK: &str = "# deadtime block";
 
 /// Which block of which study, and how many estimates it has.
@@ -27,7 +27,7 @@ pub(super) struct BlockFile<'a> {
 pub struct Damaged {
     /// The file.
     pub file: PathBuf,
-    /// What is wrong with it.
+    /// Its fault.
     pub why: String,
 }
 
@@ -63,10 +63,10 @@ impl BlockFile<'_> {
         Ok(write_atomic(path, |out| out.write_all(&body))?)
     }
 
-    /// The rows as text, once the file is known to be whole; else what is wrong with it.
+    /// The rows as text, after a check that the file is whole; else its fault.
     ///
     /// # Errors
-    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); what is wrong is no error.
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); a fault of the content is no error.
     pub(super) fn body(&self, path: &Path) -> Result<Result<Vec<u8>, String>> {
         let mut bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
         if bytes.is_empty() {

@@ -9,11 +9,12 @@ use deadtime_signal::remedy::Remedy;
 
 /// Bytes in a gigabyte.
 const GB: f64 = 1e9;
-/// Bytes of a setting, and of a cell with its sums and its line of study.json, while a study runs: measured on 10 000 and 40 000 settings and on 50 000 cells
+/// Bytes of a setting, and of a cell with its sums and its line of study.json, while a study runs. Measured on 10 000 and 40 000 settings and on 50 000 cells
 /// (1.2 kB and 3.3 kB), rounded up.
 const SETTING: f64 = 1500.0;
 const CELL: f64 = 3500.0;
-/// Copies of a record's channels that a method holds, and channels of a record whose plant has not been looked at: rough, meant for records that no machine holds.
+/// Copies of a record's channels that a method holds, and channels of a record whose plant has not been read. Rough values, meant for records that no machine
+/// holds.
 const COPIES: f64 = 8.0;
 const CHANNELS: f64 = 3.0;
 /// Bytes of an estimate on the disk: its lines in a part and in estimates.csv (147 measured there), rounded up.
@@ -34,7 +35,7 @@ impl Default for Budget {
     }
 }
 
-/// What a study is estimated to need.
+/// The estimated need of a study.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Needs {
     /// Combinations of the plan's lists that make records of their own.

@@ -23,7 +23,7 @@ pub(super) struct Slot {
     pub(super) setting: usize,
     pub(super) place: Place,
     pub(super) input: usize,
-    /// `None`: all outputs together, by a method that looks at states.
+    /// `None`: all outputs together, by a method of measured states.
     pub(super) output: Option<usize>,
     /// Counted in the grid's own list.
     pub(super) method: usize,
@@ -39,7 +39,7 @@ pub(super) struct Resolved {
     pub(super) first: Vec<usize>,
 }
 
-/// The methods look at what the excitation makes, and the records are long enough for the search.
+/// The methods fit the kind of the excitation, and the records are long enough for the search.
 fn fits(grid: &Grid, key: &Key, chosen: &[Chosen]) -> Result<(), String> {
     let events = key.excitation == EVENTS;
     if let Some(other) = chosen.iter().find(|c| (c.method.scope == Scope::Events) != events) {
@@ -141,7 +141,7 @@ fn choose(text: &str) -> Result<Chosen> {
     Ok(Chosen { method, estimator: method.entry.with(options.clone())?, options })
 }
 
-/// Every combination of a grid's lists that makes a record of its own, the last list running fastest.
+/// Every combination of a grid's lists with separate records, the last list running fastest.
 fn keys(grid: &Grid) -> Vec<Key> {
     fn expand<T: Clone>(keys: Vec<Key>, list: &[T], set: impl Fn(&mut Key, T)) -> Vec<Key> {
         let one = |key: &Key, value: &T| {

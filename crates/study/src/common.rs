@@ -1,4 +1,4 @@
-//! Every method on the same few kinds of record: what it is made for, a plant with a lag, and a loop.
+//! Every method on the same few kinds of record: its own kind, a plant with a lag, and a loop.
 
 use std::f64::consts::PI;
 use std::time::Instant;
@@ -32,7 +32,7 @@ pub struct Common {
     pub trials: usize,
     /// Samples of a record.
     pub samples: usize,
-    /// Seed; every record has a stream of its own.
+    /// Seed; every record has its own stream.
     pub seed: u64,
 }
 
@@ -66,9 +66,9 @@ pub struct MethodRow {
     pub class: Class,
     /// On the kind of record that it is made for.
     pub on_reference: CommonScore,
-    /// On a plant with a time constant of 8 samples, moved by a random binary input; `None` where it does not look at pairs.
+    /// On a plant with a time constant of 8 samples, moved by a random binary input; `None` for a method without pairs.
     pub lag: Option<CommonScore>,
-    /// On the same plant under feedback, with a tenth of the signal's power as noise, from the plant's true input; `None` as above.
+    /// On the same plant under feedback, with 10 % of the signal's power as noise, from the plant's true input; `None` as above.
     pub feedback: Option<CommonScore>,
     /// Median time of an estimate on a record of its reference experiment, s.
     pub time_s: f64,
@@ -81,7 +81,7 @@ impl Common {
     /// One row per method, in the order of the list; `progress` receives the name of each finished one. The rows do not depend on the number of threads, except for the run times.
     ///
     /// # Errors
-    /// Whatever keeps a record from being made or a method from being set up.
+    /// The error of a record or of a method's options.
     pub fn run(&self, progress: &mut dyn FnMut(&str)) -> Result<Vec<MethodRow>> {
         let mut records =
             vec![(ReferenceExperiment::Plant, self.records(ReferenceExperiment::Plant)?)];
@@ -134,7 +134,7 @@ impl Common {
     /// Record `trial` of a kind and its true delay, samples.
     ///
     /// # Errors
-    /// Whatever keeps the record from being made.
+    /// The error of the record.
     pub fn experiment(
         &self,
         kind: ReferenceExperiment,
@@ -334,7 +334,7 @@ fn held(
     Ok(respond(plant, u, delay, sample_time)?.y.column(0).iter().copied().collect())
 }
 
-/// A signal and the same signal later, one sample of it being the hold's that every method takes off.
+/// A signal and the same signal later. One sample of the delay is the hold's, which every method subtracts.
 fn copy(
     n: usize,
     delay: f64,

@@ -1,4 +1,4 @@
-//! What keeps a study from being planned, run or read.
+//! The errors of planning, running and reading a study.
 
 use std::path::{Path, PathBuf};
 
@@ -22,7 +22,7 @@ use deadtime_signal::stop::Stopped;
 use deadtime_signal::time::TimeError;
 use deadtime_signal::{SignalError, flatten, remedied};
 
-/// Whatever keeps a study, a gate or a blind check from being run or read.
+/// The errors of a study, a gate or a blind check.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A study that cannot be planned, run or read.
@@ -76,7 +76,7 @@ pub enum Error {
     /// A sample time or delay that cannot be.
     #[error(transparent)]
     Time(#[from] TimeError),
-    /// A name or option that a registry does not know.
+    /// A name or option outside a registry.
     #[error(transparent)]
     Registry(#[from] RegistryError),
     /// Nobody waits for the answer any more.
@@ -114,17 +114,17 @@ pub enum StudyError {
     /// Neither a shipped plan nor a file.
     #[error("plan `{name}`: no such file, and no shipped plan of that name; there are: {known}", name = shown(name), known = known.join(", "))]
     UnknownPlan {
-        /// What was asked for.
+        /// The requested name.
         name: String,
         /// The shipped plans.
         known: Vec<&'static str>,
     },
-    /// The file is no `deadtime/plan@1`, or says what cannot be.
+    /// The file is no `deadtime/plan@1`, or has an impossible content.
     #[error("plan {plan}: {detail}", plan = shown(plan))]
     Plan {
         /// The plan's name or file.
         plan: String,
-        /// What is wrong, and the remedy.
+        /// The fault, and the remedy.
         detail: String,
     },
     /// The folder holds another study, or one that was stopped.
@@ -132,7 +132,7 @@ pub enum StudyError {
     Folder {
         /// The folder.
         folder: PathBuf,
-        /// What is there, and the remedy.
+        /// The fault, and the remedy.
         detail: Message,
     },
     /// A file of results that cannot be read.
@@ -140,7 +140,7 @@ pub enum StudyError {
     Results {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and the remedy.
+        /// The fault, and the remedy.
         detail: Message,
     },
     /// A plan that needs more than it may.
@@ -166,13 +166,13 @@ pub enum StudyError {
     /// The operating system gives no threads, or one stopped.
     #[error("no worker thread: {detail}")]
     Threads {
-        /// What it said.
+        /// The message.
         detail: String,
     },
     /// Two studies that cannot be compared.
     #[error("{}", self.remedied().unwrap_or_default())]
     Gate {
-        /// What is wrong with which of them, and the remedy.
+        /// The file and its fault, and the remedy.
         detail: Message,
     },
     /// A record that cannot be made.
@@ -180,7 +180,7 @@ pub enum StudyError {
     Record {
         /// The plan's name.
         plan: String,
-        /// The plant, input and delay that were asked for.
+        /// The requested plant, input and delay.
         setting: String,
         /// The record's number in its setting, from 0.
         trial: usize,

@@ -39,7 +39,7 @@ pub(super) struct Row {
     pub(super) time_s: f64,
 }
 
-/// A record; the error of one that cannot be made says which one.
+/// A record; the error of an impossible one names it.
 pub(super) fn made(plan: &Plan, setting: &Setting, trial: usize) -> Result<Record> {
     let because = |source: Error| StudyError::Record {
         plan: plan.name.clone(),
@@ -51,7 +51,7 @@ pub(super) fn made(plan: &Plan, setting: &Setting, trial: usize) -> Result<Recor
     Ok(setting.record(plan.seed, trial).map_err(because)?)
 }
 
-/// All estimates from one record; `stop` is looked at between the methods.
+/// All estimates from one record; `stop` is checked between the methods.
 pub(super) fn of_record(
     plan: &Plan,
     layout: &Resolved,
@@ -73,7 +73,7 @@ pub(super) fn of_record(
         if slots.is_empty() {
             continue;
         }
-        // What cannot be used at all has no answers.
+        // Unusable records have no answers.
         let views = record
             .experiment(place)
             .filter(|e| e.events().is_empty())
@@ -111,7 +111,7 @@ pub(super) fn of_record(
     Ok(rows)
 }
 
-/// Where delays of a record are looked for.
+/// The search range of delays of a record.
 fn search(setting: &Setting, place: Place, record: &Record, stop: &Stop) -> Search {
     // A controller answers within the sample where the plant does not.
     let delayed = record.degree.iter().flatten().all(|d| *d > 0);
@@ -124,7 +124,7 @@ fn search(setting: &Setting, place: Place, record: &Record, stop: &Stop) -> Sear
     }
 }
 
-/// What a method is asked of a record.
+/// The task of a method on a record.
 struct Question<'a> {
     chosen: &'a Chosen,
     /// `None`: the record cannot be used.
@@ -223,7 +223,7 @@ fn row(
         slot.output.and_then(|o| record.degree.get(o)?.get(slot.input)).copied().unwrap_or(0)
             as f64;
     let off = found.and_then(|e| match truth {
-        // The raw answer less what its method takes off is not cut off at 0.
+        // The raw answer less its method's bias is not cut off at 0.
         Truth::Raw => Some(e.raw_delay_s? / ts - e.degree_bias_samples - true_delay_s / ts),
         Truth::Delay => Some((e.delay_s? - true_delay_s) / ts),
     });

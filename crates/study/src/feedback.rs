@@ -8,7 +8,7 @@ use deadtime_model::simulate::SimulateError;
 use deadtime_model::{Sampled, StateSpace, dlqr};
 use deadtime_signal::time::SampleTime;
 
-/// What a loop does: by channel, then by sample.
+/// The signals of a loop: by channel, then by sample.
 pub(super) struct Closed {
     /// The plant's inputs.
     pub(super) u: Vec<Vec<f64>>,
@@ -73,7 +73,7 @@ pub(super) fn through(
     bounded(Closed { u: vec![u], y: vec![y], x: states }, plant.sample_time())
 }
 
-/// u = r − K·(x, the commands on their way to the plant), K by `dlqr` with unit weights on the plant with its delay: the loop is stable whatever the delay.
+/// u = r − K·(x, the commands on their way to the plant), K by `dlqr` with unit weights on the plant with its delay. The loop is stable for any delay.
 pub(super) fn of_states(plant: &StateSpace<Sampled>, reference: &[Vec<f64>]) -> Result<Closed> {
     let (n, m) = (plant.order(), plant.inputs());
     let delays = plant.input_delay();

@@ -1,18 +1,18 @@
 //! Two runs of one plan, before a change and after: what got worse. Correctness is compared exactly, accuracy by tests.
 //!
-//! How it can be wrong, and what is done about it:
+//! Possible errors, and their countermeasures:
 //!
-//! - *False alarms over thousands of comparisons*: their p-values are corrected by Holm (1979), Scandinavian Journal of Statistics 6(2), 65-70, whatever their dependence.
-//!   Equally good programs fail with a probability of `alpha` at most, all comparisons together.
+//! - *False alarms over thousands of comparisons*: their p-values are corrected by Holm (1979), Scandinavian Journal of Statistics 6(2), 65-70, for any
+//!   dependence. Equally good programs fail with a probability of `alpha` at most, all comparisons together.
 //! - *Heavy tails*: a method that is off by 20 samples once in 200 records may show no such error in a run. Mean square errors are compared, and not their logarithms, which
 //!   would favour the lucky run. The standard error is the larger of two. Welch's is large where the new run has few and large outliers. That of a permutation of all
 //!   answers is large where the old run had too few. An outlier thus adds to the difference and to its standard error alike.
 //! - *Counts near 0 or all*: shares are compared by Fisher's exact test (Fisher 1922, doi:10.2307/2340521).
-//! - *A real loss below the corrected threshold*: in addition to every cell, all cells of a method in a grid are compared jointly; a loss that is too small in every cell is significant there.
-//!   Standard scores of mean squares are averaged. Counts keep to their cells, so that cells of different difficulty and numbers of intervals do not mix. Their sum is
-//!   one of independent events of unequal probabilities, which a binomial bounds (Hoeffding 1956, doi:10.1214/aoms/1177728178). Cells of one record (several outputs)
-//!   count as one.
-//! - *Trivial changes in large studies*: a growth below the margins does not fail, whatever its significance.
+//! - *A real loss below the corrected threshold*: in addition to every cell, all cells of a method in a grid are compared jointly. A loss that is too small in
+//!   every cell is significant there. Standard scores of mean squares are averaged. Counts keep to their cells, so that cells of different difficulty and
+//!   numbers of intervals do not mix. Their sum is one of independent events of unequal probabilities, which a binomial bounds (Hoeffding 1956,
+//!   doi:10.1214/aoms/1177728178). Cells of one record (several outputs) count as one.
+//! - *Trivial changes in large studies*: a growth below the margins does not fail, for any significance.
 //! - *Equal seeds*: the same records make both runs more alike than the tests assume. The tests then lose power, and an unchanged program never fails.
 //! - *Excitations that a plan draws once*: another seed draws another one, which no interval covers; compare such plans with equal seeds.
 
@@ -29,13 +29,13 @@ use super::results::{Cell, Study};
 use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stats::NORMAL_95_EXACT;
 
-/// The format of what a gate found.
+/// The format of a gate's result.
 const FORMAT: &str = "deadtime/gate@1";
 /// Errors of records without noise may grow by this share of themselves …
 const ROUNDING: f64 = 1e-6;
-/// … and by as many samples: answers of continuous models move by up to 3e-5 where noise of a millionth of a millionth is added, since their iterations stop there.
+/// … and by this many samples. Iterations of continuous models end at a tolerance. Their answers move by up to 3e-5 where noise of a millionth of a millionth is added.
 const ROUNDING_SAMPLES: f64 = 1e-4;
-/// What counts as worse.
+/// The limits of a change for the worse.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gate {
     /// Chance that anything fails between programs that are equally accurate, all comparisons together.
@@ -54,7 +54,7 @@ impl Default for Gate {
     }
 }
 
-/// What is compared.
+/// The compared measure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Measured {
@@ -73,7 +73,7 @@ pub enum Measured {
 }
 
 impl Measured {
-    /// What it is called in a sentence.
+    /// Its name in a sentence.
     #[must_use]
     pub fn words(self) -> &'static str {
         match self {
@@ -101,7 +101,7 @@ pub struct Finding {
     pub method: String,
     /// The cell's key; `None`: the group's cells together.
     pub cell: Option<String>,
-    /// What changed.
+    /// The changed measure.
     pub measured: Measured,
     /// In the baseline.
     pub before: Option<f64>,
@@ -138,7 +138,7 @@ pub struct GateGroup {
     pub new: bool,
 }
 
-/// What a gate found.
+/// The result of a gate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GateReport {
     /// `deadtime/gate@1`.
@@ -155,9 +155,9 @@ pub struct GateReport {
     pub exact_cells: usize,
     /// Tests that the correction counts.
     pub tests: usize,
-    /// What got worse; empty: the gate is passed.
+    /// The changes for the worse; empty: the gate is passed.
     pub worse: Vec<Finding>,
-    /// What got better by the same tests.
+    /// The changes for the better by the same tests.
     pub better: Vec<Finding>,
     /// Cells that the baseline does not have.
     pub new_cells: usize,
@@ -436,7 +436,7 @@ struct Frame<'a> {
 /// Shares that are tested.
 const SHARES: [Measured; 4] =
     [Measured::Flagged, Measured::UnflaggedWrong, Measured::WithInterval, Measured::Coverage95];
-/// What is compared exactly in cells without noise. Intervals there are of rounding's width, and whether they hold the truth is chance.
+/// The measures that are compared exactly in cells without noise. Intervals there are of rounding's width, and whether they hold the truth is chance.
 const EXACT: [Measured; 3] = [Measured::RmsSamples, Measured::Flagged, Measured::UnflaggedWrong];
 
 impl Frame<'_> {
@@ -472,7 +472,7 @@ impl Frame<'_> {
         cells.iter().map(|c| self.finding(Some(c), Measured::Cells, (None, 1), (None, 0))).collect()
     }
 
-    /// What changed in a cell without noise: worse, better.
+    /// The changes in a cell without noise: worse, better.
     fn exact(&self, pair: &Pair) -> [Vec<Finding>; 2] {
         let (before, after) = (pair.before, pair.after);
         let values = |cell: &Cell| {
@@ -498,7 +498,7 @@ impl Frame<'_> {
     }
 }
 
-/// Cells by key, after a look at what they hold.
+/// Cells by key, after a check of their content.
 fn index<'a>(study: &'a Study, which: &str) -> Result<BTreeMap<String, &'a Cell>, StudyError> {
     let wrong = |detail: String| StudyError::Gate {
         detail: format!("{which}: {detail}; run the study again").into(),
@@ -571,17 +571,17 @@ fn comparable(
     Ok(())
 }
 
-/// Nothing is added to the outputs. Another name than `white` may be of a noise with a level of its own.
+/// Nothing is added to the outputs. A noise with another name than `white` may have an absolute level.
 fn is_quiet(cell: &Cell) -> bool {
     cell.snr.is_none() && cell.noise == "white"
 }
 
-/// Records whose error counts; a study of an older program does not say.
+/// Records whose error is used; missing in a study of an older program.
 fn scored(cell: &Cell) -> usize {
     if cell.scored > 0 { cell.scored } else { cell.trials - cell.flagged }
 }
 
-/// A share of bad ones as it is shown: of intervals, those that are there and those that hold the truth.
+/// A share of bad ones for display: of intervals, the existing ones and those that hold the truth.
 fn shown(measured: Measured, bad: Option<f64>) -> Option<f64> {
     bad.map(|bad| {
         if matches!(measured, Measured::WithInterval | Measured::Coverage95) {
@@ -634,7 +634,7 @@ impl Counts {
         Self { bad: swap(self.bad), all: swap(self.all) }
     }
 
-    /// Good in place of bad, before in place of after: what is improbable stays as improbable.
+    /// Good and bad, and before and after, swapped: the probabilities are unchanged.
     fn turned(self) -> Self {
         let good = [self.all[1] - self.bad[1], self.all[0] - self.bad[0]];
         Self { bad: good, all: [self.all[1], self.all[0]] }
@@ -656,7 +656,7 @@ fn reversed(tables: &[Counts]) -> Vec<Counts> {
     tables.iter().map(|t| t.reversed()).collect()
 }
 
-/// By how much the share of bad ones grew, cell by cell: numbers of intervals may have moved between cells of different difficulty.
+/// The growth of the share of bad ones, cell by cell: numbers of intervals may have moved between cells of different difficulty.
 fn growth(tables: &[Counts]) -> f64 {
     let of: u64 = tables.iter().map(|t| t.all[1]).sum();
     tables.iter().map(Counts::surplus).sum::<f64>() / of.max(1) as f64
@@ -719,7 +719,7 @@ struct Moments {
 }
 
 impl Moments {
-    /// As the study's interval tells them.
+    /// From the study's interval.
     fn of(cell: &Cell) -> Option<Self> {
         let (rms, [_, high]) = (cell.rms_samples?, cell.rms_ci95_samples?);
         let count = scored(cell) as f64;
@@ -751,8 +751,8 @@ fn hypergeometric_tail(c: &Counts) -> f64 {
     (c.bad[1]..=bad.min(c.all[1])).map(chance).sum::<f64>().min(1.0)
 }
 
-/// The same for several tables together, each keeping its margins. Their sum is one of independent events of unequal chances, whose tail beyond its mean plus 1 is below
-/// that of the binomial of the same mean; `shared` tables of one record count as one.
+/// The same for several tables together, each keeping its margins. Their sum is one of independent events of unequal probabilities. Its tail beyond its mean
+/// plus 1 is below that of the binomial of the same mean; `shared` tables of one record count as one.
 fn stratified(tables: &[Counts], shared: f64) -> [f64; 2] {
     let tail = |tables: &[Counts]| {
         // Whichever are fewer, bad or good, make the sharper bound.
@@ -874,7 +874,7 @@ mod tests {
         for tables in cases {
             let (exact, [bound, _]) = (enumerated(&tables), stratified(&tables, 1.0));
             assert!(bound >= exact - 1e-12, "{exact} {bound}");
-            // Its square root is within the exact chance: no more than twice the evidence is asked for.
+            // Its square root is within the exact probability: at most twice the evidence is needed.
             assert!(exact > 0.3 || bound <= exact.sqrt(), "{exact} {bound}");
             assert!(stratified(&tables, 2.0)[0] >= bound);
         }

@@ -1,15 +1,14 @@
-//! What a cell is of: loops, places, what answers are compared with, and injected delays.
+//! The keys of a cell: loops, places, references of the answers, and injected delays.
 
 use serde::{Deserialize, Serialize};
 
-/// Whether u is what the log's author commands, or what a controller makes of it.
+/// Whether u is the command of the log's author, or the output of a controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Loop {
     /// No feedback.
     Open,
-    /// The sampled plant with state feedback u = r − K·x, K by `dlqr` with unit weights, seen as a
-    /// plant of input r: y = (C − D·K)x + D·r.
+    /// The sampled plant with state feedback u = r − K·x as a plant of input r: y = (C − D·K)x + D·r. K is that of `dlqr` with unit weights.
     Stabilised,
     /// Feedback of the noisy output through a controller of the plan's, or of the states by `dlqr`.
     Closed,
@@ -27,7 +26,7 @@ impl Loop {
     }
 }
 
-/// What the delay is estimated from.
+/// The signals of the delay estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Place {
@@ -37,7 +36,7 @@ pub enum Place {
     R,
 }
 
-/// What an answer is compared with.
+/// The reference of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Truth {

@@ -1,7 +1,7 @@
 //! How a record reaches the log: samples that are missing, and stamps off the grid.
 //!
-//! A program that commands and measures at once does so at t(k), off k·Ts by a share of the sample time; the plant holds u(k) from t(k) to t(k + 1). The log is put onto
-//! the even grid as the command line does it, inputs held and outputs interpolated; where a sample is missing, what would be made of it is missing too.
+//! A program that commands and measures at once does so at t(k), off k·Ts by a share of the sample time. The plant holds u(k) from t(k) to t(k + 1). The log is
+//! resampled to the even grid as by the command line, inputs held and outputs interpolated. Every result that needs a missing sample is missing too.
 
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
@@ -15,16 +15,16 @@ use deadtime_signal::time::SampleTime;
 pub(super) const STEPS: usize = 50;
 /// Stamps further off could change places.
 const MOST_JITTER: f64 = 0.45;
-/// Of a log with fewer samples nothing could be estimated.
+/// A log with fewer samples gives no estimate.
 const MOST_MISSING: f64 = 0.9;
 
-/// What a log lacks; nothing by default.
+/// The defects of a log; none by default.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Logging {
     /// Chance of each sample of an output to be missing; of each event, at either place, to be missed.
     pub missing: f64,
-    /// Largest share of the sample time by which a stamp is off the grid, up or down with equal chances; the command of that stamp takes effect then.
+    /// Largest share of the sample time by which a stamp is off the grid, up or down with equal probabilities. The command of that stamp takes effect then.
     pub jitter: f64,
 }
 
@@ -64,7 +64,7 @@ impl Logging {
         })
     }
 
-    /// What is read from the log of a record: inputs, and outputs with what is missing of them.
+    /// The log of a record: inputs, and outputs with their missing samples.
     pub(super) fn read(
         &self,
         names: (&[String], &[String]),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::error::{Error, StudyError};
 use deadtime_signal::registry::RegistryError;
 
-/// The name and text of what a plan was read from; nothing for one that was put together. It is no part of what a plan is: all are equal.
+/// The name and text of a plan's source; empty for a plan without a file. The origin is no part of a plan: all are equal.
 #[derive(Debug, Clone, Default)]
 pub struct Origin(Option<Arc<(String, String)>>);
 
@@ -20,7 +20,7 @@ impl Origin {
         Self(Some(Arc::new((name.to_owned(), text.to_owned()))))
     }
 
-    /// File and line of what a message is about.
+    /// File and line of a message.
     fn line(&self, detail: &str) -> Option<String> {
         let (name, text) = &**self.0.as_ref()?;
         Some(format!("{name}, line {}", line_of(text, detail)))
@@ -51,7 +51,7 @@ impl Origin {
     }
 }
 
-/// The line, from 1, that a message is about: that of the first key or word which it quotes, in the grid which it names; else that of the grid.
+/// The line, from 1, of a message. It is that of the first quoted key or word, in the named grid; else that of the grid.
 fn line_of(text: &str, detail: &str) -> usize {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let headers: Vec<usize> = lines

@@ -107,7 +107,7 @@ impl<W: Write + Send> EstimateTable<W> {
         if self.rows >= GROUP { self.flush() } else { Ok(()) }
     }
 
-    /// Writes what is held as one row group.
+    /// Writes the held rows as one row group.
     fn flush(&mut self) -> Result<(), ParquetError> {
         if self.rows == 0 {
             return Ok(());
@@ -155,7 +155,7 @@ fn put<T: DataType, W: Write + Send>(
 /// `estimates.parquet`.
 pub(super) struct ParquetSink {
     path: PathBuf,
-    /// Made with the first line, which tells the columns.
+    /// Made with the first line, which determines the columns.
     table: Option<EstimateTable<Begun>>,
 }
 
@@ -165,7 +165,7 @@ impl ParquetSink {
     }
 }
 
-/// What Parquet said of a file that is written.
+/// The error of Parquet for a written file.
 pub(super) fn unwritten(path: &Path, e: &ParquetError) -> Error {
     Error::io(path, std::io::Error::other(e.to_string()))
 }
@@ -219,14 +219,14 @@ impl EstimateReader {
         Ok(Self { path: path.to_owned(), file: Box::new(file) })
     }
 
-    /// A file whose bytes are at hand.
+    /// A file with its bytes in memory.
     pub(super) fn of(path: &Path, bytes: Vec<u8>) -> Result<Self> {
         let file = SerializedFileReader::new(bytes::Bytes::from(bytes))
             .map_err(|e| unread(path, &e.to_string()))?;
         Ok(Self { path: path.to_owned(), file: Box::new(file) })
     }
 
-    /// What stands in the footer under a name.
+    /// The value of a name in the footer.
     pub(super) fn about(&self, name: &str) -> Option<&str> {
         let all = self.file.metadata().file_metadata().key_value_metadata()?;
         all.iter().find(|kv| kv.key == name)?.value.as_deref()

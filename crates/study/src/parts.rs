@@ -1,7 +1,7 @@
 //! A study that many machines make: tasks of several blocks, each of which becomes a part `DIR/estimates/part-00000017.parquet`.
 //!
-//! Which blocks a task holds is written once, to `DIR/tasks.json`, and is kept when the study goes on later: whoever makes a task, and however often, makes the same part under
-//! the same name. A part is written under a temporary name and renamed, and says in its footer what it belongs to.
+//! The assignment of blocks to tasks is written once, to `DIR/tasks.json`, and is kept when the study continues later. Every worker therefore makes the same
+//! part under the same name, any number of times. A part is written under a temporary name and renamed; its footer names its study and task.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -69,7 +69,8 @@ impl Runner {
         self.blocks.iter(blocks).map(|b| self.size(b)).sum()
     }
 
-    /// A setting of every kind, and the records of that kind: those that are given to the same methods, have as many samples and are searched as far, and so cost about as much.
+    /// A setting of every kind, and the records of that kind. Records of a kind have the same methods, number of samples and search range, and so about equal
+    /// cost.
     #[must_use]
     pub fn kinds(&self) -> Vec<(usize, usize)> {
         let mut kinds: Vec<(usize, usize)> = Vec::new();
@@ -97,7 +98,7 @@ impl Runner {
             .collect()
     }
 
-    /// What a record of this setting costs with all its estimates, s of wall-clock time on this thread.
+    /// The cost of a record of this setting with all its estimates, s of wall-clock time on this thread.
     ///
     /// # Errors
     /// [`StudyError::Record`]; [`Error::Stopped`].
@@ -114,8 +115,8 @@ impl Runner {
         Ok(least)
     }
 
-    /// Blocks put together to tasks of about `task_s`, if a record of kind k costs `cost_s[k]`: one block at least, 400 000 estimates at most. A task holds whole settings, or a
-    /// share of one. What is returned is one past the last block of every task.
+    /// Blocks combined to tasks of about `task_s`, if a record of kind k costs `cost_s[k]`: one block at least, 400 000 estimates at most. A task holds whole
+    /// settings, or a share of one. The result is one past the last block of every task.
     #[must_use]
     pub fn tasks(&self, cost_s: &[f64], task_s: f64) -> Vec<usize> {
         let kind = self.kind_of();
@@ -259,7 +260,7 @@ impl Tasks {
         &self.folder
     }
 
-    /// How many tasks there are.
+    /// The number of tasks.
     #[must_use]
     pub fn len(&self) -> usize {
         self.ends.len()
@@ -291,8 +292,8 @@ impl Tasks {
         (0..self.len()).map(|task| self.path(task)).collect()
     }
 
-    /// The tasks without a part of this study, in order, and which of them have one that cannot be used: parts are read whole, byte by byte. What workers of a dead
-    /// client left half-written is removed: whoever calls this holds the folder's [`deadtime_signal::file::Lock`].
+    /// The tasks without a part of this study, in order, and those with an unusable part. Parts are read whole, byte by byte. Half-written files of a dead
+    /// client's workers are removed: the caller holds the folder's [`deadtime_signal::file::Lock`].
     ///
     /// # Errors
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`Error::Stopped`].
@@ -312,7 +313,7 @@ impl Tasks {
         Ok((tasks, damaged.into_iter().flatten().collect()))
     }
 
-    /// A task's part, once every byte of it is known to be what was written, and it is this task's of this study; else what is wrong with it.
+    /// A task's part, after a check that every byte is as written and that it is this task's of this study. Otherwise the reason.
     fn sound(&self, task: usize) -> Result<Result<EstimateReader, String>> {
         let path = self.path(task);
         let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, e))?;
@@ -346,8 +347,8 @@ impl Tasks {
         Ok(write_atomic(&self.path(task), |out| out.write_all(part))?)
     }
 
-    /// Reads all parts and writes `DIR/study.json`: every cell's sums over its estimates in the order of the blocks, as one machine adds them up, so that they are the same to the bit. As
-    /// much is in memory as one part for every thread.
+    /// Reads all parts and writes `DIR/study.json`. Every cell's sums over its estimates are in the order of the blocks, as on one machine. The sums are then
+    /// the same to the bit. Memory holds one part for every thread.
     ///
     /// # Errors
     /// [`StudyError::Results`] for a part that is missing, damaged or another study's;

@@ -1,4 +1,4 @@
-//! The same events seen at two places, a dead time apart: records for the criteria that pair events.
+//! The same events at two places, a dead time apart: records for the criteria that pair events.
 
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Exp1, StandardNormal};
@@ -12,8 +12,8 @@ pub(super) const EVENTS: &str = "events";
 /// Sample times in a mean interval: the window is counted in hundredths of one, as between logged events.
 const PARTS: f64 = 100.0;
 
-/// `count` events whose intervals are half fixed and half exponential, seen `delay_s` later at the second place. Of the times there, var(interval)/var(error) is `snr`; each
-/// place misses events by the chance that `logging` gives.
+/// `count` events whose intervals are half fixed and half exponential, seen `delay_s` later at the second place. For the times there, var(interval)/var(error)
+/// is `snr`; each place misses events with the probability of `logging`.
 ///
 /// # Errors
 /// [`DelayError`] where too many were missed.
@@ -69,7 +69,7 @@ mod tests {
         assert!((stats::mean(intervals.iter().copied()).unwrap() - 1.0).abs() < 0.02);
         let spread = stats::variance(&intervals).unwrap();
         assert!((spread - 0.25).abs() < 0.02, "{spread}");
-        // Errors of a tenth of a second seldom turn neighbours half a second apart round.
+        // Errors of 0.1 s rarely swap neighbours 0.5 s apart.
         let delays: Vec<f64> = first.iter().zip(second).map(|(a, b)| b - a).collect();
         assert!((stats::mean(delays.iter().copied()).unwrap() - 3.0).abs() < 0.005);
         let ratio = spread / stats::variance(&delays).unwrap();

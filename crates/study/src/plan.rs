@@ -1,4 +1,4 @@
-//! What a study runs: `deadtime/plan@1`, a TOML file whose keys are those of a cell, with lists.
+//! The content of a study: `deadtime/plan@1`, a TOML file whose keys are those of a cell, with lists.
 
 #![deny(clippy::indexing_slicing)]
 
@@ -48,10 +48,10 @@ const FORMAT: &str = "deadtime/plan@1";
 pub struct Plan {
     /// Its name.
     pub name: String,
-    /// What it is for, in a sentence.
+    /// Its purpose, in a sentence.
     #[serde(default)]
     pub about: String,
-    /// Seed of every record, together with what the record is of.
+    /// Seed of every record, together with the content of the record.
     #[serde(default = "one")]
     pub seed: u64,
     /// Named excitations.
@@ -136,10 +136,10 @@ pub struct Controller {
 pub struct Scoring {
     /// Shares of all answers of a method, the worst left out, for which the root mean square is averaged over a grid's cells; percent.
     pub kept_percent: Vec<f64>,
-    /// A missing answer, or one that, samples of response included, is not above 0 and below this, counts as this, samples (Björklund: 20); absent: see
-    /// `missing_off_samples`.
+    /// The score of a missing answer, samples (Björklund: 20). An answer, samples of response included, that is not above 0 and below this number has the same
+    /// score. Absent: see `missing_off_samples`.
     pub invalid_samples: Option<f64>,
-    /// A missing answer counts as this far off, samples; absent: only answers count.
+    /// The error of a missing answer, samples; absent: only answers are used.
     pub missing_off_samples: Option<f64>,
     /// An answer further off than this whose interval leaves out the truth is wrong without saying so; samples.
     pub wrong_samples: f64,
@@ -204,24 +204,24 @@ pub struct Grid {
     /// Outputs; empty: all of the plant.
     #[serde(deserialize_with = "list")]
     pub output: Vec<String>,
-    /// Methods, `NAME KEY=VALUE …`; `all`: every one that looks at pairs; `all_events`: every one that looks at events.
+    /// Methods, `NAME KEY=VALUE …`; `all`: every method of pairs; `all_events`: every method of events.
     #[serde(deserialize_with = "list")]
     pub method: Vec<String>,
-    /// What answers are compared with.
+    /// The reference of the answers.
     pub truth: Truth,
     /// How answers are scored.
     pub scoring: Scoring,
     /// Records of a setting.
     pub trials: usize,
-    /// What is taken off the channels.
+    /// The trend that is removed from the channels.
     pub detrend: Detrend,
-    /// Samples of response that methods take off: those of the plant (`true`), or the one that is assumed without a model.
+    /// Samples of response that methods subtract: those of the plant (`true`), or the one that is assumed without a model.
     pub known_degree: bool,
     /// Tables in addition to the list of all cells.
     pub by: Vec<Layout>,
 }
 
-/// What a grid leaves out.
+/// The defaults of a grid.
 impl Default for Grid {
     fn default() -> Self {
         let one = |name: &str| vec![name.to_owned()];
@@ -252,17 +252,17 @@ impl Default for Grid {
     }
 }
 
-/// A table of one statistic, `KEY …` or `STATISTIC: KEY …`: the values of the last key as columns, those of the others and the methods as rows.
+/// A table of one statistic, `KEY …` or `STATISTIC: KEY …`. The values of the last key are columns, those of the others and the methods are rows.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String")]
 pub struct Layout {
-    /// What is shown.
+    /// The displayed statistic.
     pub shown: Shown,
     /// Keys of cells, one at least.
     pub keys: Vec<String>,
 }
 
-/// What a [`Layout`] shows of the cells that share a place in it.
+/// The statistic of a [`Layout`] over the cells that share a place in it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Shown {
@@ -272,7 +272,7 @@ pub enum Shown {
     Wrong,
     /// Mean of their biases.
     Bias,
-    /// By how much the mean answer grows with the injected delay: 1 where a method follows it, 0 where it is a constant.
+    /// The growth of the mean answer with the injected delay: 1 where a method follows it, 0 where it is a constant.
     Slope,
     /// Median of their Cramér-Rao bounds.
     Bound,
@@ -302,7 +302,7 @@ impl TryFrom<String> for Layout {
     }
 }
 
-/// A list, or one value that stands for a list of one.
+/// A list, or one value for a list of one.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(untagged)]
 enum Many<T> {
@@ -377,7 +377,7 @@ const BY: [&str; 11] = [
 ];
 /// The logging that lacks nothing.
 pub(super) const PLAIN: &str = "plain";
-/// Records of a setting where a plan does not say.
+/// Records of a setting where a plan has no number.
 const TRIALS: usize = 100;
 
 impl Plan {
@@ -591,7 +591,7 @@ impl Plan {
     }
 }
 
-/// What the words `all` and `all_events` stand for.
+/// The meaning of the words `all` and `all_events`.
 fn all_of(method: &str) -> Option<Scope> {
     match method {
         "all" => Some(Scope::Pair),
@@ -600,7 +600,7 @@ fn all_of(method: &str) -> Option<Scope> {
     }
 }
 
-/// `all` as the names that it stands for.
+/// `all` expanded to its names.
 pub(super) fn spelt_out(method: &str) -> Vec<String> {
     match all_of(method) {
         Some(scope) => {
@@ -610,7 +610,7 @@ pub(super) fn spelt_out(method: &str) -> Vec<String> {
     }
 }
 
-/// How many names a method stands for.
+/// The number of names of a method.
 pub(super) fn spelt(method: &str) -> usize {
     all_of(method).map_or(1, |scope| METHODS.iter().filter(|m| m.scope == scope).count())
 }
@@ -647,7 +647,7 @@ impl Grid {
         Ok(value)
     }
 
-    /// What must be given is, and numbers are some that can be.
+    /// Compulsory keys are present, and numbers are possible.
     fn check(&self) -> Result<(), String> {
         for (key, list, hint) in [
             ("plant", &self.plant, "name plants (`deadtime list plants`) or model files"),

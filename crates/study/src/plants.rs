@@ -24,7 +24,7 @@ pub struct Plant {
 pub struct PlantEntry {
     /// The name that plans use.
     pub name: &'static str,
-    /// What it is.
+    /// Its summary.
     pub summary: &'static str,
     /// Another one for every trial.
     pub random: bool,
@@ -35,7 +35,7 @@ impl PlantEntry {
     /// The plant; `rng` is used by random ones alone.
     ///
     /// # Errors
-    /// What keeps its matrices from being a model.
+    /// The error of matrices that are no model.
     pub fn build(&self, rng: &mut ChaCha8Rng) -> Result<Plant, ModelError> {
         (self.build)(rng)
     }
@@ -167,7 +167,7 @@ fn silent() -> Result<Plant, ModelError> {
     single(StateSpace::continuous(one(-1.0), one(1.0), one(0.0), one(0.0)))
 }
 
-/// A lag of 2 s and a pole that stands at `z` when sampled every second.
+/// A lag of 2 s and a pole at `z` when sampled every second.
 fn pole(z: f64) -> Result<Plant, ModelError> {
     rational(&[1.0], &[[-z.ln(), 0.0], [0.5, 0.0]])
 }
@@ -194,9 +194,9 @@ fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
     out
 }
 
-/// Ten poles in parallel. Björklund (2003), p. 111, calls his stable or integrating, the words of MATLAB's manual on `rss`; so they are drawn as there. One of ten systems has
-/// an integrator, about half of the other poles come in pairs, rates are log-normal around 1 rad/s, frequencies around 3 rad/s, input and output matrices
-/// normal. Ours have no direct path and no repeated poles.
+/// Ten poles in parallel. Björklund (2003), p. 111, calls his stable or integrating, the words of MATLAB's manual on `rss`; ours are therefore drawn as there.
+/// One of ten systems has an integrator, and about half of the other poles come in pairs. Rates are log-normal around 1 rad/s, frequencies around 3 rad/s,
+/// input and output matrices normal. Ours have no direct path and no repeated poles.
 fn random(rng: &mut ChaCha8Rng) -> Result<Plant, ModelError> {
     const ORDER: usize = 10;
     let (mut a, b, c) = (

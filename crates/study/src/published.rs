@@ -16,7 +16,7 @@ pub struct Published {
     pub source: String,
     /// The cells; where there are several, the mean over them.
     pub cells: Which,
-    /// What was published of them.
+    /// The published statistic.
     pub statistic: Statistic,
     /// With `rms_samples`: the share of answers that was kept, percent; default 100.
     #[serde(default = "whole")]
@@ -24,7 +24,7 @@ pub struct Published {
     /// The number; absent for `failed`, and where none was printed.
     #[serde(default)]
     pub value: Option<f64>,
-    /// How far ours may be from it to count as matching, in its unit; default half a unit of its last digit.
+    /// The largest difference of a match, in its unit; default half a unit of its last digit.
     #[serde(default)]
     pub tolerance: Option<f64>,
     /// Why it cannot come out but by chance, where that is known.
@@ -36,7 +36,7 @@ pub(super) fn whole() -> f64 {
     100.0
 }
 
-/// What was published.
+/// The published statistic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Statistic {
@@ -128,16 +128,16 @@ impl std::fmt::Display for Which {
     }
 }
 
-/// A method and its options, in whatever order these are written.
+/// A method and its options, in any order.
 fn words(text: &str) -> BTreeSet<&str> {
     text.split_whitespace().collect()
 }
 
-/// Keys of an entry itself; what else stands in a table of `each` is a key of its cells.
+/// Keys of an entry itself; every other key in a table of `each` is a key of its cells.
 const OWN: [&str; 6] =
     ["source", "statistic", "kept_percent", "value", "tolerance", "not_reproducible"];
 
-/// An entry with a list `each` of tables stands for one entry per table: the entry with the table's keys in place of its own or of its cells'.
+/// An entry with a list `each` of tables is expanded to one entry per table. The table's keys replace its own or those of its cells.
 pub(super) fn spread(entries: toml::Value) -> Result<toml::Value, String> {
     let toml::Value::Array(entries) = entries else {
         return Err("`published` is a list of tables: write [[published]]".to_owned());

@@ -1,4 +1,4 @@
-//! `deadtime/study@1`: what a study found.
+//! `deadtime/study@1`: the results of a study.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ pub struct Study {
     pub format: String,
     /// The plan's name.
     pub plan: String,
-    /// What the plan is for.
+    /// The purpose of the plan.
     #[serde(default)]
     pub about: String,
     /// Seed.
@@ -49,7 +49,7 @@ pub struct Cell {
     pub c2d: String,
     /// The excitation.
     pub excitation: String,
-    /// var(noise-free output)/var(noise); `None`: no noise, or one with a level of its own.
+    /// var(noise-free output)/var(noise); `None`: no noise, or one with an absolute level.
     pub snr: Option<f64>,
     /// The noise.
     pub noise: String,
@@ -72,7 +72,7 @@ pub struct Cell {
     /// Longest raw delay searched, samples.
     #[serde(default)]
     pub max_delay: usize,
-    /// What answers were compared with.
+    /// The reference of the answers.
     pub truth: Truth,
     /// The method.
     pub method: String,
@@ -81,10 +81,10 @@ pub struct Cell {
     /// How its records were logged; `None`: every sample at its time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub logging: Option<String>,
-    /// Digest of what the names of this cell stand for in its plan, and of how answers are scored: cells of one key are comparable where it is the same.
+    /// Digest of the definitions behind the names of this cell in its plan, and of the scoring. Cells of one key are comparable where the digest is the same.
     #[serde(default)]
     pub definition: String,
-    /// Every record is the same, whatever the seed: no noise, and nothing drawn.
+    /// Every record is the same for any seed: no noise, and nothing drawn.
     #[serde(default)]
     pub repeatable: bool,
     /// Records.
@@ -104,7 +104,7 @@ pub struct Cell {
     /// Their standard deviation, s.
     #[serde(default)]
     pub std_raw_s: Option<f64>,
-    /// Records without an answer: the method said that it cannot tell.
+    /// Records without an answer: the method reported that it is undetermined.
     pub flagged: usize,
     /// Answers that are off by more than the plan's `wrong_samples` and whose interval leaves out the truth.
     pub unflagged_wrong: usize,
@@ -184,7 +184,7 @@ impl Cell {
         }
     }
 
-    /// What tells this cell from every other one of a study.
+    /// The identity of this cell in a study.
     #[must_use]
     pub fn key(&self) -> String {
         let Self {
@@ -240,7 +240,7 @@ fn nine_digits(value: f64) -> f64 {
     format!("{value:.8e}").parse().unwrap_or(value)
 }
 
-/// Members that readers fill in themselves: what is not known, and empty lists.
+/// Members with defaults in readers: unknown values, and empty lists.
 fn without_blanks(value: Value) -> Value {
     let blank = |v: &Value| v.is_null() || v.as_array().is_some_and(Vec::is_empty);
     match value {
@@ -271,8 +271,8 @@ impl Study {
         Ok(study)
     }
 
-    /// Writes what a repository keeps to compare later runs with: `study.json`, or the file given, without run times and shares kept, nine digits of every result (what processors
-    /// agree on), one line per cell.
+    /// Writes the baseline that a repository keeps for later comparisons: `study.json`, or the given file. It has no run times and no kept shares, nine digits
+    /// of every result (on which processors agree), and one line per cell.
     ///
     /// # Errors
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io).

@@ -1,4 +1,4 @@
-//! Runs a plan on all cores, block by block; what is done stays done when the program is stopped.
+//! Runs a plan on all cores, block by block; finished blocks stay when the program is stopped.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -29,12 +29,12 @@ use deadtime_signal::stop::Stop;
 
 /// The folder of finished blocks.
 const PARTS: &str = "parts";
-/// What the blocks belong to.
+/// The file with the digest of the study of the blocks.
 const STAMP: &str = "plan.sha256";
 /// The folder of blocks that are no longer needed, on its way out.
 const SPENT: &str = ".deadtime-parts.tmp";
 
-/// How far a study is.
+/// The progress of a study.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
     /// Estimates made, those of earlier runs included.
@@ -53,7 +53,7 @@ pub struct Runner {
     stamp: String,
 }
 
-/// A study in a folder to which nobody else writes meanwhile.
+/// A study in a folder without another writer.
 pub struct Begun<'a> {
     runner: &'a Runner,
     folder: PathBuf,
@@ -107,7 +107,8 @@ impl Runner {
         &self.plan
     }
 
-    /// A digest of all that the estimates depend on: plan, seed, trials, what its names stand for, and the program's version. Blocks of equal stamps go together.
+    /// A digest of all inputs of the estimates: plan, seed, trials, the definitions of its names, and the program's version. Blocks of equal stamps may be
+    /// combined.
     #[must_use]
     pub fn stamp(&self) -> &str {
         &self.stamp
@@ -128,8 +129,9 @@ impl Runner {
         (block.end - block.first) * self.layout.of(block.setting).len()
     }
 
-    /// Runs what is not done yet and writes `DIR/study.json` and `DIR/estimates.csv` (`.parquet` too with that feature). Finished blocks are kept in `DIR/parts` until then: a run that was stopped goes on
-    /// where it was with `resume`. The same to the bit for any number of threads, run times apart. `stop` is looked at between the methods of a record.
+    /// Runs the unfinished part and writes `DIR/study.json` and `DIR/estimates.csv` (`.parquet` too with that feature). Finished blocks are kept in `DIR/parts`
+    /// until then: a stopped run continues there with `resume`. The same to the bit for any number of threads, run times apart. `stop` is checked between the
+    /// methods of a record.
     ///
     /// # Errors
     /// As [`Self::begin`] and [`Begun::run`].
@@ -201,7 +203,7 @@ impl Runner {
         let mine = self.stamp.as_str();
         if parts.exists() {
             if !stamp.exists() && blocks_in(&parts)?.is_empty() {
-                // A run was killed before it said what it was.
+                // A run was killed before it wrote its stamp.
                 write_atomic(&stamp, |out| writeln!(out, "{mine}"))?;
                 return Ok(parts);
             }
@@ -236,7 +238,7 @@ impl Runner {
         tally.add(row, &self.plan.grids[setting.grid].scoring, setting.sample_time);
     }
 
-    /// What the sums of all cells say.
+    /// The study from the sums of all cells.
     pub(super) fn study(&self, tallies: &[Tally]) -> Study {
         let mut cells: Vec<Cell> = self.layout.slots.iter().map(|s| self.cell(*s)).collect();
         for (cell, tally) in cells.iter_mut().zip(tallies) {
@@ -369,11 +371,10 @@ impl Begun<'_> {
         &self.damaged
     }
 
-    /// Makes what is not done yet, and writes what came of all of it.
+    /// Runs the unfinished part, and writes the results of the whole.
     ///
     /// # Errors
-    /// What keeps a record from being made;
-    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`Error::Stopped`].
+    /// The error of a record; [`FileError::Io`](deadtime_signal::file::FileError::Io); [`Error::Stopped`].
     pub fn run(self, stop: &Stop, progress: &(dyn Fn(Progress) + Sync)) -> Result<Study> {
         let runner = self.runner;
         let done = self
@@ -441,7 +442,7 @@ impl Begun<'_> {
     }
 }
 
-/// What two runs must share for their blocks to go together; what published numbers and aims say is no part of it.
+/// The common part of two runs whose blocks may be combined; published numbers and aims are no part of it.
 fn stamp(plan: &Plan, layout: &Resolved) -> String {
     let plan =
         serde_json::to_string(&Plan { published: Vec::new(), aims: Vec::new(), ..plan.clone() })
@@ -453,7 +454,7 @@ fn stamp(plan: &Plan, layout: &Resolved) -> String {
 
 /// Hands the numbers below `count` out to as many workers as there are threads, in order, until one fails.
 ///
-/// Each worker is a pool of one thread: what a method would do in parallel it does there one after the other, so that its run time is its own, and no other estimate's.
+/// Each worker is a pool of one thread. The parallel parts of a method run there one after the other, so that its run time is its own, and no other estimate's.
 fn shared_out(count: usize, work: impl Fn(usize) -> Result<()> + Sync) -> Result<()> {
     let next = AtomicUsize::new(0);
     let failed = AtomicBool::new(false);

@@ -1,4 +1,4 @@
-//! A digest of a whole file inside the file: its place is kept open by zeros while the rest is written, and is filled in afterwards.
+//! A digest of a whole file inside the file. Zeros keep its place open during the writing, and the digest is filled in afterwards.
 
 use sha2::{Digest, Sha256};
 
@@ -12,7 +12,7 @@ pub(super) fn open() -> (&'static str, String) {
     (NAME, "0".repeat(DIGITS))
 }
 
-/// Where the digest stands: after the last occurrence of its name, and whatever the format puts between the two.
+/// The place of the digest: after the last occurrence of its name, and the format's separators between the two.
 fn place(bytes: &[u8]) -> Option<std::ops::Range<usize>> {
     let name = bytes.windows(NAME.len()).rposition(|w| w == NAME.as_bytes())? + NAME.len();
     let after = bytes.get(name..)?;
@@ -20,7 +20,7 @@ fn place(bytes: &[u8]) -> Option<std::ops::Range<usize>> {
     Some(start..start + DIGITS)
 }
 
-/// The digest with the place open, whatever stands there.
+/// The digest with the place open, for any content there.
 fn digest(bytes: &[u8], place: &std::ops::Range<usize>) -> String {
     let digest = Sha256::new()
         .chain_update(bytes.get(..place.start).unwrap_or_default())

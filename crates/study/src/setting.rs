@@ -27,7 +27,7 @@ use deadtime_signal::{
     EXCITATIONS, Excitation, Noise, NoiseColour, NoiseScaling, stats, unit_noise,
 };
 
-/// What a record is of: the keys of a cell that it shares with every method, place, input and output.
+/// The content of a record: the keys of a cell that it shares with every method, place, input and output.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Key {
     /// The plant.
@@ -95,9 +95,9 @@ pub(super) struct Setting {
     controller: Option<Controller>,
     pub(super) detrend: Detrend,
     known_degree: bool,
-    /// The states are measured too, for methods that look at them.
+    /// The states are measured too, for methods that use them.
     states: bool,
-    /// Digest of what the names of the key stand for, and of how answers are scored.
+    /// Digest of the definitions of the names of the key, and of the scoring.
     pub(super) definition: String,
     /// Every record is the same: no noise, and nothing drawn.
     pub(super) repeatable: bool,
@@ -111,7 +111,7 @@ struct Clean {
     model: PlantModel,
 }
 
-/// What a trial measured, and what is known of it.
+/// The measurement of a trial, and its known truth.
 pub(super) struct Record {
     pub(super) seed: u64,
     /// From the plant's input; from the reference. `None` too where nothing could be made of it.
@@ -144,7 +144,7 @@ pub(super) fn named<T: ?Sized>(
     Ok((entry, registry::options(words)?))
 }
 
-/// What to say of a name that a plan does not know.
+/// The message on a name outside a plan.
 fn unknown<'k>(what: &str, name: &str, known: impl Iterator<Item = &'k str>) -> String {
     format!("there is no {what} `{name}`; there are: {}", known.collect::<Vec<_>>().join(", "))
 }
@@ -291,7 +291,7 @@ fn excitation(
 }
 
 impl Setting {
-    /// Looks up what a key names.
+    /// Finds the entries that a key names.
     pub(super) fn new(
         plan: &Plan,
         number: usize,
@@ -368,7 +368,7 @@ impl Setting {
             && drive(0)? == drive(1)?)
     }
 
-    /// The seed of a record: a hash of the plan's seed, of what the record is of and of its number, so that no other record of a plan moves it.
+    /// The seed of a record: a hash of the plan's seed, the content of the record and its number. No other record of a plan changes it.
     pub(super) fn seed(&self, seed: u64, trial: usize) -> u64 {
         hash(&format!("{seed}|{}|{trial}", self.key))
     }
@@ -432,7 +432,7 @@ impl Setting {
         Ok(Record { seed, from: [from(input), reference], delay_s, degree, bound_samples })
     }
 
-    /// What the plant does in its loop, before noise is added to what is measured.
+    /// The response of the plant in its loop, before noise is added to the measurement.
     fn respond(
         &self,
         plant: &PlantModel,
@@ -646,7 +646,7 @@ impl Setting {
         feedback::filtered(&filter(&self.colour.ma), &filter(&self.colour.ar), &e)
     }
 
-    /// The noise of a controller's loop: of its own level, or in proportion to the output of the loop without noise.
+    /// The noise of a controller's loop: absolute, or in proportion to the output of the loop without noise.
     fn added_noise(
         &self,
         delayed: &StateSpace<Sampled>,
@@ -680,7 +680,7 @@ fn hash(text: &str) -> u64 {
         >> 11
 }
 
-/// Digest of what stands behind the names of a key in this plan, and of what else its answers hang on.
+/// Digest of the definitions behind the names of a key in this plan, and of all other inputs of its answers.
 fn definition(plan: &Plan, grid: &Grid, key: &Key, signal: &Signal) -> Result<String> {
     let Scoring { invalid_samples, wrong_samples, .. } = grid.scoring;
     let noise = plan.noises.get(&key.noise);
@@ -706,7 +706,7 @@ fn definition(plan: &Plan, grid: &Grid, key: &Key, signal: &Signal) -> Result<St
 
 fn source(name: &str, folder: &Path) -> Result<(PlantSource, Vec<String>, Vec<String>)> {
     if let Some(entry) = PLANTS.iter().find(|p| p.name == name) {
-        // Names do not depend on what is drawn.
+        // Names do not depend on the draws.
         let plant = entry.build(&mut ChaCha8Rng::seed_from_u64(0))?;
         return Ok((PlantSource::Listed(entry), plant.inputs, plant.outputs));
     }
@@ -806,7 +806,7 @@ mod tests {
     #[test]
     fn the_unrelated_output_is_its_noise_whatever_the_input() {
         let mut plan = Plan::open("unrelated").unwrap();
-        // Of inputs as large as 1 nothing is left; an output that stands still would be refused.
+        // The output holds nothing of inputs of size 1. Noise of 1e-9 avoids a constant output, which would be refused.
         plan.noises.values_mut().for_each(|n| n.innovation_std = Some(1e-9));
         let quiet = outputs(&mut plan, "unrelated");
         assert_eq!(quiet.len(), 9);

@@ -7,7 +7,7 @@ use super::plan::Scoring;
 use deadtime_signal::stats::NORMAL_95_EXACT;
 use deadtime_signal::time::SampleTime;
 
-/// What is kept of a cell's answers.
+/// The kept sums of a cell's answers.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Tally {
     pub(super) trials: usize,
@@ -95,8 +95,8 @@ impl Tally {
         })
     }
 
-    /// 95 % interval of the root mean square error. The mean of the squares is nearly normal; an error as large as the largest seen (a sample where none was) may
-    /// have been missed with a probability of 3.7/n.
+    /// 95 % interval of the root mean square error. The mean of the squares is nearly normal. An error as large as the largest seen (a sample where none was)
+    /// may have been missed with a probability of 3.7/n.
     pub(super) fn rms_ci95(&self) -> Option<[f64; 2]> {
         let [mean, std] = self.mean_square()?;
         let unseen = if self.square == 0.0 { UNSEEN / self.count() } else { 0.0 };
@@ -146,7 +146,8 @@ impl Tally {
 /// −ln(2.5 %): of n records without an event, its chance is below this over n at 97.5 %.
 const UNSEEN: f64 = 3.69;
 
-/// Root mean squares of the cells without the largest errors of all their answers: the histogram bin at the limit and the retained share of that bin are common to all cells.
+/// Root mean squares of the cells without the largest errors of all their answers. The histogram bin at the limit and the retained share of that bin are common
+/// to all cells.
 pub(super) fn kept(tallies: &[&Tally], percent: f64) -> Vec<Option<f64>> {
     let mut all: BTreeMap<u64, f64> = BTreeMap::new();
     for (bin, [count, _]) in tallies.iter().flat_map(|t| &t.bins) {
@@ -161,7 +162,7 @@ pub(super) fn kept(tallies: &[&Tally], percent: f64) -> Vec<Option<f64>> {
         }
         left -= count;
     }
-    // Equal errors of all cells are left out in equal shares, whatever the order of the cells.
+    // Equal errors of all cells are left out in equal shares, for any order of the cells.
     let of = |tally: &&Tally| {
         let (mut count, mut square) = (0.0, 0.0);
         for (bin, [n, s]) in &tally.bins {

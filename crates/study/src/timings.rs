@@ -1,10 +1,10 @@
 //! Timings of two programs, measured in pairs on one machine: what got slower.
 //!
-//! How it can be wrong, and what is done about it:
+//! Possible errors, and their countermeasures:
 //!
-//! - *Noise with heavy tails*: other work on the machine makes a run several times as long, in bursts. Nothing is averaged. Of the pairs of a bench, those are counted in which
-//!   the new program exceeds the margin. Were both equally fast, each would do so with a probability of one half at most, whatever the noise, as long as the
-//!   two change places from pair to pair. The count is compared with a binomial (the sign test: Dixon and Mood 1946, doi:10.1080/01621459.1946.10501898).
+//! - *Noise with heavy tails*: other work on the machine makes a run several times as long, in bursts. Nothing is averaged. In the pairs of a bench the test
+//!   counts those in which the new program exceeds the margin. With equally fast programs the probability is one half at most in each pair, under any noise, if
+//!   the order changes from pair to pair. The count is compared with a binomial (the sign test: Dixon and Mood 1946, doi:10.1080/01621459.1946.10501898).
 //! - *False alarms over many benches*: p-values are corrected by Holm (1979), Scandinavian Journal of Statistics 6(2), 65-70. Equally fast programs fail with a probability of
 //!   `alpha` at most, all benches together.
 //! - *A burst as long as the measurement*: the fastest run of all pairs, which noise can only lengthen, must be slower by the margin too.
@@ -21,7 +21,7 @@ use super::error::{Error, Result, StudyError};
 use super::gate::holm;
 use deadtime_signal::stats;
 
-/// The format of what was found.
+/// The format of the result.
 const FORMAT: &str = "deadtime/timings@1";
 
 /// One line of a file of timings: a bench, timed by both programs one after the other.
@@ -29,7 +29,7 @@ const FORMAT: &str = "deadtime/timings@1";
 pub struct TimedPair {
     /// The bench.
     pub bench: String,
-    /// What a run took with the old program, s.
+    /// The time of a run with the old program, s.
     pub before_s: f64,
     /// And with the new one.
     pub after_s: f64,
@@ -42,7 +42,7 @@ pub struct Timings {
     pub pairs: Vec<TimedPair>,
 }
 
-/// What counts as slower.
+/// The limits of a slower bench.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpeedGate {
     /// Chance that anything fails between programs that are equally fast, all benches together.
@@ -86,11 +86,11 @@ pub struct Timed {
     pub beyond: [usize; 2],
     /// Chance of so many anywhere in the comparison between equally fast programs (Holm): slower, faster.
     pub p_value: [f64; 2],
-    /// What that comes to.
+    /// The verdict on the bench.
     pub speed: Speed,
 }
 
-/// What a gate on speed found.
+/// The result of a gate on speed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SpeedReport {
     /// `deadtime/timings@1`.
@@ -243,8 +243,8 @@ mod tests {
     const BENCHES: usize = 60;
     const ROUNDS: usize = 17;
 
-    /// The disturbances of a shared machine: a clock that drifts over the whole measurement, 3 % of jitter, one run in eight longer by a Pareto share without a
-    /// variance, and bursts that lengthen a stretch of runs by half, of either program.
+    /// The disturbances of a shared machine. The clock drifts over the whole measurement. Jitter is 3 %. One run in eight is longer by a Pareto share without a
+    /// variance. Bursts lengthen a stretch of runs by half, of either program.
     struct Machine {
         rng: ChaCha8Rng,
         wander: f64,
@@ -314,7 +314,7 @@ mod tests {
 
     #[test]
     fn a_mean_of_times_would_fail_equally_fast_programs() {
-        // What the rule is for: the same machine, judged by the ratio of mean times.
+        // The reason for the rule: the same machine, judged by the ratio of mean times.
         let naive = |timings: &Timings| {
             (0..BENCHES).any(|b| {
                 let of: Vec<&TimedPair> =

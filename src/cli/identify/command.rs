@@ -5,7 +5,8 @@ use super::{linear, matching, structured};
 use crate::cli::show::Out;
 use crate::cli::source::Reading;
 
-/// Identify a model from logs, or fit the parameters of a model file (--structure) to logs or to an identified model (--match), with standard deviations and the fit on held-out data
+/// Identify a model from logs, or fit the parameters of a model file (--structure) to logs or to an identified model (--match). The answer has standard
+/// deviations and the fit on held-out data
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   deadtime identify flight.csv --input rudder --output yaw_rate

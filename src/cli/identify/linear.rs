@@ -80,10 +80,10 @@ enum Trend {
 const LEARNT: f64 = 0.7;
 /// The part of the work that the comparison is.
 const COMPARED: f64 = 0.8;
-/// What a single method is where only its options are given.
+/// The default method where only its options are given.
 const DEFAULT: &str = "pbsidopt";
 
-/// What is to be identified by: the method, its options, and the comparison that chose it.
+/// The chosen identification: the method, its options, and the comparison that chose it.
 struct Choice {
     method: String,
     options: Value,
@@ -253,7 +253,7 @@ fn names(paths: &[PathBuf]) -> Vec<String> {
     paths.iter().map(|p| p.display().to_string()).collect()
 }
 
-/// What a model is called: as its file.
+/// The name of a model: that of its file.
 fn name(out: &Path) -> String {
     out.file_stem()
         .filter(|_| out.as_os_str() != STANDARD_OUTPUT)

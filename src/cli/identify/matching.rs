@@ -44,7 +44,7 @@ pub(super) struct Matched {
 }
 
 impl Matched {
-    /// Without --match none of its options may stand: the parser accepts them together with logs, which --match excludes.
+    /// Without --match none of its options is allowed: the parser accepts them together with logs, which --match excludes.
     pub(super) fn must_be_absent(&self) -> anyhow::Result<()> {
         let given = [
             ("--norm", self.norm.is_some()),

@@ -19,13 +19,14 @@ use deadtime_model::{EquationsFile, ModelDocument};
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Parameters of a model file")]
 pub(super) struct Structured {
-    /// The model whose parameters are fitted, deadtime/model@1; of a linear one they are the entries of A and B that are not 0, such as A_v_phi
+    /// The model whose parameters are fitted, deadtime/model@1. Those of a linear model are the entries of A and B that are not 0, such as A_v_phi
     #[arg(long, value_name = "MODEL")]
     pub(super) structure: Option<PathBuf>,
-    /// Parameters to fit, NAME,…, dead times of inputs among them as delay:INPUT, or `all` that the file does not call known; without any, only the model's errors are reported
+    /// Parameters to fit, NAME,…, also dead times of inputs as delay:INPUT, or `all` that the file does not declare as known. Without any, only the model's
+    /// errors are reported
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(super) free: Vec<String>,
-    /// Parameters that may stand off by record, NAME,…; a prediction of another log does not use that
+    /// Parameters that may deviate by record, NAME,…; a prediction of another log does not use the deviations
     #[arg(long, value_name = "NAMES", value_delimiter = ',', hide_short_help = true)]
     per_record: Vec<String>,
     /// Steps that are predicted from each window's start

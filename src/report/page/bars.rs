@@ -20,7 +20,7 @@ pub(super) fn dot(at: f64, class: &str) -> Markup {
     }
 }
 
-/// What is drawn, on one line, with words for those who cannot see it.
+/// The drawing on one line, with words for those who cannot see it.
 pub(super) fn bar(label: &str, drawn: &Markup) -> Markup {
     html! { span .bar role="img" aria-label=(label) { (drawn) } }
 }

@@ -1,4 +1,4 @@
-//! The check on withheld effects as a page: scores with their intervals, what was said of what, whether probabilities are honest.
+//! The check on withheld effects as a page: scores with their intervals, truth by verdict, and the calibration of the probabilities.
 
 use maud::{Markup, html};
 use serde_json::{Value, json};
@@ -70,7 +70,7 @@ fn figures(scores: &BlindScore) -> Vec<Value> {
             truths.push(&cell.truth);
         }
     }
-    // Columns in the order of the rows, so that what is right stands on the diagonal.
+    // Columns in the order of the rows, so that right verdicts are on the diagonal.
     verdicts.extend(truths.iter().filter(|t| scores.confusion.iter().any(|c| c.verdict == **t)));
     for cell in &scores.confusion {
         if !verdicts.contains(&cell.verdict.as_str()) {

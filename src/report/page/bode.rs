@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 /// One response.
 pub(super) struct Curve<'a> {
-    /// What it is; `None` where it stands alone.
+    /// Its label; `None` for a single curve.
     pub(super) label: Option<&'a str>,
     /// How it is drawn: `measured`, `before` or `after`.
     pub(super) color: &'a str,

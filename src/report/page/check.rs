@@ -1,4 +1,4 @@
-//! What `deadtime check` found, as a page: what needs a look first.
+//! The findings of `deadtime check` as a page, failed checks first.
 
 use maud::{Markup, html};
 use serde_json::{Value, json};
@@ -9,7 +9,7 @@ use super::series::{brief, picked};
 use crate::report::diagnosis::base;
 use deadtime_gap::{Inspection, LogReport, Role};
 
-/// A channel of a log with what the model makes of it.
+/// A channel of a log with the model's response.
 pub struct Measured {
     /// The channel.
     pub channel: String,
@@ -78,7 +78,7 @@ pub fn check(found: &Inspection, curves: &[Measured]) -> String {
     page(&format!("Check of {}", found.model), &body, &data)
 }
 
-/// Words and a mark: colour alone tells nothing.
+/// Words and a mark: colour alone is not enough.
 fn mark(ok: Option<bool>) -> Cell {
     Cell::Marked(match ok {
         Some(false) => html! { span .look { "✗ look" } },

@@ -88,7 +88,7 @@ fn standings(found: &Diagnoses) -> Markup {
     )
 }
 
-/// A number of every diagnosis on an axis of its own.
+/// A number of every diagnosis on its own axis.
 fn numbers(found: &Diagnoses, row: &ParameterRow) -> Markup {
     let held = |v: &CauseValue| v.ci95.unwrap_or([v.value, v.value]);
     let axis = Axis::over(row.values.iter().flatten().map(held).chain(row.mean_ci95), usize::MAX);
@@ -126,7 +126,7 @@ fn matrix(found: &Diagnoses) -> Vec<Value> {
         return Vec::new();
     }
     let row = |cause: &deadtime_study::compare::CauseRow| {
-        // What was found without a share is there all the same.
+        // A found effect without a share is shown all the same.
         let values: Vec<Option<f64>> = cause
             .parts
             .iter()

@@ -1,4 +1,4 @@
-//! What the methods look at, as curves of the page of an estimate.
+//! The intermediate results of the methods, as curves of the page of an estimate.
 
 use serde_json::{Value, json};
 

@@ -22,7 +22,7 @@ use deadtime_log::Log;
 /// Records that the page holds.
 const LOGS: usize = 40;
 
-/// The page of a report, with the records that it is about and what the methods look at, as many as pairs.
+/// The page of a report, with its records and the methods' intermediate results, as many as pairs.
 #[must_use]
 pub fn estimate(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> String {
     let body = html! {
@@ -154,7 +154,7 @@ fn picture(pair: &Pair, response: &Response, step_s: f64) -> Markup {
 /// Points of a track that are drawn.
 const POINTS: usize = 4000;
 
-/// The dead time of every record over its time; of neighbouring samples beyond what is drawn their mean, and the widest ends of their bands.
+/// The dead time of every record over its time. A group of neighbouring samples beyond the drawn number has its mean, and the widest ends of its bands.
 fn tracks(pair: &Pair, track: &Tracked) -> Vec<Value> {
     let records = track.record.iter().max().map_or(0, |last| last + 1);
     let view = |record: usize| {
@@ -182,7 +182,7 @@ fn tracks(pair: &Pair, track: &Tracked) -> Vec<Value> {
     (0..records.min(LOGS)).filter_map(view).collect()
 }
 
-/// What the script draws: every pair of two channels, record by record.
+/// The data of the script: every pair of two channels, record by record.
 fn data(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> Value {
     let pairs: Vec<&Pair> = report.pairs.iter().filter(|p| p.output != "*").collect();
     let shown = logs.len().min(LOGS);

@@ -14,7 +14,7 @@ pub(super) const UPLOT: &str = include_str!("../vendor/uplot/uPlot.iife.min.js")
 
 pub(super) const SCRIPT: &str = concat!(include_str!("frame.js"), include_str!("time.js"));
 
-/// A page of this title; `data` is what its script draws. Only the page's own scripts may run: their digests stand in its policy.
+/// A page of this title; `data` is drawn by its script. Only the page's own scripts may run: their digests are in its policy.
 pub(super) fn page(title: &str, body: &Markup, data: &Value) -> String {
     let digest = |script: &str| {
         format!("'sha256-{}'", base64(Sha256::digest(script.as_bytes()).into_iter()))
@@ -24,7 +24,7 @@ pub(super) fn page(title: &str, body: &Markup, data: &Value) -> String {
         digest(UPLOT),
         digest(SCRIPT)
     );
-    // No name can end the element that it stands in.
+    // No name can end its enclosing element.
     let data = data.to_string().replace('<', "\\u003c");
     html! {
         (DOCTYPE)
@@ -47,7 +47,7 @@ pub(super) fn page(title: &str, body: &Markup, data: &Value) -> String {
     .into_string()
 }
 
-/// Where the script draws; what cannot be drawn without it is said.
+/// The place of the script's drawing; a note for readers without scripts.
 pub(super) fn plots(what: &str) -> Markup {
     html! {
         div .tools #tools role="toolbar" aria-label="What the plots show" {}
@@ -57,7 +57,7 @@ pub(super) fn plots(what: &str) -> Markup {
     }
 }
 
-/// Where the script draws a figure, which has pickers, zooms and shows numbers; `what` it shows stands in a table too.
+/// The place of a figure of the script, which has pickers, zooms and shows numbers; its content, `what`, is in a table too.
 pub(super) fn figure(id: &str, what: &str) -> Markup {
     html! {
         div .figure #(id) {}
@@ -65,7 +65,7 @@ pub(super) fn figure(id: &str, what: &str) -> Markup {
     }
 }
 
-/// What made the page.
+/// The program that made the page.
 fn made_by() -> Markup {
     html! { p .faint { "deadtime " (env!("CARGO_PKG_VERSION")) "; curves by uPlot 1.6.32 (MIT, Leon Sorokin)." } }
 }
@@ -92,7 +92,7 @@ pub(super) fn percent(share: Option<f64>) -> String {
     .replace('-', "−")
 }
 
-/// Four digits that say something.
+/// Four significant digits.
 pub(super) fn number(value: Option<f64>) -> String {
     let Some(v) = value.filter(|v| v.is_finite()) else { return "–".to_owned() };
     let text = if v == 0.0 {
@@ -146,7 +146,7 @@ pub(super) fn given(caption: &str, table: &Table) -> Markup {
     sorted(caption, &headings, &rows)
 }
 
-/// Characters from which a cell is a sentence: on narrow screens it stands below its row.
+/// Characters from which a cell is a sentence: on narrow screens it is below its row.
 const SENTENCE: usize = 30;
 
 impl Cell {

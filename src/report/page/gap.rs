@@ -16,9 +16,10 @@ use deadtime_gap::{
 
 /// Logs that the page holds.
 const LOGS: usize = 40;
-/// Rows of the ranking that stand open.
+/// Rows of the ranking that are shown open.
 const OPEN_ROWS: usize = 12;
-/// A prediction may leave the range of the measurement by this many of its widths before it is cut off: one that explodes must not flatten all else.
+/// A prediction may leave the range of the measurement by this many of its widths before it is cut off. A diverging prediction must not flatten the other
+/// curves.
 const LEAVES: f64 = 1.0;
 
 /// The page.
@@ -238,7 +239,7 @@ fn logs(diagnosed: &Diagnosed) -> Vec<&str> {
         .collect()
 }
 
-/// What the script draws.
+/// The data of the script.
 fn data(diagnosed: &Diagnosed, figures: &[Value]) -> Value {
     let d = &diagnosed.diagnosis;
     let count = logs(diagnosed).len();
@@ -305,7 +306,7 @@ fn unit(unit: Option<&str>) -> &str {
     unit.filter(|u| *u != "1").unwrap_or("")
 }
 
-/// A row of the budget: what it is, its shares, its part of the squared error.
+/// A row of the budget: its name, its shares, its part of the squared error.
 fn takes(what: &str, [learnt, held]: [String; 2], label: &str, drawn: &Markup) -> Vec<Cell> {
     vec![
         Cell::Words(what.to_owned()),
@@ -343,7 +344,7 @@ fn waterfall(d: &Diagnosis, noise: f64) -> Vec<Vec<Cell>> {
     rows
 }
 
-/// What takes how much of the gap.
+/// The shares of the gap.
 fn budget(d: &Diagnosis) -> Markup {
     let found = !d.cause.contributions.is_empty() || recalibrated(d).is_some();
     let (Some(before), Some(floor), true) = (d.gap.before, d.gap.floor, found) else {
@@ -445,7 +446,7 @@ fn names(all: &[String]) -> Markup {
     html! { @for (at, name) in all.iter().enumerate() { @if at > 0 { ", " } code { (base(name)) } } }
 }
 
-/// The classes of causes, then every candidate with the error that it leaves alone, and what was not tried.
+/// The classes of causes, then every candidate with its residual error alone, and the untried ones.
 fn candidates(d: &Diagnosis) -> Markup {
     let class = |class: &CauseClass| {
         let label = format!("probability {}", sure(class.probability));

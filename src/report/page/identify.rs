@@ -1,4 +1,4 @@
-//! A model from logs as a page: frequency responses with their bands, poles, the choice of the order, how it does on data that it has not seen.
+//! A model from logs as a page: frequency responses with their bands, poles, the choice of the order, and the fit on held-out data.
 
 use maud::{Markup, html};
 use nalgebra::{DMatrix, DVector};
@@ -140,7 +140,7 @@ fn step(
     y
 }
 
-/// How long a step response is shown: until it is settled.
+/// The shown length of a step response: until it is settled.
 fn settled(y: &[f64]) -> usize {
     let end = y.last().copied().unwrap_or(0.0);
     let size = y.iter().fold(0.0, |m: f64, v| m.max(v.abs())).max(f64::MIN_POSITIVE);
@@ -208,7 +208,7 @@ fn figures(responses: &[Response]) -> Vec<Value> {
     bode::figures(responses.iter().filter(|r| !r.bands.is_empty()).map(views).collect())
 }
 
-/// The z plane: unit circle, axes, poles and zeros with their ellipses. What is further out than twice the circle stands at the edge.
+/// The z plane: unit circle, axes, poles and zeros with their ellipses. Points further out than twice the circle are drawn at the edge.
 fn plane(poles: &[Root], zeros: &[Root]) -> Markup {
     let edge = poles.iter().map(|r| r.re.hypot(r.im)).fold(1.1, f64::max).min(2.0);
     let at = |v: f64| 150.0 * (v / edge).clamp(-1.0, 1.0);

@@ -1,4 +1,4 @@
-//! Each effect that was found, drawn as itself: what comes out over what goes in, a force over its state, a delay over time, the answer to a step.
+//! Each found effect as a plot of its own law: output over input, force over state, delay over time, step response.
 //!
 //! The curves are the effects' own code, on a model that does nothing else.
 
@@ -109,7 +109,7 @@ fn range(d: &Diagnosed, c: &Contribution) -> Option<(f64, f64, Option<String>)> 
     (ends[0] < ends[1]).then(|| (ends[0], ends[1], all.first().and_then(|(_, unit)| unit.clone())))
 }
 
-/// The effect on a model that passes a command on, and has one state that stands still.
+/// The effect on a model that passes a command on, and has one constant state.
 fn alone(c: &Contribution) -> Option<(System, Plan)> {
     let name = |of: &str| json!([{ "name": of, "unit": "1" }]);
     let file = json!({
@@ -204,7 +204,7 @@ fn stepped(
     }))
 }
 
-/// What it adds to the state's derivative over the state, as far as the state goes where an output has its name, else from −1 to 1.
+/// The effect's part of the state's derivative over the state, in the range of the output with the state's name, else from −1 to 1.
 fn law(c: &Contribution, d: &Diagnosed) -> Option<Value> {
     let (_, plan) = alone(c)?;
     let known = range(d, c);

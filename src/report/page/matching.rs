@@ -1,4 +1,4 @@
-//! Parameters from an identified model as a page: what each moved to, what is not identifiable, and the responses of both models.
+//! Parameters from an identified model as a page: the new value of each, the combinations that are not identifiable, and the responses of both models.
 
 use maud::{Markup, html};
 use serde_json::{Value, json};

@@ -1,4 +1,5 @@
-//! Pages: one file each, that needs no other. The text is there without a script; curves are drawn by uPlot, which stands in the page (src/report/vendor/uplot says why).
+//! Pages: one file each, that needs no other. The text is there without a script; curves are drawn by uPlot, which is part of the page (src/report/vendor/uplot
+//! has the reason).
 
 mod bars;
 mod blind;

@@ -1,4 +1,4 @@
-//! The residual between measurement and model in four views: against what the machine does, over frequency, against the commands, over time and frequency.
+//! The residual between measurement and model in four views: against the machine's motion, over frequency, against the commands, over time and frequency.
 
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
@@ -22,7 +22,7 @@ const AVERAGED: usize = 6;
 const COLUMNS: usize = 240;
 const ROWS: usize = 24;
 const MAPS: usize = 6;
-/// What is this much above the noise has the full colour, dB.
+/// The ratio to the noise with the full colour, dB.
 const FULL_DB: f64 = 40.0;
 
 /// All figures of a diagnosis; those that there is nothing for are left out.
@@ -143,7 +143,7 @@ fn view(
             from = at;
         }
     }
-    // Of one value there is nothing to see.
+    // One value has no variation to show.
     if stretches.len() < 2 {
         return None;
     }
@@ -264,7 +264,7 @@ fn spectrum(output: &[Trace]) -> Option<Value> {
     }))
 }
 
-/// How much of the residual goes with each command, frequency by frequency: what a linear model could still explain.
+/// The coherence of the residual with each command, frequency by frequency: the part that a linear model could still explain.
 fn coherence(output: &[Trace], inputs: &[Vec<&CommandTrace>]) -> Vec<Value> {
     let (Some(first), Some(step_s)) = (output.first(), step(output)) else { return Vec::new() };
     let with = output.iter().all(|t| t.after.is_some());
@@ -355,7 +355,7 @@ fn map(t: &Trace, after: bool, step_s: f64) -> Option<Value> {
     }
     let db = |p: f64| 10.0 * (p / level).log10();
     let shades = powers.iter().flat_map(|c| match c {
-        // A line of noise alone is a tenth of the time more than 3.6 dB above its mean; below 6 dB nothing is shown.
+        // A line of noise alone is more than 3.6 dB above its mean in 10 % of the time; below 6 dB nothing is shown.
         Some(c) => c
             .iter()
             .map(|p| if db(*p) < 6.0 { 0 } else { (255.0 * db(*p) / FULL_DB).min(255.0) as u8 })
@@ -382,7 +382,7 @@ fn map(t: &Trace, after: bool, step_s: f64) -> Option<Value> {
 mod tests {
     use super::*;
 
-    /// A log of a residual that is 1 while the command is 1 and nothing else, and a tone of 5 Hz in its second half; the causes take all of the first part.
+    /// A log of a residual that is 1 while the command is 1, and 0 otherwise. Its second half has a tone of 5 Hz. The causes explain all of the first part.
     fn trace() -> (Trace, CommandTrace) {
         let count = 4000_usize;
         let time_s: Vec<f64> = (0..count).map(|k| 0.01 * k as f64).collect();

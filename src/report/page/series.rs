@@ -1,4 +1,4 @@
-//! Curves inside a page: thinned to what a screen can show, 16 bits a sample.
+//! Curves inside a page: thinned to the resolution of a screen, 16 bits a sample.
 
 use std::fmt::Write as _;
 
@@ -19,7 +19,7 @@ const EVEN: f64 = 1e-6;
 const MISSING: u16 = u16::MAX;
 
 impl Thinning {
-    /// So many samples as at most so many points; all of them where they are fewer.
+    /// This number of samples as at most this number of points; all of them where they are fewer.
     pub(super) fn new(samples: usize, points: usize) -> Self {
         let bucket = if samples <= points { 1 } else { (2 * samples).div_ceil(points.max(2)) };
         Self { samples, bucket }
@@ -115,7 +115,7 @@ fn extremes(from: usize, to: usize, value: &impl Fn(usize) -> Option<f64>) -> [O
     }
 }
 
-/// Six digits: what a picture shows.
+/// Six digits: the resolution of a picture.
 pub(super) fn brief(value: f64) -> Option<f64> {
     format!("{value:.5e}").parse().ok().filter(|v: &f64| v.is_finite())
 }

@@ -1,4 +1,4 @@
-//! Parameters of a model file from logs as a page: what each moved to, what is not identifiable, errors over the horizon.
+//! Parameters of a model file from logs as a page: the new value of each, the combinations that are not identifiable, errors over the horizon.
 
 use maud::{Markup, html};
 use serde_json::{Value, json};
@@ -11,7 +11,7 @@ use crate::report::terminal::axis::Axis;
 use deadtime_identify::structured::{FreeParameter, GroupScore, Standing, StructuredFit, Unseen};
 use deadtime_signal::stats::NORMAL_95;
 
-/// The axis of the parameters, in times the file's value: what is beyond is an arrow at its end.
+/// The axis of the parameters, in times the file's value: values beyond are an arrow at its end.
 const TIMES: [f64; 2] = [-1.0, 3.0];
 
 /// The page.
@@ -125,7 +125,7 @@ pub(super) fn parameters(all: &[Drawn], single: bool) -> Markup {
     )
 }
 
-/// What is not identifiable, if anything.
+/// The combinations that are not identifiable, if any.
 pub(super) fn not_identifiable(unseen: &[Unseen], trades: &[String]) -> Markup {
     html! {
         @if !unseen.is_empty() || !trades.is_empty() {

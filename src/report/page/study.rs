@@ -86,7 +86,7 @@ fn parts(study: &Study) -> Vec<Part<'_>> {
     parts
 }
 
-/// A number of several cells: what it is called, the number, whether its axis is logarithmic, from where it counts as bad, whether it is a share.
+/// A number of several cells: its name, the number, a logarithmic axis or not, its limit for a bad value, a share or not.
 struct Measure {
     name: &'static str,
     of: fn(&[&Cell]) -> Option<f64>,
@@ -195,7 +195,7 @@ fn at<'a>(cells: &[&'a Cell], text: KeyText, value: &str) -> Vec<&'a Cell> {
     cells.iter().copied().filter(|c| text(c) == value).collect()
 }
 
-/// What a value of a key is called; a signal-to-noise ratio that is not given is no noise.
+/// The name of a value of a key; a missing signal-to-noise ratio means no noise.
 fn called(value: &str) -> String {
     if value.is_empty() { "none".to_owned() } else { value.to_owned() }
 }
@@ -220,7 +220,7 @@ impl<'a> Key<'a> {
             return None;
         }
         let log = low > 0.0 && *high >= WIDE_RANGE * low;
-        // What has no number, as a signal without noise, stands one step behind the last.
+        // A value without a number, as a signal without noise, is one step behind the last.
         let beyond = if log { high * (high / before) } else { high + (high - before) };
         let x: Vec<f64> = values.iter().map(|v| v.parse().unwrap_or(beyond)).collect();
         let ticks: Vec<Value> = x.iter().zip(values).map(|(x, v)| json!([x, called(v)])).collect();
@@ -354,12 +354,12 @@ fn pareto(part: &Part<'_>) -> Option<Value> {
     }))
 }
 
-/// Whether half of the records have an answer at least: what a method leaves out is not what it can do.
+/// Whether half of the records have an answer at least: the answered records do not represent the method's accuracy.
 fn mostly(cells: &[&Cell]) -> bool {
     of_all(cells, |c| c.flagged).is_some_and(|share| share <= 0.5)
 }
 
-/// How far every method is from the Cramér-Rao bound, where there is one.
+/// The ratio of every method to the Cramér-Rao bound, where there is one.
 fn bound(parts: &[Part<'_>]) -> Markup {
     let ratio = |cells: &[&Cell]| {
         median(cells, |c| Some(c.rms_samples? / c.bound_rms_samples?))
@@ -401,7 +401,7 @@ fn bound(parts: &[Part<'_>]) -> Markup {
     }
 }
 
-/// How often the intervals hold the truth.
+/// The coverage of the intervals.
 fn coverage(parts: &[Part<'_>]) -> Markup {
     let row = |name: &str, method: &str, cells: &[&Cell]| {
         let intervals: usize = cells.iter().map(|c| c.intervals).sum();

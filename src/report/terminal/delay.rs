@@ -72,7 +72,7 @@ fn brief_lines(pair: &Pair, report: &Report, name: &str) -> Vec<String> {
     [name + &head, format!("  {methods}")].into_iter().chain(first).collect()
 }
 
-/// The answer to every pair, the methods that it uses on a common axis, how many are left out and why, and what was searched; no line is wider than 80 columns.
+/// The answer to every pair, its methods on a common axis, the number of methods left out with the reasons, and the search. No line is wider than 80 columns.
 #[must_use]
 pub fn short(report: &Report) -> Styled {
     let mut text = Styled::default();
@@ -95,7 +95,7 @@ pub fn short(report: &Report) -> Styled {
     text
 }
 
-/// What is estimated: an output, or the states.
+/// The target of the estimate: an output, or the states.
 fn target(pair: &Pair) -> &str {
     if pair.output == "*" { "the states" } else { &pair.output }
 }
@@ -285,7 +285,7 @@ fn ends(axis: Axis, bar: usize, step_s: f64) -> String {
     format!("{from}{}", cell(&to, bar.saturating_sub(columns(&from)), true))
 }
 
-/// One line a method: its answer, the interval, both on the common axis, where it stands in the verdict; the verdict above.
+/// One line a method: its answer, the interval, both on the common axis, its standing in the verdict; the verdict above.
 fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
     if rows.is_empty() {
         return;
@@ -320,11 +320,11 @@ fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
     }
 }
 
-/// How many methods are left out or have no answer, with the reason; what the record shows; the notes of the rows.
+/// The number of methods left out or without an answer, with the reason; the findings on the record; the notes of the rows.
 fn beneath(text: &mut Styled, pair: &Pair, rows: &[&Estimate]) {
     let mut groups: Vec<(bool, String, usize)> = Vec::new();
     for e in pair.estimates.iter().filter(|e| !Standing::of(pair, e).used()) {
-        // Without a verdict an answer is not left out for want of a reason.
+        // Without a verdict an answer without a reason is not left out.
         let why = reason(e).filter(|_| pair.verdict.delay_s.is_some() || !e.counts());
         let (rejected, why) = match why {
             Some(why) => (true, why),
@@ -364,7 +364,7 @@ fn beneath(text: &mut Styled, pair: &Pair, rows: &[&Estimate]) {
             2,
         );
     }
-    // Where nobody answered, the notes say why.
+    // Without any answer, the notes have the reasons.
     let of: Vec<&Estimate> =
         if rows.is_empty() { pair.estimates.iter().collect() } else { rows.to_vec() };
     let notes: Vec<(&str, &str)> =

@@ -29,7 +29,7 @@ pub fn verdict(d: &Diagnosis) -> Styled {
     text
 }
 
-/// What to fix first, the cause, the reduction on held-out data, the residual, the next experiment; no table.
+/// The first fix, the cause, the reduction on held-out data, the residual, the next experiment; no table.
 #[must_use]
 pub fn short_diagnosis(found: &Diagnosed) -> Styled {
     let mut text = Styled::default();
@@ -55,7 +55,7 @@ pub fn diagnosis(found: &Diagnosed) -> Styled {
     text
 }
 
-/// What stands below a class: values, and what else may be known of it.
+/// The text below a class: values, and further facts about it.
 fn notes(d: &Diagnosis, class: &CauseClass) -> Vec<String> {
     let own = |c: &&Contribution| class.representative == format!("{}:{}", c.effect, c.channel);
     let mut notes = Vec::new();
@@ -107,13 +107,13 @@ fn causes(text: &mut Styled, d: &Diagnosis) {
     }
 }
 
-/// How many candidates were tried.
+/// The number of tried candidates.
 fn tried(d: &Diagnosis) -> Option<String> {
     let count = d.cause.ranking.len().saturating_sub(2);
     (count > 0).then(|| format!("{count} candidates tried"))
 }
 
-/// How many candidates were not tried, by reason.
+/// The number of untried candidates, by reason.
 fn not_tried(d: &Diagnosis) -> Vec<String> {
     let mut reasons: Vec<(&str, usize)> = Vec::new();
     for left in &d.cause.not_tried {

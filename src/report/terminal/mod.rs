@@ -1,4 +1,4 @@
-//! What a terminal shows first: the answer in two lines, then a table of 80 columns with bars on a common axis.
+//! The first output on a terminal: the answer in two lines, then a table of 80 columns with bars on a common axis.
 
 pub(crate) mod axis;
 pub(crate) mod delay;

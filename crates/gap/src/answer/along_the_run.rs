@@ -1,7 +1,7 @@
 //! The model that is handed over, linearised along its own run: the outputs' response to a perturbation of a state's derivative.
 //!
-//! How it can be wrong: between two linearisations a fast nonlinear model changes its response. Lags, delays and limits of sensors, and the
-//! memory of an actuator, are left out. Sticking friction counts as sliding.
+//! How it can be wrong: between two linearisations a fast nonlinear model changes its response. Lags, delays and limits of sensors, and the memory of an
+//! actuator, are left out. Sticking friction is treated as sliding.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -16,7 +16,7 @@ use deadtime_model::{Linearisation, exp};
 
 /// Points of a log at which a nonlinear model is linearised.
 const POINTS: usize = 400;
-/// Sample times that differ by no more than this part of their mean are the same.
+/// Sample times that differ by at most this part of their mean are equal.
 const SAME_STEP: f64 = 0.02;
 
 /// One step of the linearised model: exp(A·dt), its integral, and C.
@@ -40,7 +40,7 @@ pub(super) struct Run {
     slopes: Vec<f64>,
 }
 
-/// The runs of all logs; `None` where the model has no differential equations at hand, or cannot be simulated.
+/// The runs of all logs; `None` where the model has no differential equations, or cannot be simulated.
 pub(super) fn runs(likelihood: &Likelihood<'_>, effects: &[Applied]) -> Option<Vec<Run>> {
     (0..likelihood.records.len()).map(|at| Run::of(likelihood, effects, at)).collect()
 }
@@ -104,7 +104,7 @@ impl Run {
         self.variables[(sample, variable)]
     }
 
-    /// What every output does where a force is added to a state's derivative: kept samples × outputs.
+    /// The response of every output to a force on a state's derivative: kept samples × outputs.
     pub(super) fn response(
         &self,
         state: usize,
@@ -119,7 +119,7 @@ impl Run {
         self.walked(0, &mut moved, every, pushed).swap_remove(0)
     }
 
-    /// What every output does where one state is moved by 1 at a sample: one matrix, samples × outputs, per state.
+    /// The response of every output to a displacement of one state by 1 at a sample: one matrix, samples × outputs, per state.
     pub(super) fn starts(&self, from: usize) -> Vec<DMatrix<f64>> {
         self.walked(from, &mut DMatrix::identity(self.states, self.states), 1, |_, _, _| ())
     }

@@ -1,6 +1,6 @@
-//! Held-out errors one step ahead, over horizons and in free run, whatever the mode of the diagnosis.
+//! Held-out errors one step ahead, over horizons and in free run, for any mode of the diagnosis.
 //!
-//! How it can be wrong: the observer is that of the nominal model, so a poor model starts every horizon with an error; both columns contain it.
+//! How it can be wrong: the observer is that of the nominal model. A poor model therefore starts every horizon with an error; both columns contain it.
 
 use std::num::NonZeroUsize;
 
@@ -24,7 +24,7 @@ const BOUNDED: f64 = 1e3;
 /// A log holds so many horizons at least.
 const HORIZONS: usize = 4;
 
-/// What the errors are measured with.
+/// The inputs of the error calculation.
 pub(crate) struct ByMode<'m, 'a> {
     pub(crate) likelihood: &'m Likelihood<'a>,
     pub(crate) inputs: &'m Inputs,
@@ -60,7 +60,7 @@ impl ByMode<'_, '_> {
         Predictor::of(system, records, &self.inputs.poles, probed, Some(mode), criteria)
     }
 
-    /// The slowest time constant and a tenth of it, as far as logs hold several of them.
+    /// The slowest time constant and a tenth of it, if the logs hold several of them.
     fn horizons(&self) -> Vec<OverHorizon> {
         let records = self.likelihood.records;
         let sample_s = records.iter().map(|r| r.sample_time_s).fold(f64::INFINITY, f64::min);

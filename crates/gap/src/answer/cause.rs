@@ -19,7 +19,7 @@ use crate::likelihood::gaussian::Likelihood;
 use crate::search::catalogue_search::SearchResult;
 use deadtime_model::effect::{Applied, Scales};
 
-/// How many pairs the ranking lists.
+/// The number of pairs in the ranking.
 const PAIRS: usize = 5;
 
 /// The section `cause`, without its budget, and the experiment that it proposes; `after` gives a hypothesis's training nrmse.
@@ -91,11 +91,11 @@ pub(crate) fn cause(
     (cause, next_experiment)
 }
 
-/// What the rows of the ranking get of the probability.
+/// The shares of the probability of the rows of the ranking.
 struct Odds<'o> {
     none: f64,
     unknown: f64,
-    /// What the answer names, all of it together.
+    /// The probability of the reported list of causes as a whole.
     list: f64,
     /// The effects that share that of a single effect, and its keys.
     alike: Vec<String>,
@@ -103,7 +103,7 @@ struct Odds<'o> {
 }
 
 impl<'o> Odds<'o> {
-    /// A list is right where each of its classes is; another list is none of the rows, and counts as unknown.
+    /// A list is correct where each of its classes is; any other list belongs to no row, and its probability goes to unknown.
     fn of(composed: &ActiveCauses, named: Option<&'o Hypothesis>, classes: &[CauseClass]) -> Self {
         let Judged { verdict, unknown, .. } = &composed.judged;
         let all: f64 = classes.iter().map(|class| class.probability).product();

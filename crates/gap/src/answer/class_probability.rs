@@ -29,9 +29,9 @@ pub(super) fn probability(grounds: &Grounds) -> f64 {
     1.0 / (1.0 + (-sum).exp())
 }
 
-/// How many standard deviations the worst known parameter is from its nominal value. A parameter without an interval, at a bound, is not known. Of several
-/// that are not 0 when nominal (a gain before and after a jump) the one farthest from nominal counts: the identity needs all of them. `effect` and `found`
-/// are the same effect.
+/// The distance of the worst known parameter from its nominal value, in standard deviations. A parameter without an interval, at a bound, is not known. Some
+/// effects have several parameters that are not 0 when nominal (a gain before and after a jump). The one farthest from nominal is used: the identity needs all
+/// of them. `effect` and `found` are the same effect.
 pub(super) fn deviations(effect: &Applied, found: &FoundEffect) -> f64 {
     let known = |(p, found): (&Parameter, &FoundParameter)| {
         let away = |value: f64| {
@@ -107,7 +107,7 @@ mod tests {
             let ratio = |off: f64| (Role::Size, nominal, Some(nominal + off), Some(std));
             let apart = nominal + off - nominal;
             prop_assert!((of(&[ratio(off)]) - of(&[size(apart, std)])).abs() < 1e-9);
-            // A jump from nominal is as certain as what it jumps to, in either order.
+            // A jump from nominal is as certain as its other value, in either order.
             prop_assert_eq!(of(&[ratio(0.0), ratio(off)]), of(&[ratio(off)]));
         }
 

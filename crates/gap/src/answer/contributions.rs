@@ -31,18 +31,18 @@ const FAR: f64 = 10.0;
 /// A weak effect that takes a smaller part of the gap stays in the model and is not named as a cause.
 pub(super) const NAMED: f64 = 0.01;
 
-/// A gap of which no more than this part stays is mostly explained.
+/// A gap with at most this part unexplained is mostly explained.
 const MOST: f64 = 0.5;
 
 /// Absolute correlation of the sensitivities of two parameters above which the pair is reported as indistinguishable. At this correlation each standard deviation is inflated by 1/√(1 − r²) = 3.2.
 const TRADE: f64 = 0.95;
 
-/// What the budget is made of.
+/// The inputs of the budget.
 pub(crate) struct GapBudget<'b, 'a> {
     pub(crate) likelihood: &'b Likelihood<'a>,
     pub(crate) held: &'b HeldOut,
     pub(crate) composed: &'b ActiveCauses,
-    /// Residuals of the model as it came, and of the model as it is handed over; of a hidden sequence those once it is known.
+    /// Residuals of the nominal model, and of the written model; for a latent sequence those with the decoded sequence.
     pub(crate) before: &'b [DMatrix<f64>],
     pub(crate) after: &'b [DMatrix<f64>],
     pub(crate) scales: &'b Scales,
@@ -96,7 +96,7 @@ impl GapBudget<'_, '_> {
             .iter()
             .map(|e| e.as_ref().and_then(|e| residuals(self.likelihood, e)))
             .collect();
-        // What cannot be simulated without an effect is as far off as the model as it came.
+        // A set that cannot be simulated without an effect has the error of the nominal model.
         let all: Vec<&[DMatrix<f64>]> = [self.before, self.after]
             .into_iter()
             .chain(taken_out.iter().map(|w| w.as_deref().unwrap_or(self.before)))
@@ -207,7 +207,7 @@ impl GapBudget<'_, '_> {
             .collect()
     }
 
-    /// Weak: without it, no output's error is larger by the factor that an effect is asked for.
+    /// Weak: without it, no output's error is larger by the factor required of an effect.
     fn strength(&self, without: &[DMatrix<f64>]) -> Strength {
         let rms = |r: &[DMatrix<f64>]| Errors::trained(self.likelihood.records, r).rms();
         let (with, without) = (rms(self.after), rms(without));
@@ -259,7 +259,7 @@ impl GapBudget<'_, '_> {
     }
 }
 
-/// What the data cannot tell from an effect belongs to its class, too.
+/// The aliases of an effect in the data belong to its class, too.
 pub(crate) fn share_classes(contributions: &mut [Contribution], indistinguishable: &[Vec<String>]) {
     for contribution in contributions {
         let own = format!("{}:{}", contribution.effect, contribution.channel);
@@ -271,7 +271,7 @@ pub(crate) fn share_classes(contributions: &mut [Contribution], indistinguishabl
     }
 }
 
-/// How much of the gap the causes explain; `left`: the share that stays of the training logs.
+/// The explained part of the gap; `left`: the unexplained share on the training logs.
 pub(crate) fn explained(composed: &ActiveCauses, left: Option<f64>) -> Explained {
     match (composed.judged.verdict, &composed.hypothesis) {
         (GapVerdict::Effects, _) => Explained::All,

@@ -14,23 +14,23 @@ use deadtime_signal::remedy::Words;
 pub struct Diagnosed {
     /// The diagnosis.
     pub diagnosis: Diagnosis,
-    /// The model with what was found added to its effects, in the form that helps a simulation; `None` for a simulator without a model file.
+    /// The model with the found effects added, in the form that improves a simulation; `None` for a simulator without a model file.
     pub model: Option<ModelDocument>,
-    /// What was found to act.
+    /// The active effects.
     pub effects: Vec<Applied>,
     /// The same in the form that the model carries: nothing that is random, nothing that makes held-out data worse.
     pub handed_over: Vec<Applied>,
-    /// What was measured and predicted, by output and then by log.
+    /// Measurement and prediction, by output and then by log.
     pub traces: Vec<Trace>,
-    /// What was commanded, by log and then by input.
+    /// The commands, by log and then by input.
     pub commands: Vec<CommandTrace>,
     /// The experiment that `next_experiment` of the diagnosis is about.
     pub next_experiment: Option<NextExperiment>,
     /// The remainder as a force over the variable that correlates with it; `None` where no force is reported.
     pub missing_force: Option<ForceProfile>,
-    /// What a reader has to know of the data.
+    /// Caveats on the data for the reader.
     pub caveats: Vec<Caveat>,
-    /// How often a simulator that can only be called was called; `None` for a model file.
+    /// The number of calls of a simulator that can only be called; `None` for a model file.
     pub calls: Option<usize>,
 }
 

@@ -46,7 +46,7 @@ fn trials(likelihood: &Likelihood<'_>, scales: &Scales) -> Option<(Vec<f64>, Vec
     Some((time_s, Signal::TRIED.map(trial).into()))
 }
 
-/// What would separate two hypotheses of a class of effects; `own` and `rival` are all effects at work under each.
+/// The experiment that separates two hypotheses of a class of effects; `own` and `rival` are all active effects under each.
 pub(crate) fn experiment(
     likelihood: &Likelihood<'_>,
     scales: &Scales,
@@ -67,7 +67,7 @@ pub(crate) fn experiment(
         .collect::<Vec<_>>()
         .into_iter()
         .max_by(|a, b| a.0.total_cmp(&b.0));
-    // A simulator that only knows the runs it has recorded.
+    // A simulator that can only replay its recorded runs.
     if best.is_none() && likelihood.system.is_black_box() {
         return by_kind(class);
     }
@@ -166,7 +166,7 @@ fn advice(class: &[Applied]) -> Advice {
     }
 }
 
-/// What would separate an initial state that is off from an effect.
+/// The experiment that separates a wrong initial state from an effect.
 pub(crate) fn of_starts(sensitivities: &[PriorSensitivity]) -> NextExperiment {
     NextExperiment {
         separates: sensitivities.iter().map(|h| h.state.clone()).collect(),

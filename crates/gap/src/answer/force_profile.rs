@@ -1,8 +1,8 @@
 //! The missing force as a piecewise linear curve over the variable that correlates with it.
 //!
-//! The knots stand halfway between quantiles of the variable and an even grid. The values at all knots are fitted jointly to the residual, with a free initial state in every span.
-//! Training and held-out spans both take part: the curve is an illustration, and the held-out R² is computed separately.
-//! Standard errors sum over blocks of time (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13), because the residual is autocorrelated.
+//! The knots are halfway between quantiles of the variable and an even grid. The values at all knots are fitted jointly to the residual, with a free initial
+//! state in every span. Training and held-out spans both take part: the curve is an illustration, and the held-out R² is computed separately. Standard errors
+//! sum over blocks of time (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13), because the residual is autocorrelated.
 //!
 //! How it can be wrong: the linearisation fails. A force of another variable is spread over this one. A step between two knots appears as a slope.
 
@@ -27,7 +27,7 @@ const POINTS: usize = 81;
 pub struct ForceProfile {
     /// The state on whose derivative it acts.
     pub state: String,
-    /// What it is drawn over: a state, a command, or a product of two, as an expression of the model file.
+    /// The argument of the plot: a state, a command, or a product of two, as an expression of the model file.
     pub over: String,
     /// The reported expression, times its gain.
     pub told: String,
@@ -45,7 +45,7 @@ pub struct ForceProfile {
 struct Knots(Vec<f64>);
 
 impl Knots {
-    /// Knots at quantiles of the values, spaced apart; `None` where fewer than two knots differ.
+    /// Knots at quantiles of the values, at a minimum distance; `None` where fewer than two knots differ.
     fn of(mut values: Vec<f64>) -> Option<Self> {
         values.retain(|v| v.is_finite());
         values.sort_by(f64::total_cmp);
@@ -59,7 +59,7 @@ impl Knots {
                 knots.push(knot);
             }
         }
-        // Halfway to an even grid, so that a bend where samples are few has knots, too; what has levels keeps them.
+        // Halfway to an even grid, so that a bend with few samples has knots, too; a variable with discrete values keeps them.
         if knots.len() == KNOTS {
             let [from, to] = [knots[0], knots[KNOTS - 1]];
             knots
@@ -86,7 +86,7 @@ impl Knots {
     }
 }
 
-/// The profile of a force on a state's derivative over the argument of a form; `None` where the data do not tell its values apart.
+/// The profile of a force on a state's derivative over the argument of a form; `None` where its values are indistinguishable in the data.
 pub(super) fn profile(
     (state, form, gain): (usize, Form, f64),
     (runs, parts): (&[Run], &[Part]),

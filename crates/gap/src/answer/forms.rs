@@ -1,4 +1,5 @@
-//! Candidate functions of a missing force (states, commands, products of two and three, waves over an angle), and the residual of a span without the responses to its initial state.
+//! Candidate functions of a missing force: states, commands, products of two and three, waves over an angle. Also the residual of a span without the responses
+//! to its initial state.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -38,7 +39,7 @@ impl Form {
         }
     }
 
-    /// What it is a function of: a variable, or a product of two.
+    /// The argument of the form: a variable, or a product of two.
     pub(super) fn argument(self, value: impl Fn(usize) -> f64) -> f64 {
         match self {
             Self::Product(v, w) => value(v) * value(w),
@@ -82,7 +83,7 @@ impl Form {
         }
     }
 
-    /// What `--candidate` adds for it: waves have a phase, and a number that need not be whole.
+    /// The term of `--candidate` for this form: waves have a phase, and a real-valued number of periods.
     pub(super) fn term(
         self,
         name: impl Fn(usize) -> String,

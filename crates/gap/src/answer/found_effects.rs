@@ -1,4 +1,4 @@
-//! Effects with their parameters and intervals, as they stand in a diagnosis.
+//! Effects with their parameters and intervals in the form of a diagnosis.
 
 use crate::format::found::{FoundEffect, FoundParameter};
 use crate::hypothesis::effects::Hypothesis;

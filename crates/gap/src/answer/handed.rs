@@ -1,9 +1,9 @@
-//! The model as it is handed over: the effects in the form that improves a simulation.
+//! The written model: the effects in the form that improves a simulation.
 //!
-//! The latent sequence of lost or late commands is decoded from the outputs. A future run has another, unknown sequence.
-//! A random draw of the sequence is as far from the truth as the truth is from the mean.
-//! A fixed delay or a lag that fits best on average therefore replaces a latent sequence. The sequence is dropped where neither lowers the error.
-//! An effect set that raises the held-out error is not handed over, whatever its share on the training logs. A delay that jumped once need not jump again at the same time.
+//! The latent sequence of lost or late commands is decoded from the outputs. A future run has another, unknown sequence. A random draw of the sequence is as
+//! far from the truth as the truth is from the mean. A fixed delay or a lag that fits best on average therefore replaces a latent sequence. The sequence is
+//! dropped where neither lowers the error. An effect set that raises the held-out error is not written, at any share on the training logs. A delay that jumped
+//! once need not jump again at the same time.
 //!
 //! How it can be wrong: the held-out data selects here, so a true reduction near 0 is overestimated; the reported reduction is never negative.
 
@@ -27,7 +27,7 @@ const INSTEAD: [Lateness; 2] = [Lateness::Fixed, Lateness::Lag];
 /// Effects as they are handed over.
 pub(crate) struct HandedOver {
     pub(crate) effects: Vec<Applied>,
-    /// What a reader has to know where they are not those that were found.
+    /// The caveat where the written effects differ from the found ones.
     pub(crate) caveat: Option<Caveat>,
 }
 
@@ -43,7 +43,7 @@ fn errors(likelihood: &Likelihood<'_>, held: &HeldOut, effects: &[Applied]) -> O
     Some([learnt, held].map(|errors| overall(&errors.nrmse()).unwrap_or(0.0)))
 }
 
-/// The form of what was found that helps a simulation.
+/// The form of the found effects that improves a simulation.
 pub(crate) fn in_a_form_that_helps(
     likelihood: &Likelihood<'_>,
     held_out: &HeldOut,
@@ -104,7 +104,8 @@ pub(crate) fn in_a_form_that_helps(
     HandedOver { effects, caveat: Some(caveat) }
 }
 
-/// Effect sets in which each alias replaces the latent sequences, fitted jointly with the other effects; each with the factor to which the training error must fall.
+/// Effect sets in which each alias replaces the latent sequences, fitted jointly with the other effects. Each set has the factor to which the training error
+/// must fall.
 fn aliases(
     likelihood: &Likelihood<'_>,
     hidden: &[Applied],

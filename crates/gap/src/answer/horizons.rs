@@ -1,4 +1,4 @@
-//! The held-out error as a function of the prediction horizon: a correction may reduce the error far ahead and raise it at the next sample, or the reverse.
+//! The held-out error as a function of the prediction horizon. A correction may reduce the error far ahead and raise it at the next sample, or the reverse.
 
 use std::num::NonZeroUsize;
 
@@ -9,8 +9,8 @@ use crate::format::diagnosis::HorizonError;
 use crate::likelihood::errors::overall;
 use crate::likelihood::gaussian::Likelihood;
 
-/// The nrmse of the model as it came and as it is handed over, of samples so many steps behind their prediction's start; the first prediction of a record, which
-/// begins with the model's own start, is left out. Empty where predictions have no horizon.
+/// The nrmse of the nominal and of the written model, for samples a given number of steps after the start of their prediction. The first prediction of a record
+/// is left out: it begins with the model's own initial state. Empty where predictions have no horizon.
 pub(super) fn horizon_errors(
     likelihood: &Likelihood<'_>,
     held: &HeldOut,
@@ -18,7 +18,7 @@ pub(super) fn horizon_errors(
 ) -> Vec<HorizonError> {
     let Some(horizon) = likelihood.predictor.horizon else { return Vec::new() };
     let deviations = held.errors(likelihood.records, before);
-    // The variance of every measured output; none where it stands still.
+    // The variance of every measured output; 0 where it is constant.
     let variances: Vec<f64> = deviations
         .relative(&vec![1.0; deviations.deviations.len()])
         .iter()

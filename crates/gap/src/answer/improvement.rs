@@ -1,4 +1,4 @@
-//! How far the gap shrinks on held-out data.
+//! The reduction of the gap on held-out data.
 
 use std::collections::BTreeMap;
 
@@ -79,7 +79,7 @@ pub(super) fn bootstrap(
     Some([at(0.025), at(0.975)])
 }
 
-/// The section `shrink`: of the model as it came and as it is handed over, and with a hidden sequence decoded where there is one.
+/// The section `shrink`: errors of the nominal and of the written model, and with a latent sequence decoded where there is one.
 pub(crate) fn improvement(
     likelihood: &Likelihood<'_>,
     held_out: &HeldOut,

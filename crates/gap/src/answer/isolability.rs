@@ -1,8 +1,8 @@
 //! Effects that an excitation makes distinguishable, from signatures alone, before any fit.
 //!
-//! A signature is the whitened change of the predictions by an effect of a plausible size, with the initial state integrated out.
-//! Two effects with parallel signatures are indistinguishable, whatever the fit (isolability by the angle between signatures: Basseville and Nikiforov 1993,
-//! "Detection of Abrupt Changes", Prentice Hall, section 7.2).
+//! A signature is the whitened change of the predictions by an effect of a plausible size, with the initial state integrated out. Two effects with parallel
+//! signatures are indistinguishable by any fit (isolability by the angle between signatures). Source: Basseville and Nikiforov 1993, "Detection of Abrupt
+//! Changes", Prentice Hall, section 7.2.
 
 use deadtime_signal::decompositions::{singular_values, symmetric_eigen};
 use nalgebra::{DMatrix, DVector};
@@ -18,14 +18,14 @@ use deadtime_model::effect::{Applied, Role, Scales};
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::stats;
 
-/// Cosines from which on two effects count as alike.
+/// Effects whose cosine is at least this are alike.
 const ALIKE: f64 = 0.95;
 
-/// Sizes at which an effect is looked at.
+/// The number of sizes of an effect in the comparison.
 const SIZES: usize = 4;
-/// An effect that changes the outputs by more than this part of the measured motion's power is no longer small; a smaller one is taken instead.
+/// An effect that changes the outputs by more than this part of the measured motion's power is no longer small. The program then uses a smaller effect.
 const PLAUSIBLE: f64 = 0.1;
-/// How often a size is halved to become plausible.
+/// The number of halvings of a size that is not plausible.
 const HALVINGS: usize = 6;
 /// Rows of signatures that are compared; longer ones are thinned.
 const ROWS: usize = 24_000;
@@ -51,7 +51,7 @@ pub struct Isolability {
     pub model: String,
     /// The logs.
     pub logs: Vec<String>,
-    /// What "predicted" means here.
+    /// The meaning of "predicted" in this answer.
     pub prediction: Prediction,
     /// Absolute cosines from which on effects are alike.
     pub alike_from: f64,
@@ -116,7 +116,7 @@ pub struct Class {
     pub next_experiment: String,
 }
 
-/// What is looked at, by name.
+/// The names of the compared candidates.
 pub(crate) struct Names<'a> {
     pub(crate) model: &'a str,
     pub(crate) logs: Vec<String>,
@@ -176,7 +176,7 @@ struct Signature {
     values: Vec<f64>,
     /// Squared length: twice the log-likelihood that it would gain.
     strength: f64,
-    /// What spans its directions, thinned.
+    /// The columns that span its directions, thinned.
     columns: Vec<DVector<f64>>,
     /// The same with the start integrated out: the one side of every inner product.
     reduced: Vec<DVector<f64>>,
@@ -320,7 +320,7 @@ fn cosines(candidates: &[Candidate]) -> DMatrix<f64> {
     let gram = side(|s| &s.columns).tr_mul(&side(|s| &s.reduced));
     // Thinning leaves it not quite symmetric.
     let gram = (&gram + gram.transpose()) * 0.5;
-    // Every signature's columns, and an orthonormal basis of what they span in these coordinates.
+    // Every signature's columns, and an orthonormal basis of their span in these coordinates.
     let mut first = 0;
     let bases: Vec<(usize, DMatrix<f64>)> = all
         .iter()
@@ -358,7 +358,7 @@ fn cosines(candidates: &[Candidate]) -> DMatrix<f64> {
     cosines
 }
 
-/// Columns that span what a Gram matrix's vectors do, orthonormal under it.
+/// Columns with the same span as a Gram matrix's vectors, orthonormal under it.
 fn basis(gram: &DMatrix<f64>) -> DMatrix<f64> {
     let none = DMatrix::zeros(gram.nrows(), 0);
     let Some(eigen) = symmetric_eigen(gram) else { return none };

@@ -1,4 +1,4 @@
-//! The error of the resulting model in the unused later rows of long logs: a free run over the whole log, compared with the error in the used rows.
+//! The error of the resulting model in the unused later rows of long logs. A free run over the whole log is compared with the error in the used rows.
 
 use std::ops::Range;
 
@@ -12,7 +12,7 @@ use deadtime_model::simulate::Response;
 use deadtime_model::{Channel, EffectEntry, ModelDocument};
 use deadtime_signal::stats;
 
-/// How far what was found, with the log's own nuisances, holds in the later rows of every log of which so many were looked at; of a model that cannot be run over a log nothing is said.
+/// The error of the resulting model, with the log's own nuisances, in the unused later rows of every cut log. A model that cannot run over a log gets no entry.
 pub(crate) fn later_rows(
     cut: &[(&Log, usize)],
     nominal: &ModelDocument,

@@ -1,4 +1,4 @@
-//! Where the gap is: the shortest span of time, of frequency and of a command's range that holds most of an output's excess over the floor.
+//! The place of the gap: the shortest ranges of time, frequency and a command that hold most of an output's excess over the floor.
 
 use nalgebra::DMatrix;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -30,7 +30,7 @@ pub(crate) fn output_shares(before: &[Option<f64>], floor: &[Option<f64>]) -> Ve
     all.into_iter().map(|e| e.map(|e| if sum > 0.0 { e / sum } else { 0.0 })).collect()
 }
 
-/// The sections of `where`; `residuals` are those of the model as it came, `memory` is how many samples of each output's noise count as one.
+/// The sections of `where`; `residuals` are those of the nominal model, `memory` is the number of samples of each output's noise per independent sample.
 pub(crate) fn locate(
     system: &System,
     records: &[LogRecord],
@@ -47,7 +47,7 @@ pub(crate) fn locate(
     for i in order {
         let name = system.outputs[i].name.clone();
         found.outputs.push(WhereOutput { name: name.clone(), share: shares[i].unwrap_or(0.0) });
-        // A share of 5 % is no place of its own.
+        // An output with a share below 5 % gets no place.
         if shares[i].is_none_or(|s| s < 0.05) {
             continue;
         }
@@ -58,7 +58,7 @@ pub(crate) fn locate(
             .iter()
             .filter_map(|variable| regime(records, residuals, i, noise, variable, &name))
             .collect();
-        // The narrowest says most.
+        // The narrowest range is the most informative.
         regimes.sort_by(|a, b| a.0.total_cmp(&b.0));
         found.regimes.extend(regimes.into_iter().take(REGIMES).map(|r| r.1));
     }
@@ -71,12 +71,12 @@ pub(crate) fn locate(
 struct Noise {
     /// Mean square.
     square: f64,
-    /// Samples that count as one.
+    /// Samples per independent sample.
     memory: f64,
 }
 
-/// What every cell holds above the noise; 0 where that may be chance, the share of false ones among those named being controlled (Benjamini and Hochberg 1995,
-/// doi:10.1111/j.2517-6161.1995.tb02031.x; positively dependent cells: Benjamini and Yekutieli 2001).
+/// The excess of every cell above the noise, and 0 where the excess may be chance. The share of false cells among the named ones is controlled (Benjamini and
+/// Hochberg 1995, doi:10.1111/j.2517-6161.1995.tb02031.x; positively dependent cells: Benjamini and Yekutieli 2001).
 fn significant(cells: &[Cell], noise: Noise) -> Vec<f64> {
     let chance = |cell: &Cell| {
         let freedom = (cell.count / noise.memory).max(1.0);
@@ -241,7 +241,7 @@ fn regime(
     let (inside, all): (f64, f64) =
         (cells[from..=to].iter().map(|c| c.count).sum(), cells.iter().map(|c| c.count).sum());
     let part = inside / all;
-    // Where the gap's share is that of the samples, the variable tells nothing.
+    // Where the gap's share is that of the samples, the variable is uninformative.
     let regime = || Regime {
         output: name.to_owned(),
         variable: variable.name.clone(),

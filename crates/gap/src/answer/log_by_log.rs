@@ -3,9 +3,9 @@
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// What chance alone does in so few of all cases counts as no chance; 1.
+/// The probability under chance alone below which a result is significant; 1.
 const BY_CHANCE: f64 = 0.01;
-/// A value is apart from another from so many standard deviations on.
+/// Two values differ from this many standard deviations on.
 pub(super) const APART: f64 = 3.0;
 
 /// The one value that would do for all logs, and how far theirs are from it.
@@ -70,7 +70,7 @@ mod tests {
         );
         let near = common(&[1.0, 1.1], 0.1);
         assert!((near.std - 0.1 / 2.0_f64.sqrt()).abs() < 1e-12 && !near.differs());
-        // Of values that are drawn with the standard deviation of an estimate nothing is said; drawn from far apart they would not be so near.
+        // Values drawn with the standard deviation of an estimate give no finding; with a wide spread they would not be so near.
         assert!(!near.alike(1.0) && near.alike(100.0));
         assert!(
             Common::of(&DVector::from_element(1, 1.0), &DMatrix::from_element(1, 1, 1.0)).is_none()

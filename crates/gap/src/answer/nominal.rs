@@ -1,7 +1,7 @@
-//! What has to be said of the nominal model before any cause is: it lives about another operating point than the logs, or it is no better than a constant.
+//! Caveats on the nominal model, reported before any cause: its operating point differs from that of the logs, or a constant predicts as well.
 //!
-//! How it can be wrong: an output that moves little about an offset that the model misses looks the same where the offset alone is wrong. The caveat reports the offset, which is true.
-//! A delay or a wrong sign can make a good model worse than a constant. No caveat is given where the reported effects halve the error.
+//! How it can be wrong: an output that moves little about a missed offset has the same signature where the offset alone is wrong. The caveat reports the
+//! offset, which is true. A delay or a wrong sign can make a good model worse than a constant. No caveat is given where the reported effects halve the error.
 
 use nalgebra::DMatrix;
 
@@ -16,7 +16,8 @@ const CONSTANT: f64 = 1.0;
 /// The reported effects correct the model where they halve the error.
 const MENDED: f64 = 0.5;
 
-/// All that has to be said. `predicted`: by the model as it came, from its own start or with what is a log's own; a predictor follows every level.
+/// All caveats on the nominal model. `predicted`: by the nominal model, from its own initial state or with the log's own nuisances; a predictor follows every
+/// offset.
 pub(crate) fn nominal_caveats(
     system: &System,
     records: &[LogRecord],

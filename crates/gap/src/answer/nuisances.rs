@@ -61,7 +61,7 @@ pub(crate) fn nuisance_estimates(
     estimates
 }
 
-/// The free numbers of what was found.
+/// The free parameters of the found effects.
 struct Numbers {
     /// The same effects with one number moved a little, and by how much.
     moved: Vec<(Vec<Applied>, f64)>,
@@ -83,7 +83,7 @@ impl Numbers {
         Some(Self { moved: found.free.iter().map(moved).collect(), covariance })
     }
 
-    /// What they add to the variances of a log's constants.
+    /// Their contribution to the variances of a log's constants.
     fn variance(
         &self,
         likelihood: &Likelihood<'_>,

@@ -1,4 +1,4 @@
-//! The order of effects on one channel: a gain acts first, and what has a size in the channel's unit would have another size before the gain.
+//! The order of effects on one channel. A gain acts first; a limit, dead zone or offset in the channel's unit would have another size before the gain.
 //!
 //! Equation: limit(g·u, L) = g·limit(u, L/g) for g > 0, and the same for dead zones, play, rates and offsets.
 

@@ -47,7 +47,7 @@ use deadtime_model::effect::{Applied, Scales, row};
 use deadtime_model::simulate::Dynamics;
 use deadtime_signal::remedy::{Message, Remedy};
 
-/// What the sections are made of.
+/// The inputs of the sections.
 pub(crate) struct Answer<'a> {
     pub(crate) subject: Subject<'a>,
     pub(crate) simulator: &'a Simulator,
@@ -61,7 +61,7 @@ pub(crate) struct Answer<'a> {
     pub(crate) composed: ActiveCauses,
     pub(crate) sensitivities: &'a [PriorSensitivity],
     pub(crate) seed: u64,
-    /// Terms are wanted that describe the gap, whatever explains it.
+    /// Terms that describe the gap are requested, also where effects explain it.
     pub(crate) suggest: bool,
 }
 
@@ -71,7 +71,7 @@ struct Runs {
     before: Vec<DMatrix<f64>>,
     with_all: Vec<DMatrix<f64>>,
     after: Vec<DMatrix<f64>>,
-    /// Of runs as whoever simulates the written model gets them: before and after.
+    /// Residuals of runs by a user of the written model: before and after.
     written: [Vec<DMatrix<f64>>; 2],
 }
 
@@ -186,7 +186,7 @@ impl Answer<'_> {
             held: &self.inputs.held_out,
             composed,
             before: &runs.before,
-            // What was found, and not what is written: held-out data decide on that, and a hidden sequence takes its share once it is known.
+            // The found effects, not the written ones: held-out data decide on the written ones, and a latent sequence has its share with the decoded sequence.
             after: &runs.with_all,
             scales: self.scales,
             seed: self.seed,
@@ -257,7 +257,7 @@ impl Answer<'_> {
         caveats
     }
 
-    /// What the model as it came predicts with what every log has of its own; `None` without nuisances of the model file.
+    /// The prediction of the nominal model with the nuisances of every log; `None` without nuisances of the model file.
     fn with_nuisances(&self) -> Option<Vec<DMatrix<f64>>> {
         let likelihood = self.likelihood;
         let predicted = |(at, record): (usize, &LogRecord)| {
@@ -306,7 +306,7 @@ fn acting(effects: &[Applied]) -> Vec<String> {
     effects.into_iter().map(Applied::key).collect()
 }
 
-/// The section `gap`, from the residuals of the model as it came and every output's floor.
+/// The section `gap`, from the residuals of the nominal model and every output's floor.
 fn gap(likelihood: &Likelihood<'_>, before: &[DMatrix<f64>], floor: &[f64]) -> Gap {
     let nothing = Errors::trained(likelihood.records, before);
     let (each, each_floor) = (nothing.nrmse(), nothing.relative(floor));

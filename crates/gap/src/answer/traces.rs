@@ -18,7 +18,7 @@ pub struct Trace {
     pub unit: Option<String>,
     /// Time from the log's first sample, s.
     pub time_s: Vec<f64>,
-    /// What was measured; missing samples are `None`. In the output's unit, as are all below.
+    /// The measurement; missing samples are `None`. In the output's unit, as are all below.
     pub measured: Vec<Option<f64>>,
     /// The model's prediction.
     pub before: Vec<f64>,

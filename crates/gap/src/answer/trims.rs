@@ -20,7 +20,7 @@ use crate::search::catalogue_search::noise_in;
 use deadtime_model::effect::{Applied, Scales};
 use deadtime_signal::text::plus_minus;
 
-/// What has to be said of each constant that was found; nothing of a simulator that can only be called, which has no model file to declare it in.
+/// The caveats on the found constants. A simulator that can only be called gets none: it has no model file for the declaration.
 pub(crate) fn constant_caveats(
     likelihood: &Likelihood<'_>,
     found: Option<&Hypothesis>,

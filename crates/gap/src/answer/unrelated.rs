@@ -14,14 +14,14 @@ use crate::format::contributions::Unrelated;
 use crate::format::diagnosis::Mode;
 use crate::likelihood::gaussian::Likelihood;
 
-/// Samples by which commands come before what they explain.
+/// The lags of the commands before the explained sample, in samples.
 const LAGS: [usize; 7] = [1, 2, 4, 8, 16, 32, 64];
 /// Samples that a column needs.
 const ROWS_PER_COLUMN: usize = 10;
-/// What is added to the diagonal of the normal equations, relative to each column.
+/// The term added to the diagonal of the normal equations, relative to each column.
 const RIDGE: f64 = 1e-9;
 
-/// The relation of the residuals of the training spans with the commands; `None` where too few samples can say.
+/// The relation of the residuals of the training spans with the commands; `None` where the samples are too few.
 pub(super) fn unrelated(
     likelihood: &Likelihood<'_>,
     residuals: &[DMatrix<f64>],

@@ -1,11 +1,11 @@
 //! Feedback without a delay: a command that reacts to the noise of its own sample.
 //!
-//! Under such feedback every hypothesis with a direct path from u(k) into an output gains falsely, because u(k) contains a part of the noise in y(k).
-//! The part of u(k) that past commands and outputs do not predict is a nuisance regressor of the residual of the same sample, alike for all hypotheses.
-//! This is equivalent to direct paths from the predicted command only (Frisch and Waugh 1933, doi:10.2307/1907330).
+//! Under such feedback u(k) contains a part of the noise in y(k). Every hypothesis with a direct path from u(k) into an output then gains falsely. Past
+//! commands and outputs do not predict a part of u(k). This part is a nuisance regressor of the residual of the same sample, alike for all hypotheses. This is
+//! equivalent to direct paths from the predicted command only (Frisch and Waugh 1933, doi:10.2307/1907330).
 //!
-//! How it can be wrong: in open loop an unpredicted command correlates with the residual of a wrong direct path, which is a cause and no feedback.
-//! The commands must therefore also depend on past outputs (Granger 1969, doi:10.2307/1912791), by the margin `fed_back`.
+//! How it can be wrong: in open loop an unpredicted command correlates with the residual of a wrong direct path. This path is a cause and no feedback. The
+//! commands must therefore also depend on past outputs (Granger 1969, doi:10.2307/1912791), by the margin `fed_back`.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -13,8 +13,8 @@ use super::noise::autoregression_of;
 use crate::input::criteria::Criteria;
 use crate::input::record::LogRecord;
 
-/// The nuisance regressors of one record: what past samples do not predict of a command, in the output whose noise it meets; samples × outputs each.
-/// `residual` is that of the model as it is.
+/// The nuisance regressors of one record, samples × outputs each. A regressor is the unpredicted part of a command, in the output whose noise it contains.
+/// `residual` is that of the nominal model.
 pub(crate) fn regressors(
     record: &LogRecord,
     residual: &DMatrix<f64>,
@@ -52,8 +52,8 @@ pub(crate) fn regressors(
     found
 }
 
-/// What of a command its own past (and that of all other commands and, if asked, of the outputs) does not predict, at some rows; `None` where it is predicted
-/// exactly or there are too few rows.
+/// The unpredicted part of a command at some rows. The regressors are its own past, the past of all other commands and, if given, the past of the outputs. `None` where
+/// the prediction is exact or the rows are too few.
 fn unpredicted(
     record: &LogRecord,
     input: usize,
@@ -87,7 +87,7 @@ fn unpredicted(
     (left.norm_squared() > 1e-9 * spread).then_some(left)
 }
 
-/// What an output's residual does not predict of itself.
+/// The part of an output's residual that its own past does not predict.
 fn innovations(
     record: &LogRecord,
     residual: &DMatrix<f64>,

@@ -26,7 +26,7 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// Simulates the model as it is.
+    /// Simulates the nominal model.
     pub(crate) fn of(
         system: &System,
         own: &[Applied],
@@ -46,7 +46,7 @@ impl Motion {
         }
         let rms = (0..system.states.len())
             .map(|j| {
-                // Of a black box the motion is not known, only what a start does.
+                // For a black box the motion is unknown, and only the response to the initial state is known.
                 if let Some(probed) = probed {
                     return probed.states[j];
                 }
@@ -54,7 +54,7 @@ impl Motion {
                     x.column(j).iter().map(|v| v - system.initial[j]).collect::<Vec<_>>()
                 });
                 let rms = root_mean_square(moved);
-                // A state that the commands never move: its start may still be off by as much as it is.
+                // A state that the commands never move: its initial value may still be wrong by its own size.
                 if rms > 0.0 { rms } else { system.initial[j].abs() }
             })
             .collect();
@@ -71,7 +71,7 @@ impl Motion {
         Ok(Self { predicted, states, rms, smallest })
     }
 
-    /// Standard deviations of the start: as the model says, else how far a state moves; 0 for one that moves nothing.
+    /// Standard deviations of the initial state: those of the model, else the state's motion; 0 for a state that moves no output.
     pub(crate) fn prior(&self, system: &System) -> Vec<f64> {
         let known = system.initial_std.iter().zip(&self.rms);
         known
@@ -83,7 +83,7 @@ impl Motion {
             .collect()
     }
 
-    /// What of every output's residual its own past does not predict: a first size of the noise.
+    /// The part of every output's residual that its own past does not predict: the first noise estimate.
     pub(crate) fn innovations(&self, records: &[LogRecord], criteria: &Criteria) -> Vec<f64> {
         let trained: Vec<usize> =
             (0..records.len()).filter(|&i| records[i].train.is_some()).collect();
@@ -122,8 +122,7 @@ impl Motion {
         if fastest.is_finite() { fastest } else { 0.0 }
     }
 
-    /// Sizes for first guesses, of what is trained on: a limit that only what is held out would reach is no guess. `residuals` are those of the model as it
-    /// is.
+    /// Sizes for first guesses, from the training data: a limit that only held-out data would reach is no guess. `residuals` are those of the nominal model.
     pub(crate) fn scales(
         &self,
         system: &System,
@@ -134,7 +133,7 @@ impl Motion {
         let trained = || records.iter().filter(|r| r.train.is_some());
         let sample_time_s = trained().map(|r| r.sample_time_s).fold(f64::INFINITY, f64::min);
         let column = |x: &DMatrix<f64>, j: usize| x.column(j).iter().copied().collect::<Vec<f64>>();
-        // So many samples of a record are up to the end of what is trained on.
+        // The number of samples of a record up to the end of the training data.
         let until =
             |r: &LogRecord| r.train.map_or(0, |span| r.time_s.partition_point(|t| *t <= span.to_s));
         let moved = || self.states.iter().zip(records).filter(|(_, r)| r.train.is_some());
@@ -190,7 +189,7 @@ impl Motion {
 }
 
 impl Motion {
-    /// How far the quantities inside equations go that effects act on: those of controllers, and twists of links.
+    /// The motion of the quantities inside equations on which effects act: those of controllers, and twists of links.
     fn inner(
         &self,
         system: &System,
@@ -227,7 +226,7 @@ fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
     stats::rms(values).unwrap_or(0.0)
 }
 
-/// How far a signal goes over several records.
+/// The spread of a signal over several records.
 fn spread(records: Vec<Vec<f64>>, sample_time_s: f64) -> Spread {
     let fastest =
         records.iter().flat_map(|r| r.windows(2)).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max)

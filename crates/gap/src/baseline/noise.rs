@@ -56,7 +56,7 @@ impl Noise {
         Self { ar, unmix: unmix.unwrap_or_else(|| Self::white(&diagonal).unmix) }
     }
 
-    /// So many times as large.
+    /// The noise with its standard deviation multiplied by the factor.
     pub(crate) fn times(self, factor: f64) -> Self {
         Self { unmix: self.unmix / factor, ..self }
     }
@@ -125,7 +125,7 @@ impl Noise {
         for i in 0..outputs {
             let ar = &self.ar[i];
             if record.measured[i].present.is_none() {
-                // All there: a plain filter over the span.
+                // No sample is missing: the filter runs over the whole span.
                 let left = &residual.as_slice()[i * samples..(i + 1) * samples];
                 let e = &mut e.as_mut_slice()[i * samples..(i + 1) * samples];
                 // Lag by lag: the same sums in the same order, many samples at a time.
@@ -155,13 +155,13 @@ impl Noise {
         e
     }
 
-    /// How many samples of one output's noise count as one independent sample.
+    /// The number of samples of one output's noise per independent sample.
     pub(crate) fn memory(&self, output: usize) -> f64 {
         memory_of(&self.ar[output])
     }
 }
 
-/// How many samples of autoregressive noise count as one independent sample: its spectrum at 0 over its variance.
+/// The number of samples of autoregressive noise per independent sample: its spectrum at 0 over its variance.
 pub(crate) fn memory_of(ar: &[f64]) -> f64 {
     let mut impulse = vec![1.0];
     for k in 1..512 {
@@ -240,7 +240,7 @@ mod tests {
     use approx::assert_abs_diff_eq;
     use deadtime_model::simulate::Measured;
 
-    /// Lag by lag is the filter written out, to the bit: also where the span begins before the filter has all its past, and with an output that counts nothing.
+    /// Whitening lag by lag equals the filter to the bit. The test includes a span that begins before the filter has all its past, and an output without weight.
     #[test]
     fn whitening_lag_by_lag_is_the_filter_sample_by_sample() {
         let samples = 40;

@@ -33,15 +33,15 @@ pub(crate) struct Predictor {
     pub(crate) settling_s: f64,
     /// Samples that are predicted from one state; `None`: one, or all.
     pub(crate) horizon: Option<NonZeroUsize>,
-    /// What the model does not know moves the states so many times as far as the commands do.
+    /// The process noise of the states over the motion of the commands.
     unknown: f64,
 }
 
-/// How large what the model does not know is, against how far the commands move: one step of the scale from 10⁻⁴ to 10².
+/// The scale of the process noise over the motion of the commands, in steps from 10⁻⁴ to 10².
 const UNKNOWN: [f64; 7] = [1e-4, 1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2];
 
 impl Predictor {
-    /// Of whatever simulator: one that can only be called is simulated freely.
+    /// For any simulator: one that can only be called is simulated freely.
     pub(crate) fn of(
         system: &System,
         records: &[LogRecord],
@@ -63,7 +63,7 @@ impl Predictor {
         }
     }
 
-    /// Chosen from the poles of the nominal model, or as asked for.
+    /// Chosen from the poles of the nominal model, or by the caller.
     fn choose(
         system: &System,
         records: &[LogRecord],
@@ -88,7 +88,7 @@ impl Predictor {
         Self { mode, why, gains, settling_s: poles.settling_s, horizon: None, unknown }
     }
 
-    /// Free runs over a horizon, of a model with effects of its own. The observer maximises the likelihood of one-step predictions of the training spans
+    /// Free runs over a horizon, for a model that may already have effects. The observer maximises the likelihood of one-step predictions of the training spans
     /// under white normal noise of unknown variance in every output.
     ///
     /// # Errors
@@ -132,7 +132,7 @@ impl Predictor {
         Self { gains: self.gains.iter().cloned().chain(gains).collect(), ..self.clone() }
     }
 
-    /// For whoever reads the answer.
+    /// The prediction in the form of the answer.
     pub(crate) fn reported(&self) -> Prediction {
         Prediction {
             mode: self.mode,
@@ -141,7 +141,7 @@ impl Predictor {
         }
     }
 
-    /// What corrects the state in a record.
+    /// The correction of the state in a record.
     pub(crate) fn correction<'c>(
         &'c self,
         record: usize,
@@ -176,11 +176,11 @@ fn misfit(
     misfit.is_finite().then_some(misfit)
 }
 
-/// The filter gain K of x ← x + K(y − ŷ) for process noise of a given size and a prescribed degree of stability (Anderson and Moore 1969, "Linear system optimization
-/// with prescribed degree of stability", Proc. IEE 116(12), 2083-2087, doi:10.1049/piee.1969.0379): poles outside the circle of radius 1/α are mirrored
-/// about it, all others stay.
+/// The filter gain K of x ← x + K(y − ŷ) for process noise of a given size and a prescribed degree of stability. Poles outside the circle of radius 1/α are
+/// mirrored about it, all others stay. Source: Anderson and Moore 1969, "Linear system optimization with prescribed degree of stability", Proc. IEE 116(12),
+/// 2083-2087, doi:10.1049/piee.1969.0379.
 ///
-/// What the model does not know moves the states as its inputs do, `unknown` times as far as the commands go.
+/// Process noise moves the states like the inputs, with `unknown` times the motion of the commands.
 fn gain(system: &System, record: &LogRecord, criteria: &Criteria, unknown: f64) -> DMatrix<f64> {
     let (n, p) = (system.states.len(), system.outputs.len());
     let none = DMatrix::zeros(n, p);

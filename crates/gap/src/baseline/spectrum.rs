@@ -71,8 +71,8 @@ pub(crate) fn spectrum(
     Some((edges, cells))
 }
 
-/// Frequencies at which the residual of any output is strong, in rising order: the strongest lines of its spectrum's strongest cells, to the line. A sine that
-/// is a tenth of its frequency off over a long log has nothing in common with the right one.
+/// Frequencies at which the residual of any output is strong, in rising order: the strongest lines of its spectrum's strongest cells, to the line. A sine with
+/// a frequency error of 10 % is uncorrelated with the right one over a long log.
 pub(crate) fn peaks_hz(
     records: &[LogRecord],
     residuals: &[DMatrix<f64>],

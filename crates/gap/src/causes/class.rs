@@ -6,9 +6,9 @@ use deadtime_model::effect::Applied;
 pub(crate) struct EffectClass {
     /// The effect; of the joint recalibration, its first parameter.
     pub(crate) effect: Applied,
-    /// What replaces it in a set as good as the best: one effect, or several together.
+    /// The replacements of the effect in a set as good as the best: one effect, or several together.
     pub(crate) instead: Vec<Vec<Applied>>,
-    /// By how much the score rises without any member of the class, in units of twice the log-likelihood.
+    /// The rise of the score without any member of the class, in units of twice the log-likelihood.
     pub(crate) evidence: f64,
 }
 

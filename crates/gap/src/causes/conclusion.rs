@@ -40,7 +40,7 @@ const ALONE: usize = 10;
 pub(crate) struct ActiveCauses {
     /// The verdict, with all that was found.
     pub(crate) judged: Judged,
-    /// Everything that was found to act, whatever the verdict; `None`: nothing.
+    /// All active effects, for any verdict; `None`: no effect.
     pub(crate) hypothesis: Option<Hypothesis>,
     /// The classes of its effects, those that have a share of their own first; the joint recalibration is one.
     pub(crate) classes: Vec<EffectClass>,
@@ -48,7 +48,7 @@ pub(crate) struct ActiveCauses {
     pub(crate) taken_out: Vec<Hypothesis>,
     /// The same with all the others refitted. `None`: cannot be simulated.
     pub(crate) without: Vec<Option<Hypothesis>>,
-    /// The noise of what the best set leaves; `None` where no sets were searched.
+    /// The noise of the residual of the best set; `None` where no sets were searched.
     pub(crate) noise: Option<Vec<Noise>>,
     /// The relative size of the parameters' errors, where all are recalibrated jointly.
     pub(crate) recalibration: Option<f64>,
@@ -71,7 +71,7 @@ impl ActiveCauses {
         }
     }
 
-    /// What the verdict names: the effects that have a share of their own, or the recalibrated parameters where there is nothing else.
+    /// The named effects of the verdict: those with a share of their own, or the recalibrated parameters where there is no other.
     pub(crate) fn named(&self) -> Option<Hypothesis> {
         let found = self.judged.found.as_ref()?;
         let singly = |e: usize| !in_block(self.recalibration, &found.effects[e]);
@@ -87,7 +87,7 @@ impl ActiveCauses {
         })
     }
 
-    /// What replaces an effect alone, by the effect's key.
+    /// The effects that alone replace an effect, by the effect's key.
     pub(crate) fn aliases(&self, key: &str) -> Vec<String> {
         let class = self.classes.iter().find(|class| class.effect.key() == key);
         class.into_iter().flat_map(EffectClass::aliases).map(Applied::key).collect()
@@ -115,17 +115,17 @@ fn in_block(recalibration: Option<f64>, applied: &Applied) -> bool {
     recalibration.is_some() && applied.effect.corrects_model()
 }
 
-/// What a conclusion is drawn from.
+/// The inputs of a conclusion.
 pub(crate) struct Conclusion<'c, 'a> {
     /// As the search of single effects left it.
     pub(crate) likelihood: &'c Likelihood<'a>,
     pub(crate) catalogue: &'c [Applied],
-    /// What the search of single effects found.
+    /// The result of the search of single effects.
     pub(crate) found: &'c SearchResult,
-    /// What the checks of the logs ask for.
+    /// The effects that the checks of the logs propose.
     pub(crate) remedies: &'c [Applied],
     pub(crate) scales: &'c Scales,
-    /// Per output, what is no more than rounding.
+    /// Per output, the rounding error.
     pub(crate) smallest: &'c [f64],
 }
 
@@ -169,7 +169,8 @@ impl Conclusion<'_, '_> {
         Some(ActiveCauses { noise: Some(noise), ..causes })
     }
 
-    /// The noise of what a set leaves. The search fits initial states under white noise; under the colour of what a single effect leaves they would be others.
+    /// The noise of the residual of a set. The search fits initial states under white noise; under the coloured noise of a single effect's residual they would
+    /// differ.
     fn noise_given(&self, training: &Training<'_, '_>, best: &CauseSet) -> Option<Vec<Noise>> {
         let sizes = best.squares.iter().zip(&training.counts).zip(self.smallest);
         let std: Vec<f64> = sizes
@@ -181,7 +182,7 @@ impl Conclusion<'_, '_> {
         noise_of(&self.likelihood.with_noise(white), acts, self.smallest)
     }
 
-    /// What was judged, as it is.
+    /// The result of the judgement, unchanged.
     fn as_judged(&self, judged: Judged) -> Option<ActiveCauses> {
         let begin = match (&judged.verdict, &judged.found) {
             (GapVerdict::Effects, Some(found)) => found.clone(),
@@ -424,13 +425,13 @@ fn of(effects: Vec<Applied>) -> Hypothesis {
     Hypothesis { effects, free: Vec::new(), gain: 0.0, fitted: false, lost: None }
 }
 
-/// What the model as it came costs.
+/// The cost of the nominal model.
 fn cost(likelihood: &Likelihood<'_>) -> Option<f64> {
     let there = likelihood.whitened(NO_EFFECT)?;
     Some(likelihood.inner(&there, &there))
 }
 
-/// How far a parameter of the model is from its nominal value, relative to it.
+/// The deviation of a parameter of the model from its nominal value, relative to it.
 fn relative(applied: &Applied) -> f64 {
     let nominal = applied.parameters[0].nominal;
     ((applied.values[0] - nominal) / nominal).abs()

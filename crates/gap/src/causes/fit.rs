@@ -30,7 +30,7 @@ const MOST_MOVED: f64 = 1e4;
 const DAMPING: f64 = 1e-3;
 const TRIALS: usize = 5;
 
-/// What every fit of a search has in common.
+/// The common inputs of all fits of a search.
 pub(super) struct Fit<'f, 'l, 'a> {
     pub(super) training: &'f Training<'l, 'a>,
     pub(super) score: &'f Score,
@@ -55,12 +55,12 @@ impl Directions {
     }
 }
 
-/// Normal prior on a free parameter: how far it stands from its mean, and its standard deviation.
+/// Normal prior on a free parameter: its deviation from the mean, and its standard deviation.
 type Prior = Option<(f64, f64)>;
 
 impl Fit<'_, '_, '_> {
-    /// Fits a set from the values of its effects; `None` where it cannot be simulated. A decoded sequence stays as it is. Changes at nearby times are one event where the
-    /// score is lower so.
+    /// Fits a set from the values of its effects; `None` where it cannot be simulated. A decoded sequence is kept. Changes at nearby times are one event where
+    /// the score is lower so.
     pub(super) fn of(&self, set: CauseSet) -> Option<CauseSet> {
         let mut best = self.once(set)?;
         loop {
@@ -95,7 +95,7 @@ impl Fit<'_, '_, '_> {
             };
             let fall = value - cost;
             (set.effects, residual, value, left) = (better, there, cost, leaves);
-            // Steps fall less and less: what the others could still gain brings the set nowhere near the best.
+            // The reductions by steps decrease: the possible rest cannot bring the set near the best.
             let least = value + price - (STEPS - step) as f64 * fall;
             if fall < SMALL || least > self.least + FAR {
                 break;
@@ -120,7 +120,7 @@ impl Fit<'_, '_, '_> {
         Some(set)
     }
 
-    /// A step from the values of this set is predicted to fit better than the same set that is fitted already: that fit ended at another minimum.
+    /// A step from the values of this set is predicted to fit better than the finished fit of the same set. That fit ended at another minimum.
     pub(super) fn ended_elsewhere(&self, fitted: &CauseSet, from: &CauseSet) -> bool {
         let from = CauseSet { free: free(&from.effects), ..from.clone() };
         let predicted = || -> Option<f64> {
@@ -157,7 +157,7 @@ impl Fit<'_, '_, '_> {
         Some(eliminated.remainder(self.training, residual))
     }
 
-    /// The misfit with priors of a residual as it is, and what it leaves.
+    /// The misfit with priors of a residual without a step, and the remaining residual.
     fn profiled(
         &self,
         residual: &Stacked,
@@ -193,7 +193,7 @@ impl Fit<'_, '_, '_> {
         for _ in 0..TRIALS {
             let mut weights = self.score.weights(squares);
             let mut steps = DVector::zeros(set.free.len());
-            // Weights follow what the step leaves.
+            // Weights follow the residual after the step.
             for _ in 0..2 {
                 let eliminated = gram.eliminated(&weights)?;
                 let normal = with_priors(&eliminated.normal, &priors);
@@ -291,7 +291,7 @@ impl Fit<'_, '_, '_> {
         factor.map_or(0.0, |c| 2.0 * c.l_dirty().diagonal().iter().map(|v| v.ln()).sum::<f64>())
     }
 
-    /// Per effect, what it moves alone over the whole gap, every output over its variance.
+    /// Per effect, its response alone over the whole gap, every output over its variance.
     fn moved_alone(&self, set: &CauseSet) -> f64 {
         let relative = |squares: &[f64]| -> f64 {
             squares
@@ -372,7 +372,7 @@ fn with_priors(normal: &DMatrix<f64>, priors: &[Prior]) -> DMatrix<f64> {
     normal
 }
 
-/// The minimum of a damped quadratic form inside bounds, found by fixing what leaves them one at a time. What has no influence does not move.
+/// The minimum of a damped quadratic form inside bounds, found by fixing the violated coordinates one at a time. A coordinate without influence does not move.
 pub(super) fn bounded(
     normal: &DMatrix<f64>,
     damping: f64,

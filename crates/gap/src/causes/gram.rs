@@ -26,7 +26,7 @@ struct OutputGram {
     columns: DMatrix<f64>,
 }
 
-/// Normal equations with the nuisances eliminated, and what they need to come back.
+/// Normal equations with the nuisances eliminated, and the terms that restore the nuisances.
 pub(super) struct Eliminated {
     /// Over all columns.
     pub(super) normal: DMatrix<f64>,
@@ -34,7 +34,7 @@ pub(super) struct Eliminated {
     nuisances: Vec<DMatrix<f64>>,
 }
 
-/// What a combination of the columns leaves.
+/// The residual after a combination of the columns.
 pub(super) struct Left {
     /// Per output, the sum of squares.
     pub(super) squares: Vec<f64>,
@@ -108,7 +108,7 @@ impl Gram {
         Some(Eliminated { normal, nuisances })
     }
 
-    /// What the residual less `steps` along the columns leaves, with the nuisances where they fit best.
+    /// The residual less `steps` along the columns, with the best-fitting nuisances.
     pub(super) fn left(&self, eliminated: &Eliminated, steps: &DVector<f64>) -> Left {
         let x = steps.map(|v| -v).push(1.0);
         let outputs = self.logs.first().map_or(0, |log| log.outputs.len());

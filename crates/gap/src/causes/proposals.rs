@@ -103,7 +103,7 @@ impl Fit<'_, '_, '_> {
         events.into_iter().map(at).collect()
     }
 
-    /// How far along a column the misfit is least, all directions of the set moving with it, and how far it falls.
+    /// The step along a column with the least misfit, all directions of the set moving with it, and the reduction.
     fn along(
         &self,
         set: &CauseSet,

@@ -15,21 +15,21 @@ use super::training::{Stacked, Training};
 /// Lags of the Parzen window for the residual's autocorrelation, samples.
 const WINDOW: usize = 60;
 
-/// What all sets are scored with.
+/// The common terms of all scores.
 #[derive(Debug, Clone)]
 pub(crate) struct Score {
     /// Per output, the number of samples.
     counts: Vec<f64>,
     /// Per output, samples per independent sample.
     correlation: Vec<f64>,
-    /// Per output, the squared error that counts as none.
+    /// Per output, the squared error that is ignored.
     inexact: Vec<f64>,
-    /// How many candidates there are.
+    /// The number of candidates.
     candidates: usize,
 }
 
 impl Score {
-    /// From the nominal model's residual; `smallest`: per output, what is no more than rounding.
+    /// From the nominal model's residual; `smallest`: per output, the rounding error.
     pub(crate) fn of(
         training: &Training<'_, '_>,
         nominal: &Stacked,
@@ -76,7 +76,7 @@ impl Score {
         self.effective().zip(self.counts.iter().zip(&self.inexact)).zip(squares).map(one).collect()
     }
 
-    /// What effects with so many parameters that act cost.
+    /// The price of effects with the given number of active parameters.
     pub(super) fn price(&self, parameters: usize, effects: usize) -> f64 {
         let samples: f64 = self.effective().sum();
         parameters as f64 * samples.max(2.0).ln()

@@ -29,7 +29,7 @@ const PATIENCE: usize = 3;
 const DIFFERENT: usize = 3;
 /// Sets whose predictions differ by less than this part of the residual's energy are one.
 const SAME: f64 = 0.02;
-/// The first relative size of the parameters' errors, and the range of what is estimated.
+/// The first relative size of the parameters' errors, and the range of its estimate.
 const SIZE: f64 = 0.05;
 const SIZES: (f64, f64) = (0.005, 0.3);
 /// Single parameters that may take the place of the joint recalibration.
@@ -38,13 +38,13 @@ const MOST_MOVED: usize = 3;
 const NO_EVIDENCE: f64 = 2.0;
 const AS_GOOD: f64 = 6.0;
 
-/// What a search found.
+/// The result of a search.
 pub(crate) struct Found {
-    /// Every set that was fitted with its score, the best first; of those that no evidence separates from the best and that differ in one effect, the one with the
-    /// fewest parameters, then the first in the table of effects, leads.
+    /// Every fitted set with its score, the best first. The leader is the set with the fewest parameters, then the first in the table of effects. It is chosen
+    /// among the sets that no evidence separates from the best and that differ in one effect.
     pub(crate) sets: Vec<(f64, CauseSet)>,
     score: Score,
-    /// Per output, the variance of what was measured.
+    /// Per output, the variance of the measurement.
     variances: Vec<f64>,
     /// The part of the energy that an effect explains within which every simulator is inexact.
     inexact: f64,
@@ -72,8 +72,8 @@ impl Found {
             .collect()
     }
 
-    /// Per effect of a set, its class: the effects that replace it in a set as good as the best, or in one whose additional misfit is within what any
-    /// simulator is inexact by. The joint recalibration is one effect.
+    /// Per effect of a set, its class. Members replace the effect in a set as good as the best, or in one whose additional misfit is within the inexactness of
+    /// any simulator. The joint recalibration is one effect.
     fn classes_of(&self, best: &CauseSet) -> Vec<EffectClass> {
         let own = self.sets.iter().find(|(_, set)| set.key() == best.key());
         let score = own.map_or(f64::INFINITY, |(score, _)| *score);
@@ -111,8 +111,9 @@ impl Found {
         self.sets.iter().find(|(_, set)| set.key() == key).map(|(_, set)| set)
     }
 
-    /// Per parameter of a set, the variance of its value over the visited sets that are as good as the best and have its effect, about its value in this set; their weights are
-    /// exp(−E/2) (Hoeting, Madigan, Raftery and Volinsky 1999, doi:10.1214/ss/1009212519). An alias in the place of another effect moves what is next to it.
+    /// Per parameter of a set, the variance of its value about its value in this set. The weights are exp(−E/2) over the visited sets that are as good as the
+    /// best and have its effect. Source: Hoeting, Madigan, Raftery and Volinsky 1999, doi:10.1214/ss/1009212519. An alias that replaces another effect changes
+    /// the values of the remaining effects.
     pub(crate) fn between(&self, best: &CauseSet, key: &str, parameter: usize) -> f64 {
         let value = |set: &CauseSet| {
             let applied = set.effects.iter().find(|a| a.key() == key)?;
@@ -128,12 +129,12 @@ impl Found {
         if weights > 0.0 { squares / weights } else { 0.0 }
     }
 
-    /// What one effect with so many parameters costs.
+    /// The price of one effect with the given number of parameters.
     pub(crate) fn price(&self, parameters: usize) -> f64 {
         self.score.price(parameters, 1)
     }
 
-    /// What replaces an effect of the best set: one effect, or two where no set with one of them alone does.
+    /// The replacements of an effect of the best set: one effect, or two where no set with one of them alone does.
     fn replacing(&self, best: &CauseSet, out: &Applied, least: f64) -> Vec<Vec<Applied>> {
         let energy =
             |set: &CauseSet| -> f64 { set.squares.iter().zip(&self.variances).map(relative).sum() };
@@ -198,7 +199,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         })
     }
 
-    /// Searches from no effect, from these sets, and from one whose values are asked for.
+    /// Searches from no effect, from these sets, and from one with given values.
     pub(crate) fn from(mut self, starts: Vec<CauseSet>, asked: Option<CauseSet>) -> Option<Found> {
         let nothing = CauseSet::begun(Vec::new(), None, None);
         self.fit_all(std::iter::once(nothing).chain(starts).collect());
@@ -213,7 +214,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
             self.expand(&next);
             self.renew();
             failures = if self.ranked().first()?.1.key() == best { failures + 1 } else { 0 };
-            // What could replace an effect of the best set is known once the set without it was expanded.
+            // The replacements of an effect of the best set are known only after the expansion of the set without it.
             if failures == PATIENCE && self.next_without().is_some() {
                 failures -= 1;
             }
@@ -256,7 +257,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         ranked
     }
 
-    /// Effective samples of what the best set leaves, until the best set stays.
+    /// Estimates the effective samples from the residual of the best set, until the best set is constant.
     fn renew(&mut self) {
         for _ in 0..DIFFERENT {
             let Some(best) = self.ranked().first().map(|(_, set)| (*set).clone()) else { return };
@@ -269,8 +270,8 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         }
     }
 
-    /// Takes the effective samples of a set with a decoded sequence where that set leads under its own: what a sequence leaves is white, and what a deterministic effect
-    /// leaves of it is not.
+    /// Uses the effective samples of a set with a decoded sequence where that set leads under its own samples. The residual of a sequence is white; that of a
+    /// deterministic effect on the same data is not.
     fn under_a_sequence(&mut self) {
         let decoded: Vec<CauseSet> = self
             .ranked()
@@ -292,7 +293,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         }
     }
 
-    /// The next set to expand: the best one; then what it is without one of its effects; then different near-best sets of each size.
+    /// The next set to expand: the best one; then the best set without one of its effects; then different near-best sets of each size.
     fn next(&self) -> Option<SetKey> {
         let ranked = self.ranked();
         let open = |set: &CauseSet| !self.expanded.contains(&set.key());
@@ -339,7 +340,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
             .find(|key| without.contains(key) && !self.expanded.contains(key))
     }
 
-    /// Fits what a set leads to.
+    /// Fits the neighbours of a set.
     fn expand(&mut self, at: &SetKey) {
         self.expanded.push(at.clone());
         let Some(set) = self.sets.get(at).cloned() else { return };
@@ -369,8 +370,8 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         self.fit_all(trials);
     }
 
-    /// Whether a set leads in which two others replace two equal effects on different channels: what is common to channels acts on each as an effect of its own does,
-    /// and no exchange of one effect leads from one to the other.
+    /// Whether a set leads in which two other effects replace two equal effects on different channels. A cause common to several channels acts on each like an
+    /// effect of its own, and no single replacement leads from one to the other.
     fn one_cause_for_two(&mut self) -> bool {
         let Some(best) = self.ranked().first().map(|(_, set)| (*set).clone()) else { return false };
         let singly: Vec<Applied> = best.singly().cloned().collect();
@@ -394,7 +395,8 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
         self.ranked().first().is_some_and(|(_, set)| set.key() != best.key())
     }
 
-    /// Fits a set, and what can be added to it at the values that it has: alone, a wrong sign with a dead time is fitted by a gain of nothing, which no dead time moves.
+    /// Fits a set, and the candidates that can be added to it at its given values. Fitted alone, a wrong sign with a dead time gives a gain of 0, which makes
+    /// the dead time unobservable.
     fn begin_at(&mut self, asked: CauseSet) {
         let proposals = match self.training.residual(&asked) {
             Some(residual) => {
@@ -464,7 +466,7 @@ fn dropped(set: &CauseSet) -> impl Iterator<Item = CauseSet> {
     set.singly().map(|out| set.without(out)).chain(alone)
 }
 
-/// A set with the special case of a general effect in its place, each in turn, at the general one's values, as far as the special case is a candidate.
+/// A set with the special case of each general effect in turn, at the general form's values. The special case must be a candidate.
 fn specialised(
     set: &CauseSet,
     candidates: &[Applied],
@@ -482,8 +484,8 @@ fn specialised(
     set.singly().filter_map(special)
 }
 
-/// Of the best set, of those that lack one of its members and of those that replace one, as far as no evidence separates them: the one with the fewest
-/// parameters, then the first in the table of effects.
+/// The leader among the best set, the sets that lack one of its members and the sets that replace one, if no evidence separates them. The set with the fewest
+/// parameters leads, then the first in the table of effects.
 fn leader(sets: &[(f64, CauseSet)]) -> Option<usize> {
     let (least, best) = sets.first()?;
     let near = sets.iter().enumerate().take_while(|(_, (score, _))| *score <= least + NO_EVIDENCE);
@@ -563,9 +565,9 @@ mod tests {
             led(vec![best(), (2.1, set(&["deadband", "input_delay"], 2))]),
             "deadband:u + delay_drift:u"
         );
-        // So does the best set without a member that no evidence asks for.
+        // So does the best set without a member that has no evidence.
         assert_eq!(led(vec![best(), (1.5, set(&["deadband"], 1))]), "deadband:u");
-        // A set that shares nothing with the best is another answer, however plain.
+        // A set that shares no effect with the best is another answer, even with fewer parameters.
         assert_eq!(
             led(vec![best(), (0.5, set(&["input_gain", "rate_limit"], 2))]),
             "deadband:u + delay_drift:u"

@@ -15,7 +15,7 @@ pub(crate) struct CauseSet {
     pub(crate) lost: Option<Dropouts>,
     /// Parameters that act on the outputs, as effect and place.
     pub(crate) free: Vec<(usize, usize)>,
-    /// How many of them belong to single effects.
+    /// The number of them that belong to single effects.
     pub(super) acting: usize,
     /// Per output, the sum of squared residuals.
     pub(super) squares: Vec<f64>,
@@ -23,7 +23,7 @@ pub(crate) struct CauseSet {
     pub(super) priors: f64,
 }
 
-/// What identifies a set: its single effects, and whether all parameters are recalibrated.
+/// The identity of a set: its single effects, and whether all parameters are recalibrated.
 pub(crate) type SetKey = String;
 
 impl<'e> From<&'e CauseSet> for ActiveEffects<'e> {

@@ -1,4 +1,4 @@
-//! The training logs as stacked samples: residuals of any set of effects, and the responses of what is unknown in every log.
+//! The training logs as stacked samples: residuals of any set of effects, and the responses of the unknowns of every log.
 //!
 //! A held-out sample is no part of it: what fits and selects sees nothing else.
 
@@ -50,12 +50,12 @@ pub(crate) struct Training<'l, 'a> {
     pub(super) logs: Vec<TrainingLog>,
     /// Per output, the number of samples.
     pub(super) counts: Vec<f64>,
-    /// Per output, the variance of what was measured.
+    /// Per output, the variance of the measurement.
     pub(super) variances: Vec<f64>,
 }
 
 impl<'l, 'a> Training<'l, 'a> {
-    /// Of a likelihood's logs; its noise plays no part.
+    /// From the logs of a likelihood; its noise is not used.
     pub(crate) fn of(likelihood: &'l Likelihood<'a>) -> Self {
         let outputs = likelihood.system.outputs.len();
         let one = |at: usize| {

@@ -1,9 +1,9 @@
 //! How a measured rate relates to the slope of another measured output: factor, lag and offset, with intervals.
 //!
-//! How this can be wrong, and what is done about it:
+//! Possible errors, and their countermeasures:
 //! - A difference of two samples is mostly noise. Slope and rate pass the same symmetric filter, and the one of twelve through which they agree best is taken.
-//! - Noise of the one makes a factor too small, noise of the other too large, whatever its colour. Both regressions are made; the factor lies between the two
-//!   (Frisch 1934, "Statistical Confluence Analysis", Oslo) as long as the two noises do not depend on each other: two estimates of one observer may.
+//! - Noise of the slope makes a factor too small, noise of the rate too large, for noise of any colour. Both regressions are made; the factor lies between the
+//!   two (Frisch 1934, "Statistical Confluence Analysis", Oslo) if the two noises are independent. Two estimates of one observer may be dependent.
 //! - Rates that the logger held, or a slow filter, look late; the lag is a lag, not its cause.
 //! - The stretches of a log need not agree. Sixteen are left out in turn (delete-a-group jackknife; Künsch 1989, doi:10.1214/aos/1176347265). The noise may be neither
 //!   white nor Gaussian; only its correlation length must be shorter than a stretch.
@@ -22,7 +22,7 @@ const FEWEST: usize = 200;
 const MOST: usize = 10_000;
 /// A filter needs a log of so many times its width.
 const WIDTHS: usize = 5;
-/// Only filters through which the two agree this well say whether the factor changes with frequency.
+/// Only filters with this correlation of the two signals decide whether the factor changes with frequency.
 const CLEAR: f64 = 0.95;
 /// A change of the factor with frequency that counts, beyond the intervals.
 const CHANGE: f64 = 0.03;
@@ -50,7 +50,7 @@ pub(super) struct Alike {
     pub(super) factor: [f64; 2],
     /// By how many samples the rate comes later.
     pub(super) lag: Known,
-    /// What the rate has beyond factor times slope, in its unit.
+    /// The part of the rate beyond factor times slope, in its unit.
     pub(super) offset: Known,
     /// Standard deviation of the rate.
     pub(super) size: f64,
@@ -182,7 +182,7 @@ impl Filtered {
     }
 }
 
-/// How slope and rate go together through the filter through which they agree best; `None` where they stand still, the log is short, or the lag is at the edge.
+/// The regression of rate on slope through the filter of best agreement. `None` where both are constant, the log is short, or the lag is at the edge.
 pub(super) fn compare(parts: &[Part], lags: usize) -> Option<Alike> {
     let longest = parts.iter().map(|p| p.rate.len()).max().unwrap_or(0);
     let fits: Vec<Alike> = Filter::all()
@@ -262,7 +262,7 @@ fn through(parts: &[Part], filter: Filter, lags: usize) -> Option<Alike> {
     (factor.iter().all(|f| f.is_finite()) && found.lag.half.is_finite()).then_some(found)
 }
 
-/// What the rate has beyond factor times slope: the mean over stretches, and half its interval with that of the factor.
+/// The part of the rate beyond factor times slope: the mean over stretches, and half its interval with that of the factor.
 fn offset(
     parts: &[Part],
     ratio: f64,
@@ -336,8 +336,8 @@ mod tests {
         (0..samples).map(next).collect()
     }
 
-    /// In 400 records, white or coloured noise in both, the truth lies in the intervals as often as they say: of factor, lag and offset at least 91 % (95 % less
-    /// three and a half standard deviations of that count). The factor's interval is wider by what the ratio of the two noises leaves open.
+    /// In 400 records, with white or coloured noise in both, the intervals of factor, lag and offset hold the truth in at least 91 %. This limit is 95 % less
+    /// three and a half standard deviations of that count. The factor's interval is wider by the range that the unknown ratio of the two noises leaves open.
     #[test]
     fn intervals_hold_the_truth_in_white_and_coloured_noise() {
         let (mut held, mut estimated, records) = ([0_usize; 3], 0_usize, 400);

@@ -7,13 +7,13 @@ use super::moments::mean;
 use super::runs::Trace;
 use crate::format::diagnosis::{Check, CheckKind};
 
-/// So many samples at the limit at least,
+/// The least number of samples at the limit,
 const FEWEST: usize = 5;
 /// and this part of all.
 const PART: f64 = 0.003;
 /// A channel that repeats more often than this elsewhere is coarse or settles: then the model must go on moving, beyond the limit.
 const RARELY: f64 = 0.2;
-/// How far beyond, and how much it must move there, as a part of the output's standard deviation.
+/// The distance beyond the limit, and the required motion there, as a part of the output's standard deviation.
 const BEYOND: f64 = 0.1;
 /// The last step before a limit is reached, as a part of the median step: what settles arrives with smaller and smaller ones.
 const ARRIVES: f64 = 0.2;
@@ -82,7 +82,7 @@ fn limit(
     steps.sort_by(f64::total_cmp);
     let median = steps.get(steps.len() / 2)?;
     let coarse = trace.is_coarse() || trace.repeats(|k| trace.values[k] != value) > RARELY;
-    // Of a coarse channel the last steps may be single ones by chance.
+    // In a coarse channel the last steps may be single ones by chance.
     let least =
         if coarse { (ARRIVES * median).max(ROWS * steps.first()?) } else { ARRIVES * median };
     let entries: Vec<f64> = there

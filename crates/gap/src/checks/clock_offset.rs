@@ -1,15 +1,16 @@
-//! Sensors' and commands' clocks that are apart by a constant.
+//! Clocks of sensors and commands with a constant offset.
 
 use super::evidence::{ALL, Evidence, result, short};
 use super::one_sample_shift::is_one;
 use super::timing::Timing;
 use crate::format::diagnosis::{Check, CheckKind};
 
-/// The part of what a filter could correct that the lag alone must correct.
+/// The share of a filter's correction that the lag alone must reach.
 const PURE: f64 = 0.9;
 /// The part of the residual after present and past commands that future commands must explain: no machine answers before the command.
 const AHEAD: f64 = 0.15;
-/// Lags that differ by this much beyond four times their standard deviations may be equal, samples: half a sample is a whole one for an output with a direct path.
+/// Lags that differ by this much beyond four times their standard deviations may be equal, samples. Half a sample is a whole one for an output with a direct
+/// path.
 const SAME: f64 = 0.5;
 /// The least interval of a reported offset, samples: the accuracy of the interpolation.
 const LEAST: f64 = 0.02;
@@ -46,7 +47,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     found
 }
 
-/// What to say of outputs that are all late or early: nothing unless it is by the same time.
+/// The finding on outputs that are all late or early: none unless by the same time.
 fn common(known: &[Timing], ts: f64) -> Option<(Option<bool>, String)> {
     let weight = |t: &Timing| 1.0 / t.std.max(1e-3).powi(2);
     let total: f64 = known.iter().map(weight).sum();
@@ -54,7 +55,7 @@ fn common(known: &[Timing], ts: f64) -> Option<(Option<bool>, String)> {
     if !known.iter().all(|t| (t.lag - lag).abs() <= 4.0 * t.std + SAME) {
         return None;
     }
-    // Outputs that differ by more than their scatter say how well the time is known.
+    // The differences of the outputs beyond their scatter determine the accuracy of the time.
     let apart = known.iter().map(|t| (t.lag - lag).abs()).fold(0.0, f64::max);
     let size = format!(
         "{} s (± {} s)",

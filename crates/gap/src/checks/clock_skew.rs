@@ -6,7 +6,7 @@ use crate::format::diagnosis::{Check, CheckKind};
 
 /// The growth over a log that is worth a word, samples.
 const GROWS: f64 = 0.5;
-/// A drift of so many samples that could not be seen is said.
+/// The least undetectable drift, in samples, that is reported.
 const UNSEEN: f64 = 5.0;
 /// Standard deviations from none: the stretches' lags are not quite normal.
 const SURE: f64 = 6.0;

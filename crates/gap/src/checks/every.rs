@@ -33,7 +33,7 @@ const CHECKS: [Checker; 10] = [
     excitation::check,
 ];
 
-/// What all checks found.
+/// The findings of all checks.
 #[derive(Default)]
 pub(crate) struct Checked {
     pub(crate) checks: Vec<Check>,
@@ -41,7 +41,7 @@ pub(crate) struct Checked {
     pub(crate) remedies: Vec<Applied>,
 }
 
-/// All checks on the training logs. `predictor`: as it is chosen from the simulator, whatever a diagnosis is asked for.
+/// All checks on the training logs. `predictor`: as chosen from the simulator, for any prediction of the diagnosis.
 pub(crate) fn checks(
     system: &System,
     model_effects: &[Applied],

@@ -8,12 +8,12 @@ use super::view::View;
 use crate::format::diagnosis::{Check, CheckKind};
 use deadtime_signal::remedy::{Message, Remedy};
 
-/// What all checks look at.
+/// The common evidence of all checks.
 pub(super) struct Evidence<'a> {
     pub(super) view: View<'a>,
     /// `None` where the model cannot be simulated on the logs.
     pub(super) search: Option<Search>,
-    /// What the model says of outputs that are derivatives of others.
+    /// The outputs that the model defines as derivatives of others.
     pub(super) relations: Vec<kinematics::Relation>,
     pub(super) kinematics: Vec<kinematics::Measured>,
     /// Per output.
@@ -57,7 +57,7 @@ impl Evidence<'_> {
         self.view.system.outputs.get(i).map_or("", |p| p.name.as_str())
     }
 
-    /// The outputs that do not go with the model, each with the reason why nothing can be said of them.
+    /// The outputs that do not agree with the model, each with the reason why they cannot be tested.
     pub(super) fn untestable(&self) -> Vec<(usize, String)> {
         let Some(search) = &self.search else {
             let why = self.view.why_not.to_owned();
@@ -75,7 +75,7 @@ impl Evidence<'_> {
         (0..self.view.outputs()).filter_map(|i| Some((i, why(i)?))).collect()
     }
 
-    /// What a check of the outputs says where it found no fault: one line for all, or one for each that cannot be tested.
+    /// The finding of a check of the outputs without a fault: one line for all, or one for each output that cannot be tested.
     pub(super) fn rest(&self, check: CheckKind, found: &mut Vec<Check>, good: &str) {
         let named = |name: &str| {
             found.iter().any(|c| c.channel == name || c.finding.contains(&format!("`{name}`")))

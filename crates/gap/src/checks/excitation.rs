@@ -12,7 +12,7 @@ use crate::format::diagnosis::{Check, CheckKind};
 
 /// Eigenvalues of the delayed command's covariance below this part of the largest count as 0: for a pure sine these eigenvalues are rounding errors.
 const RANK: f64 = 1e-9;
-/// Delayed copies of the command that are looked at.
+/// Delayed copies of the command in the test.
 const COPIES: usize = 8;
 /// A command with this many independent delayed copies (a sine has 2) determines one gain and one phase.
 const POOR: usize = 2;
@@ -20,7 +20,7 @@ const POOR: usize = 2;
 const CHANGES: f64 = 0.1;
 /// Two commands that are one: the part of the one that the others explain.
 const TOGETHER: f64 = 0.98;
-/// What is added to the diagonal of the correlations, so that copies stay solvable.
+/// The term added to the diagonal of the correlations, so that copies stay solvable.
 const RIDGE: f64 = 1e-9;
 /// An input takes part in what another follows where its coefficient is at least this part of the largest.
 const TAKES_PART: f64 = 0.1;
@@ -161,7 +161,7 @@ fn changes(u: &[Vec<f64>], samples: f64) -> f64 {
     u.iter().filter(|r| deviation(r) > 0.0).map(of).fold(0.0, f64::max)
 }
 
-/// How many of the command's delayed copies are independent (persistency of excitation; Ljung 1999, "System Identification", 2nd ed., section 13.2).
+/// The number of the command's delayed copies that are independent (persistency of excitation; Ljung 1999, "System Identification", 2nd ed., section 13.2).
 fn rank(u: &[Vec<f64>], view: &View<'_>) -> usize {
     let fast = view.time_constants_s.first().copied().unwrap_or(0.0);
     let lag = ((0.5 * fast / view.sample_time_s()).round().max(1.0) as usize)
@@ -169,7 +169,7 @@ fn rank(u: &[Vec<f64>], view: &View<'_>) -> usize {
     let lag = lag.max(1);
     let mut gram: DMatrix<f64> = DMatrix::zeros(COPIES, COPIES);
     for r in u {
-        // Changes over a lag: whatever the mean.
+        // Changes over a lag: independent of the mean.
         let changes: Vec<f64> = r.iter().zip(r.iter().skip(lag)).map(|(a, b)| b - a).collect();
         for window in changes.windows((COPIES - 1) * lag + 1) {
             for i in 0..COPIES {
@@ -184,7 +184,7 @@ fn rank(u: &[Vec<f64>], view: &View<'_>) -> usize {
     eigen.eigenvalues.iter().filter(|v| **v > RANK * largest).count()
 }
 
-/// What the other inputs that move explain of an input.
+/// The part of an input that the other moving inputs explain.
 struct Followed {
     /// The multiple correlation with all of them.
     share: f64,

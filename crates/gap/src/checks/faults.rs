@@ -13,13 +13,13 @@ use deadtime_signal::progress::HowFar;
 
 /// A correlation from which on two signals go together.
 pub(super) const AGREES: f64 = 0.7;
-/// From here on nothing is looked for.
+/// From this value on no fault is searched.
 pub(super) const GOOD: f64 = 0.95;
 /// The correlation that a fault's correction must reach: more than that, as a fault is the exception.
 const CONVINCES: f64 = 0.85;
-/// What may be left of the distance to 1 that it had before: a correction that only betters things is none.
+/// The allowed remainder of the former distance to 1: a partial improvement is no correction.
 const LEAVES: f64 = 0.25;
-/// How far another output may fall meanwhile.
+/// The allowed reduction at another output.
 const FALLS: f64 = 0.1;
 /// Sizes that differ by less than this factor are the same: gains are wrong more often than units.
 pub(super) const SIZE: f64 = 1.8;
@@ -27,7 +27,7 @@ pub(super) const SIZE: f64 = 1.8;
 const SMALL_FACTOR: f64 = 5.0;
 /// within this factor.
 const CLOSE: f64 = 1.06;
-/// What a size that does not quite fit costs, per unit of its logarithm; decides between neighbouring units.
+/// The cost of a size that does not quite fit, per unit of its logarithm; decides between neighbouring units.
 const SIZE_COST: f64 = 0.05;
 /// Scores closer than this are equal.
 const EQUAL: f64 = 0.03;
@@ -39,7 +39,7 @@ pub(super) enum Port {
     Output(usize),
 }
 
-/// What may be wrong with a channel of a log.
+/// The possible fault of a channel of a log.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Fault {
     Sign(Port),
@@ -61,10 +61,10 @@ pub(super) struct FoundFault {
     pub(super) ratio: f64,
 }
 
-/// What the search found, and the signals with all corrections made.
+/// The result of the search, and the signals with all corrections made.
 pub(super) struct Search {
     pub(super) faults: Vec<FoundFault>,
-    /// Per output; `None` where it or its model stands still.
+    /// Per output; `None` where it or its model is constant.
     pub(super) fits: Vec<Option<Fit>>,
     /// Per record.
     pub(super) measured: Vec<Columns>,
@@ -97,7 +97,7 @@ impl Fault {
         }
     }
 
-    /// The effect of the catalogue that does what the fault does; none exchanges channels.
+    /// The effect of the catalogue with the action of the fault; no effect swaps channels.
     pub(super) fn as_effect(self, system: &System) -> Option<Applied> {
         let (port, factor) = match self {
             Self::Sign(port) => (port, -1.0),

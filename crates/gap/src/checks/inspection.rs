@@ -34,7 +34,7 @@ pub enum InspectionFormat {
     V1,
 }
 
-/// What `deadtime check` finds, `deadtime/check@1`.
+/// The result of `deadtime check`, `deadtime/check@1`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Inspection {
@@ -78,7 +78,7 @@ pub struct LogReport {
     pub duration_s: f64,
     /// The sample time, s; missing where the time stamps are uneven.
     pub sample_time_s: Option<f64>,
-    /// What is wrong with its time stamps, with the remedy.
+    /// The fault of its time stamps, with the remedy.
     pub time: Option<Message>,
     /// The model's channels in it.
     pub channels: Vec<ChannelReport>,
@@ -110,11 +110,11 @@ pub struct ChannelReport {
     pub ok: bool,
     /// Samples that are missing.
     pub missing: usize,
-    /// What is wrong with it, with the remedy.
+    /// Its fault, with the remedy.
     pub finding: Option<Message>,
 }
 
-/// What a log makes of one of the model's channels.
+/// The report on one of the model's channels in a log.
 fn channel(log: &Log, name: &str, unit: Option<&str>, role: Role) -> ChannelReport {
     let mut report = ChannelReport {
         channel: name.to_owned(),
@@ -213,7 +213,7 @@ fn usable(log: &Log, report: &LogReport) -> std::result::Result<Log, LogError> {
 /// The part of the work that simulating the model is.
 const SIMULATED: f64 = 0.2;
 
-/// Looks at a model and logs before anyone diagnoses: names, units, time stamps and missing samples of every log, and all checks over the whole of the logs.
+/// Inspects a model and logs before any diagnosis: names, units, time stamps and missing samples of every log, and all checks over whole logs.
 ///
 /// # Errors
 /// Those of the model, [`crate::error::Error::Stopped`]; what does not fit in a log is part of the answer.
@@ -229,7 +229,7 @@ pub fn inspect<'a>(
 }
 
 fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop, far: &HowFar) -> Result<Inspection> {
-    // What a log lacks for it is said below.
+    // Missing parts of a log are reported below.
     let completed = subject.completed(logs);
     let logs = completed.as_deref().unwrap_or(logs);
     let reports: Vec<LogReport> = logs.iter().map(|log| report(log, subject)).collect();
@@ -254,7 +254,7 @@ fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop, far: &HowFar) -> Result
     } else {
         match checks(subject, logs, &found.logs, (stop, far)) {
             Ok(checks) => found.checks = checks,
-            // What is wrong with the model itself is an error; what is wrong with a log is the answer.
+            // A fault of the model itself is an error; a fault of a log is part of the answer.
             Err(e @ (crate::error::Error::Gap(_) | crate::error::Error::Log(_))) => {
                 found.not_run = Some(e.message())
             }

@@ -1,5 +1,5 @@
-//! Outputs of which the model says that one is the derivative of another, whatever its parameters: angle and rate, position and velocity. The two measured channels
-//! must then agree without any dynamics: the change of the one over a window is the integral of the other.
+//! Outputs of which one is the derivative of another by the model at any parameters: angle and rate, position and velocity. The two measured channels must then
+//! agree without any dynamics: the change of the one over a window is the integral of the other.
 
 use nalgebra::DVector;
 
@@ -25,12 +25,12 @@ pub(super) struct Relation {
     pub(super) factor: f64,
 }
 
-/// What the logs make of a relation.
+/// The measured values of a relation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Measured {
     pub(super) relation: Relation,
     pub(super) correlation: f64,
-    /// Measured change over the integral, 1 where log and model agree; between these two whatever the noise of either.
+    /// Measured change over the integral, 1 where log and model agree; the true value is between these two for any noise of either.
     pub(super) slope: [f64; 2],
     /// Another output that goes with the derivative far better, and its correlation.
     pub(super) better: Option<(usize, f64)>,
@@ -55,7 +55,7 @@ fn linear(m: &Matrices, at: usize) -> Point {
     ((0..m.c.nrows()).map(derivative).collect(), y.iter().copied().collect())
 }
 
-/// What the model says at points of all kinds; `None` where it shows no equations.
+/// The model's equations at points of all kinds; `None` where it shows no equations.
 pub(super) fn points(view: &View<'_>) -> Option<Vec<Point>> {
     let system = view.system;
     match &system.dynamics {
@@ -114,7 +114,7 @@ pub(super) fn relations(view: &View<'_>) -> Vec<Relation> {
         .collect()
 }
 
-/// The model shows equations, so that what they do not relate is not related.
+/// The model shows equations, so that unrelated outputs are known as such.
 pub(super) fn shows_equations(view: &View<'_>) -> bool {
     matches!(view.system.dynamics, Dynamics::Linear(_) | Dynamics::Equations(..))
 }
@@ -167,7 +167,7 @@ fn compare(view: &View<'_>, of: usize, rate: usize) -> Option<(f64, f64)> {
         .max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
 }
 
-/// Every relation as measured in the logs; relations whose channels stand still are left out.
+/// Every relation as measured in the logs; relations with constant channels are left out.
 pub(super) fn measure(view: &View<'_>, relations: &[Relation]) -> Vec<Measured> {
     let moves = |i: usize| {
         let values = || {

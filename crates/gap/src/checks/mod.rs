@@ -1,8 +1,8 @@
-//! Checks that need no dynamics: the commonest and cheapest causes of a gap, looked at before any effect is fitted. They change no log.
+//! Checks that need no dynamics: the commonest and cheapest causes of a gap, tested before any effect is fitted. They change no log.
 //!
-//! One file per check. All checks share prepared inputs: the logs with the nominal model ([`view`]), the outputs of which one is the derivative of another
-//! by the model's equations ([`kinematics`]; two such sensors compared: [`pairs`]), the signs, units and places of channels that would make model and log agree
-//! ([`faults`]), and the lags of the outputs ([`timing`]).
+//! One file per check. All checks share prepared inputs: the logs with the nominal model ([`view`]) and the lags of the outputs ([`timing`]). [`kinematics`]
+//! has the outputs of which one is the derivative of another by the model's equations; [`pairs`] compares two such sensors. [`faults`] has the signs, units and
+//! places of channels that would make model and log agree.
 
 mod alike;
 mod axes;

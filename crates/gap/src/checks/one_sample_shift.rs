@@ -6,7 +6,7 @@ use crate::format::diagnosis::{Check, CheckKind};
 
 /// How close to one sample a lag must be, samples.
 const NEAR: f64 = 0.1;
-/// The part of what a filter could correct that the lag alone must correct: a slower or faster plant needs more than a lag.
+/// The share of a filter's correction that the lag alone must reach: a slower or faster plant needs more than a lag.
 const PURE: f64 = 0.9;
 
 /// The lag is one sample, to either side.
@@ -62,7 +62,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
 }
 
 impl Evidence<'_> {
-    /// What a check of timing says where it found nothing.
+    /// The finding of a check of timing without a fault.
     pub(super) fn timing_rest(&self, check: CheckKind, found: &mut Vec<Check>, good: &str) {
         if !found.is_empty() {
             return;

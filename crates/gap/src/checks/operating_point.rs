@@ -1,9 +1,9 @@
-//! The operating point: the outputs of logs and of the model have levels that are far apart.
+//! The operating point: outputs of logs and of the model with a large distance of their mean values.
 //!
 //! A linear model holds about the point at which it was linearised. A file without that point takes zero for it, and every level of the machine becomes an error.
 //!
-//! How it can be wrong: an output that moves little about an offset that the model misses looks the same where the offset alone is wrong. The finding reports both levels, which are true.
-//! A predictor follows every level, and a declared nuisance takes a constant up: there the check is undecided.
+//! How it can be wrong: an output that moves little about a missed offset has the same signature where the offset alone is wrong. The finding reports both
+//! levels, which are true. A predictor follows every level, and a declared nuisance takes a constant up: there the check is undecided.
 
 use nalgebra::DMatrix;
 
@@ -13,7 +13,8 @@ use crate::format::diagnosis::{Check, CheckKind};
 use crate::input::record::LogRecord;
 use deadtime_model::simulate::System;
 
-/// The levels are apart by so many times what output and model move together. A constant offset of a sensor or of an input is seldom as large as what it is to measure.
+/// The mean values differ by this many times the common motion of output and model. A constant offset of a sensor or of an input is rarely as large as the
+/// measured motion.
 const APART: f64 = 3.0;
 
 /// The levels of an output.
@@ -39,7 +40,7 @@ impl Levels {
     }
 }
 
-/// The outputs whose levels are apart; `predicted`: samples × outputs of each record, by the nominal model in free run.
+/// The outputs with different mean values; `predicted`: samples × outputs of each record, by the nominal model in free run.
 pub(crate) fn apart(
     system: &System,
     records: &[LogRecord],
@@ -59,7 +60,7 @@ pub(crate) fn apart(
     (0..system.outputs.len()).map(levels).filter(far).collect()
 }
 
-/// The check. `predicted`: as for [`apart`]; `None` where the model is not simulated freely or has nuisances of its own.
+/// The check. `predicted`: as for [`apart`]; `None` where the model is not simulated freely or declares nuisances.
 pub(super) fn check(
     system: &System,
     records: &[LogRecord],

@@ -1,8 +1,8 @@
-//! Sensors against each other, without dynamics: a velocity and the slope of a position, a rate and the derivative of an attitude, an acceleration and the
-//! slope of a velocity. The result is the factor, the lag and the offset between the two, each with an interval. Rotated axes are no factor.
+//! Sensors against each other, without dynamics. The pairs are velocity and slope of a position, rate and derivative of an attitude, acceleration and slope of
+//! a velocity. The result is the factor, the lag and the offset between the two, each with an interval. Rotated axes are no factor.
 //!
-//! Pairs are the model's own: outputs of which its equations say that one is the derivative of another whatever the parameters, and four outputs that turn as a
-//! quaternion does by three others. A model that shows no equations has its outputs' names and units looked at instead.
+//! Pairs are the model's own: outputs of which one is the derivative of another in its equations at any parameters. Four outputs that the rates of three others
+//! rotate as a quaternion are pairs too. For a model without equations the outputs' names and units are compared instead.
 
 use deadtime_signal::decompositions::svd;
 use nalgebra::{DMatrix, DVector, Quaternion};
@@ -19,7 +19,7 @@ use crate::format::diagnosis::{Check, CheckKind};
 use crate::input::record::LogRecord;
 use deadtime_model::simulate::Dynamics;
 
-/// A factor that differs from 1 by less is none that anyone would look for.
+/// A factor that differs from 1 by less is ignored.
 const FACTOR: f64 = 0.03;
 /// A lag below this, samples, is none: half a sample lies between an integrator's old speed and its new one.
 const LATE: f64 = 0.6;
@@ -28,16 +28,16 @@ const OFFSET: f64 = 0.05;
 /// Wider intervals than this would not have shown a fault: of the factor, upper over lower end; of the lag, samples.
 const WIDE: f64 = 1.25;
 const VAGUE: f64 = 2.0;
-/// What is blamed lies so many times half its 95 % interval away: of intervals that rest on sixteen stretches (Student's t with 15 degrees of freedom) one in
-/// 1 400 does by chance, where one in 20 lies outside.
+/// A blamed sensor lies this many times half its 95 % interval away. With sixteen stretches (Student's t with 15 degrees of freedom) one in 1 400 intervals
+/// does by chance, where one in 20 lies outside.
 const SURE: f64 = 2.0;
 /// Another axis counts from this part of the own one, and so many standard deviations.
 const ACROSS: f64 = 0.1;
 const CERTAIN: f64 = 5.0;
-/// Half the width of the moving means through which axes are compared, samples, and the stretches that say how sure they are.
+/// Half the width of the moving means of the comparison of axes, samples, and the number of stretches for their intervals.
 const AXES: usize = 8;
 const STRETCHES: usize = 16;
-/// Turned back by the attitude, the part of what did not agree that must be gone.
+/// The part of the disagreement that must vanish after the rotation by the attitude.
 const GAINED: f64 = 0.75;
 /// Less than this does not go together as logged: nothing to turn.
 const APART: f64 = 0.01;
@@ -49,7 +49,7 @@ const ROUNDING: f64 = 1e-6;
 /// Where a slope comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Source {
-    /// Of an output, over this factor.
+    /// One output, over this factor.
     Output(usize, f64),
     /// The turning of a quaternion, scalar last, about one of its body's axes.
     Turning([usize; 4], usize),
@@ -60,7 +60,7 @@ enum Source {
 struct Pair {
     source: Source,
     rate: usize,
-    /// The model's equations say so, not names.
+    /// The source is the model's equations, not names.
     stated: bool,
 }
 
@@ -93,7 +93,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     said.all()
 }
 
-/// What is to be said.
+/// The findings.
 #[derive(Default)]
 struct Said {
     found: Vec<Check>,
@@ -129,7 +129,7 @@ fn same_kind(view: &View<'_>, a: &Pair, b: &Pair) -> bool {
         }
 }
 
-/// Names of rates: what stands before and after the name of what changes.
+/// Names of rates: the parts before and after the name of the changing quantity.
 const NAMES: [(&str, &str); 8] = [
     ("v", ""),
     ("v_", ""),
@@ -180,7 +180,8 @@ fn quaternion(q: [f64; 4]) -> Quaternion<f64> {
     Quaternion::new(q[3], q[0], q[1], q[2])
 }
 
-/// Four outputs in a row that are a quaternion, scalar last, and the three that are its body's rates: by the model's own equations at points of all kinds.
+/// Four consecutive outputs that are a quaternion, scalar last, and the three outputs that are its body's rates. The test is the model's own equations at
+/// points of all kinds.
 fn turning(view: &View<'_>) -> Option<[Pair; 3]> {
     let points = kinematics::points(view)?;
     let outputs = view.outputs();
@@ -211,8 +212,8 @@ fn turning(view: &View<'_>) -> Option<[Pair; 3]> {
     })
 }
 
-/// Samples of an output; NaN where several on end are missing, or one is at a limit. A single one that is missing is that of the cubic through its four neighbours,
-/// which favours no side: left out with all that a filter takes in around it, regular gaps would leave samples of one phase alone.
+/// Samples of an output; NaN where several consecutive samples are missing, or one is at a limit. A single missing sample is that of the cubic through its four
+/// neighbours, which favours no side. Without this value a filter loses all samples around it, and regular gaps would leave samples of one phase alone.
 fn samples(e: &Evidence<'_>, at: usize, output: usize) -> Vec<f64> {
     let record: &LogRecord = e.view.records[at];
     let limits = clipped::limits(e, at, output);
@@ -290,7 +291,7 @@ impl Pair {
     }
 }
 
-/// What is said of sensors that may be axes of one vector: turned axes first, each by itself where they are not.
+/// The findings on sensors that may be axes of one vector: rotated axes first, otherwise each axis alone.
 fn axes(e: &Evidence<'_>, group: &[Pair], turning: &Option<[Pair; 3]>, said: &mut Said) {
     let all: Vec<Vec<Part>> = group.iter().map(|p| parts(e, p)).collect();
     let lags = e.view.lags();
@@ -448,7 +449,7 @@ fn range(known: Known) -> String {
     format!("{} (± {})", short(known.value.abs()), short(known.half))
 }
 
-/// What is said of one pair.
+/// The findings on one pair.
 fn one(e: &Evidence<'_>, pair: &Pair, fit: Option<Alike>, alone: bool, said: &mut Said) {
     let (rate, words) = (e.output(pair.rate), pair.words(e));
     let Some(fit) = fit else {

@@ -6,13 +6,13 @@ use super::runs::{Stretch, Trace};
 use crate::format::diagnosis::{Check, CheckKind};
 use deadtime_signal::remedy::{Message, Remedy};
 
-/// Shorter stretches are not looked at, samples.
+/// Shorter stretches are not tested, samples.
 const SHORTEST: usize = 10;
 /// Chance of a false alarm in one channel, were repetitions independent.
 const CHANCE: f64 = 1e-6;
-/// What else must move during the stretch, as a part of how much it moves in all.
+/// The required motion of the other signals during the stretch, as a part of their whole motion.
 const MOVES: f64 = 0.3;
-/// A channel that otherwise repeats more often than this may stand still for a reason: coarse steps, friction, a command of steps.
+/// A channel that repeats more often than this elsewhere may be constant for a reason: coarse steps, friction, a command of steps.
 const RARELY: f64 = 0.3;
 /// A stretch at the start is a machine at rest unless it covers this part of the log.
 const MOST: f64 = 0.5;
@@ -121,7 +121,7 @@ fn finding(
 }
 
 impl Evidence<'_> {
-    /// What should move an output moves in a stretch of a log: its model, or where it has none a command or another output.
+    /// The cause of an output's motion moves in a stretch of a log: its model, or without one a command or another output.
     fn moves(&self, at: usize, span: std::ops::Range<usize>, output: Option<usize>) -> bool {
         let record = self.view.records[at];
         let enough = |values: &[f64]| {

@@ -6,7 +6,7 @@ use super::faults::{Search, agrees};
 use super::moments::{correlation, mean};
 use super::view::View;
 
-/// Stretches per log in which a lag is looked for,
+/// Stretches per log for the search of a lag.
 const STRETCHES: usize = 12;
 /// of at least so many samples.
 const SHORTEST: usize = 80;
@@ -14,11 +14,11 @@ const SHORTEST: usize = 80;
 const CLEAR: f64 = 0.8;
 /// A stretch counts where the model moves by at least this part of its mean square.
 const MOVES: f64 = 0.1;
-/// Fewer stretches say nothing about their scatter.
+/// The least number of stretches for an estimate of their scatter.
 const FEWEST: usize = 5;
-/// Samples at either end that no filter reaches beyond, besides the lags that are looked at.
+/// Samples at either end beyond the reach of all filters, in addition to the searched lags.
 const EDGE: usize = 18;
-/// What is added to the diagonal of equal columns' products.
+/// The term added to the diagonal of equal columns' products.
 const RIDGE: f64 = 1e-9;
 /// Samples per fitted column, so that commands without effect explain at most 10 % of the residual.
 const FEWEST_PER_COLUMN: usize = 10;
@@ -38,10 +38,10 @@ pub(super) struct Timing {
     pub(super) straight: f64,
     /// Samples of the longest log.
     pub(super) length: f64,
-    /// What the lag alone takes off the misfit, over what any short linear filter takes off: 1 where timing is all there is.
+    /// The misfit reduction by the lag alone, over that by any short linear filter: 1 where timing is the only fault.
     pub(super) pure: f64,
-    /// The part of the residual after present and past commands that future commands explain. 0 where the output does not lead, where the model is predicted (feedback has the
-    /// same signature), and where the samples are too few for all commands.
+    /// The part of the residual after present and past commands that future commands explain. 0 where the output does not lead, and where the samples are too
+    /// few for all commands. Also 0 where the model is predicted: feedback has the same signature.
     pub(super) ahead: f64,
 }
 
@@ -131,14 +131,14 @@ fn of_output(view: &View<'_>, search: &Search, output: usize) -> Option<Timing> 
         pure,
         ahead: 0.0,
     };
-    // The fit takes every command at several lags: it is asked only of an output that leads.
+    // The fit uses every command at several lags; it runs only for an output that leads.
     if lag < 0.0 && timing.is_late() && !view.predicts() {
         timing.ahead = ahead(view, search, output, lag)?;
     }
     Some(timing).filter(|t| [t.lag, t.std, t.growth, t.growth_std].iter().all(|v| v.is_finite()))
 }
 
-/// What shifting the model by `lag` takes off the misfit, over what a short two-sided filter does. The gain is free in both.
+/// The misfit reduction by a shift of the model by `lag`, over that by a short two-sided filter. The gain is free in both.
 fn purity(view: &View<'_>, search: &Search, output: usize, lag: f64) -> Option<f64> {
     let whole = lag.floor() as isize;
     let shifted = misfit(view, search, output, &[whole, whole + 1], &[])?;
@@ -148,7 +148,7 @@ fn purity(view: &View<'_>, search: &Search, output: usize, lag: f64) -> Option<f
     Some((none - shifted) / (none - two_sided).max(f64::MIN_POSITIVE))
 }
 
-/// What commands to come take off the misfit that the model's and the commands' present and past leave.
+/// The reduction by future commands of the misfit that the model's and the commands' present and past leave.
 fn ahead(view: &View<'_>, search: &Search, output: usize, lag: f64) -> Option<f64> {
     let back: Vec<isize> = TAPS.iter().copied().filter(|l| *l >= 0).collect();
     let samples: usize = view.records.iter().map(|r| r.time_s.len()).sum();

@@ -1,11 +1,11 @@
-//! The clocks of a recording's topics: the evenness of each topic's stamps, and the offset between the stamps of two topics that log the same motion.
+//! The clocks of a recording's topics: the evenness of each topic's stamps, and the offset between the stamps of two topics with the same motion.
 //!
-//! Two outputs of different topics are compared by their cross-spectrum S(ω) over many stretches: an offset of τ turns its phase by −ωτ, and changes nothing
+//! Two outputs of different topics are compared by their cross-spectrum S(ω) over many stretches. An offset of τ turns its phase by −ωτ, and changes nothing
 //! else. One output may be the negative, the derivative or the integral of the other, with a constant phase of 180°, 90° or −90°.
 //!
-//! How it can be wrong: two sensors of one motion, one with a filter or a slower bus, look like a clock offset; the finding names this. No offset is reported where the phase
-//! is not straight (a dynamic relation), where it fits two offsets or two relations alike (narrow band), where the coherence is low, and where
-//! the record is short. An offset that changes over the record widens the interval, which is that of the stretches.
+//! How it can be wrong: a filter or a slower bus at one of two sensors has the same signature as a clock offset. The finding names this. No
+//! offset is reported where the phase is not straight (a dynamic relation), or where two offsets or two relations fit alike (narrow band). The same holds at
+//! low coherence and for a short record. An offset that changes over the record widens the interval, which is that of the stretches.
 //!
 //! Source: Knapp and Carter (1976), "The generalized correlation method for estimation of time delay", IEEE Trans. ASSP 24(4), 320-327, doi:10.1109/TASSP.1976.1162830
 //! (weights γ²/(1 − γ²)); variance of the phase (1 − γ²)/(2γ²·K): Bendat and Piersol (2010), "Random Data", 4th ed., eq. 9.52.
@@ -23,27 +23,27 @@ use deadtime_signal::time::SampleTime;
 /// Samples of a stretch, at most and at least.
 const LONGEST: usize = 2048;
 const SHORTEST: usize = 64;
-/// Stretches over which the offset scatters; a record that has fewer than the least says nothing.
+/// Stretches for the scatter of the offset; a record with fewer than the least gives no result.
 const STRETCHES: usize = 12;
 const FEWEST: usize = 6;
-/// How often the second is moved onto the first.
+/// The number of shifts of the second signal onto the first.
 const TURNS: usize = 4;
-/// Offsets are looked for up to this part of a stretch.
+/// Offsets are searched up to this part of a stretch.
 const SEARCHED: f64 = 0.25;
 /// Steps of the search in a sample.
 const FINE: f64 = 8.0;
-/// A line counts from this coherence on, and from this part of the strongest line's power: what is weaker may have leaked from there,
+/// A line is used from this coherence on, and from this part of the strongest line's power: weaker lines may be leakage from there.
 const COHERENT: f64 = 0.5;
 const STRONG: f64 = 0.01;
 /// and no line counts more than one of this.
 const MOST: f64 = 0.98;
 /// Lines that must count.
 const LINES: usize = 8;
-/// How much of the lines' weight must point one way for an offset to be looked at.
+/// The share of the lines' weight with one sign that an offset needs.
 const POINTS: f64 = 0.5;
 /// Squared phase that a straight line leaves, over its variance.
 const LEFT: f64 = 3.0;
-/// What the interpolation is good for, rad.
+/// The phase accuracy of the interpolation, rad.
 const PHASE: f64 = 0.03;
 /// No offset is known more closely, steps of the slower topic.
 const LEAST: f64 = 0.02;
@@ -74,7 +74,7 @@ pub struct TopicClock {
     pub longest_s: Option<f64>,
 }
 
-/// By how much the stamps of two topics are apart.
+/// The offset between the stamps of two topics.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClockOffset {
@@ -149,7 +149,7 @@ pub fn clocks(recording: &Recording, wanted: &[Wanted]) -> LogClocks {
     }
 }
 
-/// An output and where it stands.
+/// An output and its place.
 struct Side<'a> {
     wanted: &'a Wanted,
     topic: &'a Topic,
@@ -171,7 +171,7 @@ fn clock(topic: &Topic) -> TopicClock {
 
 fn offset(sides: [&Side<'_>; 2]) -> ClockOffset {
     let [a, b] = sides.map(|s| s.wanted.name.clone());
-    // On the slower one's grid: what the faster one has beyond is none of the other's.
+    // On the slower one's grid: the faster signal has no counterpart beyond.
     let step_s = sides
         .iter()
         .filter_map(|s| clock(s.topic).steps_s)
@@ -247,7 +247,8 @@ fn together(sides: [&Side<'_>; 2], ts: SampleTime, moved_s: f64) -> Result<Log, 
     recording.together(&wanted, Some(ts)).map(|(log, _)| log).map_err(|e| e.to_string())
 }
 
-/// The lag is found by turns: where one signal comes later than the window sees, what leaks from line to line draws the phase towards 0. Moved onto each other it does not.
+/// The lag is found iteratively: where one signal is later than the window's range, leakage from line to line pulls the phase towards 0. After the shift by the
+/// lag the phase has no such bias.
 fn lag(sides: [&Side<'_>; 2], ts: SampleTime) -> Result<Lag, String> {
     let mut samples = 0.0;
     for turn in 0..TURNS {
@@ -324,7 +325,7 @@ impl Lines {
         let strongest = |power: &[f64]| power.iter().skip(2).copied().fold(0.0, f64::max);
         let least = [STRONG * strongest(&spectra.uu), STRONG * strongest(&spectra.yy)];
         let strong = |k: usize| spectra.uu[k] >= least[0] && spectra.yy[k] >= least[1];
-        // The lowest lines hold what the window leaves of the mean.
+        // The lowest lines have the part of the mean that the window leaves.
         let lines = spectra
             .uy
             .iter()

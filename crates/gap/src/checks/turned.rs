@@ -1,6 +1,7 @@
 //! A sensor whose axes are turned against the model's: two or three outputs of one vector that agree with the model after a rotation.
 //!
-//! The rotation is the one of least squares (Kabsch 1976, doi:10.1107/S0567739476001873). It must explain at least `OF_ANY` of what a general matrix between the outputs explains.
+//! The rotation is the one of least squares (Kabsch 1976, doi:10.1107/S0567739476001873). It must explain at least `OF_ANY` of the part that a general matrix
+//! between the outputs explains.
 //!
 //! How it can be wrong: gains that differ by axis or a cross coupling look like a small rotation. Motion about one axis alone determines no rotation about it.
 //! A predicted model contains the measured outputs, so this check is silent there.
@@ -29,7 +30,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     vectors(e).into_iter().filter_map(|vector| one(e, search, &vector)).collect()
 }
 
-/// Places of outputs that are the components of one vector, in the order of the axes; of the first two axes alone, or of all three.
+/// Places of outputs that are the components of one vector, in the order of the axes. The vector has the first two axes alone, or all three.
 fn vectors(e: &Evidence<'_>) -> Vec<Vec<usize>> {
     let outputs = &e.view.system.outputs;
     let mut found: Vec<Vec<usize>> = Vec::new();
@@ -40,7 +41,7 @@ fn vectors(e: &Evidence<'_>) -> Vec<Vec<usize>> {
                 let name = format!("{before}{axis}{after}");
                 outputs.iter().position(|o| o.name == name && o.unit == first.unit)
             };
-            // Names of one letter say nothing where the third is missing.
+            // Names of one letter are ambiguous where the third is missing.
             let least = if before.is_empty() && after.is_empty() && axes[0] != "x" { 3 } else { 2 };
             let vector: Vec<usize> = axes.iter().map_while(|axis| of(axis)).collect();
             if vector.len() >= least {

@@ -1,6 +1,6 @@
 //! Units that are taken for one another, with their factors.
 
-/// A unit in which a log may be where the model says another.
+/// A unit that a log may have in place of the model's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Factor {
     /// How the other unit is written.
@@ -73,7 +73,7 @@ fn plain(unit: &str) -> String {
     SPELLINGS.iter().find(|(from, _)| *from == spelt).map_or(spelt, |(_, to)| (*to).to_owned())
 }
 
-/// The units that numbers may be in where the model says `unit`.
+/// The possible units of the samples where the model has `unit`.
 pub(super) fn alternatives(unit: Option<&str>) -> Vec<Factor> {
     let Some(unit) = unit.map(plain) else { return COMMON.to_vec() };
     let family = FAMILIES

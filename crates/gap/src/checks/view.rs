@@ -1,8 +1,8 @@
-//! The logs with the nominal model, in a form in which both sides are comparable whatever the model's stability.
+//! The logs with the nominal model, in a form in which both sides are comparable at any stability of the model.
 //!
-//! Stable models: the measured outputs are compared with a free simulation. Other models have poles that do not decay within a log.
-//! With the predictor's fixed gain their innovations are e = N·y − M·u, N and M stable, and N·y is compared with M·u. No fault is then hidden by the predictor's
-//! feedback of the measurement (a left coprime factorisation: Vidyasagar 1985, "Control System Synthesis: A Factorization Approach", MIT Press).
+//! Stable models: the measured outputs are compared with a free simulation. Other models have poles that do not decay within a log. With the predictor's fixed
+//! gain their innovations are e = N·y − M·u, N and M stable, and N·y is compared with M·u. No fault is then hidden by the predictor's feedback of the
+//! measurement. This is a left coprime factorisation (Vidyasagar 1985, "Control System Synthesis: A Factorization Approach", MIT Press).
 
 use nalgebra::DMatrix;
 
@@ -13,13 +13,13 @@ use deadtime_model::effect::{Applied, Chance};
 use deadtime_model::iterated_eigenvalues;
 use deadtime_model::simulate::{Commands, Correction, Dynamics, Matrices, Measured, Plan, System};
 
-/// Lags that are looked at: so many samples to either side,
+/// The lags of the search: this many samples to either side,
 const LAGS: usize = 35;
 /// but at most this part of a log.
 const LAGS_OF_LOG: usize = 10;
 /// Samples of one log that enter a correlation; longer logs are thinned.
 const SAMPLES: usize = 20_000;
-/// By how much the innovations of a nonlinear model and of its linearisation may differ, as a part of what is compared.
+/// The allowed difference of the innovations of a nonlinear model and of its linearisation, as a part of the compared signal.
 const LINEAR: f64 = 0.3;
 /// Sample times that differ by less are the same.
 const SAME_TIME: f64 = 0.02;
@@ -37,7 +37,7 @@ pub(super) struct View<'a> {
     plan: Option<Plan>,
     /// One per record; empty for a free simulation.
     gains: Vec<DMatrix<f64>>,
-    /// So much of every log's start is left out of comparisons, seconds.
+    /// This duration at the start of every log is left out of comparisons, seconds.
     pub(super) settling_s: f64,
     /// The model's time constants, seconds, shortest first.
     pub(super) time_constants_s: Vec<f64>,
@@ -178,7 +178,7 @@ impl<'a> View<'a> {
             .then(|| run.y.column_iter().map(|c| c.iter().copied().collect()).collect())
     }
 
-    /// M·u: what the model makes of these commands.
+    /// M·u: the model's response to these commands.
     pub(super) fn modelled(&self, at: usize, inputs: &[Vec<f64>]) -> Option<Columns> {
         let still = |m: &Measured| Measured {
             values: vec![0.0; m.values.len()],
@@ -187,7 +187,7 @@ impl<'a> View<'a> {
         self.run(at, inputs, &self.records[at].measured.iter().map(still).collect::<Vec<_>>())
     }
 
-    /// N·y: what is to be compared with it.
+    /// N·y: the measured counterpart.
     pub(super) fn measured(&self, at: usize, measured: &[Measured]) -> Option<Columns> {
         if !self.predicts() {
             return Some(measured.iter().map(|m| m.values.clone()).collect());
@@ -212,7 +212,7 @@ impl<'a> View<'a> {
             .collect()
     }
 
-    /// The most lags that are looked at to either side.
+    /// The largest lag of the search, to either side.
     pub(super) fn lags(&self) -> usize {
         let shortest = self.records.iter().map(|r| r.time_s.len()).min().unwrap_or(0);
         LAGS.min(shortest / LAGS_OF_LOG)
@@ -232,7 +232,7 @@ impl<'a> View<'a> {
         self.records.iter().all(|r| off(r) < 0.5)
     }
 
-    /// How an output goes with a modelled signal, over all records; `None` where one of them stands still.
+    /// The regression of an output on a modelled signal, over all records; `None` where one of them is constant.
     pub(super) fn fit(
         &self,
         output: usize,

@@ -2,8 +2,8 @@
 //!
 //! Isaac Lab draws a delay as a whole number of physics steps, min_delay to max_delay with both ends, anew at every reset of an environment.
 //!
-//! How it can be wrong: a delay between two steps cannot be had, so both neighbours are in the range. A friction is found as an acceleration; Isaac Lab wants a
-//! joint's friction as its version has it (a torque from Isaac Sim 5 on), so it needs the joint's `inertia`.
+//! How it can be wrong: a delay between two steps is not possible, so both neighbours are in the range. The diagnosis has a friction as an acceleration. Isaac
+//! Lab needs a joint's friction in the form of its version (a torque from Isaac Sim 5 on), and therefore the joint's `inertia`.
 
 use std::collections::BTreeMap;
 
@@ -28,7 +28,7 @@ pub struct IsaacLab {
 /// A delay in whole steps: the neighbours below and above, where it is none.
 fn steps(seconds: f64, dt: f64, up: bool) -> i64 {
     let steps = seconds / dt;
-    // What is whole but for rounding stays whole.
+    // Numbers that are whole except for rounding stay whole.
     let whole = steps.round();
     let near = (steps - whole).abs() < 1e-6 * steps.abs().max(1.0);
     let steps = if near {
@@ -41,7 +41,7 @@ fn steps(seconds: f64, dt: f64, up: bool) -> i64 {
     steps.clamp(0.0, 1e9) as i64
 }
 
-/// The smallest and largest of what is drawn.
+/// The smallest and largest value of the draws.
 fn span<'a>(ranges: impl Iterator<Item = &'a Range>) -> Option<[f64; 2]> {
     ranges.map(|r| [r.low, r.high]).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
 }

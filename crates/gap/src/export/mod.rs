@@ -1,7 +1,7 @@
-//! What was found, on its way out: ranges for domain randomisation, settings of other simulators, transfer functions with delay.
+//! The export of a diagnosis: ranges for domain randomisation, settings of other simulators, transfer functions with delay.
 //!
-//! A target is one file here and one line in [`TARGETS`]. How an export can be wrong: the intervals of a diagnosis are about one machine and what its logs
-//! showed, so they are narrow; [`Source::widen`] is there for fleets. The effects that a target cannot hold are listed with the reason, and never dropped.
+//! A target is one file here and one line in [`TARGETS`]. How an export can be wrong: the intervals of a diagnosis are those of one machine and its logs, so
+//! they are narrow. [`Source::widen`] adapts them to fleets. Effects without a place in a target are listed with the reason, and never dropped.
 
 mod domain_randomisation;
 mod isaaclab;

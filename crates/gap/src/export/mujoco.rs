@@ -1,10 +1,10 @@
 //! Fields of MuJoCo's mjModel, for MuJoCo Playground's randomisation functions and for `deadtime.mujoco.randomise`.
 //!
-//! A command is an actuator of the same name, an output a sensor, a state on whose derivative friction acts a joint; `names` says where they are called
-//! otherwise. Delays need MuJoCo's history buffers (`nsample`), which are made when the XML is compiled; each delay carries the number of samples that it needs.
+//! A command is an actuator of the same name, an output a sensor, and a state with friction on its derivative a joint. Other names are mapped by `names`. Delays need
+//! MuJoCo's history buffers (`nsample`), which are made when the XML is compiled; each delay carries the number of samples that it needs.
 //!
-//! How it can be wrong: a dry friction is found as an acceleration and MuJoCo wants a force. The joint's own inertia at the reference pose, `dof_M0`, is
-//! the factor between them where no other joint moves along.
+//! How it can be wrong: the diagnosis has a dry friction as an acceleration, and MuJoCo needs a force. The joint's own inertia at the reference pose,
+//! `dof_M0`, is the factor between them where no other joint moves along.
 
 use std::collections::BTreeMap;
 

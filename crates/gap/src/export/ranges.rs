@@ -13,9 +13,9 @@ use deadtime_model::effect::{Line, Site, table};
 /// How a drawn number is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Operation {
-    /// It takes the place of what the simulator has.
+    /// The number replaces that of the simulator.
     Set,
-    /// What the simulator has is multiplied by it.
+    /// The simulator's number is multiplied by it.
     Scale,
     /// It is added.
     Add,
@@ -58,7 +58,7 @@ pub struct Range {
     pub operation: Operation,
     /// Where the effect does nothing; missing for a parameter of the model, and for a limit.
     pub nominal: Option<f64>,
-    /// What was found.
+    /// The found value.
     pub value: f64,
     /// The least it may be.
     pub low: f64,
@@ -68,7 +68,7 @@ pub struct Range {
     pub interval: bool,
     /// It predicts, but its value is not the physics'.
     pub surrogate: bool,
-    /// What the data cannot tell from it, as `effect:channel`.
+    /// Its aliases in the data, as `effect:channel`.
     pub alike: Vec<String>,
 }
 
@@ -81,21 +81,21 @@ pub struct Noise {
     pub of_deviation: f64,
     /// Its standard deviation in the output's unit, where that of the output is known.
     pub std: Option<f64>,
-    /// The output's unit, where a model says it.
+    /// The output's unit, if the model has one.
     pub unit: Option<String>,
 }
 
 /// Everything that was found, as ranges.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ranges {
-    /// Of every parameter.
+    /// The ranges of all parameters.
     pub ranges: Vec<Range>,
-    /// Of every output; none where outputs are predicted one step ahead, which leaves another noise than the sensor's.
+    /// The noise of all outputs; empty where outputs are predicted one step ahead, whose residual is not the sensor's noise.
     pub noise: Vec<Noise>,
 }
 
 impl Ranges {
-    /// Of a diagnosis: everything that acts, whatever the verdict, and the model's own parameters where they were recalibrated.
+    /// From a diagnosis: all active effects, for any verdict, and the model's own parameters where they were recalibrated.
     ///
     /// # Errors
     /// [`ExportError::NotPositive`] for a factor that is not above 0.
@@ -144,7 +144,7 @@ impl Ranges {
     }
 }
 
-/// Effects whose numbers are the model's own when nominal, which no table of effects knows.
+/// Effects whose parameters are the model's own when nominal, and so are in no table of effects.
 const OF_MODEL: [&str; 2] = ["parameter_error", "parameter_jump"];
 
 fn range(
@@ -159,7 +159,7 @@ fn range(
     let [low, high] = found.ci95.map_or([value; 2], |[low, high]| {
         [low + (1.0 - widen) * (value - low), high + (widen - 1.0) * (high - value)]
     });
-    // What makes no sense for any machine is left out of the range, whatever the interval.
+    // Physically impossible values are left out of the range, for any interval.
     let (least, most) =
         parameter.map_or((f64::NEG_INFINITY, f64::INFINITY), |p| (p.lower, p.upper));
     let inside = |v: f64| v.max(least).min(most);
@@ -225,7 +225,7 @@ impl Range {
         ])
     }
 
-    /// The same for what a target cannot hold, with what a person has to do about it.
+    /// The same for an effect without a place in the target, with the manual step.
     pub(super) fn by_hand(&self, what: &str) -> Node {
         Node::map([
             ("effect", self.effect.as_str().into()),

@@ -1,17 +1,17 @@
-//! What an export is made of, and why there is none.
+//! The source of an export, and the errors of a missing one.
 
 use crate::format::diagnosis::Diagnosis;
 use deadtime_model::ModelDocument;
 use deadtime_signal::remedy::{Message, Remedied, Remedy};
 
-/// What an export is made of.
+/// The source of an export.
 #[derive(Debug, Clone, Copy)]
 pub struct Source<'a> {
     /// The diagnosis.
     pub diagnosis: &'a Diagnosis,
     /// The model with the effects that were found, where there is one.
     pub model: Option<&'a ModelDocument>,
-    /// Standard deviation of outputs in the logs, by name: the diagnosis knows noise only as a part of it.
+    /// Standard deviation of outputs in the logs, by name: the diagnosis has noise only as a part of it.
     pub deviations: &'a [(String, f64)],
     /// The half-width of every interval is multiplied by this; 1: the 95 % intervals as they are.
     pub widen: f64,
@@ -34,7 +34,7 @@ pub enum ExportError {
         target: &'static str,
         /// The option.
         option: &'static str,
-        /// What it is.
+        /// The meaning of the option.
         why: &'static str,
     },
     /// A number that must be larger than 0.

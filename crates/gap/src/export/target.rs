@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 /// Something that a diagnosis is handed over to.
 pub trait Target: std::fmt::Debug {
-    /// What is handed over.
+    /// The exported parts.
     ///
     /// # Errors
     /// [`ExportError`](super::source::ExportError): the target needs something that is not there.

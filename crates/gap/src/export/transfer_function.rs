@@ -36,7 +36,7 @@ const LINEAR: [&str; 9] = [
     "sensor_gain",
     "clock_offset",
 ];
-/// Of these, what a sampled one cannot.
+/// Those of them that are impossible for a sampled model.
 const LAGS: [&str; 2] = ["actuator_lag", "sensor_lag"];
 /// Zeros and poles closer than this are one, and cancel.
 const CANCELS: f64 = 1e-9;
@@ -153,7 +153,7 @@ fn state_space<T: TimeDomain>(
     Ok(StateSpace::new(a, b, matrices.c.clone(), matrices.d.clone(), domain)?)
 }
 
-/// What stands before and behind the model on the way from one input to one output.
+/// The blocks before and behind the model on the path from one input to one output.
 struct Way {
     gain: f64,
     lags_s: Vec<f64>,

@@ -1,7 +1,7 @@
 //! YAML that every version of YAML reads alike: block maps and lists, every text in quotes, numbers with a point.
 //!
-//! How it can be wrong: YAML 1.1, which PyYAML reads, takes `1e-5` for a text and `no` for false; so numbers have a point and a signed exponent, and texts
-//! and keys stand in double quotes, in which JSON's escapes mean the same.
+//! How it can be wrong: YAML 1.1, which PyYAML reads, takes `1e-5` for a text and `no` for false. Numbers therefore have a point and a signed exponent. Texts
+//! and keys are in double quotes, in which JSON's escapes have the same meaning.
 
 use super::node::Node;
 
@@ -15,7 +15,7 @@ pub(super) fn text(node: &Node) -> String {
     out
 }
 
-/// A value that takes no line of its own.
+/// A value without a separate line.
 fn scalar(node: &Node) -> Option<String> {
     Some(match node {
         Node::Null => "null".to_owned(),
@@ -42,7 +42,7 @@ fn quoted(text: &str) -> String {
     serde_json::to_string(text).unwrap_or_default()
 }
 
-/// A key: plain where no reader can take it for anything else.
+/// A key: unquoted where every reader takes it for a text.
 fn key(text: &str) -> String {
     const WORDS: [&str; 9] = ["true", "false", "yes", "no", "on", "off", "null", "y", "n"];
     let plain = text.starts_with(|c: char| c.is_ascii_alphabetic())

@@ -1,4 +1,4 @@
-//! What a diagnosis can be made of, but a reader has to know.
+//! Limits of a diagnosis that a reader must know.
 
 use deadtime_signal::remedy::{Message, Words};
 
@@ -16,7 +16,7 @@ pub enum Caveat {
         /// The training log.
         learnt: String,
     },
-    /// Candidates that nobody named.
+    /// Candidates without a name from the caller.
     #[error(
         "candidates were tried next to the catalogue, the terms that describe the residual of the training logs best: {}",
         terms.join(", ")
@@ -53,7 +53,7 @@ pub enum Caveat {
         /// The other.
         second: String,
     },
-    /// Only the first part of a long log was looked at.
+    /// Only the first part of a long log was used.
     #[error(
         "{log} has {rows} rows, of which the first {used} were looked at, up to {until_s} s: everything here, intervals too, is of that part alone; \
          ask for more rows to be looked at, or cut the log to look at another part"
@@ -63,12 +63,12 @@ pub enum Caveat {
         log: String,
         /// Its rows.
         rows: usize,
-        /// Those that were looked at.
+        /// The used rows.
         used: usize,
         /// The end of that part from the log's first sample, s.
         until_s: String,
     },
-    /// How far what was found holds in the rows that were not looked at.
+    /// The error of the found effects in the unused rows.
     #[error(
         "later rows of {log}, not looked at: a free run from the log's start is off by {before} there as the model came and by {after} with what was found (nrmse), \
          by {within} in what was looked at: {}", if *.holds { "it holds there" } else { "something changes later, or adds up; cut the log to look there" }
@@ -76,11 +76,11 @@ pub enum Caveat {
     LaterRows {
         /// The log.
         log: String,
-        /// The error there of the model as it came, as nrmse over all outputs.
+        /// The error there of the nominal model, as nrmse over all outputs.
         before: String,
-        /// The same with what was found.
+        /// The same with the found effects.
         after: String,
-        /// With what was found, in the rows that were looked at.
+        /// With the found effects, in the used rows.
         within: String,
         /// The error there is about as large as in the used rows.
         holds: bool,
@@ -94,7 +94,7 @@ pub enum Caveat {
         /// For each output its mean as measured and as modelled, and how far it moves.
         levels: String,
     },
-    /// The model is worse than none, and what was found does not make it good.
+    /// The model is worse than a constant, and the found effects do not repair it.
     #[error(
         "the model as it came misses `{output}` by {percent} % of its spread, so a constant would be nearer, and what was found leaves {left} %: \
          it is a poor model of these logs, and a cause is only what corrects it best; look at its parameters, signs, units and start first"
@@ -102,9 +102,9 @@ pub enum Caveat {
     PoorModel {
         /// The output.
         output: String,
-        /// The error of the model as it came.
+        /// The error of the nominal model.
         percent: String,
-        /// With what was found.
+        /// With the found effects.
         left: String,
     },
     /// A single effect lowers a small gap, and so do the model's numbers together.
@@ -115,10 +115,10 @@ pub enum Caveat {
     OfTheNumbers {
         /// The effect, with its channel.
         effect: String,
-        /// What fits the parameters.
+        /// The command that fits the parameters.
         remedy: Message,
     },
-    /// An angle that is logged within one turn, and not said to be one.
+    /// An angle that is logged within one turn, and not declared as one.
     #[error(
         "`{channel}` jumps by a whole turn {times} times in the logs, which the machine does not: give it `kind = \"angle\"` in the model file, or take the turns out of the \
          column; until then no result about it can be trusted"
@@ -126,7 +126,7 @@ pub enum Caveat {
     WholeTurns {
         /// The channel.
         channel: String,
-        /// How often.
+        /// The number of jumps.
         times: usize,
     },
     /// A command that is constant in the training logs.
@@ -177,7 +177,7 @@ pub enum Caveat {
         /// The state.
         state: String,
     },
-    /// A simulator whose start nobody named.
+    /// A simulator without a named initial state.
     #[error(
         "no state of the simulator is named: every log is taken to start exactly as the simulator does; a start that is off passes for an effect"
     )]
@@ -198,7 +198,7 @@ pub enum Caveat {
         "a perturbation of the initial state grows {factor}-fold over the log: the simulator is unstable there, and small causes pass for large ones; close the loop inside it, or cut the logs into shorter ones"
     )]
     Grows {
-        /// By how much.
+        /// The growth factor.
         factor: String,
     },
     /// A simulator whose free run is nowhere near the log, as one that fell over and came to rest.
@@ -210,21 +210,21 @@ pub enum Caveat {
     LeftTheLog {
         /// The output.
         output: String,
-        /// By how much.
+        /// The size of the miss, in units of the motion.
         times: String,
         /// The growth of a perturbation of the initial state, where a state is named.
         grown: Option<String>,
-        /// What names the log's channels of its states.
+        /// The option that names the log's channels of its states.
         states: Message,
     },
-    /// A simulator that answers next to nothing with something.
+    /// A simulator with a visible response to a negligible change of its inputs.
     #[error(
         "a change of the inputs by 1e-10 moves `{output}` by {percent} % of its motion: the simulator is rough or chaotic, and no effect smaller than that is detectable"
     )]
     Rough {
         /// The output.
         output: String,
-        /// By how much.
+        /// The size, in percent.
         percent: String,
     },
     /// Something is left that effects on equations might explain, which a black box does not let anyone try.
@@ -245,26 +245,26 @@ pub enum Caveat {
         /// The output on which the verdict was decided.
         output: String,
     },
-    /// A hidden sequence that no simulation knows ahead.
+    /// A latent sequence that is unknown to a simulation.
     #[error(
         "which commands were lost or late is known of these logs only, so the model that is written carries {instead} in place of {effects}: \
          what it does on average. To try a controller against chance, draw from {effects} with the parameters given"
     )]
     HandedOver {
-        /// What was found.
+        /// The found effects.
         effects: String,
-        /// What the model carries.
+        /// Their replacement in the model.
         instead: String,
     },
-    /// What was found makes a simulation of held-out data no better.
+    /// The found effects do not improve a simulation of held-out data.
     #[error(
         "{effects} explains the logs, but a simulation of held-out data is no better with it: the model that is written leaves it out"
     )]
     LeftOut {
-        /// What was found.
+        /// The found effects.
         effects: String,
     },
-    /// A constant among what was found, which no log need share.
+    /// A constant among the found effects, which the logs need not share.
     #[error(
         "`{effect}:{channel}` is a constant{}. If it may differ from log to log, declare it in the model file: `[[nuisances]]` with `effect = \"{effect}\"`, \
          `channel = \"{channel}\"` and its `std`", constancy.words()
@@ -301,7 +301,7 @@ pub enum Caveat {
         /// Value and standard deviation over all logs.
         value: String,
     },
-    /// An output without a sample in what is held out.
+    /// An output without a sample in the held-out data.
     #[error("`{output}` has no sample in what is held out: how far its gap shrinks is not known")]
     NothingHeldOut {
         /// The output.
@@ -314,7 +314,7 @@ pub enum Caveat {
 pub enum Constancy {
     /// There is one log, or none that shows it.
     NotKnown,
-    /// The logs differ by no more than chance.
+    /// The difference of the logs is not significant.
     Alike,
     /// They differ by more.
     Differs {

@@ -20,17 +20,17 @@ pub struct CauseClass {
     pub share: Share,
     /// How clearly it shows.
     pub strength: Strength,
-    /// What the probability follows from.
+    /// The inputs of the probability.
     pub grounds: Grounds,
 }
 
-/// What the probability of a class follows from.
+/// The inputs of the probability of a class.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Grounds {
-    /// By how much the score of the best set rises without any member, in units of twice the log-likelihood.
+    /// The rise of the score of the best set without any member, in units of twice the log-likelihood.
     pub evidence: f64,
-    /// How many standard deviations the parameter of the representative that is known worst is from nominal.
+    /// The distance from nominal of the representative's worst known parameter, in standard deviations.
     pub deviations: f64,
     /// Its share of the gap on the training logs.
     pub share: f64,

@@ -6,7 +6,7 @@ use super::found::FoundParameter;
 use super::place::{Band, Regime, TimeSpan, WhereOutput};
 use deadtime_signal::remedy::Message;
 
-/// How much of a gap is explained.
+/// The explained part of a gap, in classes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Explained {
@@ -58,7 +58,8 @@ pub struct Contribution {
     pub probability: Option<f64>,
     /// How clearly it shows.
     pub strength: Strength,
-    /// Its share: the rise of the squared error when the effect is removed and the others stay, scaled so that the shares add up to the explained part.
+    /// Its share: the rise of the squared error when the effect is removed and the others stay. The shares are scaled so that they add up to the explained
+    /// part.
     pub share: Share,
     /// The training nrmse without it, all others refitted; missing where that cannot be simulated.
     pub without_it: Option<f64>,
@@ -91,7 +92,7 @@ pub struct Recalibration {
 pub struct Remainder {
     /// Its share of the gap.
     pub share: Share,
-    /// How many times the noise floor is left; missing where no output moves.
+    /// The remainder over the noise floor; missing where no output moves.
     pub above_floor: Option<f64>,
     /// The outputs in which it is.
     pub outputs: Vec<WhereOutput>,
@@ -104,9 +105,9 @@ pub struct Remainder {
     /// Ranges of another variable in which it is.
     #[serde(default)]
     pub regimes: Vec<Regime>,
-    /// What it looks like; missing where nothing can be said.
+    /// The description of the remainder; missing where none is possible.
     pub description: Option<Description>,
-    /// How it goes with the commands, where no cause was found; missing where too few samples can say.
+    /// The relation of the remainder with the commands, where no cause was found; missing where the samples are too few.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unrelated: Option<Unrelated>,
 }
@@ -117,7 +118,7 @@ pub struct Remainder {
 pub struct Unrelated {
     /// The chance that a residual without any relation goes with them as much.
     pub chance: f64,
-    /// The part that they explain of what the residual's own past does not predict; the largest of all outputs.
+    /// The explained part of the residual's innovations (the part that its own past does not predict); the largest of all outputs.
     pub explained: f64,
 }
 

@@ -1,7 +1,7 @@
 //! The diagnosis file, `deadtime/diagnosis@3`, as plain data; files of `@1` and `@2` are read too.
 //!
-//! A number that may be missing is an `Option` and `null` in the file. NaN and infinities are written as `null` too; where a number must be, such a
-//! diagnosis is refused when it is written, so that whatever was written can be read.
+//! A number that may be missing is an `Option` and `null` in the file. NaN and infinities are written as `null` too. A diagnosis without a compulsory number is
+//! refused when it is written, so that every written file can be read.
 
 use std::path::Path;
 
@@ -26,7 +26,7 @@ pub enum DiagnosisError {
     Unreadable {
         /// The file.
         file: String,
-        /// What serde found, with line and column.
+        /// The error of serde, with line and column.
         source: serde_json::Error,
     },
     /// A number that must be given is NaN or infinite.
@@ -36,7 +36,7 @@ pub enum DiagnosisError {
     Unwritable {
         /// The file.
         file: String,
-        /// What serde found, with line and column of the text that was not written.
+        /// The error of serde, with line and column of the unwritten text.
         source: serde_json::Error,
     },
 }
@@ -56,7 +56,7 @@ pub enum DiagnosisFormat {
     V3,
 }
 
-/// What was found out about the gap between one model and its logs.
+/// The diagnosis of the gap between one model and its logs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Diagnosis {
@@ -68,7 +68,7 @@ pub struct Diagnosis {
     pub logs: Vec<String>,
     /// The held-out parts.
     pub holdout: Vec<Holdout>,
-    /// What "predicted" means here.
+    /// The meaning of "predicted" in this diagnosis.
     pub prediction: Prediction,
     /// The gap on the training logs.
     pub gap: Gap,
@@ -77,9 +77,9 @@ pub struct Diagnosis {
     pub place: Where,
     /// Checks that need no dynamics.
     pub checks: Vec<Check>,
-    /// What causes the gap.
+    /// The cause of the gap.
     pub cause: Cause,
-    /// How far the gap shrinks on the held-out data.
+    /// The reduction of the gap on the held-out data.
     pub shrink: Shrink,
     /// The held-out error by how far ahead it is predicted; missing in `@1` and `@2`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -118,7 +118,7 @@ pub struct Prediction {
 pub(crate) const STARTED_AGAIN: &str = "started again";
 
 impl Prediction {
-    /// What the model does, in a sentence.
+    /// The model's kind of prediction, in a sentence.
     #[must_use]
     pub fn words(&self) -> &'static str {
         match self.mode {
@@ -157,9 +157,9 @@ pub enum Metric {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gap {
-    /// What the numbers are.
+    /// The metric of the errors.
     pub metric: Metric,
-    /// Over all outputs; missing when every output stands still.
+    /// Over all outputs; missing when every output is constant.
     pub before: Option<f64>,
     /// The part of it that no deterministic model can explain.
     pub floor: Option<f64>,
@@ -173,7 +173,7 @@ pub struct Gap {
 pub struct GapOutput {
     /// The output.
     pub name: String,
-    /// Its gap; missing when it stands still.
+    /// Its gap; missing when it is constant.
     pub before: Option<f64>,
     /// Its floor.
     pub floor: Option<f64>,
@@ -185,13 +185,13 @@ pub struct GapOutput {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Check {
-    /// What was checked.
+    /// The kind of the check.
     pub check: CheckKind,
     /// The channel; `*` for all.
     pub channel: String,
     /// Whether it passed; missing where it cannot be tested.
     pub ok: Option<bool>,
-    /// What was found, as a sentence.
+    /// The finding, as a sentence.
     pub finding: Message,
 }
 
@@ -217,7 +217,7 @@ pub enum CheckKind {
     Clipped,
     /// A command with too little excitation.
     Excitation,
-    /// Levels of model and log that are far apart; of `deadtime check` alone.
+    /// Mean values of model and log with a large distance; of `deadtime check` alone.
     OperatingPoint,
 }
 
@@ -240,7 +240,7 @@ impl CheckKind {
     }
 }
 
-/// What causes the gap.
+/// The cause of the gap.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cause {
@@ -248,7 +248,7 @@ pub struct Cause {
     pub verdict: String,
     /// Its channel; missing for `none` and `unknown`.
     pub channel: Option<String>,
-    /// All effects found to act, in order of what they contribute.
+    /// All effects of the verdict, in order of their contributions.
     pub effects: Vec<FoundEffect>,
     /// Classes of indistinguishable effects with the probability that a member acts, the most probable first; empty in `@1` and `@2`.
     #[serde(default)]
@@ -264,13 +264,13 @@ pub struct Cause {
     pub not_tried: Vec<NotTried>,
     /// The excitation that would separate what this data cannot; missing where nothing is to be separated.
     pub next_experiment: Option<String>,
-    /// Whether what was found explains the gap; missing in `@1`.
+    /// Whether the found effects explain the gap; missing in `@1`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub explained: Option<Explained>,
-    /// Everything that was found to act, in order of its share, whatever the verdict.
+    /// All active effects, in order of their shares, for any verdict.
     #[serde(default)]
     pub contributions: Vec<Contribution>,
-    /// What the model's own parameters explain where all of them may be a little off; missing in `@1`.
+    /// The part that small errors of all the model's own parameters explain; missing in `@1`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recalibration: Option<Recalibration>,
     /// The remainder of the gap; missing in `@1`.
@@ -324,13 +324,13 @@ pub struct NotTried {
     pub why: String,
 }
 
-/// How far the gap shrinks on the held-out data once the effects are added.
+/// The reduction of the gap on the held-out data once the effects are added.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shrink {
-    /// Held-out nrmse of the model as it came.
+    /// Held-out nrmse of the nominal model.
     pub before: Option<f64>,
-    /// Held-out nrmse of the model with what was found, as it is handed over: nothing is decoded from the held-out outputs.
+    /// Held-out nrmse of the written model, with the found effects: nothing is decoded from the held-out outputs.
     pub after: Option<f64>,
     /// The same once a hidden sequence (which commands were lost) is known; missing where there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -356,19 +356,19 @@ pub struct Shrink {
 pub struct HorizonError {
     /// Steps, samples of the log.
     pub samples: usize,
-    /// nrmse of the model as it came; missing where nothing was measured there.
+    /// nrmse of the nominal model; missing without measurements there.
     pub before: Option<f64>,
-    /// nrmse of the model as it is handed over.
+    /// nrmse of the written model.
     pub after: Option<f64>,
 }
 
-/// How far the gap of one output shrinks.
+/// The reduction of the gap of one output.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShrinkOutput {
     /// The output.
     pub name: String,
-    /// Before; missing when it stands still.
+    /// Before; missing when it is constant.
     pub before: Option<f64>,
     /// After.
     pub after: Option<f64>,

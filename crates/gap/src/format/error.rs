@@ -22,7 +22,7 @@ pub enum GapError {
     /// A channel of the model that a log does not have.
     #[error("{}", self.remedied().unwrap_or_default())]
     Channel {
-        /// What the log has.
+        /// The fault of the log.
         found: Box<deadtime_log::LogError>,
         /// The model's name for it.
         channel: String,
@@ -42,7 +42,7 @@ pub enum GapError {
         "the longest delay is {given_s} s; give 0 s or more and less than half the shortest log, {limit_s} s"
     )]
     LongestDelay {
-        /// What was given, seconds.
+        /// The given value, seconds.
         given_s: f64,
         /// Half the shortest log, seconds.
         limit_s: f64,
@@ -55,12 +55,12 @@ pub enum GapError {
         "a horizon of {given} samples: predictions over a horizon take 1 to {most} samples, 25 % of the shortest log, and go with no other prediction mode"
     )]
     Horizon {
-        /// What was given, samples.
+        /// The given value, samples.
         given: usize,
         /// The most, samples.
         most: usize,
     },
-    /// A predictor of what nobody can reach into.
+    /// A predictor for a simulator without accessible states.
     #[error(
         "a simulator that is only called can only be simulated freely: a predictor corrects a state, and none is at hand; leave the prediction mode to the program"
     )]
@@ -82,12 +82,12 @@ pub enum GapError {
         /// The second.
         second: f64,
     },
-    /// A simulator whose free run says nothing.
+    /// A simulator whose free run carries no information.
     #[error("{}", self.remedied().unwrap_or_default())]
     Unstable {
         /// The log.
         log: String,
-        /// By how much.
+        /// The growth factor.
         factor: f64,
     },
     /// A state without a sample in the log.
@@ -103,7 +103,7 @@ pub enum GapError {
     RestartsTooOften {
         /// The log.
         log: String,
-        /// What was given, seconds.
+        /// The given value, seconds.
         given_s: f64,
         /// Samples between two starts.
         got: usize,
@@ -129,7 +129,7 @@ pub enum GapError {
         model: String,
         /// The entry, as `effect:channel`.
         nuisance: String,
-        /// What is wrong, and the remedy.
+        /// The fault, and the remedy.
         why: String,
     },
     /// A diagnosis that would take longer than it may.
@@ -155,7 +155,7 @@ pub enum GapError {
     Nominal {
         /// The log.
         log: String,
-        /// What stopped it.
+        /// The cause of the stop.
         why: String,
     },
 }

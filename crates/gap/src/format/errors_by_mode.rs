@@ -22,7 +22,7 @@ pub struct ErrorsByMode {
 pub struct BeforeAfter {
     /// Of the nominal model.
     pub before: f64,
-    /// Of the model that is written.
+    /// Of the written model.
     pub after: f64,
 }
 
@@ -34,6 +34,6 @@ pub struct OverHorizon {
     pub steps: usize,
     /// Of the nominal model.
     pub before: f64,
-    /// Of the model that is written.
+    /// Of the written model.
     pub after: f64,
 }

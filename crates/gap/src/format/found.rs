@@ -1,4 +1,4 @@
-//! Effects with their parameters, as they stand in a diagnosis.
+//! Effects with their parameters in the form of a diagnosis.
 
 use serde::{Deserialize, Serialize};
 

@@ -18,13 +18,13 @@ pub(crate) const SAMPLES: usize = 3000;
 /// A proposed experiment. Its `Display` is the text of `next_experiment` in a diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NextExperiment {
-    /// What it separates: `effect:channel` of each, or the states whose starts decide.
+    /// The separated hypotheses: `effect:channel` of each, or the states whose initial values decide.
     pub separates: Vec<String>,
-    /// What is to be recorded.
+    /// The proposed record.
     pub proposal: Proposal,
 }
 
-/// What is to be recorded.
+/// The proposed record.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Proposal {
     /// Commands under which the first two hypotheses were simulated.

@@ -1,4 +1,4 @@
-//! What a log's own constants were estimated to be, as it stands in a diagnosis.
+//! The estimates of a log's own constants in the form of a diagnosis.
 
 use serde::{Deserialize, Serialize};
 

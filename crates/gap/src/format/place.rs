@@ -1,4 +1,4 @@
-//! Where a gap is, as it stands in a diagnosis.
+//! The place of a gap in the form of a diagnosis.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,27 +1,27 @@
-//! How far a diagnosis is.
+//! The progress of a diagnosis.
 
 use std::fmt;
 
-/// What is being done.
+/// The current stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
-    /// The model is simulated as it is.
+    /// The nominal model is simulated.
     Simulating,
-    /// Times are looked for at which a parameter or a delay changes.
+    /// Times of changes of a parameter or a delay are searched.
     Scanning,
-    /// So many candidates are screened.
+    /// This number of candidates is screened.
     Screening(usize),
     /// The candidates with the largest predicted cost reduction are fitted.
     Fitting,
-    /// Pairs of effects are looked for.
+    /// Pairs of effects are searched.
     Pairing,
-    /// What leads is fitted again under its noise; this is the n-th time, from 0.
+    /// The leading hypotheses are fitted again under their noise; this is the n-th time, from 0.
     Refitting(usize),
-    /// A delay stands at the longest that was looked for: everything once more with longer ones.
+    /// The best delay is at the limit of the search: the whole diagnosis is repeated with longer ones.
     Longer,
-    /// What was found is judged.
+    /// The found effects are judged.
     Judging,
-    /// So many causes are found; one more is searched.
+    /// This number of causes is found; one more is searched.
     Composing(usize),
     /// The answer is assembled: shares, intervals, remainder.
     Describing,

@@ -1,10 +1,10 @@
 //! The arrival time of each command: the latent random delays of late commands, estimated from the outputs.
 //!
-//! A command that differs by c from its predecessor and arrives δ later than expected adds −c·δ·h to the outputs, h being their impulse response. To
-//! first order the residual is G(m + δ). The shift m is common to all; δ is normal with the standard deviation s and the correlation of commands that keep their order.
-//! With A = P⁻¹ + GᵀG the delays are A⁻¹Gᵀr. The marginal likelihood of a spread is −bᵀA⁻¹b + ln det PA with b = Gᵀr (a Gaussian process; Rasmussen
-//! and Williams 2006, Gaussian Processes for Machine Learning, equations 2.27 to 2.30), and the spread minimises it. The steps repeat about the estimated
-//! delays, simulated exactly; the sequence with the lowest cost is kept.
+//! A command that differs by c from its predecessor and arrives δ later than expected adds −c·δ·h to the outputs, h being their impulse response. To first
+//! order the residual is G(m + δ). The shift m is common to all; δ is normal with the standard deviation s and the correlation of commands that keep their
+//! order. With A = P⁻¹ + GᵀG the delays are A⁻¹Gᵀr. The marginal likelihood of a spread is −bᵀA⁻¹b + ln det PA with b = Gᵀr, and the spread minimises it.
+//! Source: Rasmussen and Williams 2006, Gaussian Processes for Machine Learning, equations 2.27 to 2.30. The steps repeat about the estimated delays, simulated
+//! exactly; the sequence with the lowest cost is kept.
 //!
 //! How it can be wrong: delays longer than the plant's smoothing leave the linear range, so the exact simulation decides. A response that
 //! varies, or a misfit of another kind, is fitted in part; the misfit stays above the floor. A response that is long relative to the record is truncated.
@@ -32,7 +32,7 @@ const PARTS: [f64; 5] = [1.0, 0.5, 0.25, 0.1, 0.03];
 const SPREADS: (f64, f64, usize) = (0.03, 1.5, 9);
 /// Around the last one: neighbours by this factor.
 const NEIGHBOUR: f64 = 1.3;
-/// The tail of a response that holds no more than this part of its energy is cut off.
+/// The tail of a response with at most this part of its energy is cut off.
 const TAIL: f64 = 1e-5;
 /// Multiplications in one factorisation of all records; a longer response is cut off, but not below so many samples.
 const WORK: f64 = 1.5e8;
@@ -59,7 +59,7 @@ struct Linear {
     trained: bool,
 }
 
-/// What a spread makes of the equations.
+/// The solution of the equations for one spread.
 struct Solved {
     /// Twice the negative log of the marginal likelihood, but for a constant.
     cost: f64,
@@ -68,12 +68,12 @@ struct Solved {
     precision: f64,
     /// Per record the delays, seconds.
     delays: Vec<Vec<f64>>,
-    /// What the freedom of the delays costs, twice a negative log-probability.
+    /// The price of the freedom of the delays, twice a negative log-probability.
     freedom: f64,
 }
 
 impl Linear {
-    /// Delays of all samples: a command that changes nothing is there with the one before it; behind the last that is there in time all are as late as that one.
+    /// Delays of all samples. A command that changes nothing arrives with the one before it; commands after the last timely arrival have its delay.
     fn of_all(&self, delays: &[f64], time_s: &[f64]) -> Vec<f64> {
         let mut next = self.sent.iter().zip(delays).peekable();
         let last_s = delays.last().copied().unwrap_or(0.0);
@@ -107,10 +107,10 @@ pub(super) fn decode(
         }
     }
     let responses = responses(likelihood, others, input)?;
-    // Of what was found before, the mean wait; else the delay that all have.
+    // The mean wait of a sequence decoded before; else the common delay.
     let known_before = lost.sequences.iter().any(|s| s[input].is_some());
     let mut wait_s = if known_before { waits(late, step_s)?.mean_s } else { late.values[0] };
-    // Where the search stands, and the best of where it stood; costs are those by the equations there.
+    // The current place of the search, and the best so far; costs are those by the equations there.
     let mut here = Place { late: late.clone(), known: present.clone(), cost: f64::INFINITY };
     let mut best: Option<Place> = None;
     for pass in 0..PASSES {
@@ -178,19 +178,19 @@ pub(super) fn decode(
     Some(late)
 }
 
-/// Where a search for delays stands.
+/// A place in the search for delays.
 struct Place {
     late: Applied,
     known: Dropouts,
     cost: f64,
 }
 
-/// What the outputs tell of delays.
+/// The information of the outputs on delays.
 struct Information {
-    /// How many numbers of the noise the delays of the training logs follow: tr S = d ln det(1 + KGᵀG)/d ln s², K being the delays' covariance, s their spread and S
-    /// what takes the outputs to what is explained of them.
+    /// The effective number of parameters of the delays in the noise of the training logs: tr S = d ln det(1 + KGᵀG)/d ln s². K is the delays' covariance, s
+    /// their spread, and S the map from the outputs to their explained part.
     noise: f64,
-    /// How many independent delays would tell as much of the spread: tr S² = tr S − d tr S/d ln s², twice Fisher's information on ln s².
+    /// The number of independent delays with the same information on the spread: tr S² = tr S − d tr S/d ln s². The number is twice Fisher's information on ln s².
     spread: f64,
 }
 
@@ -211,7 +211,7 @@ fn information(records: &[Linear], waiting: &Waiting) -> Option<Information> {
     Some(Information { noise, spread: (noise - bend).clamp(1.0, noise.max(1.0)) })
 }
 
-/// The part of the variance of all delays on the training logs that goes with time: along a straight line, or from one level to another.
+/// The part of the variance of all delays on the training logs that follows time: a straight line, or a step between two levels.
 fn with_time(likelihood: &Likelihood<'_>, input: usize, found: &Dropouts) -> f64 {
     let mut delays: Vec<(f64, f64)> = Vec::new();
     for (record, sequence) in
@@ -239,7 +239,7 @@ fn with_time(likelihood: &Likelihood<'_>, input: usize, found: &Dropouts) -> f64
     if part.is_finite() { part } else { 0.0 }
 }
 
-/// Fits every effect whose commands come late by a draw each, from the fixed delay that does best on its input; single effects as they are fitted so far.
+/// Fits every effect whose commands have random delays, from the best fixed delay on its input. Single effects have their current values.
 pub(crate) fn refit_from_fixed(likelihood: &Likelihood<'_>, singles: &mut [Hypothesis], cost: f64) {
     let fixed: Vec<(String, f64)> = (singles.iter())
         .filter(|e| e.fitted && e.gain > likelihood.criteria.selection_penalty)
@@ -325,7 +325,7 @@ fn linear(
     let largest = changes.iter().fold(0.0, |most: f64, c| most.max(c.abs()));
     let (samples, outputs) = e.shape();
     let (step_s, length) = (record.sample_time_s, g.nrows());
-    // Rows without a measurement, or outside what is looked at, are exactly 0.
+    // Rows without a measurement, or outside the span, are exactly 0.
     let there: Vec<bool> = (0..samples).map(|k| e.row(k).iter().any(|v| *v != 0.0)).collect();
     let (mut sent, mut known, mut starts, mut columns) =
         (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -487,7 +487,7 @@ fn solve(records: &[Linear], waiting: &Waiting) -> Option<Solved> {
     Some(Solved { cost: cost - shift * towards, mean_s: about + shift, precision, delays, freedom })
 }
 
-/// The delays that come closest to those found, and let no command be there before one that was sent earlier; each counts as much as is known of it.
+/// The delays closest to the found ones for which no command arrives before an earlier one. Each delay has the weight of its precision.
 fn in_order(r: &Linear, apart: &[f64], mean_s: f64, waiting: &Waiting) -> Vec<f64> {
     // Pools of commands that arrive together: the weighted mean of their times, and the weight (pool adjacent violators; Ayer et al. 1955, doi:10.1214/aoms/1177728423).
     let mut pools: Vec<(f64, f64, usize)> = Vec::with_capacity(apart.len());
@@ -505,7 +505,7 @@ fn in_order(r: &Linear, apart: &[f64], mean_s: f64, waiting: &Waiting) -> Vec<f6
     times.zip(&r.sent_s).map(|(time_s, sent_s)| (time_s - sent_s).max(0.0)).collect()
 }
 
-/// Correlation and variance of what is new in each delay, given the one before.
+/// Correlation and variance of the innovation of each delay, given the one before.
 fn steps<'r>(r: &'r Linear, waiting: &Waiting) -> impl Iterator<Item = (f64, f64)> + 'r {
     let Waiting { std_s, alike, .. } = *waiting;
     (0..r.sent.len()).map(move |i| {
@@ -529,7 +529,7 @@ fn add_prior(equations: &mut Skyline, r: &Linear, waiting: &Waiting) -> f64 {
     logs
 }
 
-/// How far delays are apart from what is expected, in twice a log-probability.
+/// The distance of delays from their expectation, in twice a log-probability.
 fn improbable(apart: &[f64], r: &Linear, waiting: &Waiting) -> f64 {
     let before = std::iter::once(&0.0).chain(apart);
     apart

@@ -29,7 +29,7 @@ pub(crate) fn between(applied: &Applied, start: &[f64], share: f64) -> Vec<f64> 
     keep_shape(applied, start, start.iter().zip(&applied.parameters).map(move_one).collect())
 }
 
-/// What says what an effect is like keeps the start's value when a signature is scaled.
+/// Shape parameters keep the value of the first guess when a signature is scaled.
 fn keep_shape(applied: &Applied, start: &[f64], mut values: Vec<f64>) -> Vec<f64> {
     for ((value, start), p) in values.iter_mut().zip(start).zip(&applied.parameters) {
         if p.role.is_shape() {

@@ -1,8 +1,8 @@
 //! The lost commands: their latent sequence, estimated from the outputs.
 //!
-//! A lost command leaves the last one that arrived in force. To first order every such difference δ adds δ·g to the residual, g being the response to one
-//! held sample. A search through the sequences keeps the most probable ones (the M-algorithm; Anderson and Mohan 1984, doi:10.1109/TCOM.1984.1096023);
-//! the best is then simulated exactly and its likelihood charged with the probability of its decisions.
+//! A lost command leaves the last one that arrived in force. To first order every such difference δ adds δ·g to the residual, g being the response to one held
+//! sample. A search through the sequences keeps the most probable ones (the M-algorithm; Anderson and Mohan 1984, doi:10.1109/TCOM.1984.1096023). The best is
+//! then simulated exactly, and its likelihood is charged with the probability of its decisions.
 //!
 //! How it can be wrong: a change of a command below the noise gives no decision, so the loss probability is estimated from the others. A nonlinear plant's
 //! response varies, so the exact simulation decides. Lost commands fit a misfit of another kind in part only, and the misfit stays above the floor.
@@ -23,8 +23,8 @@ use deadtime_model::effect::{Applied, Chance, Fates, Lateness, Scales};
 /// The probability with which a search begins.
 const FIRST: f64 = 0.3;
 
-/// The hypothesis with the sequence of its lost commands estimated and its other parameters refitted; unchanged where it has none, `None` where nothing
-/// can be decided.
+/// The hypothesis with the sequence of its lost commands estimated and its other parameters refitted. Unchanged where it has no sequence, `None` where no
+/// decision is possible.
 pub(crate) fn decoded(
     likelihood: &Likelihood<'_>,
     mut hypothesis: Hypothesis,

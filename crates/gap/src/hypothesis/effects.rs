@@ -13,7 +13,7 @@ pub(crate) struct Hypothesis {
     pub(crate) effects: Vec<Applied>,
     /// Parameters that were fitted, as effect and place; limits that do not act are not among them.
     pub(crate) free: Vec<(usize, usize)>,
-    /// How far the whitened cost falls against no effect.
+    /// The reduction of the whitened cost against no effect.
     pub(crate) gain: f64,
     /// Fitted in full, not only screened.
     pub(crate) fitted: bool,
@@ -65,7 +65,7 @@ impl Hypothesis {
         Self { effects: vec![applied], free: Vec::new(), gain, fitted: false, lost: None }
     }
 
-    /// `effect:channel`, of several joined by " + ", whatever their order.
+    /// `effect:channel`, of several joined by " + ", in any order.
     pub(crate) fn key(&self) -> String {
         let mut keys: Vec<String> = self.effects.iter().map(Applied::key).collect();
         keys.sort();
@@ -82,8 +82,8 @@ impl Hypothesis {
         self.effects.iter().any(|a| a.effect.loses_commands())
     }
 
-    /// The noise over what this leaves of it on the training logs. A sequence of delays that is a Gaussian process leaves N − tr S of N squares, S being what takes the
-    /// outputs to what it explains of them (Rasmussen and Williams 2006, section 2.6).
+    /// The noise over the residual that this hypothesis leaves of it on the training logs. A Gaussian process of delays leaves N − tr S of N squares (Rasmussen
+    /// and Williams 2006, section 2.6). S is the map from the outputs to their explained part.
     pub(crate) fn noise_over_left(&self, likelihood: &Likelihood<'_>) -> f64 {
         let followed = self.lost.as_ref().map_or(0.0, |l| l.followed);
         if followed <= 0.0 {
@@ -98,7 +98,7 @@ impl Hypothesis {
             .flat_map(|r| (0..r.measured.len()).map(move |i| there(r, i)))
             .sum();
         let samples = samples.max(1) as f64;
-        // No more than half of what is there can be followed and anything be said of the rest.
+        // At most half of the samples can be followed, so that the remainder still has information.
         (samples / (samples - followed.min(0.5 * samples))).sqrt()
     }
 

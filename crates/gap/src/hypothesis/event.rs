@@ -1,12 +1,12 @@
 //! The time at which several parameters change at once.
 //!
 //! Let s be the signatures of the parameters and e the residual. One set of changes before a time T and another from T on leave |e|² − g(0, T) − g(T, end).
-//! Here g(a, b) = cᵀG⁻¹c with c = Σ s·e and G = Σ s·sᵀ over the stretch. The event is at the time with the largest sum, less the reduction by one set over the whole log (a
-//! generalised likelihood ratio on all parameters jointly; Basseville and Nikiforov 1993, Detection of Abrupt Changes, section 7.2).
+//! Here g(a, b) = cᵀG⁻¹c with c = Σ s·e and G = Σ s·sᵀ over the stretch. The event is at the time with the largest sum, less the reduction by one set over the
+//! whole log. This is a generalised likelihood ratio on all parameters jointly (Basseville and Nikiforov 1993, Detection of Abrupt Changes, section 7.2).
 //!
-//! How it can be wrong: a signature is that of a small change that holds throughout, and a machine with memory smears the time over its memory length.
-//! A change outside all parameters is projected on the parameters. The time and the values are therefore first guesses of jumps.
-//! These jumps are fitted and compared like all others; the search decides which of the parameters step.
+//! How it can be wrong: a signature is that of a small change over the whole log. A machine with memory smears the time over its memory length. A change
+//! outside all parameters is projected on the parameters. The time and the values are therefore first guesses of jumps. These jumps are fitted and compared
+//! like all others; the search decides which of the parameters step.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -46,9 +46,9 @@ const HELD: f64 = 1e-4;
 pub(crate) struct Event {
     /// The first stretch behind it.
     pub(crate) stretch: usize,
-    /// By how much the squared error falls with one set of changes throughout.
+    /// The reduction of the squared error by one set of changes throughout.
     pub(crate) one: f64,
-    /// By how much it falls further with two.
+    /// The further reduction by two sets.
     pub(crate) fall: f64,
     /// The shares of the signatures before it and from it on.
     pub(crate) shares: [DVector<f64>; 2],

@@ -34,7 +34,7 @@ impl Hypothesis {
         )
     }
 
-    /// The same with commands lost as they are; their probability is no matter of the fit, nor is the step of a lattice, which raw values show.
+    /// The same fit with the given lost commands. Their probability is not part of the fit, and neither is the step of a lattice, which raw values determine.
     pub(crate) fn refit(
         likelihood: &Likelihood<'_>,
         from: Self,
@@ -50,7 +50,8 @@ impl Hypothesis {
             let gain = priced(likelihood.inner(&there, &there));
             return Some(Self { gain, free, fitted: true, ..from });
         }
-        // The search takes numbers below a thousandth for small ones: tiny ones, such as a coefficient in SI units, are passed to it in a unit of their own.
+        // The search has an absolute threshold of 0.001 for small numbers. Tiny parameters, such as a coefficient in SI units, are therefore scaled to their
+        // own unit.
         let unit: Vec<f64> = free.iter().map(|&(e, i)| own_unit(effects[e].values[i])).collect();
         let scaled =
             |bounds: Vec<f64>| bounds.iter().zip(&unit).map(|(b, u)| b / u).collect::<Vec<f64>>();
@@ -76,7 +77,7 @@ impl Hypothesis {
             let residual = likelihood.whitened(active)?;
             let cost =
                 likelihood.inner(&residual, &residual) + prior_cost(likelihood, &there, &free);
-            // Where the cost does not fall, nobody asks which way it falls.
+            // Without a fall of the cost the gradient is not needed.
             if cost >= lowest {
                 let k = free.len();
                 return Some(Normal {
@@ -105,7 +106,7 @@ impl Hypothesis {
         Some(Self { effects: best, free: kept, gain: priced(cost), fitted: true, lost: from.lost })
     }
 
-    /// What a fit is free to change.
+    /// The free parameters of a fit.
     pub(crate) fn parameters_to_fit(&self) -> Vec<(usize, usize)> {
         (self.effects.iter().enumerate())
             .filter(|(_, a)| {
@@ -129,7 +130,7 @@ impl Hypothesis {
             .map_or(f64::NEG_INFINITY, |e| nominal_cost - likelihood.inner(&e, &e) - price);
     }
 
-    /// A parameter stands at the edge of what was searched.
+    /// A parameter is at the edge of its search range.
     pub(crate) fn at_bound(&self, (e, i): (usize, usize), scales: &Scales) -> bool {
         let (lower, upper) = self.effects[e].range(i, scales);
         let value = self.effects[e].values[i];
@@ -165,7 +166,7 @@ fn without_unreached(
 }
 
 impl Hypothesis {
-    /// Per free parameter the precision of its prior, and how far it stands from the prior's mean; 0 where it is free.
+    /// Per free parameter the precision of its prior, and its distance from the prior's mean; 0 where it is free.
     pub(crate) fn prior(&self, likelihood: &Likelihood<'_>) -> Vec<(f64, f64)> {
         priors(likelihood, &self.effects, &self.free)
             .map(|known| known.map_or((0.0, 0.0), |(off, std)| (std.powi(-2), off)))
@@ -173,7 +174,7 @@ impl Hypothesis {
     }
 }
 
-/// Per free parameter how far it stands from its prior's mean, and the prior's standard deviation.
+/// Per free parameter its distance from its prior's mean, and the prior's standard deviation.
 fn priors<'p>(
     likelihood: &'p Likelihood<'_>,
     effects: &'p [Applied],

@@ -1,4 +1,4 @@
-//! What a hypothesis leaves of the training logs: its residuals and how large they are.
+//! The residuals of a hypothesis on the training logs, and their size.
 
 use nalgebra::DMatrix;
 

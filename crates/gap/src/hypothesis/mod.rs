@@ -1,4 +1,4 @@
-//! Effects with parameters: their fit, the commands that they lose, and what they gain once the search is paid for.
+//! Effects with parameters: their fit, their lost commands, and their gain less the price of the search.
 
 pub(crate) mod arrivals;
 pub(crate) mod direction;

@@ -1,14 +1,14 @@
-//! The gain of a hypothesis over no effect, less the penalties for its parameters and for the search over the catalogue; and the leader of several.
+//! The gain of a hypothesis over no effect, less the penalties for its parameters and for the search over the catalogue. Also the leader of several hypotheses.
 
 use super::effects::Hypothesis;
 use crate::input::criteria::Criteria;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::row;
 
-/// What hypotheses pay.
+/// The prices of hypotheses.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Penalties {
-    /// Of every parameter beyond an effect's first, in twice the log-likelihood (Schwarz 1978, doi:10.1214/aos/1176344136).
+    /// The price of every parameter beyond an effect's first, in twice the log-likelihood (Schwarz 1978, doi:10.1214/aos/1176344136).
     pub(crate) parameter: f64,
     criteria: Criteria,
 }
@@ -26,7 +26,7 @@ impl Penalties {
         hypothesis.gain - further * self.parameter - effects * self.criteria.selection_penalty
     }
 
-    /// The difference in twice the log-likelihood that tells nothing where an effect gains so much.
+    /// The insignificant difference in twice the log-likelihood for an effect with this gain.
     pub(crate) fn slack(&self, gain: f64) -> f64 {
         self.criteria.equals.max(self.criteria.inexact * gain)
     }

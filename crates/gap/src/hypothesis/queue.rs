@@ -1,6 +1,6 @@
 //! The waits of commands with random delays that keep their order: mean, standard deviation, and correlation of successive waits.
 //!
-//! Equation: command k acts from a(k) = max(a(k − 1), t(k) + d(k)) on, d(k) gamma distributed; the moments of a(k) − t(k) are those of a draw of many commands.
+//! Equation: command k acts from a(k) = max(a(k − 1), t(k) + d(k)) on, d(k) gamma distributed. The moments of a(k) − t(k) are those of a draw of many commands.
 //! How it can be wrong: by the sampling error of that draw, some per cent of the standard deviation.
 
 use rand_chacha::ChaCha8Rng;
@@ -55,10 +55,10 @@ impl Waiting {
     }
 }
 
-/// Halvings of the range in which a mean is looked for.
+/// Halvings of the search range of a mean.
 const HALVINGS: usize = 14;
 
-/// The law with this spread whose commands wait so long on average, and what they wait; `None` where commands of that spread wait longer whatever their mean.
+/// The law with this spread and the given mean wait of its commands, and the wait. `None` where commands of that spread wait longer at any mean.
 pub(super) fn waiting_for(
     mean_s: f64,
     spread_s: f64,

@@ -45,7 +45,7 @@ impl Hypothesis {
                 }
             }
         }
-        // What gains next to nothing is no other minimum.
+        // A negligible gain is no other minimum.
         if moved && cost < before * (1.0 - 1e-6) {
             Self::refit(likelihood, best.clone(), scales, nominal_cost, iterations).unwrap_or(best)
         } else {
@@ -68,7 +68,7 @@ impl Hypothesis {
             })
             .collect();
         for (e, i) in open {
-            // Between the other limit and where the signal ends: all starts of the effect know sensible places.
+            // Between the other limit and the end of the signal: all first guesses of the effect are sensible there.
             let applied = &best.effects[e];
             let starts = likelihood.first_guesses(applied, scales);
             let mut tried: Vec<(f64, Vec<Applied>)> = Vec::new();

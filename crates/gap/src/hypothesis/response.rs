@@ -7,7 +7,7 @@ use deadtime_model::effect::{Applied, Chance};
 use deadtime_model::simulate::plan::InputPath;
 use deadtime_model::simulate::{Commands, Piecewise};
 
-/// What a command becomes at rest on its way: the curve and the maps of the path.
+/// The static value of a command at the end of its path: the curve and the maps of the path.
 pub(super) fn static_value(path: &InputPath, value: f64) -> f64 {
     let mut signal = Piecewise::held(&[0.0], [value]);
     if let Some(curve) = path.curve {

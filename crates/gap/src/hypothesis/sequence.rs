@@ -109,7 +109,7 @@ mod tests {
 
     const SAMPLES: usize = 12;
 
-    /// What a pattern of losses costs, every sample of the deviation summed from its definition; and the commands that are lost in it.
+    /// The cost of a pattern of losses, every sample of the deviation summed from its definition; and the lost commands of the pattern.
     fn cost(
         pattern: u32,
         u: &[f64],
@@ -179,7 +179,7 @@ mod tests {
     #[test]
     fn a_greedy_search_misses_the_best_sequence() {
         let u = [0.0, 1.0, 0.5, 0.0, 1.0, 0.5, 0.0, 1.0, 0.5, 0.0, 1.0, 0.5];
-        // The first sample of the response says nothing, the later ones decide.
+        // The first sample of the response carries no information, the later ones decide.
         let g = DMatrix::from_row_slice(3, 1, &[1e-3, 5.0, 5.0]);
         let e = DMatrix::from_fn(SAMPLES, 1, |k, _| if k == 2 || k == 3 { -5.0 } else { 1e-12 });
         let best = (0..1_u32 << SAMPLES)

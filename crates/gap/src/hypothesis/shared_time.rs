@@ -49,7 +49,7 @@ pub(crate) fn put(effects: &mut [Applied], at: At, new: f64) {
     effects[at.0].values[at.1] = new;
 }
 
-/// The same effects with the two events that are closest in time as one, at the time of either; nothing where there is one event at most.
+/// The same effects with the two closest events merged, at the time of either. Empty where there is one event at most.
 pub(crate) fn joined(effects: &[Applied]) -> Vec<Vec<Applied>> {
     let mut events: Vec<At> =
         instants(effects).into_iter().filter(|at| leading(effects, *at) == *at).collect();
@@ -107,7 +107,7 @@ D = [[0.0, 0.0, 0.0]]
         let mut effects = jumps([5.0, 3.0, 5.0]);
         assert_eq!(leading(&effects, (2, 1)), (0, 1));
         assert_eq!(leading(&effects, (1, 1)), (1, 1));
-        // Equal values of what is no instant are a coincidence.
+        // Equal values of parameters that are no times are a coincidence.
         assert_eq!(leading(&effects, (2, 0)), (2, 0));
         put(&mut effects, (0, 1), 4.0);
         put(&mut effects, (2, 0), 7.0);

@@ -1,11 +1,11 @@
-//! Lost or late: what the waits of commands, decoded from the outputs, speak for.
+//! Lost or late: the evidence of the waits of commands, decoded from the outputs.
 //!
-//! A command that is missing for several samples may have been lost repeatedly, each time with the same probability, or in a burst; or its own delay is that long.
-//! All these hypotheses have the same trajectories, and differ in the probability of the waits. Each has the same form of score: minus twice the
-//! log-probability of all waits, plus the logarithm of their number per parameter (Schwarz 1978, doi:10.1214/aos/1176344136). A distribution of delays
-//! of any shape is coded predictively (Krichevsky and Trofimov 1981, doi:10.1109/TIT.1981.1056331).
+//! A command that is missing for several samples may have been lost repeatedly, each time with the same probability, or in a burst. Its own delay may also be
+//! that long. All these hypotheses have the same trajectories, and differ in the probability of the waits. Each has the same form of score: minus twice the
+//! log-probability of all waits, plus the logarithm of their number per parameter (Schwarz 1978, doi:10.1214/aos/1176344136). A distribution of delays of any
+//! shape is coded predictively (Krichevsky and Trofimov 1981, doi:10.1109/TIT.1981.1056331).
 //!
-//! How it can be wrong: a command that changes again before it arrives hides its wait, and a command without a visible response has no weight; neither is counted.
+//! How it can be wrong: a command that changes again before it arrives hides its wait. A command without a visible response has no weight. Neither is counted.
 //! Few waits carry little evidence: the scores then differ by less than the threshold, and the hypotheses form one class.
 
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -19,7 +19,7 @@ pub(crate) struct Wait {
     pub(crate) sent_s: f64,
     /// For so many samples it was not there.
     pub(crate) samples: usize,
-    /// So many samples before it nothing showed whether commands arrive; `None`: since the log began.
+    /// The number of samples before it without evidence of arrivals; `None`: since the log began.
     pub(crate) rested: Option<usize>,
     /// The log's sample time, seconds.
     pub(crate) sample_time_s: f64,
@@ -37,7 +37,7 @@ pub(crate) fn as_lost(waits: &[Wait]) -> f64 {
     as_lost_alone(waits).min(in_bursts(waits))
 }
 
-/// Losses with a memory, where they are what the waits speak for.
+/// Losses with a memory, where the waits support them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Bursts {
     pub(crate) losses: Losses,
@@ -75,8 +75,8 @@ impl Bursts {
     }
 }
 
-/// Twice the negative log-probability that losses begin where they do: behind a rest of g samples a command is lost with probability p·(1 − ρ^(g+1)), ρ being the
-/// correlation from sample to sample.
+/// Twice the negative log-probability of the times at which losses begin. After g samples of rest a command is lost with probability p·(1 − ρ^(g+1)), with the
+/// correlation ρ from sample to sample.
 fn beginnings(waits: &[Wait], losses: &Losses) -> f64 {
     let [begins, goes_on] = losses.begins_and_goes_on();
     let lost = |rested: Option<usize>| {
@@ -103,7 +103,7 @@ fn lowest(f: impl Fn(f64) -> f64, [mut low, mut high]: [f64; 2]) -> f64 {
     0.5 * (low + high)
 }
 
-/// The same where every command has a delay of its own: of a normal distribution, or of any.
+/// The same with a separate delay of every command: of a normal distribution, or of any.
 pub(crate) fn as_late(waits: &[Wait]) -> f64 {
     normal(waits).min(any(waits))
 }
@@ -166,7 +166,7 @@ fn normal(waits: &[Wait]) -> f64 {
     -2.0 * waits.iter().map(|w| probability(w).ln()).sum::<f64>() + parameters(2, waits)
 }
 
-/// Each wait as often as those before it say.
+/// Each wait with the frequency of the earlier ones.
 fn any(waits: &[Wait]) -> f64 {
     let kinds = waits.iter().map(|w| w.samples).max().map_or(1, |most| most + 1);
     let mut seen = vec![0.5; kinds];
@@ -261,7 +261,7 @@ mod tests {
         assert_eq!(delay_and_spread(&[]), [0.0, 0.0]);
     }
 
-    /// What shows of a link whose losses come in runs, where commands change once in so many samples.
+    /// The observable waits of a link whose losses come in runs, with one change of commands in `every` samples.
     fn behind_bursts(p: f64, burst: f64, every: usize, seed: u64) -> Vec<Wait> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let [begins, goes_on] = Losses { probability: p, burst: Some(burst) }.begins_and_goes_on();
@@ -282,7 +282,8 @@ mod tests {
         waits
     }
 
-    /// However seldom commands change: the intervals of 95 % hold the truth in 88 to 99 % of 200 links, which one in a thousand sets of good intervals would miss.
+    /// For rare and frequent changes of commands the 95 % intervals hold the truth in 88 to 99 % of 200 links. One in a thousand sets of good intervals would
+    /// miss this range.
     #[test]
     fn the_probability_and_the_length_of_bursts_are_within_their_intervals() {
         for (p, burst, every) in [(0.2, 5.0, 1), (0.2, 5.0, 10), (0.5, 4.0, 3), (0.6, 8.0, 12)] {

@@ -1,5 +1,5 @@
-//! Properties of a simulator that can only be called, found by calls: repeatability, resolution, the decay time of a perturbation,
-//! and the inputs, parameters and initial states that move an output.
+//! Properties of a simulator that can only be called, found by calls: repeatability, resolution and the decay time of a perturbation. Also the inputs,
+//! parameters and initial states that move an output.
 //!
 //! How it can be wrong: all tests run on the longest training log and from the nominal initial state. A simulator may decay there and integrate elsewhere,
 //! and a dead zone may hide an input whose perturbation is too small.
@@ -23,17 +23,18 @@ const PUSH: f64 = 0.1;
 const LASTS: (usize, usize) = (100, 3);
 /// A perturbation has decayed when its response is below this part of its largest value: four time constants.
 const FORGOTTEN: f64 = 0.02;
-/// The part of a response in the last tenth of the log above which the simulator integrates.
+/// The part of a response in the last 10 % of the log above which the simulator integrates.
 const LEFT: f64 = 0.05;
-/// What grows by more than this from the first third of a log to its last tenth is no integrator's ramp.
+/// Growth by more than this from the first third of a log to its last 10 % is no integrator's ramp.
 pub(super) const GROWS: f64 = 10.0;
-/// What grows by more than this cannot be simulated freely by anyone.
+/// Growth by more than this makes a free run impossible.
 pub(super) const UNSTABLE: f64 = 1e3;
-/// A free run that misses by more than so many times the outputs' motion has left the log: what grew may have come to rest elsewhere.
+/// A free run that misses by more than this many times the outputs' motion has left the log. The growth may have ended at rest elsewhere.
 const FAR: f64 = 3.0;
 /// So far off a run need not be seen to grow: what fell within the first third of a log grows no more.
 const FAR_OFF: f64 = 10.0;
-/// A free run of which no line explains more than this part of an output's variance goes its own way: not the log's in another unit, or with another sign.
+/// A free run diverges from the log if no line through it explains more than this part of an output's variance. The run is then not the log's in another unit,
+/// or with another sign.
 const TELLS: f64 = 0.5;
 /// The relative change of the inputs that shows how fine the simulator resolves.
 const FINE: f64 = 1e-10;
@@ -56,7 +57,7 @@ pub(crate) fn remembering(mut system: System, stop: &Stop) -> (System, Option<Ar
     (system, Some(memory))
 }
 
-/// What was found out.
+/// The measured properties of a simulator.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Probed {
     /// The time in which a perturbation decays, seconds, at most 10 % of the log.
@@ -80,7 +81,7 @@ struct Probe<'a> {
     plan: Plan,
     record: &'a LogRecord,
     nominal: DMatrix<f64>,
-    /// Per output; where it stands still, its size, at least 1.
+    /// Per output; where it is constant, its size, at least 1.
     spread: Vec<f64>,
     resolution: Vec<f64>,
 }
@@ -94,7 +95,7 @@ impl Probe<'_> {
         self.system.simulate(plan, commands, x0, None).ok().map(|run| run.y)
     }
 
-    /// What lies within rounding is 0.
+    /// A difference within rounding is 0.
     fn apart(&self, other: &DMatrix<f64>) -> Response {
         let one = |k: usize, i: usize| {
             let apart = (other[(k, i)] - self.nominal[(k, i)]).abs();
@@ -110,7 +111,7 @@ impl Probe<'_> {
         Some(self.apart(&self.run(inputs, &self.record.start, &self.plan)?))
     }
 
-    /// How far the outputs are from what was measured, root mean square, in units of how far they move: the worst output.
+    /// The distance of the outputs from the measurement, root mean square, over the motion of the measurement: the worst output.
     fn misses(&self) -> f64 {
         let one = |(i, m): (usize, &deadtime_model::simulate::Measured)| {
             let apart =
@@ -120,7 +121,7 @@ impl Probe<'_> {
         self.record.measured.iter().enumerate().map(one).fold(0.0, f64::max)
     }
 
-    /// The output that the free run misses by far while it goes its own way, and by how many times its motion.
+    /// The output that the free run misses by far and without correlation, and the size of the miss in units of its motion.
     fn lost(&self) -> Option<(usize, f64)> {
         let one = |(i, m): (usize, &deadtime_model::simulate::Measured)| {
             let pairs: Vec<(f64, f64)> = (0..self.nominal.nrows())
@@ -157,13 +158,13 @@ impl Probe<'_> {
     }
 }
 
-/// How many times as large as at first a response to another start becomes.
+/// The growth of a response to another initial state, over its first part.
 fn risen(response: &[f64]) -> Option<f64> {
     let first = largest(response.get(..LASTS.1)?);
     (first > 0.0).then(|| largest(response) / first)
 }
 
-/// The part of the variance of the first that a line through the second explains: their correlation, squared; 0 where one stands still.
+/// The part of the variance of the first that a line through the second explains: their correlation, squared; 0 where one is constant.
 fn explained(pairs: &[(f64, f64)]) -> f64 {
     let means = stats::mean(pairs.iter().map(|p| p.0)).zip(stats::mean(pairs.iter().map(|p| p.1)));
     let Some((a, b)) = means else { return 0.0 };
@@ -173,7 +174,7 @@ fn explained(pairs: &[(f64, f64)]) -> f64 {
     if aa > 0.0 && bb > 0.0 { ab * ab / (aa * bb) } else { 0.0 }
 }
 
-/// Standard deviation; of what stands still its size, of what is 0 one.
+/// Standard deviation; for a constant its size, and for 0 one.
 pub(super) fn spread(values: &[f64]) -> f64 {
     let std = stats::deviation(values).unwrap_or(0.0);
     let size = values.iter().map(|v| v.abs()).fold(0.0, f64::max);
@@ -190,7 +191,7 @@ fn largest(response: &[f64]) -> f64 {
     response.iter().copied().fold(0.0, f64::max)
 }
 
-/// Finds out; `None` for a simulator that is no black box. Of one that is started again, every how many seconds and why.
+/// Measures the properties; `None` for a simulator that is no black box. For a restarted simulator, the period in seconds and the reason.
 ///
 /// # Errors
 /// [`GapError`]: a call with the nominal model fails, two calls differ, or the response to a perturbation grows without bounds.
@@ -319,7 +320,7 @@ pub(crate) fn probe(
     Ok(Some(found))
 }
 
-/// Per output, how far two answers to the same call are apart.
+/// Per output, the difference of two answers to the same call.
 fn same_twice(
     system: &System,
     memory: &Remembered,
@@ -368,7 +369,7 @@ fn same_twice(
     Ok(apart)
 }
 
-/// The perturbation of an initial state that moves an output as far as that moves in the log, and its response; 0 where no output moves.
+/// The perturbation of an initial state that moves an output as far as that output moves in the log, and its response. 0 where no output moves.
 fn start(probe: &Probe<'_>, state: usize) -> (f64, Option<Response>) {
     let known = probe.system.initial_std[state].filter(|s| *s > 0.0);
     let mut by = known.unwrap_or_else(|| 1e-2 * probe.system.initial[state].abs().max(0.1));

@@ -1,18 +1,18 @@
-//! The cost of a search: all counts and limits, for a model file, for one of many states, and for a simulator that can only be called.
+//! The cost of a search: all counts and limits. There are three sets: for a model file, for one of many states, and for a simulator that can only be called.
 //!
 //! No count defines an effect. Too small a budget misses one, and a larger budget takes longer.
 
 use deadtime_model::simulate::System;
 
-/// What one kind of candidate may cost. Of a simulator that can only be called, effects at outputs and clocks are applied to a run that is known; those on
-/// its inputs and parameters need calls.
+/// The allowed cost of one kind of candidate. For a simulator that can only be called, effects at outputs and clocks are applied to a known run. Effects on its
+/// inputs and parameters need calls.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Allowance {
     /// First guesses of one effect; the others are thinned evenly.
     pub(crate) first_guesses: usize,
     /// Candidates that are fitted after the screen, of inputs and of parameters each where they need calls.
     pub(crate) fitted: usize,
-    /// What a candidate must gain at its start to be fitted, as a part of what the search costs.
+    /// The least gain of a candidate at its first guess for a fit, as a part of the search penalty.
     pub(crate) fitted_from: f64,
     /// Hypotheses of each size that are fitted on, and again once the noise is known.
     pub(crate) leaders: usize,
@@ -25,9 +25,9 @@ pub(crate) struct Allowance {
 /// All counts and limits of a search.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Budget {
-    /// What needs no call of its own; everything, of a model file.
+    /// Candidates without calls of their own; all candidates, for a model file.
     pub(crate) plain: Allowance,
-    /// What needs calls.
+    /// Candidates that need calls.
     pub(crate) called: Allowance,
     /// Runs come one after the other: calls in their order.
     pub(crate) one_by_one: bool,
@@ -41,29 +41,30 @@ pub(crate) struct Budget {
     pub(crate) trial_steps: usize,
     /// Steps to either side that are tried for one parameter after a fit.
     pub(crate) polishes: usize,
-    /// How often the noise model is renewed from the leading hypothesis.
+    /// The number of estimates of the noise model from the leading hypothesis.
     pub(crate) rounds: usize,
     /// First effects of pairs: so many of the best, and so many more that have one parameter; leading singles are often flexible impostors.
     pub(crate) firsts: [usize; 2],
-    /// Starts of a candidate that are looked at before any pair is fitted.
+    /// First guesses of a candidate before any pair is fitted.
     pub(crate) glances: usize,
     /// Pairs whose members are tried as first effects in their turn.
     pub(crate) swapped: usize,
     /// First effects given which lost commands are searched.
     pub(crate) losing: usize,
-    /// The part of the best gain from which lost commands are looked for again under another noise.
+    /// The part of the best gain from which lost commands are decoded again under another noise.
     pub(crate) again: f64,
-    /// The same for delays of single commands, which cost less to look for and were linear in the first noise.
+    /// The same for delays of single commands, whose decoding costs less and was linear in the first noise.
     pub(crate) again_late: f64,
     /// Sequences of lost commands that are kept at a time.
     pub(crate) sequences: usize,
     /// Searches for lost commands, each with the last one's probability and parameters.
     pub(crate) passes: usize,
-    /// Samples after which the response to one command counts as over, at most.
+    /// The longest response to one command, in samples.
     pub(crate) response: usize,
     /// Leading hypotheses of each size that are compared again under other priors.
     pub(crate) rivals: usize,
-    /// The perturbation of an initial state for its response, as a part of the prior's standard deviation: rounding errors are then small relative to the prior.
+    /// The perturbation of an initial state for its response, as a part of the prior's standard deviation. At this size rounding errors are small relative to
+    /// the prior.
     pub(crate) start_push: f64,
     /// The same in an experiment that is simulated ahead, relative to the state's motion.
     pub(crate) ahead_push: f64,
@@ -71,7 +72,7 @@ pub(crate) struct Budget {
     pub(crate) relative_step: f64,
 }
 
-/// Of a model file.
+/// The budget of a model file.
 pub(crate) const MODEL_FILE: Budget = {
     let plain = Allowance {
         first_guesses: usize::MAX,
@@ -107,7 +108,7 @@ pub(crate) const MODEL_FILE: Budget = {
     }
 };
 
-/// Of a simulator that can only be called, may be rough and takes its time.
+/// The budget of a simulator that can only be called, may be rough and slow.
 pub(crate) const BLACK_BOX: Budget = Budget {
     called: Allowance {
         first_guesses: 10,
@@ -124,10 +125,10 @@ pub(crate) const BLACK_BOX: Budget = Budget {
     ..MODEL_FILE
 };
 
-/// States from which a model is wide: its catalogue grows with their number, and what a simulation costs with its square.
+/// States from which a model is wide: the size of its catalogue grows with their number, and the cost of a simulation with its square.
 const WIDE_FROM: usize = 25;
 
-/// Of a wide model: of each candidate a few first guesses, and fewer that are fitted.
+/// The budget of a wide model: a few first guesses of each candidate, and fewer fits.
 pub(crate) const WIDE: Budget = {
     let plain = Allowance {
         first_guesses: 2,
@@ -152,7 +153,7 @@ pub(crate) const WIDE: Budget = {
 };
 
 impl Budget {
-    /// Of a system.
+    /// The budget of a system.
     pub(crate) fn of(system: &System) -> &'static Self {
         match (system.is_black_box(), system.states.len()) {
             (true, _) => &BLACK_BOX,

@@ -12,8 +12,8 @@ use deadtime_model::simulate::{Dynamics, System};
 const EXPONENTIAL: f64 = 28.0;
 /// Operations a second of one core.
 const RATE: f64 = 1.0e9;
-/// Simulations for one candidate over a whole search, at that rate: processor time of diagnoses of drawn models with 12 states and 1 input, 12 and 4, 20 and 10
-/// (1.8, 3.3 and 31 s), over the operations of one simulation and the candidates (17, 19 and 18).
+/// Simulations for one candidate over a whole search, at that rate. The value is the processor time of diagnoses over the operations of one simulation and the
+/// candidates (17, 19 and 18). The drawn models have 12 states and 1 input, 12 and 4, 20 and 10 (1.8, 3.3 and 31 s).
 const SIMULATIONS: f64 = 18.0;
 
 /// Candidates of the catalogue, before it is known which of them are visible.

@@ -1,10 +1,10 @@
-//! The first part of long logs: a diagnosis simulates its logs some thousand times, and far fewer rows identify a cause than a long log has.
+//! The first part of long logs. A diagnosis simulates its logs some thousand times, and far fewer rows identify a cause than a long log has.
 //!
-//! The part is the first one, in one piece: its initial state is that of the model, and clocks and queues accumulate from there. No rows are skipped:
-//! a log of every tenth row would have other commands and other delays than the machine.
+//! The part is the first one, in one piece: its initial state is that of the model, and clocks and queues accumulate from there. No rows are skipped: a log of
+//! every tenth row would have other commands and other delays than the machine.
 //!
-//! How it can be wrong: an event in later rows is not found. The resulting model therefore runs over the whole log once, and its error in the unused rows
-//! is reported with the error in the used rows. A window of the log makes the later rows the used ones.
+//! How it can be wrong: an event in later rows is not found. The resulting model therefore runs over the whole log once. Its error in the unused rows is
+//! reported with the error in the used rows. A window of the log makes the later rows the used ones.
 
 use std::borrow::Cow;
 
@@ -13,17 +13,17 @@ use crate::error::Result;
 use crate::format::caveat::Caveat;
 use deadtime_log::Log;
 
-/// The parts of training and held-out logs that are looked at, and what to say of it.
+/// The used parts of training and held-out logs, and the caveat.
 pub(crate) struct Parts<'a> {
     pub(crate) logs: Cow<'a, [Log]>,
     pub(crate) holdout: Cow<'a, [Log]>,
     pub(crate) caveats: Vec<Caveat>,
-    /// The logs that were cut, and the rows of each that are looked at.
+    /// The logs that were cut, and the used rows of each.
     pub(crate) cut: Vec<(&'a Log, usize)>,
 }
 
 impl<'a> Parts<'a> {
-    /// So many rows of all logs together, a share of each; all of them where there are no more.
+    /// This number of rows of all logs together, a share of each; all rows where there are no more.
     ///
     /// # Errors
     /// Those of [`Log::window`].

@@ -27,7 +27,7 @@ pub(crate) struct Simulator {
 }
 
 impl Simulator {
-    /// Of a subject, its operating points `"mean"` taken over the training logs.
+    /// From a subject, its operating points `"mean"` taken over the training logs.
     ///
     /// # Errors
     /// Those of the model, and of channels that do not fit.
@@ -41,17 +41,17 @@ impl Simulator {
 pub(crate) struct Inputs {
     /// Effects that belong to the simulator.
     pub(crate) model_effects: Vec<Applied>,
-    /// What is unknown anew in every log.
+    /// The constants with a separate value in every log.
     pub(crate) nuisances: Vec<Nuisance>,
     /// The training logs; held-out samples of their outputs are missing.
     pub(crate) training: Vec<LogRecord>,
     /// All logs with their held-out spans, which only the report can read.
     pub(crate) held_out: HeldOut,
-    /// What was found out about a simulator that can only be called.
+    /// The measured properties of a simulator that can only be called.
     pub(crate) probed: Option<Probed>,
     pub(crate) poles: Poles,
     pub(crate) longest_delay_s: f64,
-    /// No delay as long as this can be looked for.
+    /// The exclusive upper limit of delays in the search.
     pub(crate) limit_s: f64,
     /// Samples that are predicted from one state, where predictions have a horizon.
     pub(crate) horizon: Option<NonZeroUsize>,
@@ -145,7 +145,7 @@ impl Inputs {
 /// A shortest log has so many horizons at least: below, the first, which begins with the model's own start, is much of it.
 const HORIZONS: usize = 4;
 
-/// The horizon that was asked for.
+/// The requested horizon.
 ///
 /// # Errors
 /// [`GapError::Horizon`].

@@ -7,7 +7,7 @@ use deadtime_log::Log;
 use deadtime_model::simulate::{Port, System};
 use deadtime_model::whole_turn;
 
-/// Angles that jump by whole turns: of those that the model says to be angles no turn is left.
+/// Angles that jump by whole turns: declared angles have no turns left.
 pub(crate) fn whole_turns(subject: Subject<'_>, logs: &[Log]) -> Vec<Caveat> {
     let times = |port: Port| {
         let turn = whole_turn(port.unit.as_deref())?;
@@ -41,7 +41,7 @@ pub(crate) fn log_caveats(
             .collect::<Vec<_>>()
     };
     for (j, input) in system.inputs.iter().enumerate() {
-        // A level of its own in each log is no movement either: nothing happens after the start.
+        // A separate constant in each log is no motion either: nothing happens after the start.
         #[allow(clippy::float_cmp)]
         let still = |r: &LogRecord| {
             let values: Vec<f64> = inside(r.train, r).into_iter().map(|k| r.inputs[j][k]).collect();

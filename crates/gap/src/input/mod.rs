@@ -1,4 +1,4 @@
-//! What a diagnosis begins with: the simulator, its logs and how they are divided.
+//! The inputs of a diagnosis: the simulator, its logs and their division.
 
 pub(crate) mod black_box;
 pub(crate) mod budget;

@@ -1,4 +1,4 @@
-//! What is unknown anew in every log and no cause of the gap, as the model file declares it.
+//! Constants with a separate value in every log that are no cause of the gap, as the model file declares them.
 
 use super::subject::Subject;
 use crate::format::error::GapError;
@@ -14,7 +14,7 @@ pub(crate) struct Nuisance {
     applied: Applied,
     /// Standard deviation of its prior.
     pub(crate) std: f64,
-    /// The model file says that it is one; else it is the level of an output of which the file says only that it is the logs' mean.
+    /// True if the model file declares it. Otherwise it is the offset of an output whose operating point is the logs' mean in the file.
     pub(crate) declared: bool,
 }
 
@@ -75,7 +75,8 @@ fn not_constant(name: &str) -> String {
 
 /// The nuisances of a subject: those of the model file, then the levels of outputs whose operating point is `"mean"`.
 ///
-/// A mean holds the noise and what the model does about its operating point, so the level is known to no better than the output's spread, which is its prior.
+/// A mean includes the noise and the model's motion about its operating point. The offset is therefore known to the output's spread at best, which is its
+/// prior.
 ///
 /// # Errors
 /// [`GapError::Nuisance`]: an effect or channel that there is none, an effect that is no constant.

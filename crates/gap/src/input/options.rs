@@ -11,10 +11,10 @@ pub struct GapOptions {
     pub prediction: Option<Mode>,
     /// Samples over which [`Mode::Horizon`] predicts; `None`: predictions are of another mode. With it `prediction` is left open, or is that mode.
     pub horizon: Option<usize>,
-    /// The longest delay and lag that are looked for, seconds; `None`: 35 samples or half the time in which the model settles, at most a tenth of the
-    /// shortest log. So much of every log's start carries no weight.
+    /// The longest delay and lag of the search, seconds. `None`: 35 samples or half the settling time of the model, at most a tenth of the shortest log. This
+    /// duration at the start of every log carries no weight.
     pub longest_delay_s: Option<f64>,
-    /// Rows that are looked at, of all logs together. Of longer logs that is the first part, a share of each log, and a caveat says so. Default 100 000.
+    /// The number of used rows, of all logs together. From longer logs the first part is used, a share of each log, and a caveat reports it. Default 100 000.
     pub rows: usize,
     /// Seed of the bootstrap. Default 1.
     pub seed: u64,
@@ -26,7 +26,7 @@ pub struct GapOptions {
     pub longest_run_s: f64,
     /// The thresholds on which the verdict rests.
     pub criteria: Criteria,
-    /// A wish to stop, looked at before every prediction.
+    /// A stop request, checked before every prediction.
     pub stop: Stop,
 }
 

@@ -10,7 +10,7 @@ use deadtime_model::{StateSpace, iterated_eigenvalues};
 use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
 
-/// What the nominal model's poles say of its memory.
+/// The memory of the nominal model, from its poles.
 #[derive(Debug, Clone)]
 pub(crate) struct Poles {
     /// The slowest pole that does not decay within a log, as a phrase; `None` where all do.
@@ -20,7 +20,7 @@ pub(crate) struct Poles {
 }
 
 impl Poles {
-    /// Of a model that can be linearised.
+    /// From a model that can be linearised.
     pub(crate) fn of(system: &System, records: &[LogRecord]) -> Self {
         let mut slowest: f64 = 0.0;
         let mut settling_s: f64 = 0.0;
@@ -44,7 +44,7 @@ impl Poles {
         Self { slow, settling_s }
     }
 
-    /// Of a simulator that can only be called: what calling it showed.
+    /// From the calls of a simulator that can only be called.
     pub(crate) fn probed(probed: &Probed) -> Self {
         Self { slow: None, settling_s: probed.settling_s }
     }

@@ -30,13 +30,13 @@ pub(crate) struct LogRecord {
     pub(crate) measured: Vec<Measured>,
     /// Where the simulator starts: its initial state, or a state for every window of the log.
     pub(crate) start: Vec<f64>,
-    /// Per state of a simulator that is started again, what the log says of it at every sample.
+    /// Per state of a restarted simulator, its logged value at every sample.
     pub(crate) states: Vec<Option<Vec<f64>>>,
     /// Further columns of the log, by name; NaN where one is missing.
     pub(crate) context: Vec<(String, Vec<f64>)>,
-    /// What parameters are fitted to.
+    /// The span of the fits.
     pub(crate) train: Option<Span>,
-    /// Of a held-out log, what its start and its nuisances are estimated from.
+    /// For a held-out log, the span for the estimates of its initial state and nuisances.
     pub(crate) anew: Option<Span>,
 }
 
@@ -44,8 +44,7 @@ impl LogRecord {
     /// A log with the model's channels.
     ///
     /// # Errors
-    /// [`GapError`] for a sample time that does not fit or too few samples; [`deadtime_log::LogError`] for channels and units that do not fit or samples that
-    /// are missing.
+    /// [`GapError`] for a wrong sample time or too few samples; [`deadtime_log::LogError`] for wrong channels and units or missing samples.
     pub(crate) fn new(log: &Log, system: &System) -> Result<Self> {
         channels_fit(log, &system.inputs, &system.outputs)?;
         if log.len() < SHORTEST {
@@ -119,7 +118,7 @@ impl LogRecord {
         Self { measured: self.measured.iter().map(known).collect(), ..self.clone() }
     }
 
-    /// Starts the simulator again after so many samples at most, from what the log says of its states there.
+    /// Restarts the simulator after this many samples at most, from the logged states there.
     pub(crate) fn restart_after(&mut self, samples: usize, system: &System) {
         let count = self.time_s.len().div_ceil(samples.max(1)).max(1);
         let at = |w: usize| w * self.time_s.len() / count;
@@ -135,7 +134,7 @@ impl LogRecord {
         self.time_s.last().copied().unwrap_or(0.0)
     }
 
-    /// What its start and its nuisances are estimated from.
+    /// The span for the estimates of its initial state and nuisances.
     pub(crate) fn estimated_from(&self) -> Option<Span> {
         self.train.or(self.anew)
     }
@@ -155,7 +154,7 @@ impl LogRecord {
     }
 }
 
-/// What a log says of the states of a simulator that is started again; straight between neighbours where a sample is missing.
+/// The logged states of a restarted simulator; interpolated linearly where a sample is missing.
 fn logged_states(log: &Log, system: &System) -> Result<Vec<Option<Vec<f64>>>> {
     let Some(restart) = &system.restart else { return Ok(Vec::new()) };
     let one = |name: &String| -> Result<Vec<f64>> {

@@ -3,10 +3,10 @@
 //! A window is as long as possible: its length doubles as long as no perturbation of a state grows more than tenfold within one window.
 //!
 //! How it can be wrong:
-//! * *The logged states are noisy, biased or late.* So each start is a nuisance with a prior about the logged value, as wide as the state moves unless a standard
-//!   deviation is given, and integrated out by its straight-line response. A narrow one takes a sensor's bias or delay for certain.
-//! * *A window is too short for an effect to be detectable.* The initial states absorb every effect slower than a window: a drift, a slow lag, a small constant force.
-//!   No result reveals such an effect; the windows are therefore the longest possible ones, and their length is reported.
+//! * *The logged states are noisy, biased or late.* Each initial state is therefore a nuisance with a prior about the logged value. Its linear response is
+//!   integrated out. The prior is as wide as the state moves, unless a standard deviation is given. A narrow prior treats a sensor's bias or delay as certain.
+//! * *A window is too short for an effect to be detectable.* The initial states absorb slower effects: drifts, slow lags, small constant forces. No result
+//!   reveals such an effect; the windows are therefore the longest possible ones, and their length is reported.
 //! * *What came before the window.* Effects act on the commands of the whole log before windows are cut, so a delay's past is the log's. An output's delay or lag
 //!   reads the window before, from that window's own start: a step where they meet, as large as the starts disagree.
 //! * *Memory that is no state.* The simulator's memory outside the named states (an integrator, a filter) is reset in each window.
@@ -49,7 +49,7 @@ impl Restarted {
     }
 }
 
-/// Sets where the simulator starts on every log, and says every how many seconds and why; `None` where it is started once.
+/// Sets the initial states of the simulator on every log, and returns the period in seconds and the reason; `None` where it is started once.
 ///
 /// # Errors
 /// [`GapError`]: the simulator fails, a perturbation grows without bounds even in the shortest windows, or the initial states are too many for a fit.
@@ -117,7 +117,7 @@ fn longest(system: &System, record: &mut LogRecord) -> Result<(usize, f64)> {
     Ok((length, growth))
 }
 
-/// The largest growth of a perturbation of any state from the first third of a window to its last tenth.
+/// The largest growth of a perturbation of any state from the first third of a window to its last 10 %.
 fn grown(system: &System, record: &mut LogRecord, length: usize) -> Result<f64> {
     record.restart_after(length, system);
     let plan = Plan::new(system);

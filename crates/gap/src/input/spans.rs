@@ -5,14 +5,14 @@ use super::record::{LogRecord, Span};
 /// The held-out part of each log, where no log is held out.
 const HELD_BACK: f64 = 0.3;
 
-/// 35 samples or half the time in which the model settles, at most a tenth of the shortest log.
+/// 35 samples or half the settling time of the model, at most a tenth of the shortest log.
 pub(crate) fn longest_delay(records: &[LogRecord], settling_s: f64) -> f64 {
     let samples = records.iter().map(|r| 35.0 * r.sample_time_s).fold(0.5 * settling_s, f64::max);
     records.iter().map(|r| 0.1 * r.duration_s()).fold(samples, f64::min)
 }
 
-/// The part of a held-out log from which its start and its nuisances are estimated, where there are nuisances; the rest is scored. A constant that was fitted to
-/// what it is scored on would excuse a wrong cause. A third: its variance is three times that of the whole, and twice as much is left to score.
+/// The part of a held-out log from which its start and its nuisances are estimated, where there are nuisances; the rest is scored. A constant fitted to the
+/// scored samples would excuse a wrong cause. A third: its variance is three times that of the whole, and twice as much is left to score.
 const ESTIMATED_ANEW: f64 = 1.0 / 3.0;
 
 /// How logs are divided.
@@ -21,18 +21,19 @@ pub(crate) struct Divide {
     pub(crate) held_out: bool,
     /// Something is to be estimated anew in every held-out log.
     pub(crate) anew: bool,
-    /// What of every log carries no weight, s.
+    /// The duration without weight at the start of every log, s.
     pub(crate) start_s: f64,
     /// The time in which the model settles, s.
     pub(crate) settling_s: f64,
-    /// What is simulated is a black box.
+    /// The simulator is a black box.
     pub(crate) black_box: bool,
 }
 
 impl Divide {
     /// Sets the training spans and returns the held-out ones, per record. The first `training` records are the training logs.
     ///
-    /// A black box has no values after the last sample, and a clock that is ahead needs them: the last `start_s` seconds of a black box carry no weight either.
+    /// A black box has no values after the last sample, and a fast clock needs them. The last `start_s` seconds of a black box therefore carry no weight
+    /// either.
     pub(crate) fn set_spans(
         &self,
         records: &mut [LogRecord],

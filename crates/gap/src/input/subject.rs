@@ -1,4 +1,4 @@
-//! What is diagnosed: a model file, or any simulator with the names of its channels.
+//! The subject of a diagnosis: a model file, or any simulator with the names of its channels.
 
 use std::borrow::Cow;
 
@@ -9,7 +9,7 @@ use deadtime_model::simulate::{Port, System};
 use deadtime_model::{EffectEntry, ModelDocument, NuisanceEntry, Operating};
 use deadtime_signal::stats;
 
-/// What is held against the logs.
+/// The simulator that is compared with the logs.
 #[derive(Debug, Clone, Copy)]
 pub enum Subject<'a> {
     /// A model file.
@@ -78,7 +78,7 @@ impl<'a> Subject<'a> {
         }
     }
 
-    /// What is unknown anew in every log and no cause of a gap.
+    /// The declared constants with a separate value in every log, which are no cause of a gap.
     pub(crate) fn nuisances(self) -> &'a [NuisanceEntry] {
         match self {
             Self::Model(document) => document.nuisances(),
@@ -86,7 +86,7 @@ impl<'a> Subject<'a> {
         }
     }
 
-    /// Outputs of which the model file says only that their operating point is the mean of the logs, with the spread of their samples.
+    /// Outputs whose operating point in the model file is only the mean of the logs, with the spread of their samples.
     pub(crate) fn unknown_levels(self, logs: &[Log]) -> Vec<(String, f64)> {
         let Self::Model(document) = self else { return Vec::new() };
         let mean = document.outputs().iter().filter(|c| matches!(c.operating, Operating::Mean(_)));

@@ -1,14 +1,14 @@
 //! The share of a residual that depends on the commands: all effects of the catalogue together predict it in blocked cross-validation.
 //!
-//! Every effect's signature given the best hypothesis is a regressor, computed with the simulator's own dynamics. A ridge regression on all signatures
-//! (Hoerl and Kennard 1970, doi:10.1080/00401706.1970.10488634) explains nothing, but its prediction of a block of time outside the fit (Stone 1974,
+//! Every effect's signature given the best hypothesis is a regressor, computed with the simulator's own dynamics. A ridge regression on all signatures (Hoerl
+//! and Kennard 1970, doi:10.1080/00401706.1970.10488634) is no explanation. Its prediction of a block of time outside the fit (Stone 1974,
 //! doi:10.1111/j.2517-6161.1974.tb00994.x) is no noise either.
 //!
-//! An active effect may hide all others: given an output that is clipped to a constant, or a friction that sticks, no effect has a signature,
-//! and the whole residual would pass for noise. The signatures on the nominal model are therefore regressors as well, together with its prediction and delayed copies of it.
+//! An active effect may hide all others. Given an output clipped to a constant, or a friction that sticks, no effect has a signature. The whole residual would
+//! then be taken for noise. The signatures on the nominal model are therefore regressors as well, together with its prediction and delayed copies of it.
 //!
-//! A simulator that can only be called lacks the signatures of friction and of all other effects on equations; perturbations of its inputs are their substitutes.
-//! Active effects may have absorbed a part of those effects, so the directions of their parameters are regressors as well.
+//! A simulator that can only be called lacks the signatures of friction and of all other effects on equations. Perturbations of its inputs are their
+//! substitutes. Active effects may have absorbed a part of those effects, so the directions of their parameters are regressors as well.
 //!
 //! How it can be wrong: a gap with a longer memory than every effect, or a single event, is not predicted. The share is then near 0, and only the low-variance windows can reveal the gap.
 
@@ -105,7 +105,8 @@ pub(crate) fn shares(
         .collect()
 }
 
-/// The model's own prediction, later by delays an octave apart, up to the length of a block: a weighted sum of them responds as a machine with a memory of its own.
+/// The model's own prediction with delays an octave apart, up to the length of a block. A weighted sum of these copies responds like a machine with its own
+/// memory.
 fn later(
     likelihood: &Likelihood<'_>,
     rows: &[(usize, usize)],
@@ -222,7 +223,7 @@ fn solved(matrix: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
     Some(DVector::from_fn(size, |i, _| solution[(i, 0)]))
 }
 
-/// By ridge, the square of what is missed of the blocks that are left out in turn; `None` where it cannot be computed.
+/// By ridge, the squared error of the blocks that are left out in turn; `None` where it cannot be computed.
 fn missed_by_columns(
     left: &DVector<f64>,
     regressors: &DMatrix<f64>,
@@ -257,8 +258,8 @@ fn missed_by_columns(
     })
 }
 
-/// The same where there are more regressors than rows, as a wide model has: X(XᵀX + λI)⁻¹Xᵀ = XXᵀ(XXᵀ + λI)⁻¹ (Saunders, Gammerman and Vovk 1998, "Ridge regression
-/// learning algorithm in dual variables", ICML, eq. 8).
+/// The same where there are more regressors than rows, as a wide model has: X(XᵀX + λI)⁻¹Xᵀ = XXᵀ(XXᵀ + λI)⁻¹. Source: Saunders, Gammerman and Vovk 1998,
+/// "Ridge regression learning algorithm in dual variables", ICML, eq. 8.
 fn missed_by_rows(left: &DVector<f64>, regressors: &DMatrix<f64>) -> [Option<f64>; RIDGES.len()] {
     let count = regressors.nrows();
     let kernel = regressors * regressors.transpose();

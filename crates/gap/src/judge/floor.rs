@@ -1,8 +1,9 @@
 //! The noise floor: the part of a residual that no deterministic model can explain.
 //!
-//! How it can be wrong: a gap that is the same everywhere and unrelated to inputs and predictions looks like noise. Coloured noise has few independent
-//! samples, so low-variance windows occur by chance. The floor is therefore the least of four: the part that commands do not predict, the low-variance windows (corrected for the
-//! noise's correlation length), noise of the longest correlation length allowed, and the least residual of any hypothesis.
+//! How it can be wrong: a gap that is the same everywhere and unrelated to inputs and predictions looks like noise. Coloured noise has few independent samples,
+//! so low-variance windows occur by chance. The floor is therefore the least of four levels. Two are the part that commands do not predict, and the
+//! low-variance windows (corrected for the noise's correlation length). The others are noise of the longest correlation length allowed, and the least residual
+//! of any hypothesis.
 
 use nalgebra::DMatrix;
 use rand::RngExt;
@@ -21,15 +22,15 @@ use deadtime_signal::stats;
 /// Samples of simulated noise for the variance of its low-variance windows.
 const SIMULATED: usize = 200_000;
 
-/// What of each output's residual is noise: its standard deviation.
+/// The noise in each output's residual: its standard deviation.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Floor {
     /// Per output.
     pub(crate) floor: Vec<f64>,
 }
 
-/// From the residuals of the best hypothesis, one matrix per record (samples × outputs). `reached` are errors and residuals of all leading hypotheses,
-/// no effect included: no floor is above what a model reaches. `related` is the share of every output's residual that hangs together with the commands.
+/// From the residuals of the best hypothesis, one matrix per record (samples × outputs). `reached` are errors and residuals of all leading hypotheses, no
+/// effect included: no floor is above the error of a model. `related` is the share of every output's residual that depends on the commands.
 pub(crate) fn estimate(
     likelihood: &Likelihood<'_>,
     residuals: &[DMatrix<f64>],
@@ -46,7 +47,7 @@ pub(crate) fn estimate(
         let square = mean_square(samples);
         let calm = calmest(records, residuals, i, criteria) / square.max(f64::MIN_POSITIVE);
         let slow = slow(records, residuals, i, criteria) / square.max(f64::MIN_POSITIVE);
-        // Noise is in every residual: the calmest of any hypothesis holds no less.
+        // Noise is in every residual: the low-variance windows of any hypothesis are no lower.
         let lowest = reached
             .iter()
             .map(|(e, other)| e.rms()[i].min(calmest(records, other, i, criteria).sqrt()))
@@ -79,9 +80,9 @@ fn slow(
     noise.std()[output].powi(2) * (slowest + 1.0).powi(2) / (4.0 * slowest)
 }
 
-/// Mean square in the calmest quarter of the windows, over what the calmest quarter of stationary noise would have by chance; infinite where the windows
-/// differ no more than those of such noise. The noise is simulated with the autoregression of the calmest quarter: a gap that comes and goes must not
-/// pass for its colour. Windows shorter than the noise's memory tell nothing.
+/// Mean square in the 25 % of windows with the lowest variance, over its expectation for stationary noise. Infinite where the windows differ by chance only.
+/// The noise is simulated with the autoregression of these windows: an intermittent gap must not be taken for its colour. Windows shorter than the noise's
+/// correlation length carry no information.
 fn calmest(
     records: &[LogRecord],
     residuals: &[DMatrix<f64>],
@@ -103,7 +104,7 @@ fn calmest(
         .reduce(|| f64::INFINITY, f64::min)
 }
 
-/// As [`calmest`], with so many windows per record.
+/// As [`calmest`], with the given number of windows per record.
 fn calmest_of(series: &[Vec<Option<f64>>], count: usize, criteria: &Criteria) -> f64 {
     let mut windows: Vec<Vec<Option<f64>>> = Vec::new();
     for inside in series {
@@ -158,7 +159,7 @@ fn power(window: &[Option<f64>]) -> f64 {
     mean_square(window.iter().flatten().copied())
 }
 
-/// Means of the calmest part and of all, of sorted powers.
+/// Means of the part with the lowest powers and of all, of sorted powers.
 fn calm_and_all(powers: &[f64], part: f64) -> (f64, f64) {
     let mean = |p: &[f64]| stats::mean(p.iter().copied()).unwrap_or(0.0);
     (mean(&powers[..((part * powers.len() as f64) as usize).min(powers.len())]), mean(powers))

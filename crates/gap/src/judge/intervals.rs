@@ -1,10 +1,11 @@
 //! Parameters with intervals that account for two errors: the nominal model's own parameters are inexact, and residuals are coloured.
 //!
-//! How it can be wrong: with a perfect nominal model a plain fit has the smallest variance, and nothing is gained. With a nominal model that is 1 %
-//! off, a plain fit absorbs the error and its interval is many times too narrow. The relative errors of all nominal parameters therefore join the fit, with a
-//! common normal prior of estimated variance (type-II maximum likelihood; `MacKay` 1992, doi:10.1162/neco.1992.4.3.415).
-//! The value stays that of the plain fit, as in the model with its effects. The variance is the larger of the posterior's and that of the scores of separate
-//! blocks of time (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13), plus the squared distance to the joint estimate.
+//! How it can be wrong: with a perfect nominal model a fit without recalibration has the smallest variance, and the joint fit gains nothing. With a nominal
+//! model that is 1 % off, a fit without recalibration absorbs the error and its interval is many times too narrow. The relative errors of all nominal
+//! parameters therefore join the fit, with a common normal prior of estimated variance (type-II maximum likelihood; `MacKay` 1992,
+//! doi:10.1162/neco.1992.4.3.415). The value is that of the fit without recalibration, as in the model with its effects. The variance is the larger of the
+//! posterior's and that of the scores of separate blocks of time (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13). The squared distance to the joint estimate
+//! is added.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -22,7 +23,7 @@ const SIZES: [f64; 7] = [0.0, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.1];
 const BLOCKS: usize = 12;
 /// The relative step of central differences by the nominal parameters, as of `Parameter::central_step`.
 const CENTRAL: f64 = 1e-2;
-/// How often an interval is doubled.
+/// The largest number of doublings of an interval.
 const DOUBLINGS: usize = 20;
 
 /// Standard deviations of a hypothesis's free parameters.
@@ -67,7 +68,7 @@ fn nominal_columns(
     }
 }
 
-/// The standard deviations of a plain fit whose nominal parameters may be off: from one Gauss-Newton step of all together.
+/// The standard deviations of a fit without recalibration whose nominal parameters may be off: from one Gauss-Newton step of all together.
 pub(crate) fn estimate(
     likelihood: &Likelihood<'_>,
     hypothesis: &Hypothesis,
@@ -144,7 +145,7 @@ pub(crate) fn estimate(
     let spread = &covariance * &blocks * &covariance;
     let cost = likelihood.inner(&slopes.residual, &slopes.residual);
     let std = hypothesis.free.iter().enumerate().map(|(at, &parameter)| {
-        // How far the parameter would move if the nominal ones were free counts as uncertainty of the plain fit.
+        // The shift of the parameter with free nominal parameters is part of the uncertainty.
         let variance = covariance[(at, at)].max(spread[(at, at)]) + step[at] * step[at];
         let std = Some(variance.sqrt() / length[at])
             .filter(|s| s.is_finite() && !hypothesis.at_bound(parameter, scales))?;
@@ -154,9 +155,9 @@ pub(crate) fn estimate(
     Some(Estimate { std })
 }
 
-/// By how much the prior on recalibrated numbers is wider than the rms of the fitted errors. The data determine γ = n − Σ held of the n numbers (MacKay 1992), `held` being the
-/// part of each variance's precision that the prior gives. The rms of all n lacks the others, and a size that is known from γ numbers makes a normal prior a Student t of γ
-/// degrees of freedom: the 95 % point decides.
+/// The factor of the prior on recalibrated parameters over the rms of the fitted errors. The data determine γ = n − Σ held of the n parameters (MacKay 1992);
+/// `held` is the prior's part of each variance's precision. The rms of all n lacks the others. With a size known from γ parameters a normal prior becomes a
+/// Student t of γ degrees of freedom; its 95 % point is used.
 fn prior_wider(held: &[f64]) -> f64 {
     let count = held.len() as f64;
     let determined = (count - held.iter().sum::<f64>()).clamp(1.0, count.max(1.0));
@@ -164,8 +165,8 @@ fn prior_wider(held: &[f64]) -> f64 {
     (count / determined).max(1.0).sqrt() * point
 }
 
-/// No effect has an interval that holds the value at which it does nothing: as far as these data go, each is more than nominal parameters that are a little
-/// off, and each limit is reached. What has no interval counts as it is.
+/// No effect has an interval that holds the value at which it does nothing. In these data each effect is more than slightly wrong nominal parameters, and each
+/// limit is reached. An effect without an interval is accepted.
 pub(crate) fn established(
     likelihood: &Likelihood<'_>,
     hypothesis: &Hypothesis,
@@ -193,7 +194,7 @@ impl Estimate {
         (0..hypothesis.effects.len()).all(|e| self.one_apart(hypothesis, e, deviations))
     }
 
-    /// One effect is so far away, a limit where its interval has an end. What has no interval counts as it is.
+    /// One effect is so far away, a limit where its interval has an end. An effect without an interval is accepted.
     pub(crate) fn one_apart(&self, hypothesis: &Hypothesis, e: usize, deviations: f64) -> bool {
         let applied = &hypothesis.effects[e];
         let own = hypothesis.free.iter().zip(&self.std).filter(|((of, _), _)| *of == e);
@@ -206,9 +207,10 @@ impl Estimate {
     }
 }
 
-/// The standard deviation, doubled while the parameter alone can move to either end of its 95 % interval at a cost below `unnoticed`.
-/// A cost with jumps or kinks has no curvature that gives its width: a delay together with a direct path, where uneven samples pass edges of the commands one by one.
-/// A smooth cost rises by 3.84 or more at the end of a 95 % interval, and the standard deviation stays. Infinite where the cost never rises: a limit that nothing reaches.
+/// The standard deviation, doubled while the parameter alone can move to either end of its 95 % interval at a cost below `unnoticed`. A cost with jumps or
+/// kinks has no curvature that determines its width. An example is a delay together with a direct path: uneven samples pass edges of the commands one by one. A
+/// smooth cost rises by 3.84 or more at the end of a 95 % interval, and the standard deviation stays. Infinite where the cost never rises: a limit that nothing
+/// reaches.
 fn as_far_as_unnoticed(
     likelihood: &Likelihood<'_>,
     hypothesis: &Hypothesis,
@@ -237,7 +239,7 @@ fn as_far_as_unnoticed(
     f64::INFINITY
 }
 
-/// The step lowers the cost in fact: where the likelihood bends too much for one step, it says nothing.
+/// The step lowers the cost in fact: a strongly nonlinear likelihood makes one step meaningless.
 fn holds(
     likelihood: &Likelihood<'_>,
     hypothesis: &Hypothesis,

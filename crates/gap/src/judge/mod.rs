@@ -1,4 +1,4 @@
-//! The verdict and what it rests on: the noise floor, intervals, the prior of the start.
+//! The verdict and its inputs: the noise floor, intervals, the prior of the initial state.
 
 pub(crate) mod explainable;
 pub(crate) mod floor;

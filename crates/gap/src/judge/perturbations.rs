@@ -36,7 +36,7 @@ pub(crate) fn perturbations(
         })
         .collect();
     let Some(predicted) = predicted else { return Vec::new() };
-    // What each output does, and its rate, about its mean: per record.
+    // The motion of each output, and its rate, about its mean: per record.
     let motions = (0..likelihood.system.outputs.len()).flat_map(|i| {
         let along = predicted.iter().map(|y| {
             y.as_ref().map_or_else(Vec::new, |y| y.column(i).iter().copied().collect::<Vec<f64>>())

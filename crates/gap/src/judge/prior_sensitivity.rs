@@ -1,9 +1,9 @@
 //! Sensitivity of a verdict to the prior of the initial state.
 //!
-//! A wrong initial state and a constant offset at input, state or sensor look alike over one log: the prior of the initial state decides which of them is named.
-//! The leaders are therefore compared again with the initial state known ten times better and ten times worse, state by state. Where another hypothesis leads, or none
-//! does, the state joins the class of indistinguishable causes. Where nothing was named, the signatures of all candidates are compared,
-//! because no fit contains what the initial state absorbed.
+//! A wrong initial state and a constant offset at input, state or sensor are aliases over one log. The prior of the initial state decides which of them is
+//! named. The leaders are therefore compared again with the initial state known ten times better and ten times worse, state by state. Where another hypothesis
+//! leads, or none does, the state joins the class of indistinguishable causes. If no effect was named, the signatures of all candidates are compared, because
+//! no fit contains the part that the initial state absorbed.
 
 use rayon::prelude::*;
 
@@ -15,7 +15,7 @@ use crate::likelihood::gaussian::{Likelihood, Whitened};
 use crate::search::catalogue_search::SearchResult;
 use deadtime_model::effect::{Applied, Scales};
 
-/// What takes the lead when the start of a state is trusted more or less.
+/// The leading hypothesis under a tighter or wider prior of an initial state.
 pub(crate) struct PriorSensitivity {
     /// The state.
     pub(crate) state: String,

@@ -2,7 +2,7 @@
 
 use crate::input::criteria::Criteria;
 
-/// What the verdict is.
+/// The kind of the verdict.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum GapVerdict {
     None,
@@ -10,22 +10,22 @@ pub(crate) enum GapVerdict {
     Effects,
 }
 
-/// Errors of all outputs as nrmse; `None` for an output that stands still.
+/// Errors of all outputs as nrmse; `None` for a constant output.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sizes {
-    /// Of the model as it came.
+    /// The errors of the nominal model.
     pub(super) before: Vec<Option<f64>>,
     /// With what explains best.
     pub(super) after: Vec<Option<f64>>,
     pub(super) floor: Vec<Option<f64>>,
 }
 
-/// What the verdict is decided on.
+/// The inputs of the verdict.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Levels {
     /// On the training logs.
     pub(super) train: Sizes,
-    /// How many effects explain best; 0: the model as it came.
+    /// The number of effects of the best hypothesis; 0: the nominal model.
     pub(super) effects: usize,
     /// Noise decides what one of them does to single samples.
     pub(super) chance: bool,
@@ -124,7 +124,7 @@ mod tests {
         assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Effects, Some((0, 2.0))));
     }
 
-    /// 0.6 is six times the floor, 98.6 % explained: the limit is √(5² + (0.05 · 5/0.1)²) = 5.59 times. Of a gap of 10 the limit is 7.07 times.
+    /// 0.6 is six times the floor, 98.6 % explained: the limit is √(5² + (0.05 · 5/0.1)²) = 5.59 times. With a gap of 10 the limit is 7.07 times.
     #[test]
     fn what_is_far_above_noise_and_inexactness_has_a_further_cause() {
         assert_eq!(verdict(&one_effect(sizes(5.0, 0.6, 0.1))), GapVerdict::Unknown);

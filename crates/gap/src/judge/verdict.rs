@@ -17,12 +17,12 @@ use crate::likelihood::gaussian::Likelihood;
 use crate::search::catalogue_search::SearchResult;
 use deadtime_model::effect::{Applied, Scales};
 
-/// The verdict and what it rests on.
+/// The verdict and its inputs.
 pub(crate) struct Judged {
     pub(crate) verdict: GapVerdict,
-    /// What was found to act; `None` for the other verdicts.
+    /// The effects of the verdict; `None` for the other verdicts.
     pub(crate) found: Option<Hypothesis>,
-    /// What explains best, even where the verdict is another.
+    /// The best hypothesis, also under another verdict.
     pub(crate) best: Option<Hypothesis>,
     /// Probability of `unknown`.
     pub(crate) unknown: f64,
@@ -82,7 +82,7 @@ pub(crate) fn judge(
     let (criteria, penalties) = (likelihood.criteria, Penalties::of(likelihood));
     let nothing = Level::of(likelihood, None)?;
     let mut best = Level::of(likelihood, None)?;
-    // Something beats no effect, by whatever measure; what a further effect would gain that does not matter.
+    // Some hypothesis is better than no effect, by any measure; the gain of a further irrelevant effect.
     let (mut beaten, mut inexact) = (false, 0.0);
     let mut reached = vec![nothing.noise(likelihood)];
     for hypotheses in [&found.singles, &found.pairs] {
@@ -114,7 +114,7 @@ pub(crate) fn judge(
     }
     let (floor, Ruling { verdict, unknown, left_over }) =
         ruled(likelihood, [&nothing, &best], &reached, catalogue, scales, beaten);
-    // What one of several explains alone orders them.
+    // Several effects are ordered by the part that each explains alone.
     let alone = |a: &Applied| {
         found
             .singles

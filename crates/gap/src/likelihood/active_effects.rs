@@ -1,8 +1,8 @@
-//! Effects at work in a simulation, as far as what they do by chance is known.
+//! Active effects in a simulation, with the decoded part of their random behaviour.
 
 use deadtime_model::effect::{Applied, Fates};
 
-/// What became of each input's commands; `None` where all are there.
+/// The latent sequence of each input's commands; `None` where all arrive.
 pub(crate) type LostCommands = Vec<Option<Fates>>;
 
 /// Effects at work, with the commands that were lost where that is known.

@@ -35,7 +35,7 @@ impl Likelihood<'_> {
     }
 }
 
-/// The samples of a span that an output has, each with the output's spread there; outputs that stand still are left out.
+/// The samples of a span that an output has, each with the output's spread there; constant outputs are left out.
 fn spread_rows(record: &LogRecord, span: Span) -> Vec<(usize, usize, f64)> {
     let mut rows = Vec::new();
     for output in 0..record.measured.len() {
@@ -82,7 +82,7 @@ impl Start<'_, '_> {
             .chain(self.likelihood.declared.iter().map(|n| n.std))
     }
 
-    /// The outputs from a start, and what they leave of each row over its output's spread.
+    /// The outputs from an initial state, and the residual of each row over its output's spread.
     fn run(&self, deviation: &DVector<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
         let (likelihood, log) = (self.likelihood, &self.likelihood.records[self.record]);
         let (plan, start) = self.at(deviation)?;

@@ -12,18 +12,18 @@ const STEPS: usize = 6;
 /// A step that moves no value by more than this part of its standard deviation is the last; 1.
 const SETTLED: f64 = 0.01;
 
-/// The constants of one log, given its samples and what is at work.
+/// The constants of one log, given its samples and the active effects.
 pub(crate) struct Constants {
     /// From the values at which they do nothing, in the order of the declaration.
     pub(crate) deviations: DVector<f64>,
-    /// Of the deviations, what is at work being exactly known.
+    /// The covariance of the deviations, given the active effects.
     pub(crate) covariance: DMatrix<f64>,
-    /// How the deviations move with the whitened residual of what they were estimated from, deviations × rows.
+    /// The derivative of the deviations by the whitened residual of their samples, deviations × rows.
     pub(crate) gain: DMatrix<f64>,
 }
 
 impl Likelihood<'_> {
-    /// What is at work with the constants of a log, so far from the values at which they do nothing.
+    /// The active effects with the constants of a log at these deviations from the values without an effect.
     pub(super) fn with_constants(&self, effects: &[Applied], deviations: &[f64]) -> Vec<Applied> {
         let own = self
             .declared
@@ -48,8 +48,8 @@ impl Likelihood<'_> {
         })
     }
 
-    /// The responses about the constants that fit the nominal model best, and the difference of a run with those from a run without any plus the linear responses; `None`
-    /// without constants, and where the fit fails.
+    /// The responses about the constants that fit the nominal model best, and the linearisation error of a run with those constants. `None` without constants,
+    /// and where the fit fails.
     pub(super) fn about_own_constants(
         &self,
         record: usize,

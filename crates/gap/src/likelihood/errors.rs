@@ -77,7 +77,7 @@ impl Errors {
         each.filter_map(|(before, after)| Some(before? / after?)).fold(0.0, f64::max)
     }
 
-    /// Per output; `None` where it stands still.
+    /// Per output; `None` where it is constant.
     pub(crate) fn nrmse(&self) -> Vec<Option<f64>> {
         self.squares
             .iter()
@@ -100,7 +100,7 @@ pub(crate) fn overall(outputs: &[Option<f64>]) -> Option<f64> {
     (count > 0.0).then(|| (known.iter().map(|v| v * v).sum::<f64>() / count).sqrt())
 }
 
-/// The share of the explainable that a hypothesis takes away, of errors before and after it; `None` where there is nothing to explain.
+/// The explained share of the explainable part, from errors before and after a hypothesis; `None` where nothing is explainable.
 pub(crate) fn explained(before: f64, after: f64, floor: f64) -> Option<f64> {
     (before > floor).then(|| (before * before - after * after) / (before * before - floor * floor))
 }

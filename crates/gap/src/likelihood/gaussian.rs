@@ -23,26 +23,26 @@ use deadtime_model::simulate::{
 };
 use deadtime_signal::stop::Stop;
 
-/// What a likelihood is made of.
+/// The terms of a likelihood.
 pub(crate) struct Terms<'a> {
     pub(crate) system: &'a System,
     pub(crate) records: &'a [LogRecord],
     pub(crate) predictor: &'a Predictor,
     /// Effects that belong to the simulator.
     pub(crate) model_effects: Vec<Applied>,
-    /// What is unknown anew in every log.
+    /// The constants with a separate value in every log.
     pub(crate) nuisances: &'a [Nuisance],
     /// Prior standard deviations of the start; 0: exactly known.
     pub(crate) prior: Vec<f64>,
     /// Standard deviation of every output's noise.
     pub(crate) noise_std: Vec<f64>,
-    /// Per output of a black box, what is no more than rounding.
+    /// Per output of a black box, the rounding error.
     pub(crate) resolution: Vec<f64>,
     pub(crate) criteria: Criteria,
     pub(crate) stop: Stop,
 }
 
-/// The likelihood of the logs under whatever is at work. It never changes: another noise or another prior makes a new one.
+/// The likelihood of the logs under any active effects. It never changes: another noise or another prior makes a new one.
 #[derive(Clone)]
 pub(crate) struct Likelihood<'a> {
     pub(crate) system: &'a System,
@@ -50,11 +50,11 @@ pub(crate) struct Likelihood<'a> {
     pub(crate) predictor: &'a Predictor,
     /// The thresholds of the verdict.
     pub(crate) criteria: Criteria,
-    /// What a search may cost.
+    /// The budget of a search.
     pub(crate) budget: &'static Budget,
     /// Effects that belong to the simulator.
     model_effects: Vec<Applied>,
-    /// What the model file declares as unknown anew in every log.
+    /// The constants that the model file declares with a separate value in every log.
     pub(crate) declared: &'a [Nuisance],
     /// Prior standard deviations of the start; 0: exactly known.
     pub(super) prior: Vec<f64>,
@@ -62,22 +62,23 @@ pub(crate) struct Likelihood<'a> {
     pub(super) nuisances: Vec<Nuisances>,
     /// Per record, the state from which runs begin: that of the model, conditioned on the log's first samples.
     starts: Vec<Vec<f64>>,
-    /// Per record and input, what the plant receives while it rests there.
+    /// Per record and input, the plant's input at rest.
     rests: Vec<Vec<Option<f64>>>,
-    /// Per record, the responses to the way from there back to the model's own initial state, from which deviations count; nothing where the two are one.
+    /// Per record, the responses to the difference between that point and the model's own initial state, about which deviations are defined. Empty where both
+    /// are equal.
     ways_back: Vec<Option<DMatrix<f64>>>,
-    /// Per record, what the constants that it has of its own do beyond their straight responses; nothing where they do nothing.
+    /// Per record, the nonlinear part of the responses to its own constants; `None` where they have none.
     bends: Vec<Option<DMatrix<f64>>>,
     /// Integration steps allowed, per record.
     step_limits: Vec<usize>,
-    /// Per output of a black box, what is no more than rounding.
+    /// Per output of a black box, the rounding error.
     resolution: Vec<f64>,
     /// The relative standard deviation of every number of the model about the value that came; `None`: numbers that are fitted are free.
     shrinkage: Option<f64>,
     /// Derivatives are central differences of fine simulations: the tolerance of coarse ones seems to fix directions that the data leave open.
     central: bool,
     stop: Stop,
-    /// What was simulated of late: neither noise nor priors change it.
+    /// Recent simulations: neither noise nor priors change them.
     simulated: Arc<Simulated>,
 }
 
@@ -91,13 +92,13 @@ const TOLERANCE: Tolerance = Tolerance {
 };
 /// For central differences, whose steps move the outputs by 1e-4 of their size and less.
 const FINE: f64 = 1e-9;
-/// How many more integration steps a fine simulation takes: a method of order five has (1e-6/1e-9)^(1/5), and rejects steps at kinks.
+/// The factor of integration steps of a fine simulation: a method of order five has (1e-6/1e-9)^(1/5), and rejects steps at kinks.
 const FINE_STEPS: usize = 8;
 /// Integration steps per sample, and the multiple of the nominal model's steps, above which a hypothesis is dropped.
 const STEPS_PER_SAMPLE: usize = 10;
 const STEPS_OF_NOMINAL: usize = 4;
 
-/// Per record, what a whitened residual has in common with the nuisances; `None` without nuisances.
+/// Per record, the projection of a whitened residual on the nuisances; `None` without nuisances.
 type Projected = Vec<Option<Common>>;
 
 /// A whitened residual, one column of all samples and outputs per record.
@@ -187,7 +188,7 @@ impl<'a> Likelihood<'a> {
                 .step_limits
                 .push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
             let shape = (record.time_s.len(), system.outputs.len());
-            // Of a simulator that is started again every start is a nuisance of its own, window by window.
+            // In a restarted simulator every initial state is a separate nuisance, window by window.
             let starts: Vec<usize> =
                 (0..all.ncols()).filter(|c| free.contains(&(c % prior_states))).collect();
             let column =
@@ -318,7 +319,7 @@ impl<'a> Likelihood<'a> {
         Self { shrinkage: Some(size), ..self.clone() }
     }
 
-    /// With derivatives by central differences, for what is reported.
+    /// With derivatives by central differences, for reported values.
     pub(crate) fn with_central_differences(&self) -> Self {
         let step_limits = self.step_limits.iter().map(|steps| FINE_STEPS * steps).collect();
         Self { central: true, step_limits, simulated: Arc::default(), ..self.clone() }
@@ -340,7 +341,7 @@ impl<'a> Likelihood<'a> {
         self.system.is_black_box() && matches!(applied.effect.site(), Site::Input | Site::Dynamics)
     }
 
-    /// What trying the effect may cost.
+    /// The allowed cost of a trial of the effect.
     pub(crate) fn allowance(&self, applied: &Applied) -> &'static Allowance {
         if self.calls(applied) { &self.budget.called } else { &self.budget.plain }
     }
@@ -371,7 +372,7 @@ impl<'a> Likelihood<'a> {
         self.nuisances[record].raw().all()
     }
 
-    /// Whoever asked for a diagnosis does not wait for it any more.
+    /// The caller no longer waits for the diagnosis.
     pub(crate) fn is_stopped(&self) -> bool {
         self.stop.is_set()
     }
@@ -403,7 +404,7 @@ impl<'a> Likelihood<'a> {
         self.predict_samples(record, active.into(), &self.records[record].inputs, usize::MAX)
     }
 
-    /// The same with other commands than those of the log, and as far as parameters are fitted to it: samples after the training span are 0.
+    /// The same with other commands than those of the log, over the rows of the fit: samples after the training span are 0.
     pub(crate) fn predict_trained(
         &self,
         record: usize,
@@ -480,7 +481,7 @@ impl<'a> Likelihood<'a> {
         if active.lost.is_some() || !std::ptr::eq(inputs, log.inputs.as_slice()) {
             return simulate();
         }
-        // A run that a stop broke off says nothing.
+        // A run ended by a stop carries no information.
         self.simulated.of(
             Key::new(record, samples.min(log.time_s.len()), active.effects),
             simulate,
@@ -542,12 +543,12 @@ impl<'a> Likelihood<'a> {
         (0..self.records.len()).into_par_iter().all(|at| self.predict(at, active).is_some())
     }
 
-    /// A residual whitened over the whole record, whatever is trained on.
+    /// A residual whitened over the whole record, independent of the training span.
     pub(crate) fn whiten_whole(&self, at: usize, residual: &DMatrix<f64>) -> DMatrix<f64> {
         self.whiten_in(at, residual, Span { from_s: 0.0, to_s: self.records[at].duration_s() })
     }
 
-    /// A residual whitened over a span, whatever is trained on; 0 outside it.
+    /// A residual whitened over a span, independent of the training span; 0 outside it.
     pub(crate) fn whiten_in(&self, at: usize, residual: &DMatrix<f64>, span: Span) -> DMatrix<f64> {
         self.noise[at].whiten(&self.records[at], Some(span), residual)
     }
@@ -595,7 +596,7 @@ impl<'a> Likelihood<'a> {
         sum
     }
 
-    /// What a whitened residual has in common with the nuisances: Wᵀa and (P⁻¹ + WᵀW)⁻¹Wᵀa per record.
+    /// The projection of a whitened residual on the nuisances: Wᵀa and (P⁻¹ + WᵀW)⁻¹Wᵀa per record.
     fn projected(&self, a: &Whitened) -> Projected {
         a.iter().zip(&self.nuisances).map(|(a, nuisances)| nuisances.projected(a)).collect()
     }
@@ -654,7 +655,7 @@ impl<'a> Likelihood<'a> {
         trained.map_or_else(|| vec![1.0; self.system.outputs.len()], |(_, noise)| noise.std())
     }
 
-    /// How many samples of each output's noise count as one.
+    /// The number of samples of each output's noise per independent sample.
     pub(crate) fn memory(&self) -> Vec<f64> {
         let trained = self.records.iter().zip(&self.noise).find(|(r, _)| r.train.is_some());
         (0..self.system.outputs.len())

@@ -1,10 +1,10 @@
 //! Where a log begins: the model's initial state, conditioned on the first samples of the log.
 //!
-//! Equation: x = x0 + P·C′·(C·P·C′ + R)⁻¹·(y − ŷ), C = ∂y/∂x0 at the first sample, P the prior of the initial state, R the noise of the sensors (Kalman 1960).
-//! Outputs that commands move at once are left out. A state that no other output shows stays as the model has it: a velocity of 0 is at rest.
+//! Equation: x = x0 + P·C′·(C·P·C′ + R)⁻¹·(y − ŷ) (Kalman 1960). C = ∂y/∂x0 at the first sample, P is the prior of the initial state, and R the noise of the
+//! sensors. Outputs that commands move at once are left out. A state that no other output shows stays as the model has it: a velocity of 0 is at rest.
 //!
-//! How it can be wrong: it is only the point about which responses to the initial state are straight lines, and the state from which a law with a memory begins.
-//! Prior and posterior of the initial state do not depend on it where the model is linear. A first sample that is an outlier is outvoted by the two after it.
+//! How it can be wrong: the estimate is only the point of linearisation, and the initial state of a law with a memory. Prior and
+//! posterior of the initial state do not depend on it where the model is linear. A first sample that is an outlier is outvoted by the two after it.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -53,7 +53,7 @@ pub(super) fn log_start(
         let off = DVector::from_fn(prior.len(), |j, _| {
             if prior[j] > 0.0 { (start[j] - model[j]) / prior[j] } else { 0.0 }
         });
-        // Of the measurement, what the model's own state leaves.
+        // The part of the measurement that the model's own state does not explain.
         let left = DVector::from_fn(first.len(), |i, _| first[i].1 - y[(0, first[i].0)]) + &c * off;
         let noise = DVector::from_fn(first.len(), |i, _| {
             noise_std[first[i].0].powi(2).max(f64::MIN_POSITIVE)
@@ -69,7 +69,7 @@ pub(super) fn log_start(
     start
 }
 
-/// States alone move an output. What a command moves at once shows the gap of that command too, above all a delay.
+/// States alone move an output. A direct response to a command also has the gap of that command, above all a delay.
 fn shows_states(system: &System, record: &LogRecord, output: usize) -> bool {
     let direct = match &system.dynamics {
         Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => matrices.d.clone(),
@@ -94,7 +94,8 @@ fn first_measurement(record: &LogRecord, output: usize) -> Option<f64> {
     stats::median(first.filter_map(|k| record.measured[output].get(k)).collect())
 }
 
-/// Per input, what the plant receives while it rests at the state `start`; `None` where the log does not begin at rest, or this input alone cannot hold it there.
+/// Per input, the plant's input while it rests at the state `start`. `None` where the log does not begin at rest, or this input alone cannot hold the plant
+/// there.
 pub(super) fn rests(
     system: &System,
     record: &LogRecord,
@@ -117,7 +118,7 @@ pub(super) fn rests(
     (0..inputs).map(alone).collect()
 }
 
-/// Of what moves the state, so much may remain.
+/// The allowed remainder of the sum that moves the state.
 const STILL: f64 = 0.05;
 /// Samples before the first change of a command that show whether outputs rest.
 const RESTING: usize = 5;
@@ -208,7 +209,7 @@ angle = "2*q"
         let there = record(&system, |k| if k == 0 { 7.0 } else { 0.9 });
         let found = start(&system, &there, &[0.3, 0.1]);
         assert!((found[0] - 0.45).abs() < 1e-4 && found[1] == 0.0, "{found:?}");
-        // What is known exactly stays.
+        // An exactly known state stays.
         assert_eq!(start(&system, &there, &[0.0, 0.1]), [0.0, 0.0]);
         // As far as the noise: half way where prior and noise of the state are one.
         let found = start(&system, &there, &[0.5e-3, 0.0]);

@@ -1,10 +1,10 @@
-//! The nuisances of one record, integrated out alike in all hypotheses: the initial state with a prior N(0, P) on its deviation, the declared
-//! constants of the model file (a value per log, with a prior each), and commands that react to the noise of their own sample.
+//! The nuisances of one record, integrated out alike in all hypotheses. The first is the initial state with a prior N(0, P) on its deviation. The second are
+//! the declared constants of the model file: a value per log, with a prior each. The third are commands that react to the noise of their own sample.
 //!
 //! How declared ones can be wrong:
-//! - The response to a constant is linear: that of the nominal model, between half a standard deviation to either side of the value that fits this model best.
-//!   The true response is nonlinear for a clock offset comparable to the outputs' time constants, and for a perturbation of a nonlinear model.
-//!   The linearisation error at that best value is added to every hypothesis's predictions. A cause that moves the value by much leaves the remaining error.
+//! - The response to a constant is linear. It is that of the nominal model, between half a standard deviation to either side of the value that fits this model
+//!   best. The true response is nonlinear for a clock offset comparable to the outputs' time constants, and for a perturbation of a nonlinear model. The
+//!   linearisation error at that best value is added to every hypothesis's predictions. A cause that moves the value by much leaves the remaining error.
 //!   Reported values and held-out scores come from real simulations (`constants.rs`, `best_start.rs`).
 //! - A constant absorbs a cause: with a wide prior a constant that is the same in all logs has almost no cost, log by log. A caveat reports values that are alike in
 //!   all logs beyond chance, and estimates that the prior contradicts.
@@ -33,7 +33,7 @@ pub(super) struct Nuisances {
 pub(super) struct Responses {
     /// ∂y/∂x0, of each free state.
     pub(super) starts: Vec<DMatrix<f64>>,
-    /// Per unit of what the model file declares.
+    /// Per unit of the declared constants of the model file.
     pub(super) declared: Vec<DMatrix<f64>>,
     /// Standard deviations of the priors of those.
     pub(super) declared_std: Vec<f64>,
@@ -72,7 +72,7 @@ impl Responses {
 
     /// P⁻¹; regressors without a prior get next to none, so that the sum can be factored. `prior`: standard deviations of the start.
     pub(super) fn precision(&self, prior: &[f64]) -> DMatrix<f64> {
-        // Of several starts each has the same prior.
+        // Several initial states have the same prior each.
         let starts = prior.iter().copied().filter(|s| *s > 0.0).cycle().take(self.starts.len());
         let known = starts.chain(self.declared_std.iter().copied()).map(|s| 1.0 / (s * s));
         let all: Vec<f64> = known.chain(std::iter::repeat_n(1e-9, self.feedback.len())).collect();
@@ -80,7 +80,7 @@ impl Responses {
     }
 }
 
-/// What a whitened residual a has in common with the nuisances: Wᵀa and (P⁻¹ + WᵀW)⁻¹Wᵀa.
+/// The projection of a whitened residual a on the nuisances: Wᵀa and (P⁻¹ + WᵀW)⁻¹Wᵀa.
 pub(super) type Common = (DVector<f64>, DVector<f64>);
 
 impl Nuisances {
@@ -117,7 +117,7 @@ impl Nuisances {
         self.factor.as_ref().filter(|_| !a.is_empty() && self.whitened.ncols() > 0)
     }
 
-    /// What a whitened residual has in common with the nuisances; `None` without any.
+    /// The projection of a whitened residual on the nuisances; `None` without any.
     pub(super) fn projected(&self, a: &DVector<f64>) -> Option<Common> {
         let factor = self.factor_for(a)?;
         let by_start = self.whitened.tr_mul(a);
@@ -152,7 +152,7 @@ impl Nuisances {
         Some(information.cholesky()?.solve(&w.tr_mul(e)))
     }
 
-    /// Moves predictions by the deviations of what is no noise; feedback moves a residual but is no part of what a model predicts.
+    /// Moves predictions by the deviations of the nuisances; feedback moves a residual but is no part of a prediction.
     pub(super) fn add_to(&self, y: &mut DMatrix<f64>, deviation: &DVector<f64>) {
         for (raw, by) in self.raw.known().zip(deviation.iter()) {
             *y += raw * *by;

@@ -1,4 +1,4 @@
-//! Residuals of whatever is at work, from the posterior start of each record.
+//! Residuals of any active effects, from the posterior initial state of each record.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -7,7 +7,8 @@ use super::active_effects::ActiveEffects;
 use super::gaussian::Likelihood;
 use crate::input::record::LogRecord;
 
-/// Residuals from the posterior start of each record, by the same rule for every hypothesis: of a held-out log its own samples, else the training span.
+/// Residuals from the posterior initial state of each record, by the same rule for every hypothesis. A held-out log uses its own samples, any other log the
+/// training span.
 pub(crate) fn residuals<'e>(
     likelihood: &Likelihood<'_>,
     active: impl Into<ActiveEffects<'e>>,
@@ -39,7 +40,8 @@ pub(crate) fn residuals_or<'e>(
     likelihood.records.iter().zip(otherwise).enumerate().map(one).collect()
 }
 
-/// Residuals of runs from the start of each record that fits best, of a held-out log by its own samples, else by the training span: what whoever runs the model gets.
+/// Residuals of runs from the best-fitting initial state of each record: the error that a user of the model gets. A held-out log uses its own samples, any
+/// other log the training span.
 pub(crate) fn simulated<'e>(
     likelihood: &Likelihood<'_>,
     active: impl Into<ActiveEffects<'e>>,

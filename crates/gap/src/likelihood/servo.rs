@@ -34,7 +34,7 @@ C = [[1.0, 0.0], [0.0, 1.0]]
 D = [[0.0], [0.0]]
 "#;
 
-/// What a servo with these effects logs, under commands that change every 5 to 30 samples of 20 ms.
+/// The log of a servo with these effects, under commands that change every 5 to 30 samples of 20 ms.
 fn log(system: &System, effects: &[Applied], seed: u64) -> Log {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut u: Vec<f64> = Vec::new();

@@ -11,7 +11,7 @@ use nalgebra::DMatrix;
 
 use deadtime_model::effect::Applied;
 
-/// What a run depends on.
+/// The inputs of a run.
 #[derive(PartialEq, Eq, Hash)]
 pub(super) struct Key {
     record: usize,
@@ -54,7 +54,7 @@ struct Generations {
 const GENERATION: usize = 64 << 20;
 
 impl Simulated {
-    /// The outputs of a run, made where they are not known. `keep`: whether what was made may be kept.
+    /// The outputs of a run, made where they are not known. `keep`: whether the new outputs may be kept.
     pub(super) fn of(
         &self,
         key: Key,

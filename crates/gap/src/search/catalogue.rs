@@ -6,7 +6,7 @@ use crate::input::nuisance::Nuisance;
 use deadtime_model::effect::{Applied, EFFECTS, Effect, OnChannel, Scales, Site, find};
 use deadtime_model::simulate::{Dynamics, System};
 
-/// What is tried, in the order of the effects' table, and what cannot act.
+/// The tried candidates, in the order of the effects' table, and those that cannot act.
 pub(crate) struct Catalogue {
     pub(crate) candidates: Vec<Applied>,
     pub(crate) left_out: Vec<NotTried>,
@@ -90,7 +90,7 @@ pub(crate) fn catalogue(
     Catalogue { candidates: all, left_out }
 }
 
-/// Every number of a model as it came, also where a law that acts in continuous time could not be tried; none of a simulator that can only be called.
+/// Every parameter of the nominal model, also where a law in continuous time could not be tried. Empty for a simulator that can only be called.
 pub(crate) fn numbers(system: &System) -> Vec<Applied> {
     let kinematic = &kinematic(system);
     let of = |effect: &'static dyn Effect| {

@@ -18,7 +18,7 @@ use crate::likelihood::gaussian::{Likelihood, Whitened};
 use crate::likelihood::residuals::residuals;
 use deadtime_model::effect::{Applied, Lateness, Scales};
 
-/// What a search found, best first.
+/// The result of a search, best first.
 pub(crate) struct SearchResult {
     /// Single effects: those fitted, then the rest of the catalogue as screened.
     pub(crate) singles: Vec<Hypothesis>,
@@ -31,7 +31,7 @@ pub(crate) struct Searched<'a> {
     pub(crate) found: SearchResult,
 }
 
-/// Searches the whole catalogue, from a likelihood under white noise. `remedies`: what the checks ask for.
+/// Searches the whole catalogue, from a likelihood under white noise. `remedies`: the effects that the checks propose.
 pub(crate) fn search<'a>(
     mut likelihood: Likelihood<'a>,
     catalogue: Vec<Applied>,
@@ -121,7 +121,7 @@ pub(crate) fn search<'a>(
     Some(Searched { likelihood, found })
 }
 
-/// Fits see the training spans only: what breaks in the rest of a log explains nothing. Of the first so many.
+/// Fits use the training spans only: an effect that makes the model fail in the rest of a log explains nothing. Tests the given number of first hypotheses.
 fn give_up_what_breaks(likelihood: &Likelihood<'_>, hypotheses: &mut [Hypothesis], first: usize) {
     let known = likelihood.budget.one_by_one;
     hypotheses.par_iter_mut().take(first).filter(|e| e.fitted && !known).for_each(|e| {
@@ -131,7 +131,7 @@ fn give_up_what_breaks(likelihood: &Likelihood<'_>, hypotheses: &mut [Hypothesis
     });
 }
 
-/// The noise of the residuals that one hypothesis leaves, or the model as it is, per record; records of one sample time share it.
+/// The noise of the residuals of one hypothesis, or of the nominal model, per record; records of one sample time share it.
 pub(crate) fn noise_of(
     likelihood: &Likelihood<'_>,
     hypothesis: Option<&Hypothesis>,
@@ -157,7 +157,7 @@ pub(crate) fn noise_in(
                     && same(likelihood.records[i].sample_time_s, ts)
             })
             .collect();
-        // Of a held-out log with another sample time: all training logs.
+        // For a held-out log with another sample time: all training logs.
         let members = if members.is_empty() {
             (0..residuals.len()).filter(|&i| likelihood.records[i].train.is_some()).collect()
         } else {
@@ -170,7 +170,7 @@ pub(crate) fn noise_in(
     likelihood.records.iter().map(|r| noise(r.sample_time_s)).collect()
 }
 
-/// Members of the best pair of a black box as hypotheses of their own, from where they stand in it: one that few calls were spent on may lead alone.
+/// Members of the best pair of a black box as separate hypotheses, from their values in the pair. A member with few calls so far may lead alone.
 fn members_alone(
     likelihood: &Likelihood<'_>,
     found: &mut SearchResult,

@@ -1,11 +1,13 @@
-//! General forms of an effect and their special cases: a delay that jumps and a fixed one, a friction that falls with speed and a constant one, a nonlinear sensor
-//! and one with another gain.
+//! General forms of an effect and their special cases. Examples: jumping and fixed delays, frictions that fall with speed and constant frictions, nonlinear
+//! sensors and sensors with another gain.
 //!
-//! How it goes wrong without a rule of its own: an inexact simulator leaves a structured residual, and the general form with its additional parameters absorbs a part
-//! of it. The likelihood gain then outweighs every penalty on parameters. The general form must therefore do what any further cause must: explain a part of the gap that
-//! matters, or lower the error beyond the simulator's own error. Otherwise its gain is set to that of the special case, and both are reported as indistinguishable.
+//! Failure without a separate rule: an inexact simulator leaves a structured residual, and the general form with its additional parameters absorbs a part of
+//! it. The likelihood gain then outweighs every penalty on parameters. The general form must therefore meet the rule of any further cause. It must explain a
+//! part of the gap that matters, or lower the error beyond the simulator's own error. Otherwise its gain is set to that of the special case, and both are
+//! reported as indistinguishable.
 //!
-//! The cost of this rule: a real general form that explains less than that part of the gap, and lowers the error by less, is missed. The special case is then named.
+//! The cost of this rule: a real general form is missed if it explains less than that part and lowers the error by less. The special case is then
+//! named.
 
 use crate::hypothesis::effects::Hypothesis;
 use crate::hypothesis::level::Level;
@@ -13,7 +15,8 @@ use crate::hypothesis::penalised_gain::Penalties;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::Applied;
 
-/// Limits the gain of every general form to that of its special case unless the difference matters: for a simulator that can only be called, where no sets are searched.
+/// Limits the gain of every general form to that of its special case unless the difference matters. The rule is for a simulator that can only be called, where
+/// no sets are searched.
 ///
 /// The gain of a pair of the special case and another effect is limited as well, where the general form alone explains as much.
 pub(super) fn held_back(
@@ -77,7 +80,7 @@ fn plainer_keys(hypothesis: &Hypothesis) -> Vec<String> {
     elaborate.filter_map(forms).flatten().map(instead).collect()
 }
 
-/// What a further cause must do: take a part of the gap that matters, or lower the error of an output by the factor `clear`.
+/// The rule of a further cause: explain a part of the gap that matters, or lower the error of an output by the factor `clear`.
 fn is_more(likelihood: &Likelihood<'_>, original: &Level, before: &Level, after: &Level) -> bool {
     let criteria = &likelihood.criteria;
     let taken = before.train.over(&original.train) - after.train.over(&original.train);

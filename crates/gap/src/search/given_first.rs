@@ -36,7 +36,7 @@ impl GivenFirst {
         Some(Self { first: first.clone(), residual: slopes.residual, cost, own })
     }
 
-    /// How far the cost would fall along a signature, at any size.
+    /// The predicted reduction of the cost along a signature, at any size.
     pub(crate) fn predicted_reduction(
         &self,
         likelihood: &Likelihood<'_>,

@@ -20,8 +20,8 @@ pub(crate) fn add_late_twins(likelihood: &Likelihood<'_>, hypotheses: &mut Vec<H
         .collect();
     let nominal = likelihood.whitened(NO_EFFECT).map_or(0.0, |w| likelihood.inner(&w, &w));
     for twin in twins {
-        // The same law may have been decoded by itself. Where commands show one by one their waits are known, and price both reasons alike; where they hide each
-        // other, delays explain much more than losses do.
+        // The same law may have been decoded by itself. Where commands are visible one by one their waits are known, and both reasons have equal prices. Where
+        // commands hide each other, delays explain much more than losses.
         let explained = |e: &Hypothesis| e.gain + e.lost.as_ref().map_or(0.0, |l| l.price);
         let much = |e: &Hypothesis| nominal - explained(&twin) > HIDDEN * (nominal - explained(e));
         if hypotheses

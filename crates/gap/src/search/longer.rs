@@ -1,9 +1,9 @@
 //! Whether the search needs longer delays: from shifts of the model's own prediction before a search, and from a delay at the limit after one.
 //!
-//! How it can be wrong: slow motions of a few oscillations correlate at many shifts, and a wrong model correlates at none. A shift beyond the limit must therefore
-//! leave much less of the motion than every shift within, and little of it. A periodic command correlates again after one period, but never better.
-//! With a range that is too long, a longer part of each log's start carries no weight, and the search takes longer. In long logs the shifts are coarse: fast motions
-//! correlate at none of them, and only a delay at the search's limit reveals a longer one.
+//! How it can be wrong: slow motions of a few oscillations correlate at many shifts, and a wrong model correlates at none. A shift beyond the limit must
+//! therefore leave much less of the motion than every shift within, and little of it. A periodic command correlates again after one period, but never better.
+//! With a range that is too long, a longer part of each log's start carries no weight, and the search takes longer. In long logs the shifts are coarse: fast
+//! motions correlate at none of them. Only a delay at the search's limit then reveals a longer one.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -20,8 +20,8 @@ use deadtime_model::effect::{Role, Scales};
 const SHIFTS: usize = 300;
 const ROWS: usize = 4000;
 
-/// By how much the model's prediction must be moved, later or earlier, to be most like what was measured, seconds; `None` where no shift beyond the longest delay
-/// is much better than all within. `residuals`: of the model as it is, run freely.
+/// The shift of the model's prediction, later or earlier, with the best correlation to the measurement, seconds. `None` where no shift beyond the longest delay
+/// is much better than all within. `residuals`: of the nominal model, run freely.
 pub(crate) fn shift_beyond(
     records: &[LogRecord],
     residuals: &[DMatrix<f64>],
@@ -62,7 +62,7 @@ pub(crate) fn shift_beyond(
         .max_by(f64::total_cmp)
 }
 
-/// The part of one output's variance over the training samples that the shifted prediction leaves, with a gain and a constant of its own: one less the squared
+/// The part of one output's variance over the training samples that the shifted prediction leaves, with a free gain and constant. It is one less the squared
 /// correlation; 1 where the gain would be negative.
 fn unlike(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize, shift_s: f64) -> f64 {
     let (mut count, mut sums, mut squares) = (0.0, [0.0; 2], [0.0; 3]);
@@ -102,15 +102,15 @@ fn unlike(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize, shif
 }
 
 impl SearchResult {
-    /// A delay that explains a good part of the gap stands at the longest that was looked for. Under noise of the gap's colour half a delay gains little, whatever
-    /// it takes from the error.
+    /// Whether a delay that explains much of the gap is at the limit of the search. Under noise of the gap's colour half a delay gains little, also where it
+    /// reduces the error by much.
     pub(crate) fn wants_longer_delays(
         &self,
         likelihood: &Likelihood<'_>,
         scales: &Scales,
         criteria: &Criteria,
     ) -> bool {
-        // A hidden sequence gains much by what it is free to do.
+        // A latent sequence gains much by its freedom.
         let best = self
             .singles
             .iter()

@@ -1,15 +1,15 @@
 //! First guesses of changes over time: delays that move, and gains and parameters that step.
 //!
-//! Delays start from fixed ones: the squared error of each delay of a grid is known at every time. Where one delay holds until a time
-//! and another from then on, the sum of the best prefix and the best suffix of squared errors is lowest at that time (a change-point scan with two segments;
-//! Hinkley 1970, doi:10.1093/biomet/57.1.1). A drift is the straight line through the grid with the lowest error. A slower loop has a period of about twice
-//! the best fixed delay.
+//! Delays start from fixed ones: the squared error of each delay of a grid is known at every time. A delay that jumps at a time minimises there the sum of the
+//! best prefix and the best suffix of squared errors. This is a change-point scan with two segments (Hinkley 1970, doi:10.1093/biomet/57.1.1). A drift is the
+//! straight line through the grid with the lowest error. A slower loop has a period of about twice the best fixed delay.
 //!
-//! Steps of other effects use the signature s: the residual e is about v·s. With separate values v before and after a time the squared error falls by (Σ s·e)²/Σ s²
-//! on each side (a generalised likelihood ratio on the cumulated score; Basseville and Nikiforov 1993, Detection of Abrupt Changes, section 2.4).
+//! Steps of other effects use the signature s: the residual e is about v·s. With separate values v before and after a time the squared error falls by (Σ
+//! s·e)²/Σ s² on each side. This is a generalised likelihood ratio on the cumulated score (Basseville and Nikiforov 1993, Detection of Abrupt Changes, section
+//! 2.4).
 //!
-//! How it can be wrong: a plant with memory smears the time over its memory length, the grid is coarse, and a signature is that of a small change. The results are
-//! therefore first guesses, which are fitted and compared like all others.
+//! How it can be wrong: a plant with memory smears the time over its memory length. The grid is coarse, and a signature is that of a small change. The results
+//! are therefore first guesses, which are fitted and compared like all others.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -24,14 +24,14 @@ use deadtime_model::simulate::System;
 /// Short delays of the grid, all of them, and the number of the longer ones; a delay of 0 comes in addition.
 const SHORT: usize = 12;
 const LONG: usize = 14;
-/// Stretches of time at whose edges a change is looked for.
+/// Stretches of time; changes are searched at their edges.
 const BINS: usize = 240;
-/// A change is looked for no closer than this part of the logs to their ends.
+/// A change is searched no closer than this part of the logs to their ends.
 const MARGIN: f64 = 0.03;
-/// So many stretches before and behind a first guess its time is looked for.
+/// The search range of its time around a first guess: the number of stretches before and after.
 const EARLIER: i32 = 16;
 const LATER: i32 = 6;
-/// A step is looked at where it takes this part of the squared residual that one value leaves. Chosen: a tenth, as for further causes.
+/// A step is tried where it reduces the squared residual of one value by this part. Chosen: 10 %, as for further causes.
 const STEPS: f64 = 0.1;
 /// Periods of a slower loop, in units of the best fixed delay; and so many at most, with so many phases each.
 const PERIODS: [f64; 2] = [1.2, 3.2];
@@ -40,7 +40,7 @@ const PHASES: usize = 6;
 /// First guesses of a slower loop that are handed on.
 const KEPT: usize = 3;
 
-/// What a scan suggests for every candidate that changes with time.
+/// The first guesses of a scan for every candidate that changes with time.
 pub(crate) fn scanned(
     likelihood: &Likelihood<'_>,
     candidates: &[Applied],
@@ -84,7 +84,7 @@ pub(crate) fn scanned(
     all
 }
 
-/// A number with what a small change of it does.
+/// A parameter with the response to a small change of it.
 struct Signed {
     plain: Applied,
     start: Vec<f64>,
@@ -111,7 +111,8 @@ impl Signed {
     }
 }
 
-/// First guesses of steps of all numbers at one time, where that is worth more than one set of numbers throughout. An event of a single number has one of its own.
+/// First guesses of steps of all parameters at one time, where two sets of values are worth more than one set throughout. An event of a single parameter is the
+/// step of this parameter.
 fn of_event(
     likelihood: &Likelihood<'_>,
     scales: &Scales,
@@ -156,7 +157,8 @@ fn of_event(
     Some(signed.iter().enumerate().filter_map(guess).collect())
 }
 
-/// Guesses that only say what such effects are like: delays of a few samples, steps as large as a first guess of what steps. For what is never fitted.
+/// Guesses that only show typical values of such effects: delays of a few samples, steps as large as a first guess of the stepping parameter. Used without a
+/// fit.
 pub(crate) fn typical(system: &System, candidates: &[Applied], scales: &Scales) -> Vec<Scanned> {
     let few_s = (4.0 * scales.sample_time_s).min(0.5 * scales.longest_delay_s);
     let guess = |a: &Applied| {
@@ -186,14 +188,14 @@ fn found(effect: &dyn Effect, channel: &str, starts: Vec<Vec<f64>>) -> Scanned {
     Scanned { effect: effect.name(), channel: channel.to_owned(), starts }
 }
 
-/// What changes with time is a fixed delay.
+/// Whether the changing quantity is a fixed delay.
 fn moves_a_delay(effect: &dyn Effect) -> bool {
     let plain = effect.elaborates().and_then(|plain| find(plain).ok());
     effect.changes().is_some()
         && plain.is_some_and(|plain| plain.lateness() == Some(Lateness::Fixed))
 }
 
-/// What a candidate is where nothing changes with time.
+/// The constant counterpart of a candidate that changes with time.
 fn plain(system: &System, a: &Applied) -> Option<Applied> {
     Applied::nominal(system, find(a.effect.elaborates()?).ok()?, &a.channel).ok()
 }
@@ -244,7 +246,7 @@ fn of_step(
     Some(found(step.effect, &step.channel, vec![guess]))
 }
 
-/// The time of a jump refined by shifts of the jump itself: a plant with memory responds late, and the cost has local minima where the command is constant.
+/// The time of a jump refined by shifts of the jump itself. A plant with memory responds late, and the cost has local minima where the command is constant.
 fn sharpened(likelihood: &Likelihood<'_>, jump: &Applied, guess: Vec<f64>, bin_s: f64) -> Vec<f64> {
     let moved = |bins: i32| {
         guess
@@ -270,7 +272,7 @@ struct Grid {
     bin_s: f64,
 }
 
-/// What the delay of an input seems to do; nothing where it seems to stand still.
+/// The apparent change of an input's delay; empty where the delay is constant.
 fn of_delay(
     likelihood: &Likelihood<'_>,
     scales: &Scales,
@@ -280,7 +282,7 @@ fn of_delay(
     let guesses = likelihood.first_guesses(delay, scales);
     let (short, long) = guesses.split_at(SHORT.min(guesses.len()));
     let every = long.len().div_ceil(LONG).max(1);
-    // The last one stands for all that are longer.
+    // The last delay represents all longer ones.
     let chosen: Vec<f64> = short
         .iter()
         .chain(long.iter().rev().step_by(every).rev())

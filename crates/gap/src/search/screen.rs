@@ -6,10 +6,10 @@ use crate::hypothesis::direction::{NEAR, between, difference, has_limit, with};
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, Parameter, Scales};
 
-/// How often the way along a signature is halved before it is given up.
+/// The number of halvings of a step along a signature before it is given up.
 const HALVINGS: i32 = 5;
 
-/// The residual moves in proportion where a signature found near nominal and one found at the start differ by no more than this part.
+/// The residual is proportional to the size where a signature near nominal and one at the first guess differ by at most this part.
 const PROPORTIONAL: f64 = 1e-9;
 
 /// A candidate with its starts, best first.
@@ -78,8 +78,8 @@ fn screened(
         if has_limit(&applied) || (at > 0 && applied.parameters.len() == 1) {
             continue;
         }
-        // The signature close to nominal, scaled as it fits best: one and the same at the start where the residual moves in proportion, of
-        // whatever frequency.
+        // The signature close to nominal, scaled by least squares. One signature at the start is sufficient where the residual is proportional to the size, at
+        // any frequency.
         let whole = there.map(|there| difference(nominal, &there, 1.0));
         let signature = match &whole {
             Some(whole) if proportional && shaped => whole.clone(),

@@ -34,8 +34,8 @@ fn firsts<'h>(
     chosen
 }
 
-/// Pairs: for each leading single, the second effects with the largest predicted cost reduction, refitted together. `remedies`: effects that the checks propose, at
-/// the proposed values. Such an effect is a first effect without a fit of its own: a gain of −1 fitted alone turns to nearly 0 where a delay is also missing.
+/// Pairs: for each leading single, the second effects with the largest predicted cost reduction, refitted together. `remedies`: effects that the checks
+/// propose, at the proposed values. Such an effect is a first effect without a separate fit. A gain of −1 fitted alone tends to 0 where a delay is also missing.
 pub(crate) fn pairs(
     likelihood: &Likelihood<'_>,
     singles: &[Hypothesis],
@@ -79,7 +79,7 @@ pub(crate) fn pairs(
     pairs
 }
 
-/// Something of the catalogue promises to take a part of what a single leaves.
+/// Some candidate has a predicted reduction of the required part of a single effect's residual.
 fn has_second_candidate(
     likelihood: &Likelihood<'_>,
     single: &Hypothesis,
@@ -160,7 +160,7 @@ fn reductions(
                 };
                 let signature = difference(nominal, &there, 1.0);
                 for (best, given) in best.iter_mut().zip(given) {
-                    // What a remedy turns round, it turns round in the others' signatures, too.
+                    // A remedy of a wrong sign reverses the others' signatures, too.
                     let together = || {
                         let effects: Vec<Applied> =
                             given.first.effects.iter().cloned().chain([moved.clone()]).collect();
@@ -206,7 +206,7 @@ fn wanted(
             .into_iter()
             .filter(|(_, s)| given.first.effects.iter().all(|f| f.key() != s.key()))
             .partition(|(_, s)| s.effect.loses_commands());
-        // A lattice in the raw values is there whatever it promises.
+        // A lattice in the raw values is a fact without a predicted reduction.
         let traced = reductions
             .iter()
             .map(|p| &p[at])
@@ -216,7 +216,7 @@ fn wanted(
         } else {
             0
         });
-        // Each kind has places of its own: what costs calls starts from coarser guesses, and promises less than it keeps.
+        // Each kind has a quota: candidates that cost calls start from coarser guesses, and their predicted reductions are too small.
         let (mut called, mut others) = (0, 0);
         let seconds = seconds.into_iter().filter(|(_, second)| {
             let count = if likelihood.calls(second) { &mut called } else { &mut others };
@@ -305,7 +305,7 @@ mod tests {
     use crate::search::screen::screen;
     use crate::search::singles::fit_first;
 
-    /// The sequence of losses must outlive the last fit of a pair: with the mean of all sequences in its place, most of what the pair explains is gone.
+    /// The sequence of losses must survive the last fit of a pair. The mean of all sequences explains far less than the pair does.
     #[test]
     fn a_pair_keeps_the_lost_commands_that_were_found_for_it() {
         with_servo(

@@ -43,7 +43,8 @@ fn worth_a_fit(likelihood: &Likelihood<'_>, pool: &[Screened]) -> Vec<bool> {
     pool.iter().map(worth).collect()
 }
 
-/// Fits the members of the pool with the largest predicted cost reduction, each from its best starts, the best of them to convergence; the others stay as screened.
+/// Fits the members of the pool with the largest predicted cost reduction, each from its best starts, the best of them to convergence. The others keep their
+/// screened values.
 pub(crate) fn fit_first(
     likelihood: &Likelihood<'_>,
     pool: &[Screened],

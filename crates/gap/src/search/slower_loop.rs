@@ -1,7 +1,7 @@
 //! A slower loop from the arrivals of commands: whether decoded as lost or as randomly late, all arrivals lie on one lattice of times.
 //!
-//! The coherence of the arrivals at a frequency, |Σ exp(2πift)|/n, is 1 where they are whole periods apart. The coherence falls to sinc(f·sample time) where their
-//! times are known to a sample (Rayleigh's test; Mardia and Jupp 2000, "Directional Statistics", section 6.3).
+//! The coherence of the arrivals at a frequency, |Σ exp(2πift)|/n, is 1 where their distances are whole periods. The coherence falls to sinc(f·sample time)
+//! where their times are known to a sample (Rayleigh's test; Mardia and Jupp 2000, "Directional Statistics", section 6.3).
 //!
 //! How it can be wrong: a lattice is contained in every finer one that divides it, so the longest of nearly equal periods is taken. Few arrivals are coherent by chance, so the fit decides.
 
@@ -18,24 +18,24 @@ use deadtime_model::effect::{Applied, Fates, Lateness, Scales};
 
 /// Fewer arrivals show no lattice.
 const FEWEST: usize = 10;
-/// Arrivals that are less coherent than this lie on none: of lost commands, whose arrivals are known to a sample, and of random delays, which are smeared. By
-/// chance n arrivals are more coherent than c with probability exp(−n·c²), and the fit has the last word.
+/// Arrivals with a lower coherence lie on no lattice. The values are for lost commands, whose arrivals are known to a sample, and for random delays, which are
+/// smeared. By chance n arrivals are more coherent than c with probability exp(−n·c²), and the fit has the last word.
 const COHERENT: f64 = 0.6;
 const SMEARED: f64 = 0.15;
-/// What is nearly as coherent as the best may be the true one.
+/// A frequency with nearly the best coherence may be the true one.
 const NEARLY: f64 = 0.9;
 /// Frequencies per reciprocal of the logs' length, and so many at most.
 const FINE: f64 = 6.0;
 const FREQUENCIES: f64 = 40_000.0;
-/// Lattices that are fitted. Before, places of a lattice at the start of the logs and at their end: so many steps to either side, so many to a sample. Decoded
-/// arrivals are wrong by some samples here and there, and a lattice that is a sample off explains little.
+/// Lattices that are fitted. Before that, places of a lattice at both ends of the logs: this many steps to either side, this many to a sample.
+/// Decoded arrivals are wrong by some samples here and there, and a lattice that is a sample off explains little.
 const LATTICES: usize = 2;
 const STEPS: i32 = 8;
 const TO_A_SAMPLE: f64 = 3.0;
 /// Times the steps are halved around the best.
 const HALVINGS: i32 = 4;
 
-/// Fits a slower loop where the commands that were decoded as lost or late arrive on its lattice; in the place of one that was fitted worse.
+/// Fits a slower loop where the arrivals of commands decoded as lost or late lie on its lattice. It replaces a loop with a worse fit.
 pub(crate) fn from_arrivals(
     likelihood: &Likelihood<'_>,
     singles: &mut [Hypothesis],
@@ -155,7 +155,7 @@ fn lattices(arrivals: &Arrivals, longest_s: f64, duration_s: f64) -> Vec<Vec<f64
     chosen.map(|n| vec![1.0 / all[n].0, (all[n].2 / TAU).rem_euclid(1.0) / all[n].0]).collect()
 }
 
-/// The best of periods and phases close to a guess: of a grid over some samples at both ends of the logs, then of finer and finer steps around the best.
+/// The best of periods and phases close to a guess. The search uses a grid over some samples at both ends of the logs, then finer and finer steps.
 fn nearby(
     likelihood: &Likelihood<'_>,
     nominal: &Applied,

@@ -1,4 +1,4 @@
-//! What one cell of a table of text holds.
+//! The content of one cell of a text table.
 
 use super::number::decimal;
 use crate::error::LogError;
@@ -7,15 +7,15 @@ use crate::place::Place;
 /// As much of an offending cell as a message shows, in characters.
 pub(super) const SHOWN: usize = 40;
 
-/// Cells that say that a sample is missing, besides empty ones and those that are read as NaN; lower case.
+/// Cells that mean a missing sample, in addition to empty ones and those that are read as NaN; lower case.
 pub(super) const NOTHING: [&[u8]; 7] = [b"-", b"--", b"na", b"n/a", b"#n/a", b"null", b"none"];
 
-/// What one cell holds.
+/// The content of one cell.
 pub(super) enum Cell {
     Number(f64),
     Missing,
     NotFinite,
-    /// A comma that may be a decimal one or stand between thousands.
+    /// A comma that may be a decimal comma or a thousands separator.
     Comma,
     Text,
 }
@@ -36,7 +36,7 @@ impl Cell {
         }
     }
 
-    /// What to say of a cell without a number.
+    /// The message on a cell without a number.
     pub(super) fn refusal(&self, file: &str, row: usize, channel: &str, cell: &[u8]) -> LogError {
         let (file, place, channel, text) =
             (file.to_owned(), Place::Row(row), channel.to_owned(), shown(cell));
@@ -56,7 +56,7 @@ pub(super) fn with_point(text: &str) -> Option<String> {
         .then(|| text.replace(',', "."))
 }
 
-/// Whether a comma may stand between thousands: three digits behind it, one to three before it and no 0 in front.
+/// Whether a comma may separate thousands: three digits behind it, one to three before it and no 0 in front.
 pub(super) fn may_be_thousands(text: &str) -> bool {
     let digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
     text.trim_start_matches(['-', '+']).split_once(',').is_some_and(|(whole, behind)| {
@@ -101,7 +101,7 @@ pub(super) fn parse(cell: &[u8], decimal_comma: bool) -> Cell {
     }
 }
 
-/// What stands for 1 and for 0 in columns of switches.
+/// The words for 1 and for 0 in columns of switches.
 const ON: [&str; 6] = ["true", "on", "yes", "high", "ein", "an"];
 const OFF: [&str; 5] = ["false", "off", "no", "low", "aus"];
 

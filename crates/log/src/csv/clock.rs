@@ -1,4 +1,4 @@
-//! Time stamps as files write them: which column they stand in, in which unit they are, and dates.
+//! Time stamps in the formats of files: the column, the unit, and dates.
 
 use crate::options::TimeUnit;
 use crate::place::neighbours;
@@ -9,7 +9,7 @@ use deadtime_signal::stats;
 const COUNTED_FROM_FIRST: i128 = 100_000_000_000;
 /// Seconds since 1970 at the beginning of 2000 and of 2100: whole numbers between them are dates in seconds, and so on for thousandths.
 const DATES_S: std::ops::Range<f64> = 946_684_800.0..4_102_444_800.0;
-/// What a column of time may be called, lower case, its unit taken off.
+/// The possible names of a column of time, lower case, without the unit.
 const NAMES: [&str; 34] = [
     "time",
     "__time",
@@ -46,7 +46,7 @@ const NAMES: [&str; 34] = [
     "last_changed",
     "last_updated",
 ];
-/// What stands in brackets behind a name of time and is no unit.
+/// Words in brackets behind a name of time that are no unit.
 const ZONES: [&str; 6] = ["utc", "gmt", "local", "gps", "cet", "iso"];
 const UNITS: [(TimeUnit, &[&str]); 7] = [
     (TimeUnit::S, &["s", "sec", "secs", "second", "seconds", "sek", "sekunden"]),
@@ -64,7 +64,7 @@ pub(super) fn unit(text: &str) -> Option<TimeUnit> {
     UNITS.iter().find(|(_, names)| names.contains(&text.as_str())).map(|(unit, _)| *unit)
 }
 
-/// Whether a column of this name, its unit in brackets taken off, may be the time, and the unit that the name tells. `t` may be a temperature anywhere but in front.
+/// Whether a column of this name, without its unit in brackets, may be the time, and the unit in the name. `t` may be a temperature except in the first column.
 pub(super) fn named(name: &str, first: bool) -> Option<Option<TimeUnit>> {
     let name = name.trim().to_lowercase();
     if known(&name, first) {
@@ -100,7 +100,7 @@ fn long(unit: TimeUnit) -> bool {
     matches!(unit, TimeUnit::Min | TimeUnit::H | TimeUnit::D)
 }
 
-/// What a name of time has in brackets where it is no unit that is known.
+/// The text in brackets of a name of time where it is no known unit.
 pub(super) fn unknown_unit(name: &str, first: bool) -> Option<String> {
     let lower = name.trim().to_lowercase();
     let (base, suffix) = lower.strip_suffix(')')?.rsplit_once('(')?;
@@ -120,7 +120,7 @@ pub(crate) struct Times {
     pub(crate) time_s: Vec<f64>,
     /// Their unit.
     pub(crate) unit: TimeUnit,
-    /// What they count from, nanoseconds.
+    /// Their origin, nanoseconds.
     pub(crate) origin_ns: Option<i128>,
     /// How the unit was inferred, where the size of the stamps decided, and the epoch of the stamps: the end of a sentence.
     pub(crate) note: Message,
@@ -160,17 +160,17 @@ pub(crate) fn seconds(
 /// How the unit of the time came about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Why {
-    /// The caller said so.
+    /// Given by the caller.
     Given,
-    /// The header says so.
+    /// Given by the header.
     Named,
-    /// A column of another name says which program wrote the file.
+    /// A column of another name identifies the program that wrote the file.
     Writer,
     /// By the size of the stamps and of their steps.
     Size,
     /// As dates are written.
     Written,
-    /// Seconds, as a column `time` is unless something else is said.
+    /// Seconds, the unit of a column `time` without another one.
     Rule,
 }
 
@@ -190,7 +190,7 @@ pub(super) struct StampReader {
 }
 
 impl StampReader {
-    /// A stamp as a number of the file's unit (nanoseconds for dates), from the first one where the numbers are large; `None` where the cell is no stamp.
+    /// A stamp as a number of the file's unit (nanoseconds for dates), from the first one where the numbers are large. `None` where the cell is no stamp.
     pub(super) fn read(
         &mut self,
         cell: &[u8],
@@ -266,8 +266,8 @@ impl StampReader {
         Some(ns + *midnights)
     }
 
-    /// By how much a change of the clocks moved this stamp, ns: an hour where it follows the one before it by a step and an hour, or a step less an hour, in the night of a Sunday.
-    /// An hourly log then has one stamp twice.
+    /// The shift of this stamp by a change of the clocks, ns. It is an hour in the night of a Sunday where the distance to the stamp before is a step plus or
+    /// minus an hour. An hourly log then has one stamp twice.
     pub(super) fn clock_change(&self, before: &[f64], raw: f64) -> Option<f64> {
         const SUNDAY: i128 = 3;
         let hour = HOUR_NS as f64;
@@ -296,8 +296,8 @@ impl StampReader {
         }
     }
 
-    /// The unit of such stamps where nobody said it, and why. A column `time` has always meant seconds; one of dates counts days where its
-    /// numbers are a spreadsheet's.
+    /// The unit of such stamps where none is given, and the reason. A column `time` has always meant seconds; one of dates counts days where its numbers are a
+    /// spreadsheet's.
     pub(super) fn guess(&self, stamps: &[f64], column: &str) -> (TimeUnit, Why) {
         let plain = column == "time";
         if self.dates {
@@ -344,7 +344,7 @@ fn spreadsheet(size: f64, step: f64) -> bool {
     SPREADSHEET_DAYS.contains(&size) && step < 1.0 && whole && !decimal
 }
 
-/// Whether a date says of which zone it is.
+/// Whether a date has a time zone.
 fn zoned(text: &str) -> bool {
     let clock = text.trim().split_once(['T', 't', ' ']).map_or("", |(_, clock)| clock);
     let (lower, sign) = (clock.to_lowercase(), clock.contains(['+', '-']));
@@ -366,12 +366,13 @@ pub(super) fn is_stamp(text: &str) -> bool {
     is_date(text) || time_of_day(text.trim()).is_some()
 }
 
-/// A date with slashes or dashes and the year behind: `3/5/2024`, `03-05-2024 10:00:00`, `3/5/24`; with a time of day also one without a year, `03/05  24:00:00`.
+/// A date with slashes or dashes and the year behind: `3/5/2024`, `03-05-2024 10:00:00`, `3/5/24`. With a time of day also one without a year,
+/// `03/05 24:00:00`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Slashed {
     first: i128,
     second: i128,
-    /// [`NO_YEAR`] where none stands there.
+    /// [`NO_YEAR`] where the date has none.
     year: i128,
     /// The year has two digits: any of the three parts may be it.
     short: bool,
@@ -423,7 +424,7 @@ impl Slashed {
     }
 }
 
-/// Which part of dates with slashes is the day, as far as the rows show it: a part above 12 does, and so does a midnight that only one order makes the next one.
+/// The day part of dates with slashes, if the rows determine it. A part above 12 does, and so does a midnight that only one order makes the next one.
 #[derive(Debug, Clone)]
 struct Slashes {
     day_first: Option<bool>,
@@ -506,7 +507,7 @@ fn clock_only(text: &str) -> Option<i128> {
     time_of_day(text.trim()).filter(|_| text.bytes().filter(|b| *b == b':').count() == 2)
 }
 
-/// What stands before and behind the point of a plain decimal that is not negative.
+/// The parts before and behind the point of a plain decimal that is not negative.
 fn parts(text: &str) -> Option<(i128, f64)> {
     let (whole, behind) = text.split_once(['.', ','])?;
     let digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
@@ -534,7 +535,7 @@ fn day_and_clock(text: &str) -> (&str, Option<&str>) {
     }
 }
 
-/// The year that two digits stand for, by POSIX (`strptime`, %y): 69 to 99 are of the last century.
+/// The year of two digits, by POSIX (`strptime`, %y): 69 to 99 are of the last century.
 fn century(two: i128) -> i128 {
     if two < 69 { 2000 + two } else { 1900 + two }
 }
@@ -618,7 +619,7 @@ pub(super) fn date(text: &str) -> Option<i128> {
         if parts.next().is_some() {
             return None;
         }
-        // Points stand between day, month and year, in this order.
+        // Points separate day, month and year, in this order.
         if day.contains('.') { (three.2, three.1, three.0) } else { three }
     };
     let part = |text: &str, least: usize, most: usize| {
@@ -1028,7 +1029,7 @@ mod tests {
         for _ in 0..100 {
             let by = [",", ";", "\t"][rng.random_range(0..3)];
             let mut text = String::new();
-            // The first row is none of a table, whatever follows.
+            // The first row belongs to no table, for any following row.
             text += &format!("Product{by}scope 7\n");
             let rows = rng.random_range(0..30);
             for _ in 0..rows {
@@ -1050,7 +1051,7 @@ mod tests {
             let log = read.into_log().unwrap();
             assert_eq!((log.len(), log.input("CH1").unwrap()[39]), (40, 39.0), "{text}");
         }
-        // Units below the names, which say nothing of the time; rows of words that end in numbers; a blackbox.
+        // Units below the names, without one of time; rows of words that end in numbers; a blackbox.
         for above in [
             "",
             "Model,7\nScale,0.001\n",

@@ -1,6 +1,6 @@
 //! Tables of one row an event, as building automation exports them: who, its state, and when.
 //!
-//! How it can be wrong: a table of several channels with a channel `value` and a column of names is no such table; only a table of three kinds of columns is.
+//! How it can be wrong: a table of several channels with a channel `value` and a column of names is no such table. Only a table of three kinds of columns is.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::options::ReadOptions;
 use crate::recording::{Recording, Table, Topic};
 
-/// What the column of names is called.
+/// The possible names of the column of names.
 const WHO: [&str; 20] = [
     "entity_id",
     "entity",
@@ -36,7 +36,7 @@ const WHO: [&str; 20] = [
     "_field",
     "field",
 ];
-/// What the column of values is called.
+/// The possible names of the column of values.
 const WHAT: [&str; 7] = ["state", "value", "val", "reading", "wert", "messwert", "_value"];
 /// Columns besides these, such as units and attributes.
 const MORE: [&str; 13] = [
@@ -57,7 +57,7 @@ const MORE: [&str; 13] = [
 ];
 /// Entities at most.
 const MOST: usize = 4096;
-/// What an entity writes that has no state.
+/// The values of an entity without a state.
 const NONE: [&str; 2] = ["unknown", "unavailable"];
 
 /// The columns of such a table.
@@ -73,14 +73,14 @@ type Events = (Vec<f64>, Vec<Option<f64>>);
 /// Rows while they are read.
 #[derive(Default)]
 struct Rows {
-    /// Of each entity its stamps in the unit of the file, and its values.
+    /// For each entity its stamps in the unit of the file, and its values.
     of: BTreeMap<Vec<u8>, Events>,
     /// Entities whose states are text.
     text: BTreeMap<Vec<u8>, usize>,
 }
 
 impl Entities {
-    /// Where the columns of names and of values stand; `None` of any other table.
+    /// The columns of names and of values; `None` for any other table.
     pub(super) fn of(header: &Header) -> Option<Self> {
         let columns: &Columns = &header.columns;
         let find = |known: &[&str]| {
@@ -96,7 +96,7 @@ impl Entities {
         })
     }
 
-    /// One channel for each entity, with stamps of its own.
+    /// One channel for each entity, with its own stamps.
     pub(super) fn read(
         &self,
         source: &str,

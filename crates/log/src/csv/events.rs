@@ -20,8 +20,8 @@ pub struct EventTimes {
     pub times: Vec<f64>,
 }
 
-/// Reads two columns of event times from a `.csv` or `.csv.gz` file: a header row, and in each column one time per event; there need be no `time` column. The columns may
-/// hold different numbers of events: empty cells are passed over.
+/// Reads two columns of event times from a `.csv` or `.csv.gz` file: a header row, and in each column one time per event. A `time` column is not needed. The
+/// columns may hold different numbers of events: empty cells are ignored.
 ///
 /// # Errors
 /// As [`crate::reader::read`]; [`LogError::EventOrder`] where times do not increase, [`LogError::MissingThroughout`] for a column without events.

@@ -1,7 +1,7 @@
-//! A log of text that still grows: what was added since it was last looked at.
+//! A text log that still grows: the rows added since the last read.
 //!
-//! Wrong when: a file is written anew with the same first kilobyte and at least as many bytes as were read (it counts as the same file); stamps of a file that
-//! takes the place of another count from another origin than the column's first.
+//! Wrong when: a file is written anew with the same first kilobyte and at least as many bytes as were read. Such a file is treated as the same file. Also wrong
+//! when the stamps of a replacing file have another origin than the column's first.
 
 use deadtime_signal::remedy::Message;
 use std::fs::File;
@@ -38,14 +38,14 @@ pub struct Row {
     pub values: Vec<Option<f64>>,
 }
 
-/// What was found.
+/// The news of one read.
 #[derive(Debug, Clone, PartialEq)]
 pub enum News {
     /// A sample.
     Row(Row),
     /// A row that is no sample, and why.
     Bad(LogError),
-    /// What was guessed, a sentence.
+    /// A guess, as a sentence.
     Note(Message),
     /// The file was cut, or another file has its name: reading restarts at its beginning.
     Replaced,
@@ -56,7 +56,7 @@ pub enum News {
     },
 }
 
-/// What one look at the file found.
+/// The result of one read of the file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Polled {
     /// In the file's order.
@@ -65,7 +65,7 @@ pub struct Polled {
     pub grown: bool,
 }
 
-/// Reads what is added to a log of text. Only whole lines count; memory is bounded by the longest line.
+/// Reads the added rows of a text log. Only whole lines are read; memory is bounded by the longest line.
 #[derive(Debug)]
 pub struct Follower {
     path: PathBuf,
@@ -123,10 +123,10 @@ impl Follower {
         })
     }
 
-    /// What was added, a megabyte at most. A file that is not there for a while is waited for.
+    /// The added rows, a megabyte at most. A missing file is awaited.
     ///
     /// # Errors
-    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`LogError`] for a header that cannot be used, a missing column, and what is no text.
+    /// [`FileError::Io`](deadtime_signal::file::FileError::Io); [`LogError`] for an unusable header, a missing column, and data that are no text.
     pub fn poll(&mut self) -> Result<Polled, Error> {
         let mut polled = Polled::default();
         // The remainder of a file that was moved is read before its replacement.
@@ -156,7 +156,7 @@ impl Follower {
         (!self.pending.trim_ascii().is_empty()).then_some(self.lines + 1)
     }
 
-    /// What waits for more rows and will not get them: nothing is added any more.
+    /// The rows that wait for more rows, at the end of the file: no row is added any more.
     pub fn finish(&mut self) -> Vec<News> {
         let mut news = Vec::new();
         self.settle(&mut news);
@@ -174,7 +174,7 @@ impl Follower {
         Ok(File::open(&self.path).ok())
     }
 
-    /// Whether a file, or the one that is open, begins as it did and is no shorter than what was read.
+    /// Whether a file, or the open one, begins with the same bytes and is no shorter than the read part.
     fn same(&self, other: Option<&File>) -> Result<bool, Error> {
         let io = |e| Error::io(&self.path, e);
         let mut file = other.unwrap_or(&self.file);
@@ -229,7 +229,7 @@ impl Follower {
         if begun {
             let mut look = Lines::new(&source, self.pending.get(..end).unwrap_or_default())?;
             if !look.header()? || !look.has_row() {
-                // A header says less without a row below it.
+                // A header is less informative without a row below it.
                 let none = LogError::NoSamples { file: source.clone() };
                 return if too_long(end) { Err(none.into()) } else { Ok(()) };
             }

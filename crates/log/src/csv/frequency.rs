@@ -14,7 +14,7 @@ use crate::frequency::{FrequencyError, FrequencyResponse, Quality};
 use crate::place::Place;
 use deadtime_signal::progress::HowFar;
 
-/// What a column is.
+/// The role of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Role {
     Frequency,
@@ -67,8 +67,8 @@ fn words(header: &str) -> Vec<String> {
     parts.filter(|w| !w.is_empty()).map(str::to_lowercase).collect()
 }
 
-/// Reads a frequency response from a `.csv` or `.csv.gz` file. Columns are known by name and unit: `frequency [Hz]` or `[rad/s]`; `real` and `imag`, or `magnitude` (`[dB]`, else
-/// absolute) and `phase [deg]` or `[rad]`; `coherence` (squared) or `std` (of each part of the complex value) are optional.
+/// Reads a frequency response from a `.csv` or `.csv.gz` file. Columns are recognised by name and unit: `frequency [Hz]` or `[rad/s]`; `real` and `imag`, or
+/// `magnitude` (`[dB]`, else absolute) and `phase [deg]` or `[rad]`. Optional are `coherence` (squared) or `std` (of each part of the complex value).
 ///
 /// # Errors
 /// As [`crate::reader::read`]; [`LogError::Frequency`] where columns, units or values cannot be used.
@@ -151,7 +151,7 @@ struct Form<'a> {
 }
 
 impl<'a> Form<'a> {
-    /// The two that stand among these columns; the inner error is what is missing.
+    /// The two roles among these columns; the inner error is the missing one.
     fn among(columns: &'a [RoleColumn]) -> Result<Result<Self, &'static str>, FrequencyError> {
         let found = |role: Role| of_role(columns, role);
         Ok(
@@ -227,7 +227,7 @@ fn columns(lines: &Lines<'_>) -> Result<Vec<RoleColumn>, LogError> {
     (0..lines.len()).map(column).collect::<Result<_, _>>().map_err(|_| lines.not_text())
 }
 
-/// What a column is: the first role that one of its words names.
+/// The role of a column: the first one in its words.
 fn role(column: &RoleColumn) -> Option<Role> {
     WORDS.iter().find(|(_, _, words)| column.has(words)).map(|(role, ..)| *role)
 }

@@ -1,4 +1,4 @@
-//! The header row of a table of text: where the time stands, and the channels.
+//! The header row of a text table: the column of time, and the channels.
 
 use super::cell::{Cell, has_decimal_comma, parse, shown};
 use super::clock::{self, StampReader, Why, median_step, shortest};
@@ -12,7 +12,7 @@ use deadtime_signal::remedy::{Message, Remedy};
 /// Cell, name and unit of each channel.
 pub(super) type Columns = Vec<(usize, String, Option<String>)>;
 
-/// The header row: where the time stands, and the channels.
+/// The header row: the column of time, and the channels.
 #[derive(Debug)]
 pub(super) struct Header {
     pub(super) separator: Separator,
@@ -26,14 +26,14 @@ pub(super) struct Header {
     pub(super) clock: Clock,
     pub(super) columns: Columns,
     pub(super) cells: usize,
-    /// Its line, where a separator stands behind its last name.
+    /// Its line, if a separator is behind its last name.
     trailing: Option<usize>,
     /// The rows that are wanted, where not all are.
     only: Option<Only>,
     pub(super) notes: Notes,
 }
 
-/// What is known of the time before its stamps are read.
+/// The known facts of the time before its stamps are read.
 #[derive(Debug)]
 pub(super) struct Clock {
     pub(super) column: String,
@@ -43,14 +43,14 @@ pub(super) struct Clock {
 /// Name and unit of each cell of a header.
 pub(super) type Names = Vec<(String, Option<String>)>;
 
-/// The cells of the current line as names and units; in Latin-1 where they are no UTF-8, which is said.
+/// The cells of the current line as names and units; in Latin-1 where they are no UTF-8, with a note.
 pub(super) fn names(lines: &Lines<'_>, notes: &mut Notes) -> Result<Names, LogError> {
     let mut names = Vec::with_capacity(lines.len());
     for place in 0..lines.len() {
         let cell = lines.cell(place);
         let text = match std::str::from_utf8(cell) {
             Ok(text) => text.to_owned(),
-            // What are signs there and in the code pages of Western Europe; the rest are control characters in one of them.
+            // Printable characters there and in the code pages of Western Europe; the others are control characters in one of them.
             Err(_) if cell.iter().all(|byte| byte.is_ascii() || *byte >= 0xa0) => {
                 let note = format!("row {} is no UTF-8: its names are read as Latin-1", lines.row);
                 notes.push_once(note);
@@ -79,7 +79,7 @@ fn bare(cell: &[u8]) -> String {
     inner.map_or_else(|| text.clone(), |inner| inner.trim().to_owned())
 }
 
-/// Whether a row below a header of so many names holds units: the time's is one, and no cell is a number but 1, which stands for none.
+/// Whether a row below a header of this many names holds units. The time's cell must be one, and no cell may be a number except 1, which means no unit.
 fn holds_units(names: usize, time: usize, below: &[Vec<u8>]) -> bool {
     let of_unit = |cell: &Vec<u8>| {
         matches!(parse(cell, true), Cell::Text | Cell::Missing) || bare(cell) == "1"
@@ -88,7 +88,8 @@ fn holds_units(names: usize, time: usize, below: &[Vec<u8>]) -> bool {
     timed && below.len() >= names && below.iter().all(of_unit)
 }
 
-/// Takes the first column for the time where no name is one of time and the row below holds units, a unit of time first, as oscilloscopes write it: `X,CH1` above `Second,Volt`.
+/// Uses the first column as the time where no name is one of time and the row below holds units, a unit of time first. Oscilloscopes write it: `X,CH1` above
+/// `Second,Volt`.
 fn first_by_unit(names: &mut Names, below: &[Vec<u8>], options: &ReadOptions, notes: &mut Notes) {
     let named = |(place, (name, _)): (usize, &(String, Option<String>))| {
         clock::named(name, place == 0).is_some() || clock::unknown_unit(name, place == 0).is_some()
@@ -108,7 +109,8 @@ fn first_by_unit(names: &mut Names, below: &[Vec<u8>], options: &ReadOptions, no
     }
 }
 
-/// Takes the units of a row below the header that holds nothing else: the time's is one, and no cell is a number but 1, which stands for none. Whether it was such a row.
+/// Takes the units of a row below the header with units only. The time's cell is one, and no cell is a number except 1, which means no unit. Returns whether it
+/// was such a row.
 pub(super) fn take_units(names: &mut Names, time: usize, below: &[Vec<u8>]) -> bool {
     if !holds_units(names.len(), time, below) {
         return false;
@@ -170,7 +172,7 @@ struct Only {
     number: Option<f64>,
     /// A row had it.
     found: bool,
-    /// Some others that stand there.
+    /// Some other values of the column.
     others: Vec<String>,
 }
 
@@ -229,7 +231,7 @@ impl Header {
         Self::of_table(lines, options, Notes::default())
     }
 
-    /// From the line at hand.
+    /// From the current line.
     fn of_table(
         lines: &mut Lines<'_>,
         options: &ReadOptions,
@@ -311,7 +313,7 @@ impl Header {
         self.only.as_mut().is_none_or(|only| only.is_in(lines.cell(only.place), comma))
     }
 
-    /// What to say of a file without a row that is wanted.
+    /// The message on a file without a requested row.
     pub(super) fn no_rows(&self, file: &str) -> LogError {
         match &self.only {
             Some(only) => only.nowhere(file),
@@ -375,7 +377,7 @@ impl Header {
         if time.is_empty() {
             return Err(LogError::EmptyTime { file: source.to_owned(), row });
         }
-        // Time must be there: what stands for nothing is not finite either.
+        // Every row needs a time: a placeholder is not finite either.
         let found = match parse(time, self.decimal_comma) {
             Cell::Missing => Cell::NotFinite,
             Cell::Number(_) | Cell::Text => {
@@ -461,12 +463,12 @@ impl Header {
     }
 }
 
-/// What is said of rows above the table.
+/// The words on rows above the table.
 const PREAMBLE: &str = "stand above the table";
 /// Rows above a table that are looked through.
 const MOST_ABOVE: usize = 2000;
 
-/// Goes to the first row that begins a table: one of its names is that of the time, as many cells stand below, and the one below that name is a stamp.
+/// Goes to the first row that begins a table. One of its names is that of the time, the row below has as many cells, and the cell below that name is a stamp.
 fn table_below(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<bool, Error> {
     let mut unused = Notes::default();
     for _ in 0..MOST_ABOVE {
@@ -495,7 +497,7 @@ fn table_below(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<bool, Err
     Ok(false)
 }
 
-/// The columns of date and time of day, where a row has them apart.
+/// The columns of date and time of day, if a row has two.
 fn separate_date(
     names: &Names,
     below: &[Vec<u8>],
@@ -521,7 +523,7 @@ fn separate_date(
 /// A column of Betaflight's blackbox, whose explorer and decoder write the time in microseconds.
 const LOOPS: &str = "loopIteration";
 
-/// The column of time and, where somebody says it, its unit.
+/// The column of time and, if given, its unit.
 pub(super) fn time_column(
     lines: &Lines<'_>,
     names: &[(String, Option<String>)],
@@ -575,7 +577,8 @@ pub(super) fn time_column(
     Ok((time, unit.map(|unit| (unit, Why::Named))))
 }
 
-/// Deals with a first column without a name, as pandas writes its index: it is the time where it holds dates and no other column is the time. Whether it counts the rows.
+/// Handles a first column without a name, as pandas writes its index. The column is the time where it holds dates and no other column is the time. Returns
+/// whether it counts the rows.
 pub(super) fn unnamed_first(
     names: &mut Names,
     below: &[u8],
@@ -597,7 +600,7 @@ pub(super) fn unnamed_first(
     text.bytes().all(|byte| byte.is_ascii_digit()) && !text.is_empty()
 }
 
-/// Whether the caller says that a column of this name is the time.
+/// Whether a column of this name is the time by the caller's options.
 pub(super) fn names_time(options: &ReadOptions, name: &str) -> bool {
     options.time.as_deref() == Some(name)
 }

@@ -1,6 +1,6 @@
 //! Rows of several instances that take turns in one table, as loggers write two sensors of a kind.
 //!
-//! How it can be wrong: a column that only counts whether a row is odd or even separates rows as well as a number of an instance does; the remedy names the column.
+//! How it can be wrong: a column of the parity of the row number separates rows as well as a number of an instance does. The remedy names the column.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use super::header::Header;
 use super::lines::Lines;
 use crate::error::LogError;
 
-/// Rows that are looked at.
+/// Rows of the test.
 const ROWS: usize = 500;
 /// Values that the column of an instance has at most.
 const MOST: usize = 16;

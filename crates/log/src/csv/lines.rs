@@ -1,4 +1,4 @@
-//! The lines of a file with their numbers, cut into cells by whatever separates columns in it.
+//! The lines of a file with their numbers, split into cells by the file's separator.
 
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Read};
@@ -13,13 +13,13 @@ use crate::error::{Error, LogError};
 /// How a file that gzip packed begins.
 pub(super) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
-/// A longer line is no row of a log, whatever the file is.
+/// A longer line is no row of a log, in any file.
 pub(super) const LONGEST_LINE: u64 = 1 << 24;
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
-/// What may separate columns, in the order in which it is tried.
+/// Possible separators of columns, in the order of the trials.
 const SEPARATORS: [u8; 4] = [b',', b';', b'\t', b'|'];
 
-/// What separates the cells of a line.
+/// The separator of the cells of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Separator {
     /// One byte each.
@@ -54,7 +54,7 @@ impl Separator {
 /// How a file broke off.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Break {
-    /// The gzip stream has no end, and what the decoder said.
+    /// The gzip stream has no end; the message of the decoder.
     Gzip(String),
     /// Nothing but bytes of zero follows.
     Zeros,
@@ -118,7 +118,7 @@ impl<'a> Lines<'a> {
         Ok(Self { to_break: true, ..Self::new(file, bytes)? })
     }
 
-    /// Rows below a header that was read before: plain text, the line in front of it is number `before`.
+    /// Rows below a header that was read before: plain text, the line in front of them is number `before`.
     pub(super) fn rows(
         file: &'a str,
         bytes: &'a [u8],
@@ -153,7 +153,7 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// A row stands below the header that was just found.
+    /// A row follows the header.
     pub(super) fn has_row(&self) -> bool {
         !self.ahead.is_empty()
     }
@@ -178,7 +178,7 @@ impl<'a> Lines<'a> {
         self.ahead.pop_front();
     }
 
-    /// Whether the current line is where the file broke off: what stands in it is not all that did.
+    /// Whether the file was truncated in the current line: its content is incomplete.
     pub(super) fn cut_off(&self) -> bool {
         self.open && self.broken.is_some()
     }
@@ -195,7 +195,7 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// What to say of a file without rows: what broke it off, where something did.
+    /// The message on a file without rows: the reason of the truncation, if there is one.
     pub(super) fn nothing(&self, otherwise: LogError) -> LogError {
         match &self.broken {
             Some(Break::Gzip(reason)) => {
@@ -217,7 +217,7 @@ impl<'a> Lines<'a> {
             }
             let text = self.line.trim_ascii();
             match (text.get(..4), text.get(4)) {
-                // What spreadsheets write above the header.
+                // Lines that spreadsheets write above the header.
                 (Some(word), Some(&byte))
                     if word.eq_ignore_ascii_case(b"sep=") && text.len() == 5 =>
                 {
@@ -268,7 +268,7 @@ impl<'a> Lines<'a> {
         Ok(true)
     }
 
-    /// Takes the next line as the header in place of the one at hand; false at the end.
+    /// Uses the next line as the header in place of the current one; false at the end.
     pub(super) fn header_below(&mut self) -> Result<bool, Error> {
         let first = match self.ahead.pop_front() {
             Some(line) => line,
@@ -368,7 +368,7 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// Whether nothing but bytes of zero stands from a place of the current line to the end, as where a machine lost its power.
+    /// Whether only zero bytes follow from a place of the current line to the end, as after a loss of power.
     fn zeros_from(&mut self, at: usize) -> Result<bool, Error> {
         let zeros = |bytes: &[u8]| bytes.iter().all(|byte| *byte == 0);
         if !self.to_break || !self.line.get(at..).is_some_and(zeros) {
@@ -512,7 +512,8 @@ fn is_number(cell: &[u8]) -> bool {
         || std::str::from_utf8(cell).is_ok_and(|text| text.replace(',', ".").parse::<f64>().is_ok())
 }
 
-/// What separates the columns of a file with these first two rows: what stands in both equally often, then what is commonest in the header; blanks where nothing else does.
+/// The separator of a file with these first two rows. Separators with equal counts in both rows come first, then the commonest in the header; blanks where no
+/// other separator occurs.
 fn guess(header: &[u8], below: Option<&[u8]>) -> Separator {
     let found = SEPARATORS.iter().filter_map(|&byte| {
         let count = separators(header, byte);
@@ -544,7 +545,7 @@ fn guess(header: &[u8], below: Option<&[u8]>) -> Separator {
     }
 }
 
-/// How often a byte stands outside quotes and brackets.
+/// The number of times that a byte occurs outside quotes and brackets.
 fn separators(line: &[u8], separator: u8) -> usize {
     let (mut quoted, mut depth, mut count) = (false, 0_usize, 0);
     for &byte in line.trim_ascii_end() {

@@ -1,7 +1,7 @@
 //! Logs as text: a header row, a column of time, one row per sample; `.csv.gz` too. Columns may be separated by commas, semicolons, tabs, bars or blanks.
 //!
-//! Lines are read and counted here rather than by the csv crate, whose positions are off behind blank lines and in files with CRLF line
-//! ends: the row in a message is the line that an editor shows. The csv crate takes apart lines with quotes.
+//! Lines are read and counted here, not by the csv crate. Its positions are wrong after blank lines and in files with CRLF line ends; the row in a message is
+//! the line in an editor. The csv crate splits lines with quotes.
 
 mod cell;
 pub(crate) mod clock;

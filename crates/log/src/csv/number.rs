@@ -1,16 +1,16 @@
 //! Plain decimals, fast: what nearly every cell of a log is.
 //!
-//! Source: Clinger (1990), "How to read floating point numbers accurately", PLDI, section 5, doi:10.1145/93542.93557: a whole number below 2⁵³ over a power of ten up to 10²²
-//! are both exact, so that their quotient is rounded once, and therefore rightly.
+//! A whole number below 2⁵³ and a power of ten up to 10²² are both exact. Their quotient is rounded once, and therefore correctly. Source: Clinger
+//! (1990), "How to read floating point numbers accurately", PLDI, section 5, doi:10.1145/93542.93557.
 
 const TENS: [f64; 23] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
     1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
 ];
-/// Digits of a number that is below 2⁵³ whatever they are.
+/// The number of digits of which every number is below 2⁵³.
 const DIGITS: usize = 15;
 
-/// The number of a cell such as `-12.345`, to the bit that the standard library reads; `None` where the cell is anything else, which may still be a number.
+/// The number of a cell such as `-12.345`, to the bit that the standard library reads. `None` where the cell has any other form, which may still be a number.
 pub(super) fn decimal(cell: &[u8]) -> Option<f64> {
     let (negative, digits) = match cell.split_first()? {
         (b'-', rest) => (true, rest),

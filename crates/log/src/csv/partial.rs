@@ -25,7 +25,7 @@ pub(super) struct PartialLog {
     /// Rows that filled the gaps of the one before them.
     merged: usize,
     rows: Rows,
-    /// By how much changes of the clocks moved the stamps, in the unit of the file.
+    /// The shift of the stamps by changes of the clocks, in the unit of the file.
     moved: f64,
     /// Rows that may be read.
     most: usize,
@@ -125,13 +125,13 @@ fn push_row(source: &str, lines: &Lines<'_>, header: &Header, columns: &mut [Cel
     }
 }
 
-/// Rows whose stamps were rounded, at their even rate, and the step, s: one line through all rows where each stays near its stamp, else stamp by stamp.
+/// Rows with rounded stamps, at their even rate, and the step, s. One line goes through all rows where each stays near its stamp, else stamp by stamp.
 fn evenly(raw: &[f64], second: f64) -> (Vec<f64>, f64) {
     let at = |k: usize| raw.get(k).copied().unwrap_or(0.0);
     let starts: Vec<usize> =
         (0..raw.len()).filter(|k| k.checked_sub(1).is_none_or(|b| at(b) != at(*k))).collect();
     let stamps: Vec<f64> = starts.iter().map(|k| at(*k)).collect();
-    // What stamps were rounded to.
+    // The unit of the rounding of stamps.
     let unit = neighbours(&stamps).map(|(a, b)| b - a).fold(f64::INFINITY, f64::min);
     if let (Some(first), Some(last)) = (starts.get(1), starts.last())
         && last > first
@@ -154,7 +154,7 @@ fn evenly(raw: &[f64], second: f64) -> (Vec<f64>, f64) {
     let mut time = Vec::with_capacity(raw.len());
     for (i, (stamp, count)) in stamps.iter().zip(&counts).enumerate() {
         let step = unit / (*count).max(usual) as f64;
-        // Of a part of one behind a gap the rows are the last ones.
+        // The rows of an incomplete part behind a gap are the last ones.
         let behind_gap = !follows(i) && follows(i + 1);
         let skipped = if behind_gap { usual.saturating_sub(*count) } else { 0 };
         time.extend((0..*count).map(|j| stamp + (skipped + j) as f64 * step));
@@ -196,7 +196,7 @@ impl PartialLog {
         }
     }
 
-    /// Why the current line is the rest of a row whose end is lost; only the last one of a file can be, and only one below rows that are whole.
+    /// The reason why the current line is the rest of a row whose end is lost. Only the last line of a file, below whole rows, can be such a rest.
     pub(super) fn cut_off(&self, lines: &Lines<'_>, header: &Header) -> Option<String> {
         if !lines.open {
             return None;
@@ -424,7 +424,7 @@ mod tests {
                 let at = start + f64::from(k) / rate + if k > 200 { gap } else { 0.0 };
                 truth.push(at);
                 let s = at.floor() as i64;
-                // A number that stands still for some rows, as slow sensors give it.
+                // A number that is constant for some rows, as slow sensors give it.
                 let stamp = if dated {
                     format!("2024-03-05 10:{:02}:{:02}", s / 60, s % 60)
                 } else {

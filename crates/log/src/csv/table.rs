@@ -18,8 +18,8 @@ use deadtime_signal::progress::HowFar;
 use std::io::Read;
 use std::path::Path;
 
-/// Reads a file of several records: a new one begins wherever the cell of `column` (numbers or text) differs from the row before, and time
-/// may start afresh in it. They are called `FILE#VALUE`; a value that comes back later begins another record of the same name.
+/// Reads a file of several records. A new record begins wherever the cell of `column` (numbers or text) differs from the row before, and time may start afresh
+/// in it. Records are called `FILE#VALUE`; a value that returns later begins another record of the same name.
 ///
 /// # Errors
 /// As [`crate::reader::read`]; [`LogError::UnknownChannel`] when there is no such column, [`LogError::EmptyRecord`].
@@ -27,7 +27,7 @@ pub fn read_records(path: &Path, column: &str) -> Result<Vec<Log>, Error> {
     records(path, column, &ReadOptions::default()).map(|(logs, _)| logs)
 }
 
-/// Reads one log from any source of bytes, gzip or plain; `source` names it in errors and results.
+/// Reads one log from any source of bytes, gzip or uncompressed; `source` names it in errors and results.
 ///
 /// # Errors
 /// As [`crate::reader::read`].
@@ -35,7 +35,7 @@ pub fn read_from(source: &str, bytes: impl Read) -> Result<Log, Error> {
     Ok(recording_from(source, bytes, &ReadOptions::default())?.into_log()?)
 }
 
-/// Reads a file as a recording without topics, whose notes say what was guessed.
+/// Reads a file as a recording without topics, whose notes report the guesses.
 pub(crate) fn recording(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
     let source = path.display().to_string();
     recording_from(&source, open(path, &options.far)?, &within(path, options))
@@ -101,7 +101,7 @@ pub fn read_records_from(source: &str, bytes: impl Read, column: &str) -> Result
     records_from(source, bytes, column, &ReadOptions::default()).map(|(logs, _)| logs)
 }
 
-/// The records of a file, as [`read_records`] reads them, and what was guessed, a sentence each.
+/// The records of a file, as in [`read_records`], and the guesses, a sentence each.
 ///
 /// # Errors
 /// As [`read_records`].

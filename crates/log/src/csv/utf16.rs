@@ -5,7 +5,7 @@ use std::io::{Read, Result};
 /// Makes a unit of two bytes.
 type Unit = fn([u8; 2]) -> u16;
 
-/// How the bytes of a file stand that begins with the byte order mark of UTF-16.
+/// The byte order of a file that begins with the byte order mark of UTF-16.
 pub(super) fn byte_order(first: &[u8]) -> Option<Unit> {
     match first {
         [0xff, 0xfe, ..] => Some(u16::from_le_bytes),
@@ -14,7 +14,7 @@ pub(super) fn byte_order(first: &[u8]) -> Option<Unit> {
     }
 }
 
-/// A source of UTF-16, as UTF-8; its mark too. What is no character becomes the replacement character.
+/// A source of UTF-16, as UTF-8; its mark too. Invalid characters become the replacement character.
 pub(super) struct Utf16<R> {
     inner: R,
     unit: Unit,

@@ -11,8 +11,8 @@ use std::io::Write;
 use std::path::Path;
 
 impl Log {
-    /// Writes the log as a CSV file, compressed when the name ends in `.gz`: units in the header, missing samples as empty cells,
-    /// each number in the fewest digits that read back to the same bits. Columns without numbers are left out.
+    /// Writes the log as a CSV file, compressed when the name ends in `.gz`. Units are in the header, missing samples are empty cells, and each number has the
+    /// fewest digits that read back to the same bits. Columns without numbers are left out.
     ///
     /// # Errors
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io); an earlier file of that name is then untouched.
@@ -54,7 +54,7 @@ impl Log {
         Ok(())
     }
 
-    /// A reader takes these stamps for seconds though no unit is stated: whole numbers far apart look like thousandths of something.
+    /// A reader takes these stamps for seconds without a stated unit: whole numbers far apart would look like thousandths.
     fn reads_as_seconds(&self) -> bool {
         let cells = self.time_s.iter().map(|time_s| {
             let mut cell = String::new();

@@ -12,7 +12,7 @@ pub(super) fn samples(samples: usize) -> Result<(), SignalError> {
     }
 }
 
-/// The samples asked for hold the signal's whole shape.
+/// The requested samples hold the signal's whole shape.
 pub(super) fn fits(signal: &'static str, needed: usize, got: usize) -> Result<(), SignalError> {
     if got < needed { Err(SignalError::TooFewSamples { signal, needed, got }) } else { Ok(()) }
 }
@@ -68,7 +68,7 @@ pub(super) fn levels(signal: &'static str, [low, high]: [f64; 2]) -> Result<(), 
     ascending(signal, "levels", [low, high])
 }
 
-/// A condition on an option's value, with what it may be.
+/// A condition on an option's value, with its range.
 pub(super) fn allowed(
     signal: &'static str,
     option: &'static str,

@@ -1,7 +1,7 @@
 //! Chirp: a sine whose frequency sweeps from one value to another.
 //!
-//! u(k) = amplitude·sin φ(k), dφ/dk = π·f(k), f in fractions of the Nyquist frequency, x = k/(N − 1):
-//! linear f = f₀ + (f₁ − f₀)·x; logarithmic f = f₀·(f₁/f₀)ˣ. The frequency is f₀ at the first sample and f₁ at the last.
+//! u(k) = amplitude·sin φ(k), dφ/dk = π·f(k), f in fractions of the Nyquist frequency, x = k/(N − 1). Linear: f = f₀ + (f₁ − f₀)·x. Logarithmic: f =
+//! f₀·(f₁/f₀)ˣ. The frequency is f₀ at the first sample and f₁ at the last.
 
 use std::f64::consts::PI;
 

@@ -11,7 +11,7 @@ use crate::error::SignalError;
 
 /// A doublet, the flight tester's input for one mode: its spectrum peaks near 0.37/(`width`·Ts) Hz.
 ///
-/// Fails when: the whole doublet does not fit into the samples asked for.
+/// Fails when: the whole doublet does not fit into the requested samples.
 ///
 /// Source: R. V. Jategaonkar, 2006, "Flight Vehicle System Identification: A Time-Domain Methodology", chapter on data gathering.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -8,8 +8,8 @@ pub trait Excitation: Send + Sync {
     /// The signal's first `samples` values, all finite, in the unit of its amplitude or levels. Deterministic signals leave `rng` alone.
     ///
     /// # Errors
-    /// [`SignalError::NoSamples`], [`SignalError::TooManySamples`]; [`SignalError::TooFewSamples`] when a signal of fixed
-    /// shape does not fit; the other variants when an option is not what it may be.
+    /// [`SignalError::NoSamples`], [`SignalError::TooManySamples`]; [`SignalError::TooFewSamples`] when a signal of fixed shape does not fit; the other
+    /// variants when an option is outside its range.
     fn generate(&self, samples: usize, rng: &mut ChaCha8Rng) -> Result<Vec<f64>, SignalError>;
 }
 

@@ -11,7 +11,7 @@ use crate::error::SignalError;
 
 /// A discrete impulse; held over one sample time by a zero-order hold.
 ///
-/// Fails when: sample `at` lies outside the samples asked for.
+/// Fails when: sample `at` is outside the requested samples.
 ///
 /// Source: the thesis, section 4.1.2 (u(0) = 0.01, else 0).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -1,4 +1,4 @@
-//! Signals that excite a system so that its response tells something. One file per signal, one line in [`EXCITATIONS`].
+//! Signals that excite a system so that its response is informative. One file per signal, one line in [`EXCITATIONS`].
 
 mod check;
 mod chirp;

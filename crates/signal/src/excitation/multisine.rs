@@ -35,12 +35,12 @@ pub enum Harmonics {
     /// All.
     #[default]
     All,
-    /// Odd ones only: what an even nonlinearity makes falls on the empty even lines. Of an even period, the second half is exactly
-    /// the first with its sign changed.
+    /// Odd ones only: the response of an even nonlinearity falls on the empty even lines. In an even period, the second half is exactly the first with its sign
+    /// changed.
     Odd,
 }
 
-/// What the amplitude is the measure of.
+/// The measure of the amplitude.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Normalise {
@@ -61,11 +61,11 @@ pub enum Normalise {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Multisine {
-    /// Peak or root mean square as `normalise` says, in the input's unit, finite and above 0; default 1.
+    /// Peak or root mean square by `normalise`, in the input's unit, finite and above 0; default 1.
     pub amplitude: f64,
     /// Lower and upper edge of the band, fractions of the Nyquist frequency, 0 ≤ low < high ≤ 1; default [0, 1].
     pub band: [f64; 2],
-    /// The period P, in samples; default 0: as long as the samples asked for.
+    /// The period P, in samples; default 0: the number of requested samples.
     pub period: usize,
     /// Number of lines, spread evenly over those in the band; default 0: all of them.
     pub lines: usize,
@@ -73,7 +73,7 @@ pub struct Multisine {
     pub harmonics: Harmonics,
     /// The lines' phases; default Schroeder's.
     pub phase: Phase,
-    /// What the amplitude is the measure of; default the peak.
+    /// The measure of the amplitude; default the peak.
     pub normalise: Normalise,
 }
 
@@ -99,7 +99,7 @@ impl Multisine {
             Harmonics::All => (1, "all"),
             Harmonics::Odd => (2, "odd"),
         };
-        // A band's edge that is meant to be a line counts as one although the fraction is rounded.
+        // A band's edge at a line includes the line although the fraction is rounded.
         let slack = 1e-12;
         let in_band = |h: &usize| {
             let f = 2.0 * *h as f64 / period as f64;

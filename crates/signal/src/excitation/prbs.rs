@@ -46,8 +46,8 @@ pub enum RegisterStart {
     Random,
 }
 
-/// A PRBS: binary, exactly periodic, with the autocorrelation of white noise: of ±1 levels, 1 at multiples of the period and
-/// −1/(2ⁿ − 1) elsewhere (at a clock of one sample).
+/// A PRBS: binary, exactly periodic, with the autocorrelation of white noise. With levels ±1 it is 1 at multiples of the period and −1/(2ⁿ − 1) elsewhere (at a
+/// clock of one sample).
 ///
 /// The record is cut where the samples end; only whole periods of (2ⁿ − 1)·`clock` samples have the autocorrelation above.
 ///
@@ -55,7 +55,7 @@ pub enum RegisterStart {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Prbs {
-    /// Order n of the register, 2 to 18; default 0: the largest whose whole period fits into the samples asked for (2 when none does).
+    /// Order n of the register, 2 to 18; default 0: the largest whose whole period fits into the requested samples (2 when none does).
     pub order: usize,
     /// Samples for which each bit is held, at least 1; default 1.
     pub clock: usize,

@@ -13,8 +13,8 @@ use crate::error::SignalError;
 
 /// A random binary signal as MATLAB's `idinput(N, 'rbs', band, levels)` makes it, from another random generator.
 ///
-/// Of N samples asked for, the 2N before them let the filter settle. (`idinput` draws 2N more after them, which a causal filter never
-/// uses; they are not drawn here.) The filter is a low-pass when the band begins at 0, a high-pass when it ends at 1, none for [0, 1], and otherwise a band-pass (8th-order
+/// The 2N samples before the N requested ones let the filter settle. (`idinput` draws 2N more after them, which a causal filter never uses; they are not drawn
+/// here). The filter is a low-pass when the band begins at 0, a high-pass when it ends at 1. It is none for [0, 1], and otherwise a band-pass (8th-order
 /// prototype, 16 poles). Taking the sign spreads some power outside the band again.
 ///
 /// Source: MATLAB System Identification Toolbox, documentation of `idinput` and `idfilt`;

@@ -11,13 +11,13 @@ use crate::error::SignalError;
 
 /// Set points as an operator gives them, and the step inputs of published benchmarks.
 ///
-/// Fails when: all but the last piece do not fit into the samples asked for.
+/// Fails when: all but the last piece do not fit into the requested samples.
 ///
 /// Source: the steps of S. Björklund, 2003, LiU-TEK-LIC-2003:60, p. 70, are `[[0, 50], [1, 150], [-1, 150], [0, 150]]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Staircase {
-    /// Pairs of a level, in the input's unit, finite, and the samples for which it is held, at least 1; default `[[0, 10], [1, 40], [-1, 40], [0, 10]]`.
+    /// Pairs of a level, in the input's unit, finite, and the number of samples at that level, at least 1. Default `[[0, 10], [1, 40], [-1, 40], [0, 10]]`.
     pub pieces: Vec<(f64, usize)>,
 }
 

@@ -11,7 +11,7 @@ use crate::error::SignalError;
 
 /// A step.
 ///
-/// Fails when: sample `at` lies outside the samples asked for.
+/// Fails when: sample `at` is outside the requested samples.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Step {

@@ -14,7 +14,7 @@ const PULSES: [(usize, f64); 4] = [(3, 1.0), (2, -1.0), (1, 1.0), (1, -1.0)];
 
 /// The 3-2-1-1 of flight testing: a wider band than the doublet's from a still simple manoeuvre. Its sum is one unit, not zero.
 ///
-/// Fails when: its 7·`unit` samples after `at` do not fit into the samples asked for.
+/// Fails when: its 7·`unit` samples after `at` do not fit into the requested samples.
 ///
 /// Source: R. V. Jategaonkar, 2006, "Flight Vehicle System Identification: A Time-Domain Methodology", chapter on data gathering.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

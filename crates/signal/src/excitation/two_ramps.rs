@@ -1,6 +1,6 @@
 //! Two ramps: up in equal steps, down in as many, then zero.
 //!
-//! u(k) = k·d for k = 0 … n; u(n + k) = u(n) − k·d for k = 1 … n; zero after that; d = amplitude/n.
+//! d = amplitude/n. u(k) = k·d for k = 0 … n; u(n + k) = u(n) − k·d for k = 1 … n; zero after that.
 
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,7 @@ use crate::error::SignalError;
 
 /// The thesis' first input: with the defaults it climbs by 0.0005 to 0.01 at sample 20 and is back at exactly zero at sample 40.
 ///
-/// Fails when: fewer than 2·`steps` + 1 samples are asked for.
+/// Fails when: fewer than 2·`steps` + 1 samples are requested.
 ///
 /// Source: the thesis' Algorithm 4.1, "First type of input".
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

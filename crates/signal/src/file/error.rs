@@ -32,7 +32,7 @@ pub enum FileError {
     },
 }
 
-/// The operating system's reason without its number; where nothing has the name, what is missing and the nearest name in the folder.
+/// The operating system's reason without its number; for a missing name, the missing part and the nearest name in the folder.
 fn why(path: &Path, reason: &std::io::Error) -> String {
     if reason.kind() != std::io::ErrorKind::NotFound {
         let text = reason.to_string();

@@ -10,7 +10,7 @@ use super::unfinished;
 /// The file that is locked while a run writes to its folder; it holds the process id of the run.
 const NAME: &str = ".deadtime.lock";
 
-/// Held while a run writes to a folder. The operating system lets go of it when the process ends, in whatever way.
+/// Held while a run writes to a folder. The operating system releases it when the process ends, in any way.
 #[derive(Debug)]
 pub struct Lock {
     path: PathBuf,
@@ -83,7 +83,8 @@ fn holder(file: &mut File) -> Option<u32> {
     None
 }
 
-/// Whether a process runs. Outside Linux every process counts as running. On a shared file system a process may run on another machine; its number is then unknown.
+/// Whether a process runs. Outside Linux every process is treated as running. On a shared file system a process may run on another machine; its number is then
+/// unknown.
 fn lives(process: u32) -> bool {
     let all = Path::new("/proc/self");
     !all.exists() || Path::new("/proc").join(process.to_string()).exists()
@@ -91,7 +92,7 @@ fn lives(process: u32) -> bool {
 
 impl Drop for Lock {
     fn drop(&mut self) {
-        // While the lock is held, so that nobody else's is removed.
+        // While the lock is held, so that no other process's file is removed.
         let mut undisturbed = unfinished::undisturbed();
         undisturbed.ended(&self.path);
         let _ = std::fs::remove_file(&self.path);
@@ -103,7 +104,7 @@ impl Drop for Lock {
     }
 }
 
-/// The name still stands for this very file.
+/// The name still means this very file.
 #[cfg(unix)]
 fn is_still(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
@@ -129,7 +130,7 @@ mod tests {
         assert!(refused.contains(&format!("process {}", std::process::id())), "{refused}");
         drop(held);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
-        // What a killed run leaves is no obstacle.
+        // The lock file of a killed run is no obstacle.
         std::fs::write(folder.path().join(NAME), "1\n").unwrap();
         drop(Lock::of(folder.path()).unwrap());
         let new = folder.path().join("new");

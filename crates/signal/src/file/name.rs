@@ -2,17 +2,17 @@
 
 use sha2::{Digest, Sha256};
 
-/// Bytes of a name that is kept as it is, and of what is kept of a longer one.
+/// The longest unchanged name in bytes, and the kept bytes of a longer one.
 const LONGEST: [usize; 2] = [200, 180];
-/// Hexadecimal digits that keep names apart whose letters had to be replaced.
+/// Hexadecimal digits that distinguish names whose letters had to be replaced.
 const DIGITS: usize = 8;
-/// What Windows keeps for devices, whatever follows the first point.
+/// The names that Windows reserves for devices, with any extension.
 const DEVICES: [&str; 22] = [
     "con", "prn", "aux", "nul", "com1", "com2", "com3", "com4", "com5", "com6", "com7", "com8",
     "com9", "lpt1", "lpt2", "lpt3", "lpt4", "lpt5", "lpt6", "lpt7", "lpt8", "lpt9",
 ];
 
-/// A name from a file or a person as exactly one component of a path: it never leads out of its folder, hides, or means an option or a device.
+/// A name from a file or a person as exactly one component of a path. The name never leads out of its folder, hides, or means an option or a device.
 ///
 /// Letters and digits of any script, `-`, `_`, `.` and blanks inside stay; the rest becomes `_`. A name that had to be changed ends in eight digits of its SHA-256, so that
 /// different names stay different.

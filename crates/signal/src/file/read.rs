@@ -1,4 +1,4 @@
-//! Files that say what to do (models, plans, labels, baselines), read within a limit.
+//! Files with instructions (models, plans, labels, baselines), read within a limit.
 
 use std::fs::File;
 use std::io::Read;
@@ -9,10 +9,10 @@ use super::error::FileError;
 /// Largest size of such a file, bytes: thousands of times what people write, and small relative to a machine's memory.
 pub const LARGEST: u64 = 64 << 20;
 
-/// The bytes of a file that says what to do.
+/// The bytes of a file with instructions.
 ///
 /// # Errors
-/// [`FileError::Large`] beyond [`LARGEST`], whatever the file says of its size (a device has none); [`FileError::Io`].
+/// [`FileError::Large`] beyond [`LARGEST`], for any declared size (a device has none); [`FileError::Io`].
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, FileError> {
     let wrong = |e| FileError::io(path, e);
     let file = File::open(path).map_err(wrong)?;

@@ -1,10 +1,11 @@
-//! Whether two names stand for one file.
+//! Whether two names mean one file.
 
 use std::path::{Path, PathBuf};
 
 use super::write::folder_of;
 
-/// What a name stands for: equal for two names of one file, also by symbolic and hard links; of a file that is not there yet, its folder and name.
+/// The identity of the file behind a name: equal for two names of one file, also by symbolic and hard links. For a file that does not exist yet it is its
+/// folder and name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SameFile(Identity);
 
@@ -18,7 +19,7 @@ enum Identity {
 }
 
 impl SameFile {
-    /// What `path` stands for; `None` where nothing can be found out about it.
+    /// The file of `path`; `None` where it cannot be found out.
     #[must_use]
     pub fn of(path: &Path) -> Option<Self> {
         #[cfg(unix)]

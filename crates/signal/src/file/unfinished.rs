@@ -1,15 +1,15 @@
-//! The files that this process has begun and not yet named, for whoever ends it: a signal runs no destructors.
+//! The begun and not yet named files of this process, for the code that ends it: a signal runs no destructors.
 //!
-//! The one list that is not handed from caller to caller: whoever ends a process knows nothing of what its threads write.
+//! The only global list: the code that ends a process does not know the files of its threads.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 static BEGUN: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
-/// From so many on those that are gone are forgotten.
+/// From this number on, removed files are dropped from the list.
 const MANY: usize = 256;
 
-/// The list, while a file is made or removed: whoever ends the process waits until both agree.
+/// The list, while a file is made or removed: the code that ends the process waits until list and disk agree.
 pub(super) struct Undisturbed(MutexGuard<'static, Vec<PathBuf>>);
 
 /// To be held from before a file is made until it is noted, and while one goes.

@@ -14,9 +14,9 @@ pub const STANDARD_OUTPUT: &str = "-";
 /// Symbolic links that are followed from one to the next, as many as Linux follows.
 const MOST_LINKS: usize = 40;
 
-/// Writes `path` as a whole: to a temporary file in the same folder, then renamed. File and folder are synced, so that a name, once there, stands for the
-/// whole file even if the machine stops. Missing folders are made, and symbolic links are followed. What is no regular file (a device, a FIFO) is written to
-/// and keeps its place; `-` is standard output.
+/// Writes `path` as a whole: to a temporary file in the same folder, then renamed. File and folder are synced, so that an existing name means the whole file
+/// even if the machine stops. Missing folders are made, and symbolic links are followed. A path that is no regular file (a device, a FIFO) is written to and
+/// keeps its place; `-` is standard output.
 ///
 /// # Errors
 /// [`FileError::Io`] naming `path`; an earlier regular file of that name is then untouched.
@@ -29,7 +29,7 @@ pub fn write_atomic(
     buffered.into_inner().map_err(|e| FileError::io(path, e.into_error()))?.finish()
 }
 
-/// Opens `path` for lines that are read while they are written: standard output for `-`, else the file that the name stands for; a regular file is emptied.
+/// Opens `path` for lines that are read while they are written: standard output for `-`, else the file with that name. A regular file is emptied.
 ///
 /// # Errors
 /// [`FileError::Io`] naming `path`.
@@ -59,7 +59,7 @@ enum To {
 }
 
 impl Begun {
-    /// Begins the file that `path` stands for; missing folders are made.
+    /// Begins the file of `path`; missing folders are made.
     ///
     /// # Errors
     /// [`FileError::Io`] naming `path`.
@@ -140,7 +140,7 @@ fn followed(path: &Path) -> std::io::Result<PathBuf> {
     Err(Error::other("symbolic links in a circle"))
 }
 
-/// Gives a temporary file its name: that of `target`, which `path` stands for.
+/// Gives a temporary file its name: that of `target`, the file of `path`.
 fn named(file: NamedTempFile, path: &Path, target: &Path) -> Result<(), FileError> {
     // A temporary file is private to its owner; a result is as readable as the file before it, or as any other new file.
     #[cfg(unix)]
@@ -159,7 +159,8 @@ fn named(file: NamedTempFile, path: &Path, target: &Path) -> Result<(), FileErro
     Ok(())
 }
 
-/// Removes what processes left behind that were killed while they wrote to this folder. Only for whoever holds the folder's [`Lock`](super::lock::Lock): nobody else writes there.
+/// Removes the files of processes that were killed while they wrote to this folder. Only for the holder of the folder's [`Lock`](super::lock::Lock): no other
+/// process writes there.
 ///
 /// # Errors
 /// [`FileError::Io`].
@@ -188,7 +189,7 @@ pub(super) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Makes the names in a folder last. Not every file system can: what it says is no error of the file's.
+/// Makes the names in a folder last. Not every file system can: its answer is no error of the file.
 pub(super) fn sync_folder(folder: &Path) {
     #[cfg(unix)]
     if let Ok(folder) = std::fs::File::open(folder) {
@@ -240,7 +241,7 @@ mod tests {
         use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt, symlink};
         use std::process::Command;
 
-        /// What stands at the end of a chain of links.
+        /// The end of a chain of links.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         enum End {
             File,
@@ -314,7 +315,7 @@ mod tests {
             assert!(std::fs::symlink_metadata(&a).unwrap().is_symlink());
         }
 
-        /// Nodes of the test's own, like `/dev/null` and `/dev/full`; where they cannot be made the test says so.
+        /// Nodes of the test's own, like `/dev/null` and `/dev/full`; without permission the test reports it.
         #[test]
         fn a_device_is_written_to_and_stays_a_device() {
             let folder = tempfile::tempdir().unwrap();

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// Cost, gradient and information at one point: what a least-squares problem is to the optimiser.
+/// Cost, gradient and information at one point: a least-squares problem in the form of the optimiser.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Normal {
     /// Σ r².
@@ -24,7 +24,7 @@ impl Normal {
         }
     }
 
-    /// The largest cosine between the residuals and a column of the Jacobian: 0 at a minimum whatever the units.
+    /// The largest cosine between the residuals and a column of the Jacobian: 0 at a minimum in any units.
     pub fn slope(&self, free: &[bool]) -> f64 {
         let scale = self.cost.sqrt();
         (0..self.gradient.len())
@@ -64,8 +64,8 @@ impl Stopped {
 
 /// The options of the search.
 ///
-/// Source: Marquardt (1963), J. SIAM 11(2), 431-441, doi:10.1137/0111030; damping scaled by the diagonal of JᵀJ, bounds by freezing parameters that
-/// stand at a bound and are pushed outwards.
+/// Source: Marquardt (1963), J. SIAM 11(2), 431-441, doi:10.1137/0111030; damping scaled by the diagonal of JᵀJ, bounds by freezing parameters that are at a
+/// bound with an outward descent direction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LevenbergMarquardt {
     /// Largest number of accepted steps; default 100.
@@ -95,7 +95,7 @@ impl Default for LevenbergMarquardt {
     }
 }
 
-/// What the search found.
+/// The result of the search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
     /// The best parameters.
@@ -110,11 +110,11 @@ pub struct Fit {
     pub last_change: f64,
 }
 
-/// Parameters of a lower cost, and what the cost is there.
+/// Parameters of a lower cost, and the cost there.
 type Better = (Vec<f64>, Normal);
 
 impl LevenbergMarquardt {
-    /// Minimises Σ r² from `start`. `evaluate` returns `None` where the problem is not defined (an unstable predictor, say); such steps are shortened.
+    /// Minimises Σ r² from `start`. `evaluate` returns `None` where the problem is not defined (an unstable predictor, for example); such steps are shortened.
     pub fn minimise(
         &self,
         start: &[f64],
@@ -180,7 +180,7 @@ impl LevenbergMarquardt {
         value.max(self.lower(i)).min(self.upper(i))
     }
 
-    /// Which parameters move: one at a bound whose descent direction points outwards stands still.
+    /// The moving parameters: one at a bound with an outward descent direction is fixed.
     fn free(&self, parameters: &[f64], normal: &Normal) -> Vec<bool> {
         let outwards = |(i, &v): (usize, &f64)| {
             let down = -normal.gradient[i];
@@ -189,8 +189,7 @@ impl LevenbergMarquardt {
         parameters.iter().enumerate().map(|at| !outwards(at)).collect()
     }
 
-    /// The relative change of the last step that was tried, with what it leads to where that is
-    /// better; `None` where the damping has no step.
+    /// The relative change of the last tried step, with its result where that is better. `None` where the damping has no step.
     fn improved(
         &self,
         parameters: &[f64],
@@ -216,7 +215,7 @@ impl LevenbergMarquardt {
                     *damping = (*damping * 0.1).max(1e-15);
                     return Some((change, Some((trial, better))));
                 }
-                // Too short a step to tell the costs apart: rounding, not the gradient, decides.
+                // The step is too short for distinguishable costs: rounding, not the gradient, decides.
                 None if change <= self.step_tolerance => return Some((change, None)),
                 None => *damping *= 10.0,
             }

@@ -6,7 +6,7 @@ use super::levenberg_marquardt::{Fit, Normal, Stopped};
 
 /// Share of a parameter (at least of 1e-3) by which it is moved for the second derivatives.
 const DIFFERENCE: f64 = 1e-5;
-/// A slope that counts as none.
+/// The largest slope of a flat cost.
 const FLAT: f64 = 1e-13;
 /// Newton steps; each one squares the error, so more would find nothing.
 const STEPS: usize = 6;

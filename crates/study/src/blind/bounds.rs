@@ -67,7 +67,7 @@ mod tests {
 
     #[test]
     fn wilson_agrees_with_hand_computation() {
-        // 8 of 10: p = 0.8, z² = 3.841459; (0.992073 ± 0.313617)/1.3841459 by hand.
+        // 8 of 10: p = 0.8, z² = 3.841459; (0.992073 ± 0.313617)/1.3841459, a hand calculation.
         let [low, high] = wilson(8, 10).unwrap();
         assert!(
             (low - 0.490_162_5).abs() < 1e-6 && (high - 0.943_317_8).abs() < 1e-6,

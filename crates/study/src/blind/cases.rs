@@ -1,4 +1,4 @@
-//! What a case folder holds.
+//! The content of a case folder.
 
 use std::path::{Path, PathBuf};
 
@@ -25,7 +25,7 @@ pub struct CaseFiles {
     pub commitment: PathBuf,
 }
 
-/// All cases in a folder, in order of their names, each with its files or with what is missing. Files and hidden folders are passed over.
+/// All cases in a folder, in order of their names, each with its files or with the missing ones. Files and hidden folders are ignored.
 ///
 /// # Errors
 /// [`FileError::Io`](deadtime_signal::file::FileError::Io), [`BlindError::NoCases`], [`BlindError::BadName`].
@@ -99,7 +99,7 @@ fn names(folder: &Path) -> Result<Vec<String>> {
     let io = |source| Error::io(folder, source);
     let mut names = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(io)? {
-        // A name that is no text is none of the names looked for.
+        // A name that is no text equals none of the searched names.
         names.extend(entry.map_err(io)?.file_name().into_string());
     }
     names.sort();

@@ -1,9 +1,9 @@
 //! Commitments: a label cannot be changed once its case was handed out.
 //!
-//! The commitment is the hex SHA-256 of the salt's bytes followed by the label file's bytes without its salt. The salt's bytes are its text as
-//! UTF-8. Its label file without it is, first reading, the file with `"salt": ""` in place of `"salt": "…"`; or, second reading, the file without
-//! the whole member: its key, its value, and the comma and white space after it (before it, where it is the last). Every other byte of the file
-//! stands as it is, line ends included.
+//! The commitment is the hex SHA-256 of the salt's bytes followed by the label file's bytes without its salt. The salt's bytes are its text as UTF-8. The label
+//! file without its salt has two readings. The first is the file with `"salt": ""` in place of `"salt": "…"`. The second is the file without the whole member:
+//! its key, its value, and the comma and white space after it. For a last member they are before it. Every other byte of the file is unchanged, line ends
+//! included.
 
 use std::fmt::Write as _;
 use std::ops::Range;
@@ -27,13 +27,13 @@ pub fn commitments(label: &[u8], salt: &str) -> Option<[String; 2]> {
     }))
 }
 
-/// Whether a label file's bytes and its salt are what was committed to, by either reading. None where the file has no salt.
+/// Whether a label file's bytes and its salt match the commitment, by either reading. None where the file has no salt.
 #[must_use]
 pub fn check(commitment: &str, label: &[u8], salt: &str) -> Option<bool> {
     Some(commitments(label, salt)?.iter().any(|c| c.eq_ignore_ascii_case(commitment)))
 }
 
-/// Where the salt stands in a label file.
+/// The place of the salt in a label file.
 struct SaltMember {
     /// Between the quotes of its value.
     value: Range<usize>,

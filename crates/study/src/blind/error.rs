@@ -1,4 +1,4 @@
-//! What can be wrong with cases, verdicts and labels.
+//! The errors of cases, verdicts and labels.
 
 use std::path::PathBuf;
 
@@ -28,7 +28,7 @@ pub enum BlindError {
         /// The file, or the pattern that none matches.
         file: &'static str,
     },
-    /// Two files that may not stand side by side.
+    /// Two files of which only one is allowed.
     #[error("{folder}: both {first} and {second}; keep one", folder = folder.display())]
     Ambiguous {
         /// The case's folder.
@@ -49,7 +49,7 @@ pub enum BlindError {
     Panicked {
         /// The case.
         id: String,
-        /// What the panic said.
+        /// The message of the panic.
         message: String,
     },
     /// Not a label.
@@ -57,7 +57,7 @@ pub enum BlindError {
     Label {
         /// The label's file.
         file: PathBuf,
-        /// What serde found.
+        /// The error of serde.
         source: serde_json::Error,
     },
     /// A label called otherwise than its file.
@@ -75,9 +75,9 @@ pub enum BlindError {
         id: String,
         /// The group.
         group: &'static str,
-        /// How many effects the group has.
+        /// The number of effects of the group.
         needed: usize,
-        /// How many the label has.
+        /// The number of effects of the label.
         got: usize,
     },
     /// A label with an effect that lacks its name or channel.
@@ -101,7 +101,7 @@ pub enum BlindError {
     BadCommitment {
         /// The case.
         id: String,
-        /// What it holds instead.
+        /// Its content instead.
         found: String,
     },
     /// No commitment for these cases.
@@ -138,7 +138,7 @@ pub enum BlindError {
     RunTime {
         /// The file.
         file: PathBuf,
-        /// What serde found.
+        /// The error of serde.
         source: serde_json::Error,
     },
     /// A limit that is not written as one.

@@ -8,22 +8,22 @@ use super::label::{Group, Label, LabelEffect};
 use super::load::Scored;
 use deadtime_gap::{Contribution, Diagnosis, Explained, FoundEffect, RankingRow};
 
-/// How much worse than before a held-out error must be to count as harm: 2 %.
+/// The factor over the error before from which a held-out error counts as harm: 2 %.
 const HARM: f64 = 1.02;
 /// The effect that is a number of the model.
 const NUMBER: &str = "parameter_error";
-/// What a number of the model must take of the gap to count where several are wrong: less is seldom seen.
+/// The share of the gap from which a parameter of the model counts where several are wrong: less is rarely detectable.
 const COUNTS: f64 = 0.01;
 /// The least true value that an error is taken relative to, as a share of the effect's largest true value of the same unit.
 const SMALL: f64 = 1e-3;
 /// The same where there is no such value.
 const SMALLEST: f64 = 1e-9;
-/// By how much, relative, an interval's end may miss the truth through rounding alone.
+/// The relative miss of an interval's end through rounding alone.
 const ROUNDING: f64 = 1e-12;
 /// The effect that a delay which moves is taken for, and the probability above which it is.
 const LOST: &str = "dropped_commands:";
 const PROBABLE: f64 = 0.5;
-/// How many answers of the ranking count as its first ones.
+/// The number of first answers of the ranking.
 const FIRST: usize = 3;
 
 /// One case with what its scores need.
@@ -39,16 +39,16 @@ pub struct Judged {
     pub verdict: String,
     /// The plant.
     pub plant: String,
-    /// Open, stabilised or closed loop, where the label says.
+    /// Open, stabilised or closed loop, if the label has it.
     pub loop_kind: Option<String>,
-    /// How far the effect stands above the noise, dB.
+    /// The ratio of the effect to the noise, dB.
     pub strength_db: Option<f64>,
-    /// What was judged.
+    /// The judgement.
     #[serde(flatten)]
     pub judgement: Judgement,
 }
 
-/// What was judged; missing where it does not apply to the case.
+/// The judgement; missing where it does not apply to the case.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Judgement {
     /// The verdict is the truth, or indistinguishable from it on any data (see docs/blind.md for each kind of case).
@@ -95,7 +95,7 @@ pub struct Judgement {
     pub strongest: Option<bool>,
     /// Mixture: the share of the true effects that is named.
     pub recall: Option<f64>,
-    /// Mixture: the share of what is named that is true.
+    /// Mixture: the share of the named effects that is true.
     pub precision: Option<f64>,
     /// Mixture: by how much the share of each effect that is named rightly is off.
     pub share_errors: Vec<f64>,
@@ -103,7 +103,7 @@ pub struct Judgement {
     pub numbers: Option<f64>,
     /// Mixture: an answer that claims to explain all names something that is not there.
     pub false_cause: Option<bool>,
-    /// Everything that was found to act, whatever the verdict; nothing is right where nothing of the catalogue acts.
+    /// All effects reported as active, for any verdict; none is right where no effect of the catalogue acts.
     pub contributions: Vec<Claim>,
     /// Moving: the verdict is in the truth's alias class.
     pub moving_class: Option<bool>,
@@ -267,7 +267,7 @@ fn mixture(
             .is_some_and(|((class, _), strongest)| meets(class, strongest)),
     );
     let part = |some: f64, all: f64| (all > 0.0).then(|| some / all);
-    // The numbers of a recalibration are named, too, and share what the block takes.
+    // The parameters of a recalibration are named, too, and share its part of the gap.
     let block = diagnosis.cause.recalibration.iter().filter(|r| r.accepted);
     let numbers = block.flat_map(|r| {
         let each = r.share.learnt.unwrap_or(0.0).max(0.0) / r.parameters.len().max(1) as f64;
@@ -329,7 +329,7 @@ fn parameters(j: &mut Judgement, truth: &LabelEffect, found: &FoundEffect) {
     }
 }
 
-/// How far an estimate is from the truth; a phase goes round.
+/// The distance of an estimate from the truth; a phase is periodic.
 fn distance(parameter: &str, got: f64, truth: f64) -> f64 {
     let error = (got - truth).abs();
     if parameter == "phase" {
@@ -339,7 +339,7 @@ fn distance(parameter: &str, got: f64, truth: f64) -> f64 {
     error
 }
 
-/// What an error is relative to; a phase's is relative to π.
+/// The scale of an error; a phase's scale is π.
 fn scale(parameter: &str, size: f64) -> f64 {
     if parameter == "phase" { PI } else { size.max(SMALLEST) }
 }
@@ -387,7 +387,7 @@ fn place(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis) {
     }
 }
 
-/// Length of the intersection of a span with the union of others, over the length of the union of all; none of a span without length.
+/// Length of the intersection of a span with the union of others, over the length of the union of all. `None` for a span without length.
 fn overlap(truth: (f64, f64), mut spans: Vec<(f64, f64)>) -> Option<f64> {
     let length = truth.1 - truth.0;
     if length <= 0.0 || !length.is_finite() {
@@ -406,8 +406,8 @@ fn overlap(truth: (f64, f64), mut spans: Vec<(f64, f64)>) -> Option<f64> {
     Some(common / (union + length - common))
 }
 
-/// (1 − (after/before)²)/(1 − (oracle_after/before)²), numerator from the diagnosis, denominator from the label, each with its own `before`:
-/// the two may stand for different prediction modes, and only ratios within one mode mean anything.
+/// (1 − (after/before)²)/(1 − (oracle_after/before)²), numerator from the diagnosis, denominator from the label, each with its own `before`. The two may have
+/// different prediction modes, and only ratios within one mode have a meaning.
 fn of_oracle(label: &Label, diagnosis: &Diagnosis) -> Option<f64> {
     if !matches!(label.group, Group::Single | Group::Pair | Group::Mixture) {
         return None;
@@ -442,7 +442,7 @@ impl Names {
         format!("{effect}:{channel}")
     }
 
-    /// The same for an `effect:channel`; `none` and `unknown` stay what they are.
+    /// The same for an `effect:channel`; `none` and `unknown` are unchanged.
     fn listed(&self, text: &str) -> String {
         text.split_once(':')
             .map_or_else(|| text.to_owned(), |(effect, channel)| self.name(effect, channel))
@@ -505,7 +505,7 @@ impl Names {
         first
     }
 
-    /// All that the diagnosis says it cannot tell from its verdict, the verdict first.
+    /// All aliases of the verdict by the diagnosis, the verdict first.
     fn named_class(&self, diagnosis: &Diagnosis, leading: &str) -> Vec<String> {
         let mut class = vec![leading.to_owned()];
         for list in &diagnosis.cause.indistinguishable {
@@ -531,7 +531,7 @@ impl Names {
         diagnosis.cause.contributions.iter().map(one).collect()
     }
 
-    /// What the ranking gives to these effects together; 0 where it has rows but none for them, none where it has no rows.
+    /// The probability of these effects together in the ranking; 0 where it has rows but none for them, none where it has no rows.
     fn probability(&self, diagnosis: &Diagnosis, effects: &[String]) -> Option<f64> {
         let rows: Vec<(Vec<String>, f64)> =
             diagnosis.cause.ranking.iter().map(|r| self.row(r)).collect();

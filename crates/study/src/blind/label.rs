@@ -1,4 +1,4 @@
-//! What a case really was.
+//! The truth of a case.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -59,7 +59,7 @@ pub struct Label {
     /// The right verdict.
     #[serde(default, deserialize_with = "or_default")]
     pub verdict: String,
-    /// The effects that act; empty for `none`, not looked at for `unknown`.
+    /// The active effects; empty for `none`, ignored for `unknown`.
     #[serde(default, deserialize_with = "or_default")]
     pub effects: Vec<LabelEffect>,
     /// Which `effect:channel` no data of this case could tell from the truth; of a pair, either one list or one list per effect.
@@ -80,16 +80,16 @@ pub struct Label {
     /// Upper edge of it, Hz.
     #[serde(default)]
     pub to_hz: Option<f64>,
-    /// How far the effect's trace stands above the noise, dB.
+    /// The ratio of the effect's trace to the noise, dB.
     #[serde(default)]
     pub strength_db: Option<f64>,
-    /// Held-out nrmse of the model as it came.
+    /// Held-out nrmse of the nominal model.
     #[serde(default)]
     pub before: Option<f64>,
     /// Held-out nrmse once the true structure is fitted.
     #[serde(default)]
     pub oracle_after: Option<f64>,
-    /// Of a mixture, what each effect takes of the gap's square, in the order of the effects.
+    /// For a mixture, the share of each effect in the gap's square, in the order of the effects.
     #[serde(default, deserialize_with = "or_default")]
     pub shares: Vec<f64>,
     /// The cause outside every catalogue that acts in addition to a mixture.
@@ -106,7 +106,7 @@ pub struct Label {
 /// An effect that acts.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct LabelEffect {
-    /// Its name; may be left out of what stands outside the catalogue.
+    /// Its name; optional for a cause outside the catalogue.
     #[serde(default, deserialize_with = "or_default")]
     pub effect: String,
     /// Where it acts.
@@ -134,7 +134,7 @@ impl Default for AliasClass {
 }
 
 impl AliasClass {
-    /// What the data cannot tell from the effect of this number.
+    /// The aliases of the effect of this number in the data.
     #[must_use]
     pub fn of(&self, effect: usize) -> &[String] {
         match self {
@@ -159,7 +159,7 @@ impl Label {
         let needed = match label.group {
             Group::Single | Group::Moving => 1,
             Group::Pair => 2,
-            // What stands outside the catalogue may be described or not.
+            // A cause outside the catalogue may be described or not.
             Group::Unknown => label.effects.len(),
             Group::None => 0,
             Group::Mixture => label.effects.len().max(1),
@@ -197,7 +197,7 @@ fn word<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String>, D:
     })
 }
 
-/// Parameters as an object, or as a list of names and values. What is no number is passed over: it can be no parameter of the catalogue.
+/// Parameters as an object, or as a list of names and values. A value that is no number is ignored: it can be no parameter of the catalogue.
 fn parameters<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<BTreeMap<String, Option<f64>>, D::Error> {

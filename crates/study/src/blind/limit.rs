@@ -21,7 +21,7 @@ enum Side {
     AtMost,
 }
 
-/// What the cases say about a limit.
+/// The result of the cases for a limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// The score, or at least its interval, reaches the limit.
@@ -74,7 +74,7 @@ impl Limit {
         self.name
     }
 
-    /// What is to be said where the scores do not keep to it.
+    /// The message where the scores violate it.
     #[must_use]
     pub fn unmet(&self, scores: &BlindScore) -> Option<String> {
         let value = scores.get(self.name).and_then(|s| s.value);

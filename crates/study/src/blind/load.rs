@@ -19,9 +19,9 @@ pub(super) const RUN_TIME: &str = "run.json";
 /// One case, its truth and its verdict.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scored {
-    /// What it was.
+    /// The truth.
     pub label: Label,
-    /// What was said.
+    /// The diagnosis.
     pub diagnosis: Diagnosis,
     /// The run time, s; missing where the verdict has no `run.json`.
     pub time_s: Option<f64>,
@@ -32,8 +32,8 @@ pub struct Scored {
 /// The commitment is read from `cases/ID`, where `cases` is given, and from the copy stored with the verdict; where both are, they must agree.
 ///
 /// # Errors
-/// Labels without case or verdict and verdicts without label ([`BlindError::Unpaired`]); missing or unequal commitments; labels that do not match
-/// theirs ([`BlindError::Changed`], naming all); files that cannot be read.
+/// Labels without case or verdict and verdicts without label ([`BlindError::Unpaired`]); missing or unequal commitments. Labels that do not match theirs
+/// ([`BlindError::Changed`], naming all); files that cannot be read.
 pub fn load(verdicts: &Path, labels: &Path, cases: Option<&Path>) -> Result<Vec<Scored>> {
     let ids = label_ids(labels)?;
     if ids.is_empty() {

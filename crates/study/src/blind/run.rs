@@ -19,7 +19,7 @@ use deadtime_signal::progress::HowFar;
 use deadtime_signal::stop::Stop;
 use deadtime_signal::threads::at_most;
 
-/// What becomes of cases that were diagnosed before.
+/// The treatment of cases with an earlier diagnosis.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Existing {
     /// They are left as they are.
@@ -34,11 +34,11 @@ pub enum Existing {
 pub struct RunOptions {
     /// Cases at a time, at least 1. Default 1: a diagnosis uses all threads itself, and its run time is then its own.
     pub jobs: usize,
-    /// What becomes of cases that were diagnosed before. Default: kept.
+    /// The treatment of cases with an earlier diagnosis. Default: kept.
     pub existing: Existing,
-    /// Looked at between cases; a diagnosis looks at its own.
+    /// Checked between cases; a diagnosis checks its own.
     pub stop: Stop,
-    /// Where it is said how many cases are done.
+    /// The report of the number of finished cases.
     pub far: HowFar,
 }
 
@@ -55,7 +55,7 @@ pub enum Outcome {
     Done {
         /// Wall-clock time of the diagnosis, s.
         time_s: f64,
-        /// What is wrong with an earlier verdict that stood there and could not be kept.
+        /// The fault of an earlier verdict that could not be kept.
         damage: Option<&'static str>,
     },
     /// Diagnosed before and kept.
@@ -83,13 +83,13 @@ impl Summary {
 
 /// Diagnoses every case of `cases` by `diagnose` and writes `verdicts/ID/{commitment.txt, diagnosis.json, run.json}`.
 ///
-/// A case is done when its diagnosis can be read, every byte of the verdict is as written (`run.json` holds the digest), and its commitment is still the
-/// case's. A case that fails (also by a panic) is
-/// an [`Outcome::Failed`] and stops no other; it leaves no earlier diagnosis behind. `progress` is called after every case, from its thread.
+/// A case is complete when its diagnosis can be read, every byte of the verdict is as written, and its commitment is unchanged. The digest is in `run.json`. A
+/// case that fails (also by a panic) is an [`Outcome::Failed`] and stops no other; it leaves no earlier diagnosis behind. `progress` is called after every
+/// case, from its thread.
 ///
 /// # Errors
-/// Only when there are no cases to begin with: [`FileError::Io`](deadtime_signal::file::FileError::Io), [`BlindError::NoCases`], [`BlindError::BadName`]; [`FileError::Busy`](deadtime_signal::file::FileError::Busy) where another run writes to `verdicts`;
-/// [`Error::Stopped`], with the cases done so far written.
+/// An error occurs only where no case can begin: [`FileError::Io`](deadtime_signal::file::FileError::Io), [`BlindError::NoCases`], [`BlindError::BadName`].
+/// [`FileError::Busy`](deadtime_signal::file::FileError::Busy) where another run writes to `verdicts`. [`Error::Stopped`], with the finished cases written.
 pub fn run(
     cases: &Path,
     verdicts: &Path,
@@ -103,7 +103,7 @@ pub fn run(
     let next = AtomicUsize::new(0);
     let results = Mutex::new(Vec::with_capacity(found.len()));
     let steps = options.far.steps(found.len(), "cases");
-    // Threads of our own: in a shared pool a case that waits would work on another one, and that would count as its run time.
+    // Separate threads: in a shared pool a waiting case would work on another one, and its run time would include that work.
     std::thread::scope(|scope| {
         for _ in 0..at_most(options.jobs).clamp(1, found.len()) {
             scope.spawn(|| {
@@ -198,7 +198,7 @@ impl Place {
         Ok(Outcome::Done { time_s, damage })
     }
 
-    /// What stands there of an earlier run.
+    /// The state that an earlier run left.
     fn state(&self, commitment: &[u8]) -> State {
         let Ok(run) = std::fs::read(&self.time) else { return State::Missing };
         let Ok(RunTime { time_s, .. }) = load::run_time(&self.time) else {
@@ -220,7 +220,7 @@ impl Place {
         }
     }
 
-    /// Removes what an earlier run left, the mark of being done first.
+    /// Removes the files of an earlier run, the mark of completion first.
     fn clear(&self) -> Result<()> {
         for file in [&self.time, &self.diagnosis, &self.commitment] {
             match std::fs::remove_file(file) {
@@ -234,7 +234,7 @@ impl Place {
     }
 }
 
-/// What stands in the folder of a verdict.
+/// The content of a verdict's folder.
 enum State {
     Missing,
     Done,

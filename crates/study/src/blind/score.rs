@@ -11,7 +11,7 @@ use super::load::Scored;
 use super::scores::{Definition, Measure, SCORES};
 use deadtime_signal::stats::{mean, quantile};
 
-/// What a case is sorted by.
+/// The key by which cases are split.
 type SplitKey = fn(&Judged) -> Option<String>;
 
 /// Bins of the probability that was given to the verdict.
@@ -30,9 +30,9 @@ pub struct BlindScore {
     pub scores: Vec<Score>,
     /// The same by true effect, plant, strength and loop.
     pub by: Vec<Breakdown>,
-    /// What was said of what.
+    /// Counts of verdicts by truth.
     pub confusion: Vec<Confusion>,
-    /// How often verdicts of a given probability are exactly right.
+    /// The frequency of exactly right verdicts by probability.
     pub reliability: Vec<Reliability>,
     /// Reliability of the probabilities of contributions: the frequency with which a contribution, or one of its aliases, acts.
     pub contributions: Vec<Reliability>,
@@ -56,7 +56,7 @@ pub struct Score {
 /// The scores of some of the cases.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Breakdown {
-    /// What the cases were sorted by: `effect`, `plant`, `strength`, `loop`.
+    /// The key of the split: `effect`, `plant`, `strength`, `loop`.
     pub key: &'static str,
     /// Its value.
     pub value: String,
@@ -66,7 +66,7 @@ pub struct Breakdown {
     pub scores: Vec<Score>,
 }
 
-/// How often a truth got a verdict.
+/// The number of times that a truth got a verdict.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Confusion {
     /// The true effect, `none`, `unknown` or `pair`.
@@ -77,7 +77,7 @@ pub struct Confusion {
     pub cases: usize,
 }
 
-/// What was said with a probability in one bin.
+/// The claims with a probability in one bin.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Reliability {
     /// The bin's lower edge.
@@ -182,7 +182,7 @@ fn measure(definition: &Definition, cases: &[&Judged]) -> Score {
         let value = (!flags.is_empty()).then(|| hits as f64 / flags.len() as f64);
         (value, wilson(hits, flags.len()), flags.len())
     };
-    // Numbers that are none (an error over 0, say) are left out, as everywhere.
+    // Undefined numbers (an error over 0, for example) are left out, as everywhere.
     let numbers = |of: fn(&Judged) -> Vec<f64>| -> Vec<Vec<f64>> {
         let finite =
             |c: &&Judged| of(c).into_iter().filter(|v| v.is_finite()).collect::<Vec<f64>>();
@@ -230,7 +230,7 @@ fn claims(answers: &[Judged]) -> Vec<(f64, bool)> {
         .collect()
 }
 
-/// Of what was said with a probability, and whether it is so.
+/// From claims with their probability and their truth.
 fn reliability(said: &[(f64, bool)]) -> Vec<Reliability> {
     (0..BINS)
         .map(|bin| {

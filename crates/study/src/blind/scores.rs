@@ -1,4 +1,4 @@
-//! The scores there are: each a name, what it says, and how it is measured. docs/blind.md defines them at length.
+//! The list of scores: each has a name, a summary, and a measure. docs/blind.md defines them at length.
 
 use super::judge::Judged;
 use super::label::Group;
@@ -7,7 +7,7 @@ use super::label::Group;
 pub struct Definition {
     /// Its name, for reports, and for limits on them.
     pub name: &'static str,
-    /// What it says, in a phrase.
+    /// Its meaning, in a phrase.
     pub summary: &'static str,
     /// How it is measured.
     pub measure: Measure,

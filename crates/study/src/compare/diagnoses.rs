@@ -13,9 +13,9 @@ use crate::compare::CompareFormat;
 use deadtime_gap::{Contribution, Diagnosis, Explained, FoundParameter, Mode, Strength};
 use deadtime_signal::stats::NORMAL_95;
 
-/// The chance that anything at all is said to differ where nothing does.
+/// The probability of any reported difference where there is none.
 const LEVEL: f64 = 0.05;
-/// What the parameters of the model are called where they were freed as a group.
+/// The name of the parameters of the model where they were freed as a group.
 const RECALIBRATED: &str = "parameters recalibrated";
 
 /// Several diagnoses side by side.
@@ -23,9 +23,9 @@ const RECALIBRATED: &str = "parameters recalibrated";
 pub struct Diagnoses {
     /// The format line.
     pub format: CompareFormat,
-    /// What each is called.
+    /// The name of each.
     pub names: Vec<String>,
-    /// How each stands, in the order of the names.
+    /// The results of each, in the order of the names.
     pub diagnoses: Vec<GapStanding>,
     /// Every cause of any of them, what most have first.
     pub causes: Vec<CauseRow>,
@@ -35,20 +35,20 @@ pub struct Diagnoses {
     pub level: f64,
 }
 
-/// How one diagnosis stands.
+/// The results of one diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GapStanding {
     /// The model's name.
     pub model: String,
     /// The leading effect, `none` or `unknown`.
     pub verdict: String,
-    /// How much of the gap is explained; missing in files of `deadtime/diagnosis@1`.
+    /// The explained part of the gap; missing in files of `deadtime/diagnosis@1`.
     pub explained: Option<Explained>,
     /// How outputs were predicted.
     pub mode: Mode,
-    /// Held-out nrmse of the model as it came.
+    /// Held-out nrmse of the nominal model.
     pub before: Option<f64>,
-    /// Held-out nrmse of the model with what was found.
+    /// Held-out nrmse of the model with the found effects.
     pub after: Option<f64>,
     /// The held-out floor.
     pub floor: Option<f64>,
@@ -74,7 +74,7 @@ pub struct CausePart {
     pub share: Option<f64>,
     /// How clearly it shows; missing there too.
     pub strength: Option<Strength>,
-    /// The `effect:channel` that stands here, where the data cannot tell it from the cause of this row.
+    /// The `effect:channel` of this diagnosis, where it is an alias of the cause of this row.
     pub stands_in: Option<String>,
 }
 
@@ -89,8 +89,8 @@ pub struct ParameterRow {
     pub unit: String,
     /// Per diagnosis; missing where it was not found, or has another unit.
     pub values: Vec<Option<CauseValue>>,
-    /// Whether one value describes all: Cochran's Q (1954, Biometrics 10(1), 101-129, doi:10.2307/3001666) at the level of the comparison; missing where fewer than
-    /// two have an interval.
+    /// Whether one value describes all: Cochran's Q (1954, Biometrics 10(1), 101-129, doi:10.2307/3001666) at the level of the comparison. Missing where fewer
+    /// than two have an interval.
     pub agree: Option<bool>,
     /// The chance of values as different as these where one value holds for all.
     pub p_value: Option<f64>,
@@ -112,7 +112,7 @@ pub struct CauseValue {
     pub ci95: Option<[f64; 2]>,
 }
 
-/// A cause with what it is made of.
+/// A cause with its parts.
 struct Found<'a> {
     key: String,
     parameters: &'a [FoundParameter],
@@ -173,7 +173,7 @@ fn standing(d: &Diagnosis) -> GapStanding {
     }
 }
 
-/// What contributes; of a file of `deadtime/diagnosis@1` the effects of its verdict.
+/// The contributions; in a file of `deadtime/diagnosis@1` the effects of its verdict.
 fn causes_of(d: &Diagnosis) -> Vec<Found<'_>> {
     let contributing = |c: &'_ Contribution| CausePart {
         share: c.share.held_out.or(c.share.learnt),
@@ -230,7 +230,7 @@ fn key(effect: &str, channel: &str) -> String {
 }
 
 fn cause_rows(found: &[Vec<Found<'_>>]) -> Vec<CauseRow> {
-    // How many have it under this very name: what most call it heads the row.
+    // The number of diagnoses with this very name: the commonest name heads the row.
     let mut names: Vec<(&str, usize)> = Vec::new();
     for cause in found.iter().flatten() {
         match names.iter_mut().find(|(name, _)| *name == cause.key) {
@@ -244,7 +244,7 @@ fn cause_rows(found: &[Vec<Found<'_>>]) -> Vec<CauseRow> {
     for (name, _) in names {
         let parts = found.iter().zip(&mut taken).map(|(causes, taken)| {
             let itself = causes.iter().position(|c| c.key == name);
-            // Its own name first; else what the data cannot tell from it, which then has no row of its own here.
+            // Its own name first; else an alias in the data, which then has no separate row here.
             let at = itself.or_else(|| {
                 causes
                     .iter()
@@ -353,7 +353,8 @@ mod tests {
 
     #[test]
     fn two_values_are_compared_as_their_difference_is() {
-        // Two values with standard deviations 0.3 and 0.4 that are 1 apart: (1/0.5)² = 4 on one degree of freedom, p = 0.0455 (tables of the normal distribution, 2 σ).
+        // Two values with standard deviations 0.3 and 0.4 that are 1 apart. (1/0.5)² = 4 on one degree of freedom, p = 0.0455 (tables of the normal
+        // distribution, 2 σ).
         let row = row("a:b", "p", "s", values(&[(1.0, 0.3 * NORMAL_95), (2.0, 0.4 * NORMAL_95)]));
         assert_abs_diff_eq!(row.p_value.unwrap(), 0.045_500_263_9, epsilon = 1e-9);
         // Weights 1/0.09 and 1/0.16.

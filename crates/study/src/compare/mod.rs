@@ -10,7 +10,7 @@ pub use studies::{MethodRow, Studies, StudyStanding, studies};
 
 use serde::{Deserialize, Serialize};
 
-/// The format line of what is written.
+/// The format line of the output.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CompareFormat {
     /// The only one so far.

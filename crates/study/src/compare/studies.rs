@@ -1,7 +1,7 @@
-//! Studies side by side, on the cells that all of them have. Whether a difference is more than chance is asked of `study::Gate`.
+//! Studies side by side, on the cells that all of them have. `study::Gate` decides whether a difference is significant.
 //!
-//! How this can be wrong: cells of one name but another meaning (a plant that changed) are no pair, so cells count as shared only where their definitions agree. A
-//! method that answers only easy records looks better, so the share without an answer is shown next to its error.
+//! How this can be wrong: cells of one name but another meaning (a plant that changed) are no pair. Cells therefore count as shared only where their
+//! definitions agree. A method that answers only easy records looks better, so the share without an answer is shown next to its error.
 
 use serde::Serialize;
 
@@ -14,9 +14,9 @@ use deadtime_signal::stats;
 pub struct Studies {
     /// The format line.
     pub format: CompareFormat,
-    /// What each is called.
+    /// The name of each.
     pub names: Vec<String>,
-    /// What each is.
+    /// The results of each.
     pub studies: Vec<StudyStanding>,
     /// Cells that all studies have, and that mean the same in all.
     pub shared: usize,
@@ -106,7 +106,7 @@ pub fn studies(named: &[(String, Study)]) -> Studies {
     }
 }
 
-/// What makes cells of two studies one: their keys and what the names in them stand for.
+/// The identity of cells of two studies: their keys and the definitions of the names in them.
 fn identity(cell: &Cell) -> String {
     format!("{} {}", cell.key(), cell.definition)
 }
