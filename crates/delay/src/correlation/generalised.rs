@@ -25,7 +25,7 @@ pub(crate) const LATE: &str =
 /// Samples that input and output must have in common behind the longest delay.
 pub(super) const LEAST: usize = 100;
 
-/// Non-overlapping segments of the record's own segment length; fewer do not determine the coherence.
+/// Minimum number of non-overlapping segments in a record; fewer do not determine the coherence.
 pub(super) const LOOKS: usize = 6;
 
 /// Bounds of the automatic length of a segment.

@@ -61,7 +61,7 @@ pub struct Facts {
     pub elaborates: Option<&'static str>,
     /// The change with log time of the value that is constant in the special case; a scan of the logs gives its initial values.
     pub changes: Option<Change>,
-    /// The experiment that distinguishes the effect from its aliases; `None` where that depends on the case.
+    /// The property that distinguishes the effect from its aliases; `None` where that depends on the case.
     pub told_by: Option<Telling>,
 }
 
